@@ -1,0 +1,45 @@
+//! What a device author writes.
+
+use isocat_wire::time::Nanos;
+use isocat_wire::{AbortCode, ObjectAddress};
+
+/// The application of a SubDevice. Every call has a default that does nothing.
+///
+/// The stack calls the steps of a cycle in the order and at the instants that the synchronization mode
+/// gives them (see `isocat_sync::Step`).
+pub trait Application {
+    /// Outputs have arrived: the process image of SM2. Called in OP only.
+    fn map_outputs(&mut self, _outputs: &[u8]) {}
+
+    /// The application's own work, once a cycle of `cycle` (zero if unknown).
+    fn application(&mut self, _cycle: Nanos) {}
+
+    /// The outputs act on the process from now on.
+    fn outputs_valid(&mut self) {}
+
+    /// Take the inputs from the process now.
+    fn latch_inputs(&mut self) {}
+
+    /// Put the inputs into the process image of SM3.
+    fn map_inputs(&mut self, _inputs: &mut [u8]) {}
+
+    /// OP was left: outputs go to their safe state.
+    fn safe_outputs(&mut self) {}
+
+    /// The present value of an object of the application, into the front of `value`; gives its bytes.
+    /// `None` leaves the object to the stack's own store.
+    fn read_object(
+        &mut self,
+        _object: ObjectAddress,
+        _value: &mut [u8],
+    ) -> Option<Result<usize, AbortCode>> {
+        None
+    }
+
+    /// A value was written to an object; an error aborts the transfer and nothing is stored.
+    fn write_object(&mut self, _object: ObjectAddress, _value: &[u8]) -> Result<(), AbortCode> {
+        Ok(())
+    }
+}
+
+impl Application for () {}

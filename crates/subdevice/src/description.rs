@@ -1,0 +1,138 @@
+//! What is fixed about a device: its dictionary, its mailbox, its process data areas, its times.
+
+use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::sii::MailboxArea;
+use isocat_wire::time::Nanos;
+
+/// Everything the stack must know about the device it runs in.
+#[derive(Clone, Debug)]
+pub struct Description {
+    /// Object dictionary, ascending by index. It contains 0x1C00, 0x1C12, 0x1C13, 0x1C32, 0x1C33 and
+    /// 0x10F1 if the device has them: their layout, access and start values are the device's own.
+    pub objects: &'static [Object],
+    /// Mailbox areas; `None` for a device without mailbox.
+    pub mailbox: Option<Mailbox>,
+    /// Process data area of SM2.
+    pub outputs: ProcessDataArea,
+    /// Process data area of SM3.
+    pub inputs: ProcessDataArea,
+    /// Behaviour that devices differ in.
+    pub behaviour: Behaviour,
+}
+
+/// The two mailbox areas.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Mailbox {
+    /// MainDevice to SubDevice, SM0.
+    pub receive: MailboxArea,
+    /// SubDevice to MainDevice, SM1.
+    pub send: MailboxArea,
+}
+
+/// Where process data may lie.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct ProcessDataArea {
+    /// First byte that the SyncManager must be set to.
+    pub start: u16,
+    /// Most bytes one buffer may have.
+    pub max_length: u16,
+}
+
+/// One object of the dictionary.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Object {
+    /// Index.
+    pub index: u16,
+    /// Name, as SDO information gives it.
+    pub name: &'static str,
+    /// VAR, ARRAY or RECORD.
+    pub code: ObjectCode,
+    /// Type of the object (for a RECORD its structure's code, 0x29 for the sync objects).
+    pub data_type: DataType,
+    /// Entries, ascending by sub-index, gaps included.
+    pub entries: &'static [Entry],
+}
+
+/// One entry of an object.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Entry {
+    /// Sub-index.
+    pub sub: u8,
+    /// Name, as SDO information gives it.
+    pub name: &'static str,
+    /// Type; [`DataType::GAP`] for a gap, which can't be read or written alone.
+    pub data_type: DataType,
+    /// Bits of the value.
+    pub bits: u16,
+    /// Bit at which complete access has it; sub-index 0 at 0, sub-index 1 at 16 as a rule.
+    pub complete_access_offset: u32,
+    /// Rights per state, and mappability.
+    pub access: Access,
+    /// Byte at which the stack's value store has it; `bits` rounded up to bytes are its own.
+    pub store: u16,
+    /// Value after power-on, `bits` rounded up to bytes; empty means zeros.
+    pub default: &'static [u8],
+}
+
+impl Entry {
+    /// Bytes of the value.
+    pub const fn len(&self) -> usize {
+        (self.bits as usize).div_ceil(8)
+    }
+    /// Whether it has no bits.
+    pub const fn is_empty(&self) -> bool {
+        self.bits == 0
+    }
+}
+
+/// Behaviour that devices differ in. The times of 0x1C32 and 0x1C33 are entries of the dictionary.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Behaviour {
+    /// How missed SM events are counted.
+    pub missed_events: MissedEvents,
+    /// Limit of the counter when there is no object 0x10F1.
+    pub sync_error_limit: u16,
+    /// Time from the request of OP until it is given up (0x001A, 0x001B, 0x002D).
+    pub safeop_to_op_timeout: Nanos,
+    /// Period of the local timer in Free Run while 0x1C32:02 is 0.
+    pub free_run_period: Nanos,
+    /// Longest SYNC0 cycle accepted; zero for no limit.
+    pub maximum_cycle_time: Nanos,
+    /// 0x1C32:00 reads 0 and its sub-indices do not exist in SAFEOP and OP while no outputs are
+    /// transmitted; the same for 0x1C33 and inputs. Slave Stack Code devices keep the object.
+    pub hide_unused_sync_objects: bool,
+    /// Shift of Outputs Valid is done by a local timer: 0x1C32:03.
+    pub shift_outputs: bool,
+    /// Shift of Input Latch is done by a local timer: 0x1C33:03.
+    pub shift_inputs: bool,
+    /// Device has its own identification value (AL control bit 5).
+    pub identification: u16,
+}
+
+/// How missed SM events are counted in 0x1C32:0B.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum MissedEvents {
+    /// At SYNC0: outputs updated since the last SYNC0: less 1, else 3 more. Error above the limit.
+    #[default]
+    Counted,
+    /// Slave Stack Code: as above, but the first missing event is let pass, and the error comes when the
+    /// counter reaches the limit.
+    SlaveStackCode,
+}
+
+impl Default for Behaviour {
+    fn default() -> Self {
+        Self {
+            missed_events: MissedEvents::default(),
+            sync_error_limit: 4,
+            safeop_to_op_timeout: Nanos::millis(9_000),
+            free_run_period: Nanos::millis(1),
+            maximum_cycle_time: Nanos::ZERO,
+            hide_unused_sync_objects: false,
+            shift_outputs: false,
+            shift_inputs: false,
+            identification: 0,
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! EtherCAT synchronization: the objects, the modes, the arithmetic. The centre of the project.
+//!
+//! A SubDevice describes its synchronization in two objects, 0x1C32 for outputs and 0x1C33 for
+//! inputs; [`object`] holds them as typed values. [`mode`] says which event starts which step in each
+//! synchronization mode. From the times in the objects and the arrival of the frames [`budget`] makes
+//! the plan of one cycle: where SYNC0 must lie, with how much slack, or which line does not fit.
+//!
+//! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays, [`drift`]
+//! judges from measured differences whether clocks have converged, [`phase`] is the servo that lets
+//! the host follow the reference clock.
+//!
+//! No sockets, files, ESC model or simulator here: values in, values out.
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod mode;
+pub mod object;
+
+pub use mode::{Event, Step, SyncMode};
+pub use object::{SupportedTypes, SyncParameters, SyncType};

@@ -1,0 +1,140 @@
+//! Images of the distributed clocks' registers.
+
+use core::fmt;
+
+use crate::register::newtype_value;
+use crate::time::Nanos;
+
+/// System time difference, register 0x092C: sign and magnitude, not two's complement.
+///
+/// Bit 31 = 1 means that the local copy is ahead of the received time or equal to it. (Older register
+/// texts state the opposite polarity; the newer one agrees with the only captured value.)
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct SystemTimeDifference(pub u32);
+newtype_value!(SystemTimeDifference u32 4);
+
+impl SystemTimeDifference {
+    /// From local minus received time; the magnitude saturates.
+    pub fn from_nanos(difference: Nanos) -> Self {
+        let magnitude = difference.0.unsigned_abs().min(0x7FFF_FFFF) as u32;
+        let ahead = difference.0 >= 0;
+        Self(magnitude | u32::from(ahead) << 31)
+    }
+    /// Local minus received time: positive when the local clock is ahead.
+    pub const fn nanos(self) -> Nanos {
+        let magnitude = (self.0 & 0x7FFF_FFFF) as i64;
+        Nanos(if self.0 >> 31 == 1 { magnitude } else { -magnitude })
+    }
+    /// Size of the difference.
+    pub const fn magnitude(self) -> u32 {
+        self.0 & 0x7FFF_FFFF
+    }
+}
+
+/// SYNC activation, register 0x0981.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct SyncActivation(pub u8);
+newtype_value!(SyncActivation u8 1);
+
+impl SyncActivation {
+    /// Bit 0: the SYNC unit is active.
+    pub const ACTIVE: u8 = 1 << 0;
+    /// Bit 1: SYNC0 is generated.
+    pub const SYNC0: u8 = 1 << 1;
+    /// Bit 2: SYNC1 is generated.
+    pub const SYNC1: u8 = 1 << 2;
+    /// Bit 3: bit 0 sets itself when the start time is written.
+    pub const AUTO: u8 = 1 << 3;
+    /// Bit 4: a 32-bit start time is extended to 64 bits.
+    pub const EXTEND: u8 = 1 << 4;
+    /// Bit 5: start at once if the start time is not in the near future.
+    pub const PLAUSIBILITY: u8 = 1 << 5;
+    /// Bit 6: the near future is about 2.1 s instead of half the counter.
+    pub const NEAR_FUTURE: u8 = 1 << 6;
+    /// Bit 7: one pulse on the enabled signals; clears itself.
+    pub const DEBUG_PULSE: u8 = 1 << 7;
+
+    /// The SYNC unit is active.
+    pub const fn active(self) -> bool {
+        self.0 & Self::ACTIVE != 0
+    }
+    /// SYNC0 is generated.
+    pub const fn sync0(self) -> bool {
+        self.0 & Self::SYNC0 != 0
+    }
+    /// SYNC1 is generated.
+    pub const fn sync1(self) -> bool {
+        self.0 & Self::SYNC1 != 0
+    }
+}
+
+/// SYNC activation status, register 0x0984.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct ActivationStatus(pub u8);
+newtype_value!(ActivationStatus u8 1);
+
+impl ActivationStatus {
+    /// Bit 0: the first SYNC0 pulse is still pending.
+    pub const fn sync0_pending(self) -> bool {
+        self.0 & 1 != 0
+    }
+    /// Bit 1: the first SYNC1 pulse is still pending.
+    pub const fn sync1_pending(self) -> bool {
+        self.0 & 2 != 0
+    }
+    /// Bit 2: the start time was not in the near future at activation.
+    pub const fn start_implausible(self) -> bool {
+        self.0 & 4 != 0
+    }
+}
+
+/// The 16-bit word written to 0x0980 (low byte) and 0x0981 (high byte): AssignActivate in ESI files
+/// and in the SII.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct AssignActivate(pub u16);
+newtype_value!(AssignActivate u16 2);
+
+impl AssignActivate {
+    /// No SYNC unit: Free Run or SM-synchronous.
+    pub const OFF: Self = Self(0x0000);
+    /// Active with SYNC0.
+    pub const SYNC0: Self = Self(0x0300);
+    /// Active with SYNC0 and SYNC1.
+    pub const SYNC0_AND_SYNC1: Self = Self(0x0700);
+
+    /// The byte for 0x0981.
+    pub const fn activation(self) -> SyncActivation {
+        SyncActivation((self.0 >> 8) as u8)
+    }
+    /// The byte for 0x0980: owners of the SYNC unit (bit 0) and the latch units (bits 4, 5).
+    pub const fn control(self) -> u8 {
+        self.0 as u8
+    }
+}
+
+impl fmt::Display for AssignActivate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:04X}", self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Facts 3.4: an ET1100 whose clock lags by 300 ns read 0x000000FD after 101 FRMW.
+    #[test]
+    fn a_lagging_clock_reads_without_the_sign_bit() {
+        assert_eq!(SystemTimeDifference(0x0000_00FD).nanos(), Nanos(-253));
+        assert_eq!(SystemTimeDifference::from_nanos(Nanos(-253)).0, 0xFD);
+        assert_eq!(SystemTimeDifference::from_nanos(Nanos(0)).0, 0x8000_0000);
+        assert_eq!(SystemTimeDifference::from_nanos(Nanos(i64::MIN)).0, 0x7FFF_FFFF);
+    }
+
+    #[test]
+    fn assign_activate_is_not_read_as_the_tutorials_do() {
+        let word = AssignActivate(0x0300);
+        assert!(word.activation().active() && word.activation().sync0());
+        assert!(!AssignActivate(0x0100).activation().sync0());
+    }
+}

@@ -1,0 +1,269 @@
+//! The Ethernet and EtherCAT headers around the datagrams.
+
+use core::fmt;
+
+use crate::command::Command;
+use crate::datagram::{self, Address, Header};
+
+/// EtherType of EtherCAT, big-endian on the wire.
+pub const ETHERTYPE: u16 = 0x88A4;
+/// EtherType of a VLAN tag.
+pub const ETHERTYPE_VLAN: u16 = 0x8100;
+/// Bytes of the Ethernet header without VLAN tag.
+pub const ETHERNET_HEADER_LEN: usize = 14;
+/// Bytes of the EtherCAT header.
+pub const ETHERCAT_HEADER_LEN: usize = 2;
+/// Shortest Ethernet frame without FCS; shorter ones are padded.
+pub const MIN_LEN: usize = 60;
+/// Longest Ethernet frame without FCS and VLAN tag.
+pub const MAX_LEN: usize = 1514;
+/// Bytes that every frame takes on the wire besides its own: preamble and start delimiter (8), FCS (4)
+/// and the gap to the next one (12).
+pub const WIRE_OVERHEAD: usize = 24;
+/// Time of one byte on the wire at 100 Mbit/s, ns.
+pub const BYTE_TIME_NS: u64 = 80;
+/// The bit that the first ESC sets in the first octet of the source address.
+pub const LOCALLY_ADMINISTERED: u8 = 0x02;
+
+/// The two bytes behind the EtherType.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct EthercatHeader {
+    /// Bytes of all datagrams, without this header, padding and FCS; 0..=2047.
+    pub len: u16,
+    /// Reserved bit 11, kept as received.
+    pub reserved: bool,
+    /// 1: datagrams (the only type an ESC processes), 4: network variables, 5: mailbox gateway.
+    pub kind: u8,
+}
+
+impl EthercatHeader {
+    /// Type of a frame that carries datagrams.
+    pub const DATAGRAMS: u8 = 1;
+
+    /// Reads the two bytes.
+    pub fn parse(bytes: [u8; 2]) -> Self {
+        let word = u16::from_le_bytes(bytes);
+        Self { len: word & 0x07FF, reserved: word & 0x0800 != 0, kind: (word >> 12) as u8 }
+    }
+
+    /// The two bytes.
+    pub fn emit(self) -> [u8; 2] {
+        (self.len & 0x07FF | u16::from(self.reserved) << 11 | u16::from(self.kind) << 12)
+            .to_le_bytes()
+    }
+}
+
+/// Why bytes are no frame of datagrams.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum FrameError {
+    /// Too short for the headers.
+    Short {
+        /// Bytes there are.
+        len: usize,
+    },
+    /// Another protocol.
+    EtherType(u16),
+    /// An EtherCAT frame without datagrams.
+    Kind(u8),
+    /// The EtherCAT header promises more bytes than there are.
+    Length {
+        /// Bytes of datagrams promised.
+        promised: usize,
+        /// Bytes behind the EtherCAT header.
+        found: usize,
+    },
+}
+
+impl fmt::Display for FrameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            FrameError::Short { len } => write!(f, "{len} bytes are too short for a frame"),
+            FrameError::EtherType(found) => {
+                write!(f, "EtherType {found:#06x}, expected {ETHERTYPE:#06x}")
+            }
+            FrameError::Kind(found) => write!(f, "EtherCAT type {found}, expected 1 (datagrams)"),
+            FrameError::Length { promised, found } => {
+                write!(f, "EtherCAT header promises {promised} bytes, the frame has {found}")
+            }
+        }
+    }
+}
+
+/// Where the datagrams of a frame start: behind the Ethernet header, a VLAN tag if there is one, and
+/// the EtherCAT header.
+pub fn payload_offset(frame: &[u8]) -> Result<usize, FrameError> {
+    let short = FrameError::Short { len: frame.len() };
+    let word =
+        |at: usize| frame.get(at..).and_then(|rest| rest.first_chunk::<2>()).copied().ok_or(short);
+    let mut at = ETHERNET_HEADER_LEN - 2;
+    let mut ethertype = u16::from_be_bytes(word(at)?);
+    if ethertype == ETHERTYPE_VLAN {
+        at += 4;
+        ethertype = u16::from_be_bytes(word(at)?);
+    }
+    if ethertype != ETHERTYPE {
+        return Err(FrameError::EtherType(ethertype));
+    }
+    let header = EthercatHeader::parse(word(at + 2)?);
+    if header.kind != EthercatHeader::DATAGRAMS {
+        return Err(FrameError::Kind(header.kind));
+    }
+    Ok(at + 2 + ETHERCAT_HEADER_LEN)
+}
+
+/// The bytes of all datagrams of a frame, by the length in its EtherCAT header.
+pub fn payload(frame: &[u8]) -> Result<&[u8], FrameError> {
+    let start = payload_offset(frame)?;
+    let header = EthercatHeader::parse([frame[start - 2], frame[start - 1]]);
+    let promised = usize::from(header.len);
+    let found = frame.len() - start;
+    frame.get(start..start + promised).ok_or(FrameError::Length { promised, found })
+}
+
+/// Time that a frame of `len` bytes (without FCS) takes from its first preamble bit to its last FCS
+/// bit, ns.
+pub const fn duration_ns(len: usize) -> u64 {
+    let len = if len < MIN_LEN { MIN_LEN } else { len };
+    (len as u64 + 8 + 4) * BYTE_TIME_NS
+}
+
+/// Builds a frame of datagrams in a buffer of the caller.
+///
+/// ```
+/// use isocat_wire::{Command, datagram::Address, frame::FrameWriter};
+/// let mut buffer = [0; 1514];
+/// let mut frame = FrameWriter::new(&mut buffer, [2, 0, 0, 0, 0, 1]);
+/// frame.push(Command::Brd, 0, Address::Broadcast(0x0000), &[0]).unwrap();
+/// assert_eq!(frame.finish(), 60);
+/// ```
+#[derive(Debug)]
+pub struct FrameWriter<'a> {
+    buffer: &'a mut [u8],
+    end: usize,
+    last: Option<usize>,
+}
+
+/// The datagram does not fit into what is left of the frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct FrameFull;
+
+impl<'a> FrameWriter<'a> {
+    /// An empty frame from `source` to everybody. `buffer` must hold [`MIN_LEN`] bytes at least; what
+    /// it holds beyond [`MAX_LEN`] is not used.
+    pub fn new(buffer: &'a mut [u8], source: [u8; 6]) -> Self {
+        let len = buffer.len().min(MAX_LEN);
+        let buffer = &mut buffer[..len];
+        assert!(len >= MIN_LEN, "a frame buffer holds the shortest frame at least");
+        buffer[..6].fill(0xFF);
+        buffer[6..12].copy_from_slice(&source);
+        buffer[12..14].copy_from_slice(&ETHERTYPE.to_be_bytes());
+        Self { buffer, end: ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN, last: None }
+    }
+
+    /// Whether a datagram of `len` data bytes still fits.
+    pub fn fits(&self, len: usize) -> bool {
+        self.end + datagram::HEADER_LEN + len + datagram::WKC_LEN <= self.buffer.len()
+    }
+
+    /// Adds a datagram and gives the offset of its data in the frame.
+    pub fn push(
+        &mut self,
+        command: Command,
+        index: u8,
+        address: Address,
+        data: &[u8],
+    ) -> Result<usize, FrameFull> {
+        if !self.fits(data.len()) {
+            return Err(FrameFull);
+        }
+        if let Some(last) = self.last {
+            self.buffer[last + 7] |= 0x80;
+        }
+        let start = self.end;
+        let header = Header::new(command, index, address, data.len() as u16);
+        let data_at = start + datagram::HEADER_LEN;
+        let wkc_at = data_at + data.len();
+        self.buffer[start..data_at].copy_from_slice(&header.emit());
+        self.buffer[data_at..wkc_at].copy_from_slice(data);
+        self.buffer[wkc_at..wkc_at + datagram::WKC_LEN].fill(0);
+        self.last = Some(start);
+        self.end = wkc_at + datagram::WKC_LEN;
+        Ok(data_at)
+    }
+
+    /// Whether no datagram was pushed.
+    pub fn is_empty(&self) -> bool {
+        self.last.is_none()
+    }
+
+    /// Writes the EtherCAT header and the padding; gives the length of the frame without FCS.
+    pub fn finish(self) -> usize {
+        let start = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
+        let header = EthercatHeader {
+            len: (self.end - start) as u16,
+            reserved: false,
+            kind: EthercatHeader::DATAGRAMS,
+        };
+        self.buffer[start - 2..start].copy_from_slice(&header.emit());
+        let len = self.end.max(MIN_LEN);
+        self.buffer[self.end..len].fill(0);
+        len
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::datagram::datagrams;
+
+    #[test]
+    fn a_short_frame_is_padded_and_parses_back() {
+        let mut buffer = [0xAA; MAX_LEN];
+        let mut writer = FrameWriter::new(&mut buffer, [2, 0, 0, 0, 0, 1]);
+        writer.push(Command::Brd, 7, Address::Broadcast(0x0130), &[0, 0]).unwrap();
+        writer.push(Command::Lrw, 8, Address::Logical(0x0100_0000), &[1, 2, 3]).unwrap();
+        let len = writer.finish();
+        assert_eq!(len, MIN_LEN);
+        let frame = &buffer[..len];
+        // EtherCAT header: 29 bytes of datagrams, type 1.
+        assert_eq!(frame[12..16], [0x88, 0xA4, 0x1D, 0x10]);
+        let found: std::vec::Vec<_> =
+            datagrams(payload(frame).unwrap()).map(|d| d.unwrap()).collect();
+        assert_eq!(found.len(), 2);
+        assert_eq!((found[0].header.index, found[0].header.more), (7, true));
+        assert_eq!((found[1].header.address, found[1].data), (0x0100_0000, &[1, 2, 3][..]));
+        assert!(frame[45..].iter().all(|byte| *byte == 0), "padding is zero");
+    }
+
+    #[test]
+    fn the_largest_datagram_fits_and_one_byte_more_does_not() {
+        let mut buffer = [0; 2000];
+        let data = [0; datagram::MAX_DATA_LEN + 1];
+        let mut writer = FrameWriter::new(&mut buffer, [0; 6]);
+        let pushed = writer.push(Command::Lrw, 0, Address::Logical(0), &data);
+        assert_eq!(pushed, Err(FrameFull));
+        writer.push(Command::Lrw, 0, Address::Logical(0), &data[1..]).unwrap();
+        assert_eq!(writer.finish(), MAX_LEN);
+    }
+
+    #[test]
+    fn foreign_frames_are_named() {
+        let mut frame = [0; 60];
+        assert_eq!(payload(&frame), Err(FrameError::EtherType(0)));
+        frame[12..14].copy_from_slice(&[0x88, 0xA4]);
+        assert_eq!(payload(&frame), Err(FrameError::Kind(0)));
+        frame[14..16].copy_from_slice(&[0xFF, 0x17]);
+        assert_eq!(payload(&frame), Err(FrameError::Length { promised: 2047, found: 44 }));
+        frame[14..16].copy_from_slice(&[0x0D, 0x10]);
+        assert_eq!(payload(&frame).map(<[u8]>::len), Ok(13));
+        assert_eq!(payload(&frame[..15]), Err(FrameError::Short { len: 15 }));
+    }
+
+    #[test]
+    fn a_vlan_tag_is_skipped() {
+        let mut frame = [0; 64];
+        frame[12..14].copy_from_slice(&[0x81, 0x00]);
+        frame[16..20].copy_from_slice(&[0x88, 0xA4, 0x0D, 0x10]);
+        assert_eq!(payload_offset(&frame), Ok(20));
+    }
+}

@@ -1,0 +1,45 @@
+//! EtherCAT on the wire: bytes, names and time scales. No behaviour.
+//!
+//! From the outside to the inside, as a frame is unpacked:
+//!
+//! 1. [`frame`]: the Ethernet and EtherCAT headers around the datagrams, a writer for frames;
+//! 2. [`datagram`] and [`command`]: one command in a frame, its [`address`], its working counter;
+//! 3. [`register`]: every ESC register as one constant of address, value type and width. The values
+//!    that have an inner structure live in [`al`], [`dl`], [`dc`], [`fmmu`], [`sync_manager`],
+//!    [`eeprom`];
+//! 4. [`sii`]: the device's EEPROM image;
+//! 5. [`mailbox`] and [`coe`]: the acyclic channel and the object protocol in it.
+//!
+//! Beside them stands [`time`]: points on four clocks that must not be mixed.
+//!
+//! Rules that hold everywhere in this crate: parsing never panics whatever the bytes; unknown codes
+//! survive; what was parsed emits the same bytes. Multi-byte fields are little-endian unless said
+//! otherwise.
+#![no_std]
+#![forbid(unsafe_code)]
+
+#[cfg(test)]
+extern crate std;
+
+pub mod address;
+pub mod al;
+pub mod coe;
+pub mod command;
+pub mod datagram;
+pub mod dc;
+pub mod dl;
+pub mod eeprom;
+pub mod fmmu;
+pub mod frame;
+pub mod mailbox;
+pub mod register;
+pub mod sii;
+pub mod sync_manager;
+pub mod time;
+
+pub use address::{AutoIncrementAddress, ObjectAddress, PortNumber, StationAddress};
+pub use al::{AlControl, AlState, AlStatus, AlStatusCode};
+pub use coe::AbortCode;
+pub use command::Command;
+pub use register::Register;
+pub use time::{Nanos, Picos, Time};

@@ -16,8 +16,12 @@
 #[cfg(test)]
 extern crate std;
 
+pub mod budget;
+pub mod delay;
+pub mod drift;
 pub mod mode;
 pub mod object;
+pub mod phase;
 
 pub use mode::{Event, Step, SyncMode};
 pub use object::{SupportedTypes, SyncParameters, SyncType};

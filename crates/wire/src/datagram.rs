@@ -184,7 +184,6 @@ impl Layouts {
     }
 
     /// The next datagram; an error ends the walk.
-    #[expect(clippy::should_implement_trait, reason = "lends the bytes anew at each step")]
     pub fn next(&mut self, bytes: &[u8]) -> Option<Result<Layout, DatagramError>> {
         let start = self.next.take()?;
         self.started = true;

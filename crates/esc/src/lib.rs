@@ -1,10 +1,55 @@
 //! An EtherCAT SubDevice Controller in software, exact to its 10 ns tick.
+//!
+//! A frame enters by [`Esc::process`]: the EPU answers its datagrams in place. Reads and writes reach
+//! memory through the register rules of each side (`access`), through FMMUs if they are logical, and
+//! through SyncManagers if they lie in process RAM. What a frame writes to registers waits in a shadow
+//! (`memory`) until the frame has ended well; then (`frame_end`) the units take it over: AL (`al`), data link (`dl`),
+//! EEPROM, watchdogs, DC.
+//!
+//! Between frames the ESC lives by its own events: the end of a frame, SYNC0 and SYNC1, watchdogs,
+//! EEPROM. Nothing runs tick by tick. [`Esc::next_event`] says when something is due and [`Esc::step`]
+//! lets it happen. The local CPU's door is [`Pdi`]; [`Esc::pdi`] opens it.
+//!
+//! Times are [`Time<Device>`](isocat_wire::time::Device), as the device's own oscillator counts them,
+//! rounded down to ticks wherever the ESC samples.
+//!
+//! ```
+//! use isocat_esc::{ET1100, Esc};
+//! use isocat_wire::{Command, Time, datagram::Address, frame::FrameWriter, register};
+//!
+//! let mut esc = Esc::new(&ET1100, vec![0; 128], vec![0; 8192]);
+//! let mut buffer = [0; 60];
+//! let mut frame = FrameWriter::new(&mut buffer, [0x10; 6]);
+//! let data = frame.push(Command::Brd, 0, Address::Broadcast(0x0000), &[0]).unwrap();
+//! frame.finish();
+//! esc.process(&mut buffer, Time::new(1_000), Time::new(6_760), true);
+//! assert_eq!(buffer[data], 0x11); // an ET1100
+//! assert_eq!(buffer[data + 1..data + 3], [1, 0]); // working counter
+//! ```
 #![no_std]
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
 extern crate std;
 
+mod access;
+mod al;
+pub mod chip;
+mod dc;
+mod dl;
+mod eeprom;
+mod esc;
+mod fmmu;
+mod frame_end;
+mod memory;
 pub mod pdi;
+mod process;
+mod sync_manager;
+#[cfg(test)]
+mod tests;
+mod watchdog;
 
-pub use pdi::{Pdi, PdiExt};
+pub use chip::{Chip, ET1100, ET1200, IP_CORE_32, LAN9252, XMC4800};
+pub use esc::{Esc, EscEvent, PortError};
+pub use pdi::{EscPdi, Pdi, PdiExt};
+pub use process::Processed;

@@ -1,5 +1,20 @@
 //! The door of an ESC to its local CPU.
 
+use core::ops::Range;
+
+use isocat_wire::Time;
+use isocat_wire::dl::DlStatus;
+use isocat_wire::register;
+use isocat_wire::time::Device;
+
+use crate::access::{Gate, PDI_WRITABLE, READABLE};
+use crate::dc::sync::Output;
+use crate::dl;
+use crate::eeprom::Eeprom;
+use crate::esc::Esc;
+use crate::process::split;
+use crate::sync_manager::{Direction, Side};
+
 /// The ESC as the local CPU sees it: the software ESC, or a driver of a chip.
 ///
 /// An access has the side effects that the chip gives it: reading AL control releases it for the next
@@ -44,3 +59,199 @@ pub trait PdiExt: Pdi {
 }
 
 impl<P: Pdi + ?Sized> PdiExt for P {}
+
+/// The PDI of a software ESC at an instant; see [`Esc::pdi`].
+pub struct EscPdi<'a, M> {
+    esc: &'a mut Esc<M>,
+    now: Time<Device>,
+}
+
+impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
+    pub(crate) fn new(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
+        esc.pdi_watchdog.restart(now, &esc.registers);
+        dl::set_status(&mut esc.registers, DlStatus::PDI_WATCHDOG, true);
+        Self { esc, now }
+    }
+
+    fn may_write(&self, gate: Gate, address: u16) -> bool {
+        let registers = &self.esc.registers;
+        let owner_is_pdi = |bit: u8| registers.load(register::CYCLIC_UNIT_CONTROL) & 1 << bit != 0;
+        match gate {
+            Gate::Open => true,
+            Gate::AlStatus => self.esc.al.may_write_status(),
+            Gate::Eeprom => self.esc.eeprom.may_write(Side::Pdi, registers),
+            Gate::EepromTake => true,
+            Gate::SyncManager => address % 8 == 7,
+            Gate::SyncOwner => owner_is_pdi(0),
+            Gate::SyncStart => owner_is_pdi(0) && !self.esc.dc.sync.is_active(),
+            Gate::Latch => owner_is_pdi(if address & 1 == 0 { 4 } else { 5 }),
+            Gate::AlControl => false,
+        }
+    }
+
+    /// Brings registers that move by themselves up to date.
+    fn show(&mut self, range: &Range<u16>) {
+        let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
+        let (esc, now) = (&mut *self.esc, self.now);
+        if overlaps(0x0210, 0x0224) {
+            esc.show_events(now);
+        }
+        if overlaps(0x0440, 0x0442) {
+            esc.show_watchdog();
+        }
+        if overlaps(0x0910, 0x0918) && esc.units.system_time {
+            // The upper bytes belong to the moment in which the first one was read.
+            if range.start <= 0x0910 {
+                esc.pdi_system_time = esc.dc.narrow(esc.dc.system(now));
+            }
+            esc.registers.store(register::SYSTEM_TIME, esc.pdi_system_time);
+        }
+        if overlaps(0x0984, 0x09A0) && esc.units.sync {
+            esc.dc.show_sync(now, &mut esc.registers);
+        }
+    }
+
+    /// What reading these registers acknowledges.
+    fn acknowledge(&mut self, range: &Range<u16>) {
+        let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
+        let esc = &mut *self.esc;
+        if overlaps(0x0120, 0x0122) {
+            esc.al.acknowledge_request();
+        }
+        if overlaps(0x0440, 0x0442) {
+            esc.al.set_watchdog_event(false);
+        }
+        if overlaps(0x0800, 0x0880) {
+            for number in 0..16 {
+                if range.contains(&register::sm_activate(number).address) {
+                    esc.sync_managers.acknowledge_activation(number);
+                }
+            }
+        }
+        if range.contains(&register::SYNC0_STATUS.address) {
+            esc.dc.sync.acknowledge(Output::Sync0);
+        }
+        if range.contains(&register::SYNC1_STATUS.address) {
+            esc.dc.sync.acknowledge(Output::Sync1);
+        }
+    }
+
+    /// Writes one register byte that the PDI may write.
+    fn write_byte(&mut self, address: u16, value: u8) {
+        let esc = &mut *self.esc;
+        match address {
+            0x0041 => {
+                esc.advance_reset(1, value, self.now);
+            }
+            0x0130 | 0x0131 => {
+                esc.registers.set_byte(address, value);
+                esc.al.change_status();
+            }
+            0x0501 => {
+                let take = value & 1;
+                if take == 0 || Eeprom::may_take(&esc.registers) {
+                    esc.registers.set_byte(address, take);
+                }
+            }
+            0x0502 | 0x0503 => {}
+            0x0800..0x0880 => {
+                let number = usize::from(address - 0x0800) / 8;
+                if esc.flight.end == Time::NEVER {
+                    esc.sync_managers.write_pdi_control(number, value, &mut esc.registers);
+                } else {
+                    esc.flight.pdi_control[number] = value;
+                    esc.flight.pdi_control_written |= 1 << number;
+                }
+            }
+            _ => esc.registers.set_byte(address, value),
+        }
+    }
+
+    fn write_registers(&mut self, address: u16, data: &[u8]) {
+        let end = address + data.len() as u16;
+        let mut at = address;
+        let (mut control, mut activated, mut started) = (None, false, false);
+        while at < end {
+            let (stop, gate) = self.esc.units.run(&PDI_WRITABLE, at);
+            let stop = stop.min(end);
+            for byte in at..stop {
+                let value = data[usize::from(byte - address)];
+                if gate.is_none_or(|gate| !self.may_write(gate, byte)) {
+                    continue;
+                }
+                match byte {
+                    0x0502 => control = Some(u16::from(value)),
+                    0x0503 => control = Some(control.unwrap_or(0) | u16::from(value) << 8),
+                    0x0981 => activated = true,
+                    0x0990..0x0998 => started = true,
+                    _ => {}
+                }
+                self.write_byte(byte, value);
+            }
+            at = stop;
+        }
+        let esc = &mut *self.esc;
+        if let Some(control) = control {
+            esc.eeprom.command(control, self.now, esc.chip);
+            esc.eeprom.show(&mut esc.registers);
+        }
+        if activated || started {
+            esc.dc.activate(self.now, started, &mut esc.registers);
+        }
+    }
+}
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
+    /// What does not exist or may not be read reads 0.
+    fn read(&mut self, address: u16, data: &mut [u8]) {
+        data.fill(0);
+        let (registers, ram) = split(address, data.len());
+        if registers > 0 {
+            let range = address..address + registers as u16;
+            self.show(&range);
+            let mut at = range.start;
+            while at < range.end {
+                let (stop, gate) = self.esc.units.run(&READABLE, at);
+                let stop = stop.min(range.end);
+                if gate.is_some() {
+                    let place = usize::from(at - address)..usize::from(stop - address);
+                    data[place].copy_from_slice(self.esc.registers.bytes(at..stop));
+                }
+                at = stop;
+            }
+            self.acknowledge(&range);
+        }
+        if ram > 0 && self.esc.is_operational() {
+            let data = &mut data[registers..registers + ram];
+            let first = address.max(register::PROCESS_RAM);
+            let way = (Side::Pdi, Direction::Read);
+            let memory = (&mut self.esc.ram.as_mut()[..self.esc.ram_len], &mut self.esc.registers);
+            self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
+                data[at].copy_from_slice(memory);
+            });
+        }
+    }
+
+    fn write(&mut self, address: u16, data: &[u8]) {
+        let (registers, ram) = split(address, data.len());
+        if registers > 0 {
+            self.write_registers(address, &data[..registers]);
+        }
+        if ram > 0 && self.esc.is_operational() {
+            let data = &data[registers..registers + ram];
+            let first = address.max(register::PROCESS_RAM);
+            let way = (Side::Pdi, Direction::Write);
+            let memory = (&mut self.esc.ram.as_mut()[..self.esc.ram_len], &mut self.esc.registers);
+            let outcome = self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
+                memory.copy_from_slice(&data[at]);
+            });
+            if outcome.watchdog {
+                self.esc.trigger_watchdog(self.now);
+            }
+        }
+    }
+
+    fn events(&mut self) -> u32 {
+        self.esc.al_events(self.now)
+    }
+}

@@ -1,1 +1,7 @@
-fn main() {}
+//! The command `isocat`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    isocat::cli::main()
+}

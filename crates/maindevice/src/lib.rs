@@ -1,4 +1,82 @@
+//! An EtherCAT MainDevice as a machine: frames and time in, frames and events out.
+//!
+//! [`MainDevice`] takes a [`Config`] and brings the segment behind its port into synchronized
+//! operation. Nothing here knows a socket, a thread or a clock. Inside, data take this way:
+//!
+//! 1. `link` holds datagrams that procedures await: it packs them into frames and hands the answers
+//!    back. Procedures are `async fn`s that the machine polls itself, many devices side by side.
+//! 2. `bring_up` is the way up in order. `scan` and `topology` find the SubDevices, `sii` reads who
+//!    they are, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
+//!    `objects`. `mode` decides how each SubDevice is synchronized and plans the cycle, `mapping`
+//!    lays out the process image, `clock` makes all clocks one, `sync` programs SYNC0 and sees that
+//!    it runs.
+//! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
+//!    nothing.
+//! 4. `health` finds the SubDevice that left its state.
+//!
+//! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
+//! and counts in [`statistics`].
+//!
+//! ```no_run
+//! use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
+//! use isocat_wire::{Nanos, Time};
+//! # use isocat_wire::time::Host;
+//! # fn clock() -> Time<Host> { Time::ZERO }
+//! # fn send(_: &[u8]) {}
+//! # fn receive_until(_: Time<Host>) -> Option<Vec<u8>> { None }
+//! let mut main = MainDevice::new(Config::new(Nanos::millis(1)), clock());
+//! let mut buffer = [0; FRAME_LEN];
+//! loop {
+//!     while let Some(len) = main.poll_transmit(clock(), &mut buffer) {
+//!         send(&buffer[..len]);
+//!     }
+//!     while let Some(event) = main.poll_event() {
+//!         println!("{event:?}");
+//!     }
+//!     let Some(due) = main.next_timeout() else { break };
+//!     match receive_until(due) {
+//!         Some(frame) => main.handle_frame(clock(), &frame),
+//!         None => main.handle_timeout(clock()),
+//!     }
+//! }
+//! ```
 #![no_std]
 #![forbid(unsafe_code)]
-//! x
+
 extern crate alloc;
+#[cfg(test)]
+extern crate std;
+
+pub mod config;
+pub mod error;
+pub mod event;
+pub mod segment;
+pub mod statistics;
+
+mod bring_up;
+mod clock;
+mod coe;
+mod cycle;
+mod esm;
+mod health;
+mod link;
+mod machine;
+mod mailbox;
+mod mapping;
+mod mode;
+mod objects;
+mod scan;
+mod sii;
+mod sync;
+mod topology;
+
+#[cfg(test)]
+mod tests;
+
+pub use config::{AssumedTimes, Config, DeviceConfig, StartupDownload, Timeouts};
+pub use error::{Cause, Error, Fault, Place, SdoError};
+pub use event::{Event, RequestId, Stage};
+pub use link::FRAME_LEN;
+pub use machine::MainDevice;
+pub use segment::{Segment, SubDevice};
+pub use statistics::Statistics;

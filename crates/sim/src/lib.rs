@@ -1,2 +1,38 @@
+//! An EtherCAT segment in deterministic virtual time: both sides meet, and judges watch.
+//!
+//! From the physics up: an [`oscillator`] makes a clock of its own out of true time; [`path`] says when
+//! a frame reaches which port; [`random`] is the one source of chance. A [`device`] is an ESC, a stack,
+//! an application and a [`cpu`] on one oscillator, a [`segment`] is devices on cables, a [`host`] is the
+//! machine that the MainDevice runs on. [`world`] lets MainDevice and segment meet in true time.
+//!
+//! What happens is told as [`observation`]s to the [`judge`]s on their [`bench`](crate::bench): they know true time and
+//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call;
+//! [`motion`] is the MainDevice's application in it.
+//!
+//! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
+//! frame reaches it: cost is per event, never per tick.
 #![forbid(unsafe_code)]
-//! x
+
+pub mod bench;
+pub mod cpu;
+pub mod device;
+pub mod host;
+pub mod judge;
+pub mod motion;
+pub mod observation;
+pub mod oscillator;
+pub mod path;
+pub mod random;
+pub mod run;
+pub mod segment;
+pub mod statistics;
+pub mod world;
+
+pub use cpu::CpuModel;
+pub use device::DeviceSetup;
+pub use host::HostModel;
+pub use motion::Motion;
+pub use run::{Outcome, Run};
+pub use segment::Connection;
+pub use statistics::Statistics;
+pub use world::{Control, Setup, Tap, World};

@@ -1,5 +1,6 @@
 //! What is fixed about a device: its dictionary, its mailbox, its process data areas, its times.
 
+use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::MailboxArea;
@@ -19,6 +20,26 @@ pub struct Description {
     pub inputs: ProcessDataArea,
     /// Behaviour that devices differ in.
     pub behaviour: Behaviour,
+}
+
+impl Description {
+    /// The object with this index.
+    pub fn object(&self, index: u16) -> Option<&'static Object> {
+        let objects = self.objects;
+        let found = objects.binary_search_by_key(&index, |object| object.index).ok()?;
+        objects.get(found)
+    }
+
+    /// The entry at this address, gaps included.
+    pub fn entry(&self, address: ObjectAddress) -> Option<&'static Entry> {
+        self.object(address.index)?.entry(address.sub)
+    }
+
+    /// Bytes that the value store of the dictionary needs.
+    pub fn store_len(&self) -> usize {
+        let entries = self.objects.iter().flat_map(|object| object.entries);
+        entries.map(|entry| usize::from(entry.store) + entry.len()).max().unwrap_or(0)
+    }
 }
 
 /// The two mailbox areas.
@@ -54,6 +75,20 @@ pub struct Object {
     pub entries: &'static [Entry],
 }
 
+impl Object {
+    /// The entry with this sub-index.
+    pub fn entry(&self, sub: u8) -> Option<&'static Entry> {
+        let entries = self.entries;
+        let found = entries.binary_search_by_key(&sub, |entry| entry.sub).ok()?;
+        entries.get(found)
+    }
+
+    /// Highest sub-index that has a description.
+    pub fn max_sub(&self) -> u8 {
+        self.entries.last().map_or(0, |entry| entry.sub)
+    }
+}
+
 /// One entry of an object.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Entry {
@@ -80,6 +115,10 @@ impl Entry {
     pub const fn len(&self) -> usize {
         (self.bits as usize).div_ceil(8)
     }
+    /// Whether it only keeps bits free in complete access.
+    pub const fn is_gap(&self) -> bool {
+        self.data_type.0 == DataType::GAP.0
+    }
     /// Whether it has no bits.
     pub const fn is_empty(&self) -> bool {
         self.bits == 0
@@ -95,10 +134,15 @@ pub struct Behaviour {
     pub sync_error_limit: u16,
     /// Time from the request of OP until it is given up (0x001A, 0x001B, 0x002D).
     pub safeop_to_op_timeout: Nanos,
+    /// How long SYNC must run and the order of SM2 and SYNC0 must be right, without a break, before
+    /// OP is entered with DC. The Slave Stack Code asks for 200 ticks of 1 ms.
+    pub sync_settling: Nanos,
     /// Period of the local timer in Free Run while 0x1C32:02 is 0.
     pub free_run_period: Nanos,
     /// Longest SYNC0 cycle accepted; zero for no limit.
     pub maximum_cycle_time: Nanos,
+    /// The SYNC0 cycle must be a multiple of it (else 0x0035); zero for no such rule.
+    pub cycle_granularity: Nanos,
     /// 0x1C32:00 reads 0 and its sub-indices do not exist in SAFEOP and OP while no outputs are
     /// transmitted; the same for 0x1C33 and inputs. Slave Stack Code devices keep the object.
     pub hide_unused_sync_objects: bool,
@@ -127,8 +171,10 @@ impl Default for Behaviour {
             missed_events: MissedEvents::default(),
             sync_error_limit: 4,
             safeop_to_op_timeout: Nanos::millis(9_000),
+            sync_settling: Nanos::millis(200),
             free_run_period: Nanos::millis(1),
             maximum_cycle_time: Nanos::ZERO,
+            cycle_granularity: Nanos::ZERO,
             hide_unused_sync_objects: false,
             shift_outputs: false,
             shift_inputs: false,

@@ -1,4 +1,20 @@
-//! EtherCAT SubDevice stack.
+//! EtherCAT SubDevice stack: everything behind the ESC's door to the local CPU.
+//!
+//! The way of an event, from the ESC to the process:
+//!
+//! 1. [`SubDevice`] is called by the main loop and by interrupts, over [`isocat_esc::Pdi`];
+//! 2. its state machine answers AL control, after checking what the MainDevice has set up;
+//! 3. its mailbox takes requests from SM0 and hands them to the CoE server, which reads and writes the
+//!    dictionary: what a device has is a [`Description`], its values live in a store of the caller;
+//! 4. its [`SyncEngine`] turns SM2, SYNC0 and the local timer into [`Steps`]: which pieces of the cycle
+//!    start, when, and what is counted when one comes too late;
+//! 5. each step does its effect at its own instant: process data between the ESC's buffers and the
+//!    [`Application`], outputs valid, inputs latched.
+//!
+//! [`Drive`] and [`Io`] are two applications to start from.
+//!
+//! No allocation, no clock, no frames: `now` and the ESC come in with every call. Times are those of the
+//! device's own oscillator, `Time<Device>`.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -6,7 +22,32 @@
 extern crate std;
 
 pub mod application;
+mod assignment;
+mod checks;
+mod coe;
 pub mod description;
+mod dictionary;
+pub mod drive;
+mod esm;
+pub mod io;
+mod mailbox;
+mod missed;
+mod objects;
+mod process_data;
+mod stack;
+mod steps;
+mod sync_engine;
+#[cfg(test)]
+mod tests;
 
 pub use application::Application;
 pub use description::{Description, Entry, Object};
+pub use drive::Drive;
+pub use io::Io;
+pub use isocat_sync::{Event, Step};
+pub use mailbox::{MAX_MAILBOX, MIN_MAILBOX};
+pub use objects::MAX_TRANSFER;
+pub use process_data::MAX_PROCESS_DATA;
+pub use stack::SubDevice;
+pub use steps::{MAX_STEPS, Steps};
+pub use sync_engine::SyncEngine;

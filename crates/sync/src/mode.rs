@@ -34,6 +34,17 @@ pub enum Step {
     MapInputs,
 }
 
+impl Step {
+    /// The steps of a cycle without SYNC, in order.
+    pub const ALL: [Step; 5] = [
+        Self::MapOutputs,
+        Self::Application,
+        Self::OutputsValid,
+        Self::LatchInputs,
+        Self::MapInputs,
+    ];
+}
+
 /// How a SubDevice is synchronized.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub enum SyncMode {
@@ -92,6 +103,45 @@ impl SyncMode {
         }
     }
 
+    /// The mode that 0x1C32:01 and 0x1C33:01 name together; `None` if they can't be combined or the
+    /// mode is unknown. Of a direction without process data only the other's type counts.
+    pub fn from_types(
+        output: SyncType,
+        input: SyncType,
+        has_outputs: bool,
+        has_inputs: bool,
+    ) -> Option<Self> {
+        Self::ALL.into_iter().find(|mode| {
+            (mode.output_type() == output || !has_outputs)
+                && (mode.input_type(has_outputs) == input || !has_inputs)
+        })
+    }
+
+    /// The steps that an event starts, in the order in which the CPU takes them up; empty if the
+    /// event means nothing in this mode. Without outputs the read of the inputs (SM3) stands for
+    /// SM2, and the steps for outputs fall away.
+    ///
+    /// With SYNC0 the latch comes first: it is due at the pulse itself, the application's work is
+    /// not.
+    pub const fn steps(self, event: Event, has_outputs: bool) -> &'static [Step] {
+        match (self, event, has_outputs) {
+            (Self::FreeRun, Event::Timer, true) | (Self::SmSynchronous, Event::Sm2, true) => {
+                &Step::ALL
+            }
+            (Self::FreeRun, Event::Timer, false) | (Self::SmSynchronous, Event::Sm3, false) => {
+                &[Step::Application, Step::LatchInputs, Step::MapInputs]
+            }
+            (Self::DcSync0, Event::Sm2, true) => &[Step::MapOutputs],
+            (Self::DcSync0, Event::Sync0, true) => {
+                &[Step::LatchInputs, Step::Application, Step::OutputsValid, Step::MapInputs]
+            }
+            (Self::DcSync0, Event::Sync0, false) => {
+                &[Step::LatchInputs, Step::Application, Step::MapInputs]
+            }
+            _ => &[],
+        }
+    }
+
     /// Whether the mode needs the SYNC unit.
     pub const fn uses_dc(self) -> bool {
         matches!(self, Self::DcSync0)
@@ -112,6 +162,31 @@ mod tests {
     fn el2502_announces_free_run_only() {
         let supported = SyncMode::ALL.map(|mode| mode.is_supported(SupportedTypes(0x4001)));
         assert_eq!(supported, [true, false, false]);
+    }
+
+    #[test]
+    fn types_name_a_mode_only_together() {
+        let both =
+            |output, input| SyncMode::from_types(SyncType(output), SyncType(input), true, true);
+        assert_eq!(both(0, 0), Some(SyncMode::FreeRun));
+        assert_eq!(both(1, 0x22), Some(SyncMode::SmSynchronous));
+        assert_eq!(both(2, 2), Some(SyncMode::DcSync0));
+        assert_eq!([both(1, 1), both(2, 0x22), both(0, 2), both(3, 3)], [None; 4]);
+        let inputs_only = |input| SyncMode::from_types(SyncType(0), SyncType(input), false, true);
+        assert_eq!(inputs_only(1), Some(SyncMode::SmSynchronous));
+        assert_eq!(inputs_only(0x22), None);
+    }
+
+    #[test]
+    fn each_step_starts_once_in_each_mode() {
+        for mode in SyncMode::ALL {
+            let events = [Event::Sm2, Event::Sm3, Event::Sync0, Event::Sync1, Event::Timer];
+            let started: std::vec::Vec<_> =
+                events.iter().flat_map(|&event| mode.steps(event, true)).collect();
+            for step in Step::ALL {
+                assert_eq!(started.iter().filter(|s| ***s == step).count(), 1, "{mode} {step:?}");
+            }
+        }
     }
 
     #[test]

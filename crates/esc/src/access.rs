@@ -1,0 +1,254 @@
+//! Which registers an ESC has, and who may write them.
+//!
+//! Tables of runs in the order of their addresses: a run that exists reads, reserved bytes in it read
+//! 0; bytes outside all runs answer to nobody. What depends on the state of the chip is a [`Gate`].
+
+use isocat_wire::register::features;
+
+use crate::chip::{Chip, DcUnits};
+
+/// Which units this ESC has, after its EEPROM was loaded.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Units {
+    fmmu_end: u16,
+    sm_end: u16,
+    receive_times: bool,
+    /// The system time unit, registers 0x0910-0x0935.
+    pub system_time: bool,
+    /// The SYNC unit.
+    pub sync: bool,
+    latch: bool,
+    enhanced: bool,
+    wide: bool,
+}
+
+impl Units {
+    /// The units of `chip`, with register 0x0141 as loaded from the EEPROM.
+    pub fn new(chip: &Chip, esc_configuration: u8) -> Self {
+        let dc = chip.has(features::DC);
+        let on = |bit: u8| match chip.dc_units {
+            DcUnits::Always => dc,
+            DcUnits::ByEeprom => dc && esc_configuration & bit != 0,
+        };
+        let (sync, latch) = (on(0x04), on(0x08));
+        Self {
+            fmmu_end: 0x0600 + 16 * u16::from(chip.fmmu_count.min(16)),
+            sm_end: 0x0800 + 8 * u16::from(chip.sm_count.min(16)),
+            receive_times: dc,
+            system_time: sync || latch,
+            sync,
+            latch,
+            enhanced: chip.has(features::ENHANCED_SYNC_ACTIVATION),
+            wide: chip.counts_64_bit(),
+        }
+    }
+
+    /// The run that `address` lies in or that comes next: its end, and its gate if `address` is in it.
+    pub fn run(&self, table: &'static [Run], address: u16) -> (u16, Option<Gate>) {
+        let at = table.partition_point(|run| run.end <= address);
+        let Some(run) = table.get(at) else { return (0x1000, None) };
+        if address < run.start {
+            return (run.start, None);
+        }
+        let (present, end) = match run.unit {
+            Unit::Always => (true, run.end),
+            Unit::Fmmu => (address < self.fmmu_end, run.end.min(self.fmmu_end)),
+            Unit::Sm => (address < self.sm_end, run.end.min(self.sm_end)),
+            Unit::ReceiveTimes => (self.receive_times, run.end),
+            Unit::SystemTime => (self.system_time, run.end),
+            Unit::Wide => (self.system_time && self.wide, run.end),
+            Unit::Sync => (self.sync, run.end),
+            Unit::WideSync => (self.sync && self.wide, run.end),
+            Unit::EnhancedSync => (self.sync && self.enhanced, run.end),
+            Unit::Latch => (self.latch, run.end),
+        };
+        if present { (end, Some(run.gate)) } else { (run.end, None) }
+    }
+}
+
+/// A run of registers.
+pub(crate) struct Run {
+    start: u16,
+    end: u16,
+    unit: Unit,
+    gate: Gate,
+}
+
+/// What must exist for a run to exist.
+#[derive(Clone, Copy)]
+enum Unit {
+    Always,
+    Fmmu,
+    Sm,
+    ReceiveTimes,
+    SystemTime,
+    Wide,
+    Sync,
+    WideSync,
+    EnhancedSync,
+    Latch,
+}
+
+/// What a write depends on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Gate {
+    /// Nothing.
+    Open,
+    /// AL control: the PDI has read the last request, or emulation.
+    AlControl,
+    /// AL status: no emulation.
+    AlStatus,
+    /// The EEPROM interface: owner, and not busy.
+    Eeprom,
+    /// PDI takes or gives back the EEPROM.
+    EepromTake,
+    /// A SyncManager's byte: configuration while disabled, activate, PDI control.
+    SyncManager,
+    /// The owner of the SYNC unit.
+    SyncOwner,
+    /// The owner of the SYNC unit, while it is inactive.
+    SyncStart,
+    /// The owner of the latch unit.
+    Latch,
+}
+
+const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
+    Run { start, end, unit, gate }
+}
+
+/// What both sides can read.
+pub(crate) static READABLE: [Run; 36] = [
+    run(0x0000, 0x0014, Unit::Always, Gate::Open),
+    run(0x0020, 0x0022, Unit::Always, Gate::Open),
+    run(0x0030, 0x0032, Unit::Always, Gate::Open),
+    run(0x0040, 0x0042, Unit::Always, Gate::Open),
+    run(0x0100, 0x0104, Unit::Always, Gate::Open),
+    run(0x0110, 0x0112, Unit::Always, Gate::Open),
+    run(0x0120, 0x0122, Unit::Always, Gate::Open),
+    run(0x0130, 0x0136, Unit::Always, Gate::Open),
+    run(0x0138, 0x013A, Unit::Always, Gate::Open),
+    run(0x0140, 0x0142, Unit::Always, Gate::Open),
+    run(0x014E, 0x0154, Unit::Always, Gate::Open),
+    run(0x0200, 0x0202, Unit::Always, Gate::Open),
+    run(0x0204, 0x0208, Unit::Always, Gate::Open),
+    run(0x0210, 0x0212, Unit::Always, Gate::Open),
+    run(0x0220, 0x0224, Unit::Always, Gate::Open),
+    run(0x0300, 0x0314, Unit::Always, Gate::Open),
+    run(0x0400, 0x0402, Unit::Always, Gate::Open),
+    run(0x0410, 0x0412, Unit::Always, Gate::Open),
+    run(0x0420, 0x0422, Unit::Always, Gate::Open),
+    run(0x0440, 0x0444, Unit::Always, Gate::Open),
+    run(0x0500, 0x0510, Unit::Always, Gate::Open),
+    run(0x0600, 0x0700, Unit::Fmmu, Gate::Open),
+    run(0x0800, 0x0880, Unit::Sm, Gate::Open),
+    run(0x0900, 0x0910, Unit::ReceiveTimes, Gate::Open),
+    run(0x0910, 0x0936, Unit::SystemTime, Gate::Open),
+    run(0x0980, 0x0981, Unit::SystemTime, Gate::Open),
+    run(0x0981, 0x0984, Unit::Sync, Gate::Open),
+    run(0x0984, 0x0985, Unit::EnhancedSync, Gate::Open),
+    run(0x098E, 0x09A8, Unit::Sync, Gate::Open),
+    run(0x09A8, 0x09AA, Unit::Latch, Gate::Open),
+    run(0x09AE, 0x09D0, Unit::Latch, Gate::Open),
+    run(0x09F0, 0x09F4, Unit::SystemTime, Gate::Open),
+    run(0x09F8, 0x0A00, Unit::SystemTime, Gate::Open),
+    run(0x0F00, 0x0F04, Unit::Always, Gate::Open),
+    run(0x0F10, 0x0F20, Unit::Always, Gate::Open),
+    run(0x0F80, 0x1000, Unit::Always, Gate::Open),
+];
+
+/// What ECAT can write.
+pub(crate) static ECAT_WRITABLE: [Run; 35] = [
+    run(0x0010, 0x0012, Unit::Always, Gate::Open),
+    run(0x0020, 0x0022, Unit::Always, Gate::Open),
+    run(0x0030, 0x0032, Unit::Always, Gate::Open),
+    run(0x0040, 0x0041, Unit::Always, Gate::Open),
+    run(0x0100, 0x0104, Unit::Always, Gate::Open),
+    run(0x0120, 0x0122, Unit::Always, Gate::AlControl),
+    run(0x0138, 0x013A, Unit::Always, Gate::Open),
+    run(0x0200, 0x0202, Unit::Always, Gate::Open),
+    run(0x0300, 0x030E, Unit::Always, Gate::Open),
+    run(0x0310, 0x0314, Unit::Always, Gate::Open),
+    run(0x0400, 0x0402, Unit::Always, Gate::Open),
+    run(0x0410, 0x0412, Unit::Always, Gate::Open),
+    run(0x0420, 0x0422, Unit::Always, Gate::Open),
+    run(0x0442, 0x0444, Unit::Always, Gate::Open),
+    run(0x0500, 0x0501, Unit::Always, Gate::Open),
+    run(0x0502, 0x0510, Unit::Always, Gate::Eeprom),
+    run(0x0600, 0x0700, Unit::Fmmu, Gate::Open),
+    run(0x0800, 0x0880, Unit::Sm, Gate::SyncManager),
+    run(0x0900, 0x0904, Unit::ReceiveTimes, Gate::Open),
+    run(0x0910, 0x0914, Unit::SystemTime, Gate::Open),
+    run(0x0914, 0x0918, Unit::Wide, Gate::Open),
+    run(0x0920, 0x0924, Unit::SystemTime, Gate::Open),
+    run(0x0924, 0x0928, Unit::Wide, Gate::Open),
+    run(0x0928, 0x092C, Unit::SystemTime, Gate::Open),
+    run(0x0930, 0x0932, Unit::SystemTime, Gate::Open),
+    run(0x0934, 0x0936, Unit::SystemTime, Gate::Open),
+    run(0x0980, 0x0981, Unit::SystemTime, Gate::Open),
+    run(0x0981, 0x0982, Unit::Sync, Gate::SyncOwner),
+    run(0x0990, 0x0994, Unit::Sync, Gate::SyncStart),
+    run(0x0994, 0x0998, Unit::WideSync, Gate::SyncStart),
+    run(0x09A0, 0x09A8, Unit::Sync, Gate::SyncOwner),
+    run(0x09A8, 0x09AA, Unit::Latch, Gate::Latch),
+    run(0x0F00, 0x0F04, Unit::Always, Gate::Open),
+    run(0x0F10, 0x0F18, Unit::Always, Gate::Open),
+    run(0x0F80, 0x1000, Unit::Always, Gate::Open),
+];
+
+/// What the PDI can write.
+pub(crate) static PDI_WRITABLE: [Run; 15] = [
+    run(0x0012, 0x0014, Unit::Always, Gate::Open),
+    run(0x0041, 0x0042, Unit::Always, Gate::Open),
+    run(0x0130, 0x0132, Unit::Always, Gate::AlStatus),
+    run(0x0134, 0x0136, Unit::Always, Gate::Open),
+    run(0x0138, 0x013A, Unit::Always, Gate::Open),
+    run(0x0204, 0x0208, Unit::Always, Gate::Open),
+    run(0x0501, 0x0502, Unit::Always, Gate::EepromTake),
+    run(0x0502, 0x0510, Unit::Always, Gate::Eeprom),
+    run(0x0800, 0x0880, Unit::Sm, Gate::SyncManager),
+    run(0x0981, 0x0982, Unit::Sync, Gate::SyncOwner),
+    run(0x0990, 0x0994, Unit::Sync, Gate::SyncStart),
+    run(0x0994, 0x0998, Unit::WideSync, Gate::SyncStart),
+    run(0x09A0, 0x09A8, Unit::Sync, Gate::SyncOwner),
+    run(0x09A8, 0x09AA, Unit::Latch, Gate::Latch),
+    run(0x0F80, 0x1000, Unit::Always, Gate::Open),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::chip::{ET1100, ET1200, IP_CORE_32};
+
+    #[test]
+    fn runs_are_in_order() {
+        for table in [&READABLE[..], &ECAT_WRITABLE, &PDI_WRITABLE] {
+            for run in table {
+                assert!(run.start < run.end);
+            }
+            for pair in table.windows(2) {
+                assert!(pair[0].end <= pair[1].start);
+            }
+        }
+    }
+
+    #[test]
+    fn counts_and_units_cut_the_runs() {
+        let units = Units::new(&ET1200, 0x00);
+        assert_eq!(units.run(&READABLE, 0x062F), (0x0630, Some(Gate::Open)));
+        assert_eq!(units.run(&READABLE, 0x0630), (0x0700, None));
+        assert_eq!(units.run(&READABLE, 0x0820), (0x0880, None));
+        // DC units switched off: receive times remain.
+        assert_eq!(units.run(&READABLE, 0x0900), (0x0910, Some(Gate::Open)));
+        assert_eq!(units.run(&READABLE, 0x0910), (0x0936, None));
+        assert!(Units::new(&ET1200, 0x08).run(&READABLE, 0x0910).1.is_some());
+        assert!(Units::new(&ET1200, 0x08).run(&READABLE, 0x0981).1.is_none());
+        // Only the enhanced SYNC activation has a status.
+        assert!(Units::new(&ET1200, 0x04).run(&READABLE, 0x0984).1.is_some());
+        assert!(Units::new(&ET1100, 0x04).run(&READABLE, 0x0984).1.is_none());
+        // The upper half of a 32-bit counter reads and is not writable.
+        let narrow = Units::new(&IP_CORE_32, 0);
+        assert!(narrow.run(&READABLE, 0x0914).1.is_some());
+        assert!(narrow.run(&ECAT_WRITABLE, 0x0914).1.is_none());
+        assert_eq!(narrow.run(&READABLE, 0x0FFF), (0x1000, Some(Gate::Open)));
+    }
+}

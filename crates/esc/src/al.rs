@@ -1,0 +1,91 @@
+//! The application layer registers: the handshake of AL control, and the events around it.
+
+use isocat_wire::register::{self, al_event};
+use isocat_wire::{AlControl, AlState, AlStatus};
+
+use crate::esc::ECAT_AL_STATUS;
+use crate::memory::Registers;
+
+/// The state of the handshake.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Al {
+    /// Device emulation: AL control is copied to AL status.
+    emulation: bool,
+    /// A request waits for the PDI.
+    requested: bool,
+    /// AL status changed and ECAT has not read it since.
+    status_changed: bool,
+    /// The process data watchdog expired and the PDI has not read it since.
+    watchdog: bool,
+}
+
+impl Al {
+    /// Nothing requested.
+    pub const fn new() -> Self {
+        Self { emulation: false, requested: false, status_changed: false, watchdog: false }
+    }
+
+    /// INIT, asked for and reached.
+    pub fn reset_registers(&self, registers: &mut Registers) {
+        registers.store(register::AL_CONTROL, AlControl::request(AlState::Init));
+        registers.store(register::AL_STATUS, AlStatus::new(AlState::Init));
+    }
+
+    /// Takes device emulation from register 0x0141.
+    pub fn set_emulation(&mut self, registers: &Registers) {
+        self.emulation = registers.load(register::ESC_CONFIGURATION) & 1 != 0;
+    }
+
+    /// Whether ECAT may write AL control: one request at a time.
+    pub const fn may_request(&self) -> bool {
+        self.emulation || !self.requested
+    }
+
+    /// Whether the PDI may write AL status.
+    pub const fn may_write_status(&self) -> bool {
+        !self.emulation
+    }
+
+    /// AL control was written, even if with the same value.
+    pub fn request(&mut self, registers: &mut Registers) {
+        if self.emulation {
+            let AlControl(control) = registers.load(register::AL_CONTROL);
+            let status = AlStatus(control & 0xFF);
+            self.status_changed |= registers.load(register::AL_STATUS) != status;
+            registers.store(register::AL_STATUS, status);
+        } else {
+            self.requested = true;
+        }
+    }
+
+    /// The PDI has read AL control.
+    pub fn acknowledge_request(&mut self) {
+        self.requested = false;
+    }
+
+    /// The PDI has written AL status.
+    pub fn change_status(&mut self) {
+        self.status_changed = true;
+    }
+
+    /// ECAT has read AL status.
+    pub fn acknowledge_status(&mut self) {
+        self.status_changed = false;
+    }
+
+    /// The process data watchdog expired, or the PDI has seen it.
+    pub fn set_watchdog_event(&mut self, expired: bool) {
+        self.watchdog = expired;
+    }
+
+    /// Its bits of the AL event request.
+    pub fn events(&self) -> u32 {
+        let bit = |set: bool, bit: u32| if set { bit } else { 0 };
+        bit(self.requested, al_event::AL_CONTROL) | bit(self.watchdog, al_event::WATCHDOG)
+    }
+
+    /// Its bits of the ECAT event request.
+    pub fn ecat_events(&self) -> u16 {
+        if self.status_changed { ECAT_AL_STATUS } else { 0 }
+    }
+}

@@ -1,0 +1,246 @@
+//! Chip profiles: what differs between the ESCs that devices are built with.
+
+use isocat_wire::register::features;
+use isocat_wire::{Nanos, Picos, PortNumber};
+
+/// One kind of ESC: its identification, its limits and its delays.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Chip {
+    /// The name on the package.
+    pub name: &'static str,
+    /// Register 0x0000.
+    pub kind: u8,
+    /// Register 0x0001.
+    pub revision: u8,
+    /// Register 0x0002.
+    pub build: u16,
+    /// Register 0x0004: number of FMMUs, 0..=16.
+    pub fmmu_count: u8,
+    /// Register 0x0005: number of SyncManagers, 0..=16.
+    pub sm_count: u8,
+    /// Register 0x0006: process RAM from 0x1000, KiB.
+    pub ram_kib: u8,
+    /// Register 0x0007: two bits a port, see [`Chip::port`].
+    pub port_descriptor: u8,
+    /// Register 0x0008, see [`isocat_wire::register::features`].
+    pub features: u16,
+    /// Which DC units exist beside the receive times.
+    pub dc_units: DcUnits,
+    /// Reset value of DL control, register 0x0100.
+    pub dl_control: u32,
+    /// Bytes that one EEPROM read gives, 4 or 8.
+    pub eeprom_read_len: u8,
+    /// Reserved bits of register 0x0502 that read 1.
+    pub eeprom_status_reserved: u16,
+    /// How long an EEPROM read keeps the interface busy. Setting: short, so that bring-up in virtual
+    /// time is not all EEPROM; a real I2C read of 8 bytes at 100 kHz takes about 1 ms.
+    pub eeprom_read_time: Nanos,
+    /// How long an EEPROM write keeps the interface busy. Setting: short; real parts burn some ms.
+    pub eeprom_write_time: Nanos,
+    /// From a port's receive stamp through the EPU to the transmitter of the next port, without PHYs.
+    pub processing_delay: Picos,
+    /// From a port's receive stamp to the transmitter of the next port, past the EPU, without PHYs.
+    pub forwarding_delay: Picos,
+    /// Through the PHY of an MII port, one way (receive or transmit). EBUS ports have none.
+    pub phy_delay: Picos,
+}
+
+/// Whether the system time, SYNC and latch units exist.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum DcUnits {
+    /// As SII word 0 says: bit 10 (0x0141 bit 2) switches SYNC, bit 11 (0x0141 bit 3) latch; without
+    /// either there is no system time.
+    ByEeprom,
+    /// All units exist whatever the EEPROM says.
+    Always,
+}
+
+/// What a port is built for, register 0x0007.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PortKind {
+    /// Not implemented.
+    None,
+    /// Not configured.
+    NotConfigured,
+    /// EBUS (LVDS).
+    Ebus,
+    /// MII, RMII or RGMII to a PHY.
+    Mii,
+}
+
+impl Chip {
+    /// What this port is built for.
+    pub const fn port(&self, port: PortNumber) -> PortKind {
+        match self.port_descriptor >> (2 * port.index()) & 0b11 {
+            0 => PortKind::None,
+            1 => PortKind::NotConfigured,
+            2 => PortKind::Ebus,
+            _ => PortKind::Mii,
+        }
+    }
+
+    /// Whether this port can have a link at all.
+    pub const fn has_port(&self, port: PortNumber) -> bool {
+        matches!(self.port(port), PortKind::Ebus | PortKind::Mii)
+    }
+
+    /// Time through the PHY of this port, one way.
+    pub const fn port_delay(&self, port: PortNumber) -> Picos {
+        match self.port(port) {
+            PortKind::Mii => self.phy_delay,
+            _ => Picos(0),
+        }
+    }
+
+    /// A feature bit of register 0x0008.
+    pub const fn has(&self, feature: u16) -> bool {
+        self.features & feature != 0
+    }
+
+    /// Whether DC counts 64 bits; else 32.
+    pub const fn counts_64_bit(&self) -> bool {
+        self.has(features::DC_64_BIT)
+    }
+}
+
+/// Beckhoff ET1100: 8 FMMUs, 8 SyncManagers, 8 KiB, DC with 64 bits, without the enhanced SYNC
+/// activation. Ports as on a bus coupler: MII, EBUS, MII.
+pub static ET1100: Chip = Chip {
+    name: "ET1100",
+    kind: 0x11,
+    revision: 0x00,
+    build: 0x0003,
+    fmmu_count: 8,
+    sm_count: 8,
+    ram_kib: 8,
+    port_descriptor: 0x3B,
+    features: 0x00FC,
+    dc_units: DcUnits::ByEeprom,
+    dl_control: 0x00C7_C001,
+    eeprom_read_len: 8,
+    eeprom_status_reserved: 0,
+    ..COMMON
+};
+
+/// Beckhoff ET1200: 3 FMMUs, 4 SyncManagers, 1 KiB, two EBUS ports.
+pub static ET1200: Chip = Chip {
+    name: "ET1200",
+    kind: 0x12,
+    revision: 0x01,
+    build: 0x0001,
+    fmmu_count: 3,
+    sm_count: 4,
+    ram_kib: 1,
+    port_descriptor: 0x4A,
+    features: 0x01FC,
+    dc_units: DcUnits::ByEeprom,
+    dl_control: 0x00C7_F001,
+    eeprom_read_len: 8,
+    eeprom_status_reserved: 0x0010,
+    ..COMMON
+};
+
+/// An IP core as built into a drive: 3 FMMUs, 4 SyncManagers, 4 KiB, DC with 32 bits.
+pub static IP_CORE_32: Chip = Chip {
+    name: "IP core, 32-bit DC",
+    kind: 0x04,
+    revision: 0x02,
+    build: 0x0043,
+    fmmu_count: 3,
+    sm_count: 4,
+    ram_kib: 4,
+    port_descriptor: 0x0F,
+    features: 0x0184,
+    dc_units: DcUnits::Always,
+    dl_control: 0x0007_F001,
+    eeprom_read_len: 4,
+    eeprom_status_reserved: 0,
+    ..COMMON
+};
+
+/// Microchip LAN9252: 3 FMMUs, 4 SyncManagers, 4 KiB, two ports with built-in PHYs. Its build number
+/// and its EEPROM read width are not confirmed by a capture; both follow the IP core it contains.
+pub static LAN9252: Chip = Chip {
+    name: "LAN9252",
+    kind: 0xC0,
+    revision: 0x02,
+    build: 0x0000,
+    fmmu_count: 3,
+    sm_count: 4,
+    ram_kib: 4,
+    port_descriptor: 0x0F,
+    features: 0x01CC,
+    dc_units: DcUnits::ByEeprom,
+    dl_control: 0x0007_F001,
+    eeprom_read_len: 4,
+    eeprom_status_reserved: 0,
+    ..COMMON
+};
+
+/// Infineon XMC4800: 8 FMMUs, 8 SyncManagers, 8 KiB, two MII ports. On the chip the CPU emulates the
+/// EEPROM; here it is a plain one.
+pub static XMC4800: Chip = Chip {
+    name: "XMC4800",
+    kind: 0x98,
+    revision: 0x01,
+    build: 0x0001,
+    fmmu_count: 8,
+    sm_count: 8,
+    ram_kib: 8,
+    port_descriptor: 0x0F,
+    features: 0x01CC,
+    dc_units: DcUnits::Always,
+    dl_control: 0x0007_C001,
+    eeprom_read_len: 8,
+    eeprom_status_reserved: 0,
+    ..COMMON
+};
+
+/// What the profiles share, mostly because nobody publishes it per chip.
+///
+/// The delays come from two captures. EBUS, three devices: the first sees a loop of 600 ns, the second
+/// one of 310 ns, so two processing passes take 310 ns and one processing plus one forwarding pass
+/// 290 ns. Two LAN9252: a loop of 1440 ns, two processing passes and four passes of a PHY.
+const COMMON: Chip = Chip {
+    name: "",
+    kind: 0,
+    revision: 0,
+    build: 0,
+    fmmu_count: 0,
+    sm_count: 0,
+    ram_kib: 0,
+    port_descriptor: 0,
+    features: 0,
+    dc_units: DcUnits::ByEeprom,
+    dl_control: 0x0007_C001,
+    eeprom_read_len: 8,
+    eeprom_status_reserved: 0,
+    eeprom_read_time: Nanos(20_000),
+    eeprom_write_time: Nanos(200_000),
+    processing_delay: Picos(155_000),
+    forwarding_delay: Picos(135_000),
+    phy_delay: Picos(280_000),
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ports_by_descriptor() {
+        use PortKind::*;
+        assert_eq!(PortNumber::ALL.map(|p| ET1100.port(p)), [Mii, Ebus, Mii, None]);
+        assert_eq!(PortNumber::ALL.map(|p| ET1200.port(p)), [Ebus, Ebus, None, NotConfigured]);
+        assert!(!ET1200.has_port(PortNumber::P3));
+    }
+
+    /// The captures that the delays come from, put together again.
+    #[test]
+    fn delays_give_the_captured_loops() {
+        let (process, forward) = (COMMON.processing_delay.0, COMMON.forwarding_delay.0);
+        assert_eq!(2 * process, 310_000);
+        assert_eq!(3 * process + forward, 600_000);
+        // Cables of about 1 m make up the last 10 ns of 1440.
+        assert_eq!(2 * process + 4 * COMMON.phy_delay.0, 1_430_000);
+    }
+}

@@ -1,0 +1,155 @@
+//! The local clock: a counter of 10 ns ticks whose speed two dividers trim.
+//!
+//! One divider adds a nanosecond every `start - difference + 2` ticks, the other takes one away every
+//! `start + difference + 2` ticks. That is the published relation between the speed counter and the
+//! speed, difference / (5 (start + difference + 2) (start - difference + 2)), made of whole
+//! nanoseconds: single ticks of 9, 10 or 11 ns. Between two changes of speed both the clock and its
+//! inverse are closed forms.
+
+use isocat_wire::Time;
+use isocat_wire::time::Device;
+
+/// Nanoseconds of the oscillator in one tick.
+pub(crate) const TICK: u64 = 10;
+
+/// A local clock since its last change of speed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Clock {
+    /// The tick of the last change of speed.
+    base: u64,
+    /// Local time at that tick.
+    local: u64,
+    gain: Divider,
+    loss: Divider,
+}
+
+impl Clock {
+    /// A clock that shows `local` at `now` and runs at nominal speed.
+    pub fn new(local: u64, now: Time<Device>) -> Self {
+        let divider = Divider::new(super::drift_loop::START, 0);
+        Self { base: tick(now), local, gain: divider, loss: divider }
+    }
+
+    /// Local time, ns in 64 bits. Before the last change of speed the nominal speed is assumed.
+    pub fn local(&self, at: Time<Device>) -> u64 {
+        let tick = tick(at);
+        match tick.checked_sub(self.base) {
+            Some(ticks) => self.local.wrapping_add(self.advance(ticks)),
+            None => self.local.wrapping_sub((self.base - tick).wrapping_mul(TICK)),
+        }
+    }
+
+    /// The first instant at or after `from` at which `span` ns of local time have passed since `from`;
+    /// the first tick not before `from` for a span of zero or less, never if no run lasts so long.
+    pub fn after(&self, from: Time<Device>, span: i64) -> Time<Device> {
+        if span <= 0 {
+            return ceil(from);
+        }
+        let from_tick = tick(from);
+        // From here on everything counts from `from`, so that the numbers are small.
+        let clock = self.rebased(from_tick);
+        let target = span as u64;
+        // Estimate with the mean speed, then correct: the dividers' phases are worth a few ticks.
+        let (plus, minus) = (u64::from(clock.gain.period), u64::from(clock.loss.period));
+        let area = plus * minus;
+        let speed = TICK * area + minus - plus;
+        let mut ticks = match target.checked_mul(area) {
+            Some(product) => product / speed,
+            None => (u128::from(target) * u128::from(area) / u128::from(speed)) as u64,
+        };
+        if ticks > FAR {
+            return Time::NEVER;
+        }
+        while ticks > 0 && clock.advance(ticks - 1) >= target {
+            ticks -= 1;
+        }
+        while clock.advance(ticks) < target {
+            ticks += 1;
+        }
+        Time::new((clock.base + ticks) * TICK)
+    }
+
+    /// Another speed from `now` on. The dividers keep their phase: a new period counts from their next
+    /// pulse on.
+    pub fn adjust(&mut self, now: Time<Device>, start: u16, difference: i16) {
+        *self = self.rebased(tick(now));
+        self.gain.period = Divider::new(start, -difference).period;
+        self.loss.period = Divider::new(start, difference).period;
+    }
+
+    /// The same clock counted from `tick` on; never from before its last change of speed.
+    fn rebased(&self, tick: u64) -> Self {
+        let base = tick.max(self.base);
+        let ticks = base - self.base;
+        Self {
+            base,
+            local: self.local.wrapping_add(self.advance(ticks)),
+            gain: self.gain.after(ticks),
+            loss: self.loss.after(ticks),
+        }
+    }
+
+    /// Nanoseconds that the local time gains in the first `ticks` since the base.
+    fn advance(&self, ticks: u64) -> u64 {
+        (ticks.wrapping_mul(TICK))
+            .wrapping_add(self.gain.pulses(ticks))
+            .wrapping_sub(self.loss.pulses(ticks))
+    }
+}
+
+/// A counter that gives a pulse once a period.
+#[derive(Clone, Copy, Debug)]
+struct Divider {
+    /// Ticks between two pulses.
+    period: u32,
+    /// Ticks from the base to the first pulse, 1 at least.
+    left: u32,
+}
+
+impl Divider {
+    fn new(start: u16, difference: i16) -> Self {
+        let start =
+            i32::from(start.clamp(super::drift_loop::START_MIN, super::drift_loop::START_MAX));
+        // The drift loop keeps the difference below the start; 1 keeps any other caller sane.
+        let period = (start + i32::from(difference) + 2).max(1) as u32;
+        Self { period, left: period }
+    }
+
+    /// Pulses in the first `ticks` since the base.
+    fn pulses(&self, ticks: u64) -> u64 {
+        match ticks.checked_sub(u64::from(self.left)) {
+            Some(rest) => 1 + divide(rest, self.period).0,
+            None => 0,
+        }
+    }
+
+    /// The same counter `ticks` later.
+    fn after(&self, ticks: u64) -> Self {
+        let left = match ticks.checked_sub(u64::from(self.left)) {
+            Some(rest) => self.period - divide(rest, self.period).1,
+            None => self.left - ticks as u32,
+        };
+        Self { left, ..*self }
+    }
+}
+
+/// Quotient and remainder; most spans fit 32 bits, which divide several times as fast.
+fn divide(number: u64, by: u32) -> (u64, u32) {
+    match u32::try_from(number) {
+        Ok(number) => (u64::from(number / by), number % by),
+        Err(_) => (number / u64::from(by), (number % u64::from(by)) as u32),
+    }
+}
+
+/// The tick that an instant lies in.
+pub(crate) fn tick(at: Time<Device>) -> u64 {
+    at.count() / TICK
+}
+
+/// The first tick at or after an instant.
+pub(crate) fn ceil(at: Time<Device>) -> Time<Device> {
+    Time::new(at.count().div_ceil(TICK).saturating_mul(TICK))
+}
+
+/// More ticks than any run has (2900 years).
+const FAR: u64 = u64::MAX / TICK / 20;

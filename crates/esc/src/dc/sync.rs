@@ -1,0 +1,294 @@
+//! The SYNC unit: SYNC0 and SYNC1 pulses at system times.
+//!
+//! Times in here are local time plus offset in 64 bits whatever the width of the counter: on a 32-bit
+//! ESC a start time is placed into them at activation, so that later only one kind of arithmetic is
+//! needed.
+
+use isocat_wire::Time;
+use isocat_wire::dc::{ActivationStatus, SyncActivation};
+use isocat_wire::register::{self, al_event};
+use isocat_wire::time::Device;
+
+use super::clock::{TICK, ceil};
+use crate::memory::Registers;
+
+/// An edge of a SYNC signal.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Output {
+    /// SYNC0 became active.
+    Sync0,
+    /// SYNC1 became active.
+    Sync1,
+}
+
+/// Where an activation happens.
+pub(crate) struct Start {
+    /// The instant.
+    pub now: Time<Device>,
+    /// The system time then, in 64 bits.
+    pub system: u64,
+    /// 64-bit counter.
+    pub wide: bool,
+    /// Bits 7:3 of 0x0981 exist.
+    pub enhanced: bool,
+}
+
+/// The state of the unit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SyncUnit {
+    active: bool,
+    sync0: Train,
+    sync1: Train,
+    /// The start time as written; while the unit runs, its register shows the next pulse.
+    start: u64,
+    implausible: bool,
+    /// Debug pulses that wait, and since when.
+    debug: u8,
+    debug_at: Time<Device>,
+}
+
+/// One of the two signals.
+#[derive(Clone, Copy, Debug)]
+struct Train {
+    /// System time of the next pulse, if one is planned.
+    next: Option<u64>,
+    /// The instant of it.
+    due: Time<Device>,
+    /// The first pulse of an enabled output is still to come.
+    pending: bool,
+    /// The first pulse, given out or not, has passed.
+    started: bool,
+    /// When the signal falls: never, until acknowledged.
+    until: Time<Device>,
+}
+
+impl Train {
+    const REST: Self =
+        Self { next: None, due: Time::NEVER, pending: false, started: false, until: Time::ZERO };
+
+    /// A pulse begins; whether that is an edge. Length 0: until acknowledged.
+    fn raise(&mut self, now: Time<Device>, length: u16) -> bool {
+        let edge = now >= self.until;
+        self.until = match length {
+            0 => Time::NEVER,
+            ticks => Time::new(now.count().saturating_add(u64::from(ticks) * TICK)),
+        };
+        edge
+    }
+
+    fn plan(&mut self, instant: &impl Fn(u64) -> Time<Device>) {
+        self.due = self.next.map_or(Time::NEVER, instant);
+    }
+}
+
+impl SyncUnit {
+    /// At rest.
+    pub const fn new() -> Self {
+        Self {
+            active: false,
+            sync0: Train::REST,
+            sync1: Train::REST,
+            start: 0,
+            implausible: false,
+            debug: 0,
+            debug_at: Time::NEVER,
+        }
+    }
+
+    /// The activation register (already in force in `registers`) or the start time was written.
+    pub fn activate(&mut self, at: Start, start_written: bool, registers: &mut Registers) {
+        let mut bits = registers.load(register::SYNC_ACTIVATION).0;
+        if !at.enhanced {
+            bits &= 0x07;
+        }
+        if start_written && bits & SyncActivation::AUTO != 0 {
+            bits |= SyncActivation::ACTIVE;
+        }
+        if bits & SyncActivation::DEBUG_PULSE != 0 {
+            bits &= !SyncActivation::DEBUG_PULSE;
+            self.debug = bits & (SyncActivation::SYNC0 | SyncActivation::SYNC1);
+            self.debug_at = if self.debug == 0 { Time::NEVER } else { ceil(at.now) };
+        }
+        registers.store(register::SYNC_ACTIVATION, SyncActivation(bits));
+        let active = bits & SyncActivation::ACTIVE != 0;
+        if active && !self.active {
+            self.start(&at, bits, registers);
+        } else if !active && self.active {
+            (self.sync0, self.sync1) = (Train::REST, Train::REST);
+            self.implausible = false;
+            registers.store(register::SYNC_START_TIME, self.start);
+        }
+        self.active = active;
+    }
+
+    fn start(&mut self, at: &Start, bits: u8, registers: &Registers) {
+        let written = registers.load(register::SYNC_START_TIME);
+        self.start = written;
+        // How far ahead the start lies, in the width that counts.
+        let narrow = !at.wide || bits & SyncActivation::EXTEND != 0;
+        let ahead = written.wrapping_sub(at.system);
+        let ahead = if narrow { u64::from(ahead as u32) } else { ahead };
+        let near =
+            if narrow || bits & SyncActivation::NEAR_FUTURE != 0 { 1 << 31 } else { 1 << 63 };
+        self.implausible = ahead >= near;
+        let at_once = self.implausible && bits & SyncActivation::PLAUSIBILITY != 0;
+        let first = match ahead {
+            _ if at_once => Some(at.system),
+            // In the past of a 64-bit counter: reached again in centuries.
+            ahead if ahead >= 1 << 63 => None,
+            ahead => Some(at.system.wrapping_add(ahead)),
+        };
+        let pending = |bit: u8| bits & bit != 0;
+        self.sync0 = Train { next: first, pending: pending(SyncActivation::SYNC0), ..Train::REST };
+        self.sync1 = Train { pending: pending(SyncActivation::SYNC1), ..Train::REST };
+    }
+
+    /// The offset was changed and the system time has jumped to `system`. Pulses that it jumped over
+    /// are missed.
+    pub fn jump(&mut self, now: Time<Device>, cycle: u64, system: u64, wide: bool) {
+        if let Some(next) = self.sync0.next {
+            let behind = system.wrapping_sub(next) as i64;
+            if behind > 0 && self.sync0.due > now {
+                // A start that was jumped over comes again when the counter has gone round.
+                let round = if wide { 0 } else { 1 << 32 };
+                let step = if self.sync0.started && cycle > 0 { cycle } else { round };
+                self.sync0.next = (step > 0)
+                    .then(|| next.wrapping_add((behind as u64).div_ceil(step).wrapping_mul(step)));
+            }
+        }
+        if let Some(next) = self.sync1.next {
+            if system.wrapping_sub(next) as i64 > 0 && self.sync1.due > now {
+                self.sync1.next = None;
+            }
+        }
+    }
+
+    /// Places the due times, `instant` being the first instant at which the system time has reached its
+    /// argument.
+    pub fn schedule(&mut self, instant: impl Fn(u64) -> Time<Device>) {
+        if self.active {
+            self.sync0.plan(&instant);
+            self.sync1.plan(&instant);
+        }
+    }
+
+    /// When [`Self::fire`] is due.
+    pub fn due(&self) -> Time<Device> {
+        self.sync0.due.min(self.sync1.due).min(self.debug_at)
+    }
+
+    /// Handles the earliest due time, at which the system time is `system`. Gives the edge, if it makes
+    /// one: an output may be off, or its signal still active from the pulse before.
+    pub fn fire(&mut self, system: u64, registers: &Registers) -> Option<Output> {
+        let bits = registers.load(register::SYNC_ACTIVATION);
+        let length = registers.load(register::SYNC_PULSE_LENGTH);
+        let now = self.due();
+        if self.debug_at == now {
+            return self.fire_debug(now, length);
+        }
+        let (next0, next1) = (self.sync0.next, self.sync1.next);
+        // On one tick the earlier target goes first; at one target SYNC0 does, since the SYNC0 that
+        // coincides with SYNC1 must not arm it again.
+        let sync0_first = self.sync0.due == now
+            && (self.sync1.due > now
+                || match (next0, next1) {
+                    (Some(next0), Some(next1)) => next1.wrapping_sub(next0) as i64 >= 0,
+                    _ => true,
+                });
+        if !sync0_first {
+            self.sync1.next = None;
+            self.sync1.pending = false;
+            let edge = bits.sync1() && self.sync1.raise(now, length);
+            return edge.then_some(Output::Sync1);
+        }
+        let target = next0?;
+        (self.sync0.pending, self.sync0.started) = (false, true);
+        if self.sync1.next.is_none() && bits.sync1() {
+            let delay = registers.load(register::SYNC1_CYCLE);
+            self.sync1.next = Some(target.wrapping_add(u64::from(delay)));
+        }
+        let cycle = u64::from(registers.load(register::SYNC0_CYCLE));
+        self.sync0.next = (cycle > 0).then(|| {
+            let next = target.wrapping_add(cycle);
+            let behind = system.wrapping_sub(next) as i64;
+            // A cycle below a tick gives one pulse a tick.
+            if behind < 0 {
+                next
+            } else {
+                next.wrapping_add((behind as u64 / cycle + 1).wrapping_mul(cycle))
+            }
+        });
+        let edge = bits.sync0() && self.sync0.raise(now, length);
+        edge.then_some(Output::Sync0)
+    }
+
+    fn fire_debug(&mut self, now: Time<Device>, length: u16) -> Option<Output> {
+        let sync0 = self.debug & SyncActivation::SYNC0 != 0;
+        self.debug &= if sync0 { !SyncActivation::SYNC0 } else { 0 };
+        if self.debug == 0 {
+            self.debug_at = Time::NEVER;
+        }
+        if sync0 {
+            self.sync0.raise(now, length).then_some(Output::Sync0)
+        } else {
+            self.sync1.raise(now, length).then_some(Output::Sync1)
+        }
+    }
+
+    /// The PDI has read 0x098E (SYNC0) or 0x098F (SYNC1): in acknowledge mode the signal falls.
+    pub fn acknowledge(&mut self, output: Output) {
+        let train = match output {
+            Output::Sync0 => &mut self.sync0,
+            Output::Sync1 => &mut self.sync1,
+        };
+        if train.until == Time::NEVER {
+            train.until = Time::ZERO;
+        }
+    }
+
+    /// The SYNC bits of the AL event request: the state of the signals that 0x0151 maps there.
+    pub fn al_events(&self, now: Time<Device>, registers: &Registers) -> u32 {
+        let mapping = registers.load(register::SYNC_LATCH_CONFIGURATION);
+        let mut events = 0;
+        if mapping & 0x08 != 0 && now < self.sync0.until {
+            events |= al_event::SYNC0;
+        }
+        if mapping & 0x80 != 0 && now < self.sync1.until {
+            events |= al_event::SYNC1;
+        }
+        events
+    }
+
+    /// Writes the registers that the unit shows.
+    pub fn show(&self, now: Time<Device>, wide: bool, registers: &mut Registers) {
+        let status = u8::from(self.sync0.pending)
+            | u8::from(self.sync1.pending) << 1
+            | u8::from(self.implausible) << 2;
+        registers.store(register::ACTIVATION_STATUS, ActivationStatus(status));
+        let acknowledge_mode = registers.load(register::SYNC_PULSE_LENGTH) == 0;
+        let state = |train: &Train| u8::from(acknowledge_mode && now < train.until);
+        registers.store(register::SYNC0_STATUS, state(&self.sync0));
+        registers.store(register::SYNC1_STATUS, state(&self.sync1));
+        let narrow = |time: u64| if wide { time } else { time & 0xFFFF_FFFF };
+        if let Some(next) = self.sync0.next {
+            registers.store(register::SYNC_START_TIME, narrow(next));
+        }
+        let armed_by_next = self
+            .sync0
+            .next
+            .filter(|_| self.sync1_on(registers))
+            .map(|next| next.wrapping_add(u64::from(registers.load(register::SYNC1_CYCLE))));
+        if let Some(next) = self.sync1.next.or(armed_by_next) {
+            registers.store(register::SYNC1_NEXT, narrow(next));
+        }
+    }
+
+    fn sync1_on(&self, registers: &Registers) -> bool {
+        self.active && registers.load(register::SYNC_ACTIVATION).sync1()
+    }
+
+    /// Whether 0x0981 bit 0 is in force.
+    pub const fn is_active(&self) -> bool {
+        self.active
+    }
+}

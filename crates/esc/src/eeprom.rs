@@ -1,0 +1,136 @@
+//! The EEPROM interface (0x0500-0x050F) and what the ESC loads from the EEPROM by itself.
+
+use isocat_wire::Time;
+use isocat_wire::eeprom::EepromStatus;
+use isocat_wire::register;
+use isocat_wire::sii::{self, word};
+use isocat_wire::time::Device;
+
+use crate::chip::Chip;
+use crate::memory::Registers;
+use crate::sync_manager::Side;
+
+/// The state of the interface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Eeprom {
+    /// The command under way and when it is done.
+    job: Option<(u16, Time<Device>)>,
+    /// Status bits 14:11.
+    errors: u16,
+    /// Status bits that never change.
+    fixed: u16,
+}
+
+impl Eeprom {
+    /// An idle interface to an image of `len` bytes.
+    pub const fn new(chip: &Chip, len: usize) -> Self {
+        let mut fixed = chip.eeprom_status_reserved;
+        if chip.eeprom_read_len == 8 {
+            fixed |= EepromStatus::READS_8_BYTES;
+        }
+        if len > 2048 {
+            fixed |= EepromStatus::TWO_ADDRESS_BYTES;
+        }
+        Self { job: None, errors: 0, fixed }
+    }
+
+    /// Whether `side` may write 0x0502-0x050F now.
+    pub fn may_write(&self, side: Side, registers: &Registers) -> bool {
+        let configuration = registers.load(register::EEPROM_CONFIGURATION);
+        let taken = registers.load(register::EEPROM_PDI_ACCESS) & 1 != 0;
+        let owner = match side {
+            Side::Ecat => configuration & 1 == 0 && !taken,
+            Side::Pdi => taken,
+        };
+        owner && self.job.is_none()
+    }
+
+    /// Whether the PDI may take the interface; giving it back is always allowed.
+    pub fn may_take(registers: &Registers) -> bool {
+        registers.load(register::EEPROM_CONFIGURATION) & 0b11 == 0b01
+    }
+
+    /// A control word was written to 0x0502.
+    pub fn command(&mut self, control: u16, now: Time<Device>, chip: &Chip) {
+        self.errors &= !(EepromStatus::COMMAND_ERROR | EepromStatus::WRITE_ENABLE_ERROR);
+        let command = control & EepromStatus::COMMAND;
+        let time = match command {
+            0 => return,
+            EepromStatus::READ | EepromStatus::RELOAD => chip.eeprom_read_time,
+            EepromStatus::WRITE if control & EepromStatus::WRITE_ENABLE == 0 => {
+                self.errors |= EepromStatus::WRITE_ENABLE_ERROR;
+                return;
+            }
+            EepromStatus::WRITE => chip.eeprom_write_time,
+            _ => {
+                self.errors |= EepromStatus::COMMAND_ERROR;
+                return;
+            }
+        };
+        self.job = Some((command, now + time));
+    }
+
+    /// When the command under way is done.
+    pub fn due(&self) -> Time<Device> {
+        self.job.map_or(Time::NEVER, |(_, due)| due)
+    }
+
+    /// The command under way is done. Returns whether the configuration area was loaded.
+    pub fn finish(&mut self, image: &mut [u8], chip: &Chip, registers: &mut Registers) -> bool {
+        let Some((command, _)) = self.job.take() else { return false };
+        let address = u64::from(registers.load(register::EEPROM_ADDRESS)) * 2;
+        let from = usize::try_from(address).unwrap_or(usize::MAX);
+        match command {
+            EepromStatus::READ => {
+                let mut data = registers.load(register::EEPROM_DATA).to_le_bytes();
+                let len = usize::from(chip.eeprom_read_len).min(data.len());
+                for (at, byte) in data[..len].iter_mut().enumerate() {
+                    // An erased cell, also beyond the end.
+                    *byte = image.get(from.saturating_add(at)).copied().unwrap_or(0xFF);
+                }
+                registers.store(register::EEPROM_DATA, u64::from_le_bytes(data));
+            }
+            EepromStatus::WRITE => {
+                let data = registers.load(register::EEPROM_DATA).to_le_bytes();
+                if let Some(cells) = image.get_mut(from..from.saturating_add(2)) {
+                    cells.copy_from_slice(&data[..2]);
+                }
+            }
+            _ => return self.load(image, registers),
+        }
+        false
+    }
+
+    /// Loads the configuration area into 0x0140-0x0152 and 0x0982, if its checksum is right. The alias
+    /// and the link detection bits are the caller's: they are loaded at power-on only.
+    pub fn load(&mut self, image: &[u8], registers: &mut Registers) -> bool {
+        self.errors |= EepromStatus::CHECKSUM_ERROR | EepromStatus::NOT_LOADED;
+        let Some(area) = configuration(image) else { return false };
+        self.errors &= !(EepromStatus::CHECKSUM_ERROR | EepromStatus::NOT_LOADED);
+        registers.store(register::PDI_CONTROL, area[0]);
+        registers.store(register::ESC_CONFIGURATION, area[1]);
+        registers.store(register::PDI_CONFIGURATION, area[2]);
+        registers.store(register::SYNC_LATCH_CONFIGURATION, area[3]);
+        registers.store(register::SYNC_PULSE_LENGTH, u16::from_le_bytes([area[4], area[5]]));
+        registers
+            .store(register::EXTENDED_PDI_CONFIGURATION, u16::from_le_bytes([area[6], area[7]]));
+        true
+    }
+
+    /// Writes register 0x0502.
+    pub fn show(&self, registers: &mut Registers) {
+        let job = self.job.map_or(0, |(command, _)| command | EepromStatus::BUSY);
+        registers.store(register::EEPROM_STATUS, EepromStatus(self.fixed | self.errors | job));
+    }
+}
+
+/// Words 0 to 6, if their checksum is right or switched off.
+pub(crate) fn configuration(image: &[u8]) -> Option<&[u8; 14]> {
+    let area: &[u8; 14] = image.first_chunk()?;
+    let at = 2 * usize::from(word::CHECKSUM);
+    let stored: [u8; 2] = image.get(at..at + 2)?.try_into().ok()?;
+    (stored[0] == sii::checksum(area) || u16::from_le_bytes(stored) == CHECKSUM_OFF).then_some(area)
+}
+
+/// A checksum word that is never wrong, for development.
+const CHECKSUM_OFF: u16 = 0x88A4;

@@ -1,0 +1,471 @@
+//! One ESC: its parts, its events in the order of time, and the end of a frame.
+
+use isocat_wire::dl::DlStatus;
+use isocat_wire::register::{self, Register, Value, al_event};
+use isocat_wire::time::{Dc, Device, Local};
+use isocat_wire::{AlStatus, PortNumber, Time};
+
+use crate::access::Units;
+use crate::al::Al;
+use crate::chip::Chip;
+use crate::dc::DcUnit;
+use crate::dc::sync::Output;
+use crate::dl::{self, Ports};
+use crate::eeprom::{self, Eeprom};
+use crate::fmmu::Fmmus;
+use crate::memory::{Registers, Shadow};
+use crate::pdi::EscPdi;
+use crate::sync_manager::SyncManagers;
+use crate::watchdog::Watchdog;
+
+/// An EtherCAT SubDevice Controller.
+///
+/// `M` holds the EEPROM image and the process RAM: a `Vec<u8>`, a boxed slice, a `&mut [u8]`.
+///
+/// - ECAT side: [`process`](Self::process), [`receive_at_port`](Self::receive_at_port),
+///   [`set_port`](Self::set_port), [`count_error`](Self::count_error);
+/// - own events: [`next_event`](Self::next_event), [`step`](Self::step);
+/// - PDI side: [`pdi`](Self::pdi);
+/// - looking in from outside, without any side effect: [`register`](Self::register),
+///   [`dl_status`](Self::dl_status), [`local_time`](Self::local_time), [`system_time`](Self::system_time),
+///   [`first_reaching`](Self::first_reaching).
+///
+/// **Time** is an argument everywhere and must not go back. Before anything is done at an instant,
+/// `step` has to be called with it until it returns `None`, so that what fell due before has happened.
+pub struct Esc<M> {
+    pub(crate) chip: &'static Chip,
+    pub(crate) registers: Registers,
+    pub(crate) shadow: Shadow,
+    pub(crate) ram: M,
+    /// Bytes of `ram` that exist for both sides.
+    pub(crate) ram_len: usize,
+    pub(crate) image: M,
+    pub(crate) units: Units,
+    pub(crate) sync_managers: SyncManagers,
+    pub(crate) fmmus: Fmmus,
+    pub(crate) al: Al,
+    pub(crate) eeprom: Eeprom,
+    pub(crate) dc: DcUnit,
+    pub(crate) flight: Flight,
+    /// Progress of the reset sequence from ECAT and from the PDI.
+    pub(crate) reset_progress: [u8; 2],
+    pub(crate) pdi_watchdog: Watchdog,
+    pub(crate) pdi_system_time: u64,
+    pub(crate) ports: Ports,
+    pub(crate) watchdog: Watchdog,
+    /// DL status changed and ECAT has not read it since.
+    pub(crate) dl_changed: bool,
+    /// What happened beside the event just reported.
+    pub(crate) overdue: Option<(Time<Device>, EscEvent)>,
+}
+
+/// The frame in flight.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Flight {
+    pub start: Time<Device>,
+    /// When its effects come into force; never if it has none.
+    pub end: Time<Device>,
+    /// ECAT events that it acknowledged by reading.
+    pub acknowledged: u16,
+    /// It wrote a write enable register: 0x0020, 0x0030.
+    pub enabled: [bool; 2],
+    /// PDI control bytes that the PDI wrote meanwhile, and for which SyncManagers.
+    pub pdi_control: [u8; 16],
+    pub pdi_control_written: u16,
+}
+
+impl Flight {
+    /// No frame.
+    pub const NONE: Self = Self {
+        start: Time::ZERO,
+        end: Time::NEVER,
+        acknowledged: 0,
+        enabled: [false; 2],
+        pdi_control: [0; 16],
+        pdi_control_written: 0,
+    };
+}
+
+/// Something that an ESC does by itself at an instant.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum EscEvent {
+    /// A good frame has ended and its effects came into force.
+    FrameEnd {
+        /// Bits of the AL event request (0x0220) that it newly set, whatever their mask.
+        al_events: u32,
+    },
+    /// A loop opened or closed: see [`Esc::dl_status`].
+    Ports,
+    /// SYNC0 became active.
+    Sync0,
+    /// SYNC1 became active.
+    Sync1,
+    /// The process data watchdog expired.
+    WatchdogExpired,
+    /// The PDI watchdog expired.
+    PdiWatchdogExpired,
+    /// An EEPROM command is done.
+    EepromDone,
+    /// A reset sequence was written: the ESC starts anew. Its links stay as they are.
+    Reset,
+}
+
+/// A fault that a port saw, by the counter that counts it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PortError {
+    /// Registers 0x0300, 0x0302...: a frame with a wrong check sequence.
+    InvalidFrame,
+    /// Registers 0x0301, 0x0303...: the PHY reported an error.
+    RxError,
+    /// Registers 0x0308...: a frame that an ESC before this one had marked as wrong.
+    Forwarded,
+}
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
+    /// Power-on at device time zero, with the local time at zero too. The configuration area is loaded
+    /// from `eeprom`; `ram` is the process RAM from 0x1000 on (what the chip has beyond it does not
+    /// exist, what `ram` has beyond the chip is not used).
+    pub fn new(chip: &'static Chip, eeprom: M, ram: M) -> Self {
+        let mut registers = Registers::new();
+        let mut esc = Self {
+            chip,
+            sync_managers: SyncManagers::new(chip.sm_count, &mut registers),
+            registers,
+            shadow: Shadow::new(),
+            units: Units::new(chip, 0),
+            fmmus: Fmmus::new(chip.fmmu_count),
+            al: Al::new(),
+            eeprom: Eeprom::new(chip, eeprom.as_ref().len()),
+            dc: DcUnit::new(chip, 0, Time::ZERO),
+            ram_len: 0,
+            ram,
+            image: eeprom,
+            flight: Flight::NONE,
+            reset_progress: [0; 2],
+            pdi_watchdog: Watchdog::new(register::WATCHDOG_TIME_PDI),
+            pdi_system_time: 0,
+            ports: Ports::new(),
+            watchdog: Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA),
+            dl_changed: false,
+            overdue: None,
+        };
+        esc.start(Time::ZERO, 0);
+        esc
+    }
+
+    /// The same ESC with its local time at `local` at device time zero.
+    pub fn with_local_time(mut self, local: Time<Local>) -> Self {
+        self.dc = DcUnit::new(self.chip, local.count(), Time::ZERO);
+        self
+    }
+
+    /// Everything from the beginning, but links and RAM.
+    fn start(&mut self, now: Time<Device>, local: u64) {
+        let chip = self.chip;
+        self.registers = Registers::new();
+        let registers = &mut self.registers;
+        self.ram_len = self.ram.as_ref().len().min(usize::from(chip.ram_kib) * 1024);
+        registers.store(register::TYPE, chip.kind);
+        registers.store(register::REVISION, chip.revision);
+        registers.store(register::BUILD, chip.build);
+        registers.store(register::FMMU_COUNT, chip.fmmu_count);
+        registers.store(register::SM_COUNT, chip.sm_count);
+        registers.store(register::RAM_SIZE, (self.ram_len / 1024) as u8);
+        registers.store(register::PORT_DESCRIPTOR, chip.port_descriptor);
+        registers.store(register::FEATURES, chip.features);
+        registers.store(register::DL_CONTROL, chip.dl_control);
+        registers.store(register::AL_EVENT_MASK, AL_EVENT_MASK);
+        registers.store(register::WATCHDOG_DIVIDER, WATCHDOG_DIVIDER);
+        registers.store(register::WATCHDOG_TIME_PDI, WATCHDOG_TIME);
+        registers.store(register::WATCHDOG_TIME_PROCESS_DATA, WATCHDOG_TIME);
+        self.al = Al::new();
+        self.al.reset_registers(registers);
+        self.sync_managers = SyncManagers::new(chip.sm_count, registers);
+        self.fmmus = Fmmus::new(chip.fmmu_count);
+        self.shadow.clear();
+        self.flight = Flight::NONE;
+        self.reset_progress = [0; 2];
+        self.watchdog = Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA);
+        self.pdi_watchdog = Watchdog::new(register::WATCHDOG_TIME_PDI);
+        self.dc = DcUnit::new(chip, local, now);
+        self.dc.reset_registers(registers);
+        self.eeprom = Eeprom::new(chip, self.image.as_ref().len());
+        self.load_configuration();
+        if let Some(area) = eeprom::configuration(self.image.as_ref()) {
+            let registers = &mut self.registers;
+            let alias = 2 * ALIAS_WORD;
+            registers
+                .store(register::STATION_ALIAS, u16::from_le_bytes([area[alias], area[alias + 1]]));
+            dl::set_status(registers, DlStatus::ENHANCED_LINK, area[1] & 0xF2 != 0);
+        }
+        self.eeprom.show(&mut self.registers);
+        self.ports.update(chip, &mut self.registers, true);
+        self.dl_changed = false;
+    }
+
+    /// Loads the EEPROM's configuration area into the registers.
+    fn load_configuration(&mut self) {
+        let registers = &mut self.registers;
+        let loaded = self.eeprom.load(self.image.as_ref(), registers);
+        dl::set_status(registers, DlStatus::PDI_OPERATIONAL, loaded);
+        let information = if loaded { PDI_INFORMATION_LOADED } else { 0 };
+        registers.store(register::PDI_INFORMATION, information);
+        self.units = Units::new(self.chip, registers.load(register::ESC_CONFIGURATION));
+        self.al.set_emulation(registers);
+    }
+
+    /// A frame that wrote 0x0900 (see [`Processed::latch_ports`](crate::Processed)) arrived, with its
+    /// first preamble bit, at this port: on its way in, or coming back from the branch behind the port.
+    pub fn receive_at_port(&mut self, port: PortNumber, at: Time<Device>) {
+        self.dc.receive_at_port(port, at, &mut self.registers);
+    }
+
+    /// A cable was plugged or unplugged. A port that the chip has not is ignored.
+    pub fn set_port(&mut self, port: PortNumber, link: bool) {
+        if self.ports.set_link(port, link, &self.registers) {
+            count(&mut self.registers, 0x0310 + port.index() as u16);
+        }
+        self.dl_changed |= self.ports.update(self.chip, &mut self.registers, false);
+    }
+
+    /// A port saw a fault.
+    pub fn count_error(&mut self, port: PortNumber, error: PortError) {
+        let port = port.index() as u16;
+        let counter = match error {
+            PortError::InvalidFrame => 0x0300 + 2 * port,
+            PortError::RxError => 0x0301 + 2 * port,
+            PortError::Forwarded => 0x0308 + port,
+        };
+        count(&mut self.registers, counter);
+    }
+
+    /// When the next own event is due: [`step`](Self::step) does something then. Never, if nothing is.
+    pub fn next_event(&self) -> Time<Device> {
+        match self.overdue {
+            Some((at, _)) => at,
+            None => self.earliest().0,
+        }
+    }
+
+    /// Handles the earliest own event at or before `limit` and names it; `None` when none is left.
+    pub fn step(&mut self, limit: Time<Device>) -> Option<(Time<Device>, EscEvent)> {
+        loop {
+            if self.overdue.is_some_and(|(at, _)| at <= limit) {
+                return self.overdue.take();
+            }
+            let (at, due) = self.earliest();
+            if at > limit || at == Time::NEVER {
+                return None;
+            }
+            if let Some(event) = self.handle(due) {
+                return Some((at, event));
+            }
+        }
+    }
+
+    /// The local CPU's access at `now`.
+    pub fn pdi(&mut self, now: Time<Device>) -> EscPdi<'_, M> {
+        self.settle(now);
+        EscPdi::new(self, now)
+    }
+
+    /// The AL event request (0x0220) at `now`.
+    pub fn al_events(&self, now: Time<Device>) -> u32 {
+        self.al.events()
+            | self.sync_managers.al_events()
+            | self.dc.sync.al_events(now, &self.registers)
+    }
+
+    /// A register's value in force, without the side effects of a read. Times that run (0x0910,
+    /// 0x0990...) are as the last access left them.
+    pub fn register<T: Value>(&self, register: Register<T>) -> T {
+        self.registers.load(register)
+    }
+
+    /// Register 0x0110: which ports frames leave through.
+    pub fn dl_status(&self) -> DlStatus {
+        self.registers.load(register::DL_STATUS)
+    }
+
+    /// Register 0x0130.
+    pub fn al_status(&self) -> AlStatus {
+        self.registers.load(register::AL_STATUS)
+    }
+
+    /// What kind of ESC it is.
+    pub fn chip(&self) -> &'static Chip {
+        self.chip
+    }
+
+    /// The EEPROM image with everything written to it.
+    pub fn eeprom(&self) -> &[u8] {
+        self.image.as_ref()
+    }
+
+    /// Local time (0x0900), in the width of this ESC's counter.
+    pub fn local_time(&self, at: Time<Device>) -> Time<Local> {
+        self.dc.local_time(at)
+    }
+
+    /// Local time plus offset, in the width of this ESC's counter.
+    pub fn system_time(&self, at: Time<Device>) -> Time<Dc> {
+        self.dc.system_time(at)
+    }
+
+    /// The first instant at or after `from`, on its tick, at which the system time has reached
+    /// `system`; half the counter's range back counts as reached.
+    pub fn first_reaching(&self, system: Time<Dc>, from: Time<Device>) -> Time<Device> {
+        self.dc.first_reaching(system, from)
+    }
+
+    /// Whether the SYNC unit is active (0x0981 bit 0).
+    pub fn sync_active(&self) -> bool {
+        self.dc.sync.is_active()
+    }
+
+    /// Applies the end of the frame in flight if it is over, whoever forgot to `step` to it.
+    pub(crate) fn settle(&mut self, now: Time<Device>) {
+        if self.flight.end <= now && self.flight.end != Time::NEVER {
+            let end = self.flight.end;
+            let event = self.end_frame();
+            self.overdue = self.overdue.or(Some((end, event)));
+        }
+    }
+
+    /// The ECAT event request (0x0210).
+    pub(crate) fn ecat_events(&self) -> u16 {
+        u16::from(self.dl_changed) << 2 | self.al.ecat_events() | self.sync_managers.ecat_events()
+    }
+
+    /// Starts a reset sequence or goes on with it; `side` 0 is ECAT, 1 the PDI.
+    /// Returns whether it is complete and everything is at its beginning.
+    pub(crate) fn advance_reset(&mut self, side: usize, written: u8, now: Time<Device>) -> bool {
+        let progress = usize::from(self.reset_progress[side]);
+        self.reset_progress[side] = if RESET_SEQUENCE[progress] == written {
+            progress as u8 + 1
+        } else {
+            u8::from(RESET_SEQUENCE[0] == written)
+        };
+        let complete = usize::from(self.reset_progress[side]) == RESET_SEQUENCE.len();
+        if complete {
+            self.start(now, 0);
+            self.overdue = Some((now, EscEvent::Reset));
+        }
+        let address = register::ESC_RESET_ECAT.address + side as u16;
+        self.registers.set_byte(address, self.reset_progress[side]);
+        complete
+    }
+
+    fn earliest(&self) -> (Time<Device>, Due) {
+        let mut earliest = (self.flight.end, Due::FrameEnd);
+        for other in [
+            (self.dc.sync.due(), Due::Sync),
+            (self.watchdog.due(), Due::Watchdog),
+            (self.pdi_watchdog.due(), Due::PdiWatchdog),
+            (self.eeprom.due(), Due::Eeprom),
+            (self.ports.due(), Due::Loops),
+        ] {
+            if other.0 < earliest.0 {
+                earliest = other;
+            }
+        }
+        earliest
+    }
+
+    fn handle(&mut self, due: Due) -> Option<EscEvent> {
+        match due {
+            Due::FrameEnd => Some(self.end_frame()),
+            Due::Sync => self.dc.fire(&self.registers).map(|output| match output {
+                Output::Sync0 => EscEvent::Sync0,
+                Output::Sync1 => EscEvent::Sync1,
+            }),
+            Due::Watchdog => {
+                self.watchdog.expire();
+                self.al.set_watchdog_event(true);
+                count(&mut self.registers, register::WATCHDOG_COUNTER_PROCESS_DATA.address);
+                Some(EscEvent::WatchdogExpired)
+            }
+            Due::PdiWatchdog => {
+                self.pdi_watchdog.expire();
+                dl::set_status(&mut self.registers, DlStatus::PDI_WATCHDOG, false);
+                count(&mut self.registers, register::WATCHDOG_COUNTER_PDI.address);
+                Some(EscEvent::PdiWatchdogExpired)
+            }
+            Due::Eeprom => {
+                let image = self.image.as_mut();
+                if self.eeprom.finish(image, self.chip, &mut self.registers) {
+                    self.load_configuration();
+                }
+                self.eeprom.show(&mut self.registers);
+                Some(EscEvent::EepromDone)
+            }
+            Due::Loops => {
+                self.ports.end_temporary(&mut self.registers);
+                let changed = self.ports.update(self.chip, &mut self.registers, true);
+                self.dl_changed |= changed;
+                changed.then_some(EscEvent::Ports)
+            }
+        }
+    }
+
+    /// The process data watchdog's status register, 0x0440.
+    pub(crate) fn show_watchdog(&mut self) {
+        let fine = self.watchdog.is_fine(&self.registers);
+        self.registers.store(register::WATCHDOG_STATUS, u16::from(fine));
+    }
+
+    /// Whether process RAM answers: the EEPROM was loaded.
+    pub(crate) fn is_operational(&self) -> bool {
+        self.dl_status().0 & DlStatus::PDI_OPERATIONAL != 0
+    }
+
+    /// Whether a circulating frame is to be stopped here.
+    pub(crate) fn stops_circulating(&self) -> bool {
+        self.ports.stops_circulating(&self.registers)
+    }
+
+    /// A buffer that triggers the watchdog was completed.
+    pub(crate) fn trigger_watchdog(&mut self, now: Time<Device>) {
+        self.watchdog.restart(now, &self.registers);
+    }
+}
+
+/// The kinds of own events, in the order in which they happen at one instant.
+#[derive(Clone, Copy, Debug)]
+enum Due {
+    /// When the frame in flight ends.
+    FrameEnd,
+    /// When a SYNC pulse is due.
+    Sync,
+    /// When the process data watchdog expires.
+    Watchdog,
+    /// When the PDI watchdog expires.
+    PdiWatchdog,
+    /// When the EEPROM command is done.
+    Eeprom,
+    /// When temporary loop settings end.
+    Loops,
+}
+
+/// Adds one to a counter that stays at 0xFF.
+pub(crate) fn count(registers: &mut Registers, address: u16) {
+    let value = registers.byte(address).saturating_add(1);
+    registers.set_byte(address, value);
+}
+
+/// ECAT event request bits.
+pub(crate) const ECAT_DL_STATUS: u16 = 1 << 2;
+pub(crate) const ECAT_AL_STATUS: u16 = 1 << 3;
+/// Written one after the other to 0x0040 or 0x0041, these reset the ESC.
+const RESET_SEQUENCE: [u8; 3] = *b"RES";
+/// Reset value of register 0x0204.
+const AL_EVENT_MASK: u32 =
+    0x00FF_FF00 | al_event::AL_CONTROL | al_event::LATCH | al_event::SYNC0 | al_event::SYNC1;
+/// Reset value of register 0x0400: 100 us.
+const WATCHDOG_DIVIDER: u16 = 2498;
+/// Reset value of registers 0x0410 and 0x0420: 100 ms.
+const WATCHDOG_TIME: u16 = 1000;
+/// SII word of the station alias.
+const ALIAS_WORD: usize = 4;
+/// Register 0x014E: the configuration area is loaded, the PDI is active.
+const PDI_INFORMATION_LOADED: u16 = 0x0006;

@@ -1,0 +1,145 @@
+//! The end of a good frame: SyncManager buffers change hands, registers come into force.
+
+use core::ops::Range;
+
+use isocat_wire::Time;
+use isocat_wire::register;
+use isocat_wire::time::Device;
+
+use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, EscEvent, Flight};
+use crate::sync_manager::SM_LEN;
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
+    /// The frame in flight was good and is over: buffers change hands, registers come into force.
+    pub(crate) fn end_frame(&mut self) -> EscEvent {
+        let flight = core::mem::replace(&mut self.flight, Flight::NONE);
+        let now = flight.end;
+        let before = self.al.events() | self.sync_managers.al_events();
+        if self.sync_managers.end_good_frame(&mut self.registers) {
+            self.trigger_watchdog(now);
+        }
+        self.acknowledge_ecat(flight.acknowledged);
+        for number in 0..16 {
+            if flight.pdi_control_written & 1 << number != 0 {
+                let value = flight.pdi_control[number];
+                self.sync_managers.write_pdi_control(number, value, &mut self.registers);
+            }
+        }
+        if !self.shadow.is_empty() {
+            self.commit(flight.start, now);
+        }
+        let after = self.al.events() | self.sync_managers.al_events();
+        EscEvent::FrameEnd { al_events: after & !before }
+    }
+
+    /// Brings what the frame wrote to registers into force.
+    fn commit(&mut self, start: Time<Device>, now: Time<Device>) {
+        if let Some(value) = self.shadow.byte(register::ESC_RESET_ECAT.address) {
+            if self.advance_reset(0, value, now) {
+                return;
+            }
+        }
+        let Self { shadow, registers, .. } = self;
+        let loops_before = registers.byte(register::DL_CONTROL.address + 1);
+        for (address, value) in shadow.written() {
+            if !has_own_effect(address) {
+                registers.set_byte(address, value);
+            }
+        }
+        if shadow.touches_page(0x0100) {
+            if shadow.touches(AL_CONTROL) {
+                self.al.request(registers);
+            }
+            if shadow.touches(DL_CONTROL) {
+                let loops = shadow.byte(DL_CONTROL.start + 1).is_some();
+                if loops || shadow.byte(DL_CONTROL.start).is_some() {
+                    self.ports.control(loops_before, now, registers);
+                }
+                if self.ports.update(self.chip, registers, loops) {
+                    self.dl_changed = true;
+                    self.overdue = Some((now, EscEvent::Ports));
+                }
+            }
+        }
+        if shadow.touches_page(0x0300) {
+            for (range, group) in ERROR_COUNTERS {
+                if shadow.touches(range) {
+                    registers.clear(group);
+                }
+            }
+        }
+        if shadow.touches_page(0x0400) {
+            if shadow.touches(WATCHDOG_COUNTERS) {
+                registers.clear(WATCHDOG_COUNTERS);
+            }
+            self.watchdog.configure(registers);
+            self.pdi_watchdog.configure(registers);
+        }
+        if shadow.touches_page(0x0500) {
+            let configuration = registers.load(register::EEPROM_CONFIGURATION);
+            if shadow.byte(register::EEPROM_CONFIGURATION.address).is_some()
+                && configuration & EEPROM_FORCED != 0
+            {
+                registers.store(register::EEPROM_PDI_ACCESS, 0);
+            }
+            let control = [EEPROM_CONTROL.start, EEPROM_CONTROL.start + 1]
+                .map(|address| shadow.byte(address));
+            if control != [None; 2] {
+                let control = u16::from_le_bytes(control.map(|byte| byte.unwrap_or(0)));
+                self.eeprom.command(control, now, self.chip);
+                self.eeprom.show(registers);
+            }
+        }
+        if shadow.touches_page(0x0600) {
+            self.fmmus.configure(registers);
+        }
+        if shadow.touches_page(0x0800) {
+            for number in 0..16 {
+                let first = register::sync_manager(number).address;
+                if shadow.touches(first..first + SM_LEN) {
+                    let activation = shadow.byte(register::sm_activate(number).address).is_some();
+                    self.sync_managers.configure(number, registers, activation);
+                }
+            }
+        }
+        if shadow.touches_page(0x0900) {
+            self.dc.end_frame((start, now), shadow, registers);
+        }
+        shadow.clear();
+    }
+
+    /// ECAT has read what these ECAT events announced.
+    fn acknowledge_ecat(&mut self, events: u16) {
+        self.dl_changed &= events & ECAT_DL_STATUS == 0;
+        if events & ECAT_AL_STATUS != 0 {
+            self.al.acknowledge_status();
+        }
+    }
+}
+
+/// Registers for which a write is not simply the new value.
+fn has_own_effect(address: u16) -> bool {
+    matches!(
+        address,
+        0x0020 | 0x0030 | 0x0040 // acts within the frame
+            | 0x0300..0x0314
+            | 0x0442..0x0444 // clear
+            | 0x0502..0x0504 // a command
+            | 0x0900..0x0904
+            | 0x0910..0x0918 // the clock keeps its own time
+    )
+}
+
+const AL_CONTROL: Range<u16> = 0x0120..0x0122;
+const DL_CONTROL: Range<u16> = 0x0100..0x0104;
+const WATCHDOG_COUNTERS: Range<u16> = 0x0442..0x0444;
+const EEPROM_CONTROL: Range<u16> = 0x0502..0x0504;
+/// Register 0x0500 bit 1: take the EEPROM from the PDI by force.
+const EEPROM_FORCED: u8 = 1 << 1;
+/// A write to the first range clears the second.
+const ERROR_COUNTERS: [(Range<u16>, Range<u16>); 4] = [
+    (0x0300..0x030C, 0x0300..0x030C),
+    (0x030C..0x030D, 0x030C..0x030D),
+    (0x030D..0x030E, 0x030D..0x030F),
+    (0x0310..0x0314, 0x0310..0x0314),
+];

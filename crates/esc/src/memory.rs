@@ -1,0 +1,199 @@
+//! The register image and the shadow that ECAT writes wait in until the frame has proved good.
+
+use core::ops::Range;
+
+use isocat_wire::Register;
+use isocat_wire::register::{PROCESS_RAM, Value};
+
+/// Registers and user RAM, 0x0000-0x0FFF, as they are in force.
+pub(crate) struct Registers([u8; PROCESS_RAM as usize]);
+
+impl Registers {
+    /// All zero.
+    pub const fn new() -> Self {
+        Self([0; PROCESS_RAM as usize])
+    }
+    /// Puts a value in force.
+    pub fn store<T: Value>(&mut self, register: Register<T>, value: T) {
+        register.store(&mut self.0, value);
+    }
+    /// Puts one byte in force.
+    pub fn set_byte(&mut self, address: u16, value: u8) {
+        self.0[usize::from(address)] = value;
+    }
+    /// Zeroes a range.
+    pub fn clear(&mut self, range: Range<u16>) {
+        self.bytes_mut(range).fill(0);
+    }
+    /// A range for writing.
+    pub fn bytes_mut(&mut self, range: Range<u16>) -> &mut [u8] {
+        &mut self.0[usize::from(range.start)..usize::from(range.end)]
+    }
+    /// The value in force.
+    pub fn load<T: Value>(&self, register: Register<T>) -> T {
+        register.load(&self.0)
+    }
+    /// One byte in force.
+    pub fn byte(&self, address: u16) -> u8 {
+        self.0[usize::from(address)]
+    }
+    /// A range for reading.
+    pub fn bytes(&self, range: Range<u16>) -> &[u8] {
+        &self.0[usize::from(range.start)..usize::from(range.end)]
+    }
+}
+
+/// Bytes that the frame in flight has written to registers.
+///
+/// Only the lines of 16 registers in which ECAT may write anything have a place; a bit a byte tells
+/// which bytes were written.
+pub(crate) struct Shadow {
+    bytes: [u8; 16 * LINES],
+    written: [u16; LINES],
+    /// One bit for each line with something written in it.
+    lines: u128,
+}
+
+impl Shadow {
+    /// Nothing written.
+    pub const fn new() -> Self {
+        Self { bytes: [0; 16 * LINES], written: [0; LINES], lines: 0 }
+    }
+
+    /// Writes the bits of `mask`; the others keep what was written before or else what is in force.
+    pub fn put(&mut self, registers: &Registers, address: u16, value: u8, mask: u8) {
+        let Some(line) = line_of(address) else { return };
+        let (slot, bit) = (16 * line + usize::from(address & 15), 1 << (address & 15));
+        if self.written[line] & bit == 0 {
+            self.bytes[slot] = registers.byte(address);
+        }
+        self.bytes[slot] = self.bytes[slot] & !mask | value & mask;
+        self.written[line] |= bit;
+        self.lines |= 1 << line;
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        let mut lines = self.lines;
+        while lines != 0 {
+            self.written[lines.trailing_zeros() as usize] = 0;
+            lines &= lines - 1;
+        }
+        self.lines = 0;
+    }
+
+    /// Whether nothing was written.
+    pub const fn is_empty(&self) -> bool {
+        self.lines == 0
+    }
+
+    /// The byte written here, if one was.
+    pub fn byte(&self, address: u16) -> Option<u8> {
+        let line = line_of(address)?;
+        let at = address & 15;
+        (self.written[line] & 1 << at != 0).then(|| self.bytes[16 * line + usize::from(at)])
+    }
+
+    /// Whether any byte of the range was written.
+    pub fn touches(&self, range: Range<u16>) -> bool {
+        if self.is_empty() {
+            return false;
+        }
+        range.clone().any(|address| self.byte(address).is_some())
+    }
+
+    /// Whether anything was written in the page of 256 registers that holds `address`.
+    pub const fn touches_page(&self, address: u16) -> bool {
+        self.lines & PAGES[(address >> 8) as usize & 15] != 0
+    }
+
+    /// All bytes written, in the order of their addresses.
+    pub fn written(&self) -> impl Iterator<Item = (u16, u8)> + '_ {
+        let mut lines = self.lines;
+        core::iter::from_fn(move || {
+            (lines != 0).then(|| {
+                let line = lines.trailing_zeros() as usize;
+                lines &= lines - 1;
+                line
+            })
+        })
+        .flat_map(move |line| {
+            let first = FIRST[line];
+            (0..16u16)
+                .filter(move |at| self.written[line] & 1 << at != 0)
+                .map(move |at| (first + at, self.bytes[16 * line + usize::from(at)]))
+        })
+    }
+}
+
+/// The place of the line of 16 registers that holds `address`.
+const fn line_of(address: u16) -> Option<usize> {
+    let line = (address >> 4) as usize;
+    Some(match line {
+        0x00..=0x13 => line,
+        0x20 => 0x14,
+        0x30..=0x31 => line - 0x30 + 0x15,
+        0x40..=0x44 => line - 0x40 + 0x17,
+        0x50 => 0x1C,
+        0x60..=0x6F => line - 0x60 + 0x1D,
+        0x80..=0x87 => line - 0x80 + 0x2D,
+        0x90..=0x9A => line - 0x90 + 0x35,
+        0xF0..=0xF1 => line - 0xF0 + 0x40,
+        _ => return None,
+    })
+}
+
+const LINES: usize = 0x42;
+
+/// First address of each line.
+const FIRST: [u16; LINES] = {
+    let mut first = [0; LINES];
+    let mut address = 0u16;
+    while address < PROCESS_RAM {
+        if let Some(line) = line_of(address) {
+            first[line] = address;
+        }
+        address += 16;
+    }
+    first
+};
+
+/// The lines of each page of 256 registers.
+const PAGES: [u128; 16] = {
+    let mut pages = [0; 16];
+    let mut line = 0;
+    while line < LINES {
+        pages[(FIRST[line] >> 8) as usize] |= 1 << line;
+        line += 1;
+    }
+    pages
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn lines_have_one_place_each() {
+        for (line, first) in FIRST.iter().enumerate() {
+            assert_eq!(line_of(*first), Some(line));
+            assert_eq!(line_of(*first + 15), Some(line));
+        }
+    }
+
+    #[test]
+    fn later_writes_win_and_masked_writes_merge() {
+        let mut registers = Registers::new();
+        registers.set_byte(0x0F00, 0b1000_0000);
+        let mut shadow = Shadow::new();
+        shadow.put(&registers, 0x0F00, 0xFF, 0b0000_0001);
+        shadow.put(&registers, 0x0F00, 0xFF, 0b0000_0100);
+        shadow.put(&registers, 0x0010, 1, 0xFF);
+        shadow.put(&registers, 0x0010, 2, 0xFF);
+        assert_eq!(shadow.written().collect::<Vec<_>>(), [(0x0010, 2), (0x0F00, 0b1000_0101)]);
+        assert!(shadow.touches_page(0x0F00) && !shadow.touches_page(0x0800));
+        shadow.clear();
+        assert!(shadow.is_empty() && shadow.byte(0x0010).is_none());
+    }
+}

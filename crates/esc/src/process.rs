@@ -1,0 +1,415 @@
+//! A frame on its way through the EtherCAT processing unit.
+
+use core::ops::Range;
+
+use isocat_wire::datagram::Layouts;
+use isocat_wire::fmmu::Fmmu;
+use isocat_wire::frame::{LOCALLY_ADMINISTERED, payload_offset};
+use isocat_wire::register::{self, PROCESS_RAM, SHADOW_END};
+use isocat_wire::time::Device;
+use isocat_wire::{Command, Time};
+
+use crate::access::{ECAT_WRITABLE, Gate, READABLE};
+use crate::dc::clock::ceil;
+use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc};
+use crate::fmmu::Target;
+use crate::sync_manager::{Direction, Side};
+
+/// What the caller has to do about a frame that was processed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Processed {
+    /// The frame wrote 0x0900: report its arrival at each port by [`Esc::receive_at_port`].
+    pub latch_ports: bool,
+    /// The frame circulated behind a broken ring and is destroyed here: it is not sent on.
+    pub destroyed: bool,
+}
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
+    /// Passes a frame (without its check sequence) through the EPU: its first preamble bit arrives at
+    /// `start`, the last bit of its check sequence at `end`, and the sequence is `good` or not.
+    ///
+    /// All datagrams are answered in place. Bytes written to RAM are there at once; what is written to
+    /// registers and SyncManager buffers comes into force at `end`, if the frame is good: see
+    /// [`Esc::step`]. Bytes that are no frame of datagrams pass untouched.
+    pub fn process(
+        &mut self,
+        frame: &mut [u8],
+        start: Time<Device>,
+        end: Time<Device>,
+        good: bool,
+    ) -> Processed {
+        // Frames pass one after the other: the last one is over, whatever its end was said to be.
+        self.settle(Time::NEVER);
+        let Ok(offset) = payload_offset(frame) else { return Processed::default() };
+        if self.stops_circulating() && mark_circulating(&mut frame[offset..]) {
+            return Processed { destroyed: true, ..Processed::default() };
+        }
+        if self.registers.byte(register::DL_CONTROL.address) & 1 != 0 {
+            frame[6] |= LOCALLY_ADMINISTERED;
+        }
+        self.flight.start = start;
+        self.flight.acknowledged = 0;
+        self.flight.enabled = [false; 2];
+        let mut latch_ports = false;
+        let payload = &mut frame[offset..];
+        let mut layouts = Layouts::new();
+        while let Some(Ok(layout)) = layouts.next(payload) {
+            let header = layout.header;
+            let Ok(command) = header.command() else { continue };
+            if command == Command::Nop {
+                continue;
+            }
+            let start = layout.start;
+            let mask = self.registers.load(register::ECAT_EVENT_MASK);
+            if mask != 0 {
+                let irq = header.irq | mask & self.ecat_events();
+                payload[start + 8..start + 10].copy_from_slice(&irq.to_le_bytes());
+            }
+            if command.increments_position() {
+                let adp = header.adp().wrapping_add(1);
+                payload[start + 2..start + 4].copy_from_slice(&adp.to_le_bytes());
+            }
+            let (data, wkc) =
+                payload[layout.data()..layout.end()].split_at_mut(layout.wkc() - layout.data());
+            let count = if command.is_logical() {
+                self.logical(command, header.address, data)
+            } else {
+                self.physical(command, header.adp(), header.ado(), data)
+            };
+            if count > 0 {
+                let sum = u16::from_le_bytes([wkc[0], wkc[1]]).wrapping_add(count);
+                wkc.copy_from_slice(&sum.to_le_bytes());
+                let receive_time = usize::from(register::RECEIVE_TIME_0.address);
+                let first = usize::from(header.ado());
+                latch_ports |= matches!(command, Command::Bwr | Command::Fpwr)
+                    && first < receive_time + 4
+                    && first + data.len() > receive_time;
+            }
+        }
+        if !good {
+            self.shadow.clear();
+            self.sync_managers.end_bad_frame();
+            return Processed::default();
+        }
+        let events = self.flight.acknowledged & self.ecat_events();
+        if !self.shadow.is_empty() || self.sync_managers.is_closing() || events != 0 {
+            self.flight.acknowledged = events;
+            // What the end of a frame causes, it causes on a tick.
+            self.flight.end = ceil(end);
+        }
+        Processed { latch_ports, destroyed: false }
+    }
+
+    /// A datagram addressed by position, by station or to everybody; its working counter increment.
+    fn physical(&mut self, command: Command, adp: u16, ado: u16, data: &mut [u8]) -> u16 {
+        use Command::*;
+        let mine = match command {
+            Brd | Bwr | Brw => true,
+            Aprd | Apwr | Aprw | Armw => adp == 0,
+            _ => self.is_addressed(adp),
+        };
+        match command {
+            Aprd | Fprd if mine => u16::from(self.read_into(ado, data)),
+            Apwr | Fpwr | Bwr if mine => u16::from(self.ecat_write(ado, data, 0xFF)),
+            Aprw | Fprw if mine => self.exchange(ado, data, |data, memory| *data = memory),
+            Brd => u16::from(self.ecat_read(ado, data.len(), |memory, at| {
+                for (byte, memory) in data[at].iter_mut().zip(memory) {
+                    *byte |= *memory;
+                }
+            })),
+            Brw => self.exchange(ado, data, |data, memory| *data |= memory),
+            Armw | Frmw if mine => u16::from(self.read_into(ado, data)),
+            Armw | Frmw => u16::from(self.ecat_write(ado, data, 0xFF)),
+            _ => 0,
+        }
+    }
+
+    /// Whether this is our station address or our alias.
+    fn is_addressed(&self, adp: u16) -> bool {
+        adp == self.registers.load(register::STATION_ADDRESS)
+            || adp == self.registers.load(register::STATION_ALIAS)
+                && self.registers.byte(register::DL_CONTROL.address + 3) & 1 != 0
+    }
+
+    /// A logical datagram; its working counter increment. Writes go first: they take the data as
+    /// received, also where this ESC replaces it by its own.
+    fn logical(&mut self, command: Command, address: u32, data: &mut [u8]) -> u16 {
+        let mut count = 0;
+        let len = data.len();
+        if command != Command::Lrd {
+            if let Some(hits) = self.fmmus.hits(&self.registers, Fmmu::WRITE, address, len) {
+                let mut any = false;
+                hits.targets(address, len, |target| any |= self.write_target(&target, data));
+                count += if !any {
+                    0
+                } else if command == Command::Lrw {
+                    2
+                } else {
+                    1
+                };
+            }
+        }
+        if command != Command::Lwr {
+            if let Some(hits) = self.fmmus.hits(&self.registers, Fmmu::READ, address, len) {
+                let mut any = false;
+                hits.targets(address, len, |target| any |= self.read_target(&target, data));
+                count += u16::from(any);
+            }
+        }
+        count
+    }
+
+    fn write_target(&mut self, target: &Target, data: &[u8]) -> bool {
+        match *target {
+            Target::Bytes { address, data: ref at } => {
+                self.ecat_write(address, &data[at.clone()], 0xFF)
+            }
+            Target::Bits { address, mask, data_bit } => {
+                let mut value = 0;
+                for (bit, at) in bits_of(mask, data_bit) {
+                    value |= (data[at / 8] >> (at % 8) & 1) << bit;
+                }
+                self.ecat_write(address, &[value], mask)
+            }
+        }
+    }
+
+    fn read_target(&mut self, target: &Target, data: &mut [u8]) -> bool {
+        match *target {
+            Target::Bytes { address, data: ref at } => {
+                self.read_into(address, &mut data[at.clone()])
+            }
+            Target::Bits { address, mask, data_bit } => {
+                let mut value = 0;
+                let any = self.ecat_read(address, 1, |memory, _| value = memory[0]);
+                if any {
+                    for (bit, at) in bits_of(mask, data_bit) {
+                        data[at / 8] =
+                            data[at / 8] & !(1 << (at % 8)) | (value >> bit & 1) << (at % 8);
+                    }
+                }
+                any
+            }
+        }
+    }
+
+    /// Reads what is there; other bytes of the data stay as they are.
+    fn read_into(&mut self, address: u16, data: &mut [u8]) -> bool {
+        self.ecat_read(address, data.len(), |memory, at| data[at].copy_from_slice(memory))
+    }
+
+    /// Reads the old content and writes the data as received.
+    fn exchange(&mut self, address: u16, data: &mut [u8], merge: impl Fn(&mut u8, u8)) -> u16 {
+        let (mut read, mut written) = (false, false);
+        let mut received = [0; 32];
+        for (number, chunk) in data.chunks_mut(received.len()).enumerate() {
+            let Ok(address) = u16::try_from(usize::from(address) + number * received.len()) else {
+                break;
+            };
+            let received = &mut received[..chunk.len()];
+            received.copy_from_slice(chunk);
+            read |= self.ecat_read(address, chunk.len(), |memory, at| {
+                for (byte, memory) in chunk[at].iter_mut().zip(memory) {
+                    merge(byte, *memory);
+                }
+            });
+            written |= self.ecat_write(address, received, 0xFF);
+        }
+        u16::from(read) + 2 * u16::from(written)
+    }
+
+    /// Reads memory from the wire; `each` gets every run that answers and its place in the data.
+    fn ecat_read(
+        &mut self,
+        address: u16,
+        len: usize,
+        mut each: impl FnMut(&mut [u8], Range<usize>),
+    ) -> bool {
+        let mut any = false;
+        let (registers, ram) = split(address, len);
+        if registers > 0 {
+            let end = address + registers as u16;
+            self.show_to_ecat(address..end);
+            let mut at = address;
+            while at < end {
+                let (stop, gate) = self.units.run(&READABLE, at);
+                let stop = stop.min(end);
+                if gate.is_some() {
+                    let place = usize::from(at - address)..usize::from(stop - address);
+                    each(self.registers.bytes_mut(at..stop), place);
+                    any = true;
+                }
+                at = stop;
+            }
+        }
+        if ram > 0 && self.is_operational() {
+            let first = address.max(PROCESS_RAM);
+            let memory = (&mut self.ram.as_mut()[..self.ram_len], &mut self.registers);
+            let way = (Side::Ecat, Direction::Read);
+            let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
+                each(memory, at.start + registers..at.end + registers);
+            });
+            any |= outcome.any;
+        }
+        any
+    }
+
+    /// Writes the bits of `mask` of each byte from the wire.
+    fn ecat_write(&mut self, address: u16, data: &[u8], mask: u8) -> bool {
+        let mut any = false;
+        let (registers, ram) = split(address, data.len());
+        if registers > 0 {
+            any = self.write_registers(address, &data[..registers], mask);
+        }
+        if ram > 0 && self.is_operational() && !self.is_protected(PROCESS_RAM) {
+            let first = address.max(PROCESS_RAM);
+            let data = &data[registers..registers + ram];
+            let memory = (&mut self.ram.as_mut()[..self.ram_len], &mut self.registers);
+            let way = (Side::Ecat, Direction::Write);
+            let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
+                if mask == 0xFF {
+                    memory.copy_from_slice(&data[at]);
+                } else {
+                    for (byte, data) in memory.iter_mut().zip(&data[at]) {
+                        *byte = *byte & !mask | *data & mask;
+                    }
+                }
+            });
+            any |= outcome.any;
+        }
+        any
+    }
+
+    fn write_registers(&mut self, address: u16, data: &[u8], mask: u8) -> bool {
+        let mut any = false;
+        let end = address + data.len() as u16;
+        let mut at = address;
+        while at < end {
+            let (stop, gate) = self.units.run(&ECAT_WRITABLE, at);
+            let stop = stop.min(end);
+            if let Some(gate) = gate {
+                for address_of_byte in at..stop {
+                    if !self.ecat_may_write(gate, address_of_byte) {
+                        continue;
+                    }
+                    let value = data[usize::from(address_of_byte - address)];
+                    any = true;
+                    match address_of_byte {
+                        0x0020 => self.flight.enabled[0] = true,
+                        0x0030 => self.flight.enabled[1] = true,
+                        _ => {}
+                    }
+                    if address_of_byte >= SHADOW_END {
+                        let old = self.registers.byte(address_of_byte);
+                        self.registers.set_byte(address_of_byte, old & !mask | value & mask);
+                    } else {
+                        self.shadow.put(&self.registers, address_of_byte, value, mask);
+                    }
+                }
+            }
+            at = stop;
+        }
+        if any && end > DIGITAL_OUTPUTS {
+            self.sync_managers.write_registers(address, data.len());
+        }
+        any
+    }
+
+    fn ecat_may_write(&self, gate: Gate, address: u16) -> bool {
+        let owner_is_ecat =
+            |bit: u8| self.registers.load(register::CYCLIC_UNIT_CONTROL) & 1 << bit == 0;
+        !self.is_protected(address)
+            && match gate {
+                Gate::Open => true,
+                Gate::AlControl => self.al.may_request(),
+                Gate::Eeprom => self.eeprom.may_write(Side::Ecat, &self.registers),
+                Gate::SyncManager => match address % 8 {
+                    6 => true,
+                    5 | 7 => false,
+                    _ => {
+                        let number = usize::from(address - register::SM_0.address) / 8;
+                        !self.sync_managers.is_enabled(number)
+                    }
+                },
+                Gate::SyncOwner => owner_is_ecat(0),
+                Gate::SyncStart => owner_is_ecat(0) && !self.dc.sync.is_active(),
+                Gate::Latch => owner_is_ecat(if address & 1 == 0 { 4 } else { 5 }),
+                Gate::AlStatus | Gate::EepromTake => false,
+            }
+    }
+
+    /// Write protection, registers 0x0020-0x0031.
+    fn is_protected(&self, address: u16) -> bool {
+        let on = |register: register::Register<u8>| self.registers.load(register) & 1 != 0;
+        let [registers, esc] = self.flight.enabled;
+        if address == register::ESC_WRITE_ENABLE.address {
+            return false;
+        }
+        on(register::ESC_WRITE_PROTECTION) && !esc
+            || on(register::REGISTER_WRITE_PROTECTION)
+                && !registers
+                && address < SHADOW_END
+                && address != register::REGISTER_WRITE_ENABLE.address
+    }
+
+    /// Brings registers that move by themselves up to date before ECAT reads them, and notes which
+    /// ECAT events the read acknowledges.
+    fn show_to_ecat(&mut self, range: Range<u16>) {
+        let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
+        if overlaps(0x0110, 0x0112) {
+            self.flight.acknowledged |= ECAT_DL_STATUS;
+        }
+        if overlaps(0x0130, 0x0132) {
+            self.flight.acknowledged |= ECAT_AL_STATUS;
+        }
+        let start = self.flight.start;
+        if overlaps(0x0210, 0x0224) {
+            self.show_events(start);
+        }
+        if overlaps(0x0440, 0x0442) {
+            self.show_watchdog();
+        }
+        if overlaps(0x0910, 0x0918) && self.units.system_time {
+            self.dc.show_to_ecat(start, &mut self.registers);
+        }
+        if overlaps(0x0984, 0x09A0) && self.units.sync {
+            self.dc.show_sync(start, &mut self.registers);
+        }
+    }
+
+    /// The event request registers.
+    pub(crate) fn show_events(&mut self, now: Time<Device>) {
+        self.registers.store(register::ECAT_EVENT_REQUEST, self.ecat_events());
+        self.registers.store(register::AL_EVENT_REQUEST, self.al_events(now));
+    }
+}
+
+/// Splits an access into bytes of registers and bytes of RAM; what lies beyond 64 KiB is nowhere.
+pub(crate) fn split(address: u16, len: usize) -> (usize, usize) {
+    let first = usize::from(address);
+    let ram = usize::from(PROCESS_RAM);
+    let end = (first + len).min(0x1_0000);
+    (end.min(ram).saturating_sub(first), end.saturating_sub(first.max(ram)))
+}
+
+/// At an automatically closed port 0: a frame that comes for the first time is marked; one that is
+/// marked comes for the second time.
+fn mark_circulating(payload: &mut [u8]) -> bool {
+    let mut layouts = Layouts::new();
+    let mut second_time = false;
+    while let Some(Ok(layout)) = layouts.next(payload) {
+        second_time |= layout.header.circulating;
+        payload[layout.start + 7] |= 0x40;
+    }
+    second_time
+}
+
+/// Bits of a byte in memory and the bits of the datagram they belong to.
+fn bits_of(mask: u8, data_bit: i64) -> impl Iterator<Item = (u8, usize)> {
+    (0..8)
+        .filter(move |bit| mask & 1 << bit != 0)
+        .filter_map(move |bit| usize::try_from(data_bit + i64::from(bit)).ok().map(|at| (bit, at)))
+}
+
+/// First register that a SyncManager of a device without CPU may guard.
+const DIGITAL_OUTPUTS: u16 = 0x0F00;

@@ -1,0 +1,313 @@
+//! SyncManagers: who may touch guarded memory, and when a buffer changes hands.
+//!
+//! The first byte of an area opens its buffer, the last one closes it; in between any bytes may be
+//! accessed in any number of accesses. What ECAT closes changes hands at the end of a good frame.
+
+mod unit;
+
+use core::ops::Range;
+
+use isocat_wire::register::{Value, al_event, sync_manager};
+use isocat_wire::sync_manager::SyncManager;
+
+use crate::memory::Registers;
+use unit::{PDI_DEACTIVATED, Unit};
+
+/// The side that accesses.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Side {
+    /// The wire.
+    Ecat,
+    /// The local CPU.
+    Pdi,
+}
+
+/// The way of the data, seen from the side that accesses.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Direction {
+    /// From the ESC.
+    Read,
+    /// Into the ESC.
+    Write,
+}
+
+/// What an access to memory came to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Access {
+    /// At least one byte was really accessed.
+    pub any: bool,
+    /// A buffer that triggers the watchdog was completed.
+    pub watchdog: bool,
+}
+
+/// All SyncManagers of an ESC.
+pub(crate) struct SyncManagers {
+    units: [Unit; 16],
+    count: usize,
+    /// Units that guard memory: enabled and with a length.
+    guarding: u16,
+    /// Units whose buffer ECAT closed in the frame in flight.
+    closing: u16,
+    /// Units whose activation ECAT wrote and the PDI has not read since.
+    changed: u16,
+}
+
+impl SyncManagers {
+    /// `count` SyncManagers at rest; their registers get their reset values.
+    pub fn new(count: u8, registers: &mut Registers) -> Self {
+        let count = usize::from(count.min(16));
+        let units = Self { units: [Unit::REST; 16], count, guarding: 0, closing: 0, changed: 0 };
+        for number in 0..count {
+            units.show(number, registers);
+        }
+        units
+    }
+
+    /// Accesses `len` bytes of `ram` from `address` on (0x1000 is its first byte). `each` is called
+    /// for every run that may be accessed, with the bytes in RAM and their place in the data.
+    pub fn access(
+        &mut self,
+        (side, direction): (Side, Direction),
+        (ram, registers): (&mut [u8], &mut Registers),
+        address: u16,
+        len: usize,
+        mut each: impl FnMut(&mut [u8], Range<usize>),
+    ) -> Access {
+        let mut outcome = Access::default();
+        let first = usize::from(address);
+        let end = first + len;
+        let mut at = first;
+        while at < end {
+            let stop = self.boundary(at, end);
+            let place = match self.at(at) {
+                Place::Free => Some(at),
+                Place::Spare => None,
+                Place::Guarded(number) => {
+                    self.guarded((side, direction), registers, number, at..stop, &mut outcome)
+                }
+            };
+            if let Some(place) = place {
+                let from = place.wrapping_sub(PROCESS_RAM);
+                let end = from.saturating_add(stop - at).min(ram.len());
+                if let Some(bytes) = ram.get_mut(from..end).filter(|bytes| !bytes.is_empty()) {
+                    let from = at - first;
+                    let to = from + bytes.len();
+                    each(bytes, from..to);
+                    outcome.any = true;
+                }
+            }
+            at = stop;
+        }
+        outcome
+    }
+
+    /// Completes what ECAT wrote into registers that a SyncManager guards: no buffers there, but its
+    /// interrupt and watchdog trigger work.
+    pub fn write_registers(&mut self, address: u16, len: usize) {
+        let first = usize::from(address);
+        for number in bits(self.guarding) {
+            let unit = &self.units[number];
+            let last = unit.end() - 1;
+            if unit.config.is_ecat_write()
+                && last < PROCESS_RAM
+                && (first..first + len).contains(&last)
+            {
+                self.closing |= 1 << number;
+            }
+        }
+    }
+
+    /// Whether something waits for the end of the frame.
+    pub const fn is_closing(&self) -> bool {
+        self.closing != 0
+    }
+
+    /// The frame in flight was good: buffers that ECAT closed change hands. Returns whether the
+    /// watchdog is triggered.
+    pub fn end_good_frame(&mut self, registers: &mut Registers) -> bool {
+        let mut watchdog = false;
+        for number in bits(core::mem::take(&mut self.closing)) {
+            watchdog |= self.units[number].complete(Side::Ecat);
+            self.show(number, registers);
+        }
+        watchdog
+    }
+
+    /// The frame in flight was bad: what ECAT closed in it stays open.
+    pub fn end_bad_frame(&mut self) {
+        for number in bits(core::mem::take(&mut self.closing)) {
+            self.units[number].ecat_open = true;
+        }
+    }
+
+    /// Takes over the registers of one SyncManager after ECAT wrote them.
+    pub fn configure(
+        &mut self,
+        number: usize,
+        registers: &mut Registers,
+        activation_written: bool,
+    ) {
+        if number >= self.count {
+            return;
+        }
+        if activation_written {
+            self.changed |= 1 << number;
+        }
+        let config = registers.load(sync_manager(number));
+        let unit = &mut self.units[number];
+        if config.is_enabled() != unit.config.is_enabled() {
+            unit.reset();
+        }
+        unit.config = config;
+        self.update(number, registers);
+    }
+
+    /// The PDI writes the PDI control byte. Returns whether the SyncManager was deactivated by it.
+    pub fn write_pdi_control(&mut self, number: usize, value: u8, registers: &mut Registers) {
+        if number >= self.count {
+            return;
+        }
+        let unit = &mut self.units[number];
+        if (value ^ unit.config.pdi_control) & PDI_DEACTIVATED != 0 {
+            unit.reset();
+        }
+        unit.config.pdi_control = value & 0x03;
+        registers.set_byte(sync_manager(number).address + 7, value & 0x03);
+        self.closing &= !(1 << number);
+        self.update(number, registers);
+    }
+
+    /// The PDI has read the activation byte.
+    pub fn acknowledge_activation(&mut self, number: usize) {
+        self.changed &= !(1 << number);
+    }
+
+    /// Whether the configuration bytes of this SyncManager are locked.
+    pub fn is_enabled(&self, number: usize) -> bool {
+        self.units[number & 15].config.is_enabled()
+    }
+
+    /// The bits of the AL event request that SyncManagers hold.
+    pub fn al_events(&self) -> u32 {
+        let mut events = if self.changed != 0 { al_event::SM_ACTIVATION } else { 0 };
+        for number in bits(self.guarding) {
+            let unit = &self.units[number];
+            let raised = if unit.config.is_ecat_write() { unit.int_written } else { unit.int_read };
+            if raised && unit.config.control & SyncManager::CONTROL_AL_EVENT != 0 {
+                events |= al_event::sync_manager(number);
+            }
+        }
+        events
+    }
+
+    /// The bits of the ECAT event request that SyncManagers hold: 4 to 11 for SM0 to SM7.
+    pub fn ecat_events(&self) -> u16 {
+        let mut events = 0;
+        for number in bits(self.guarding & 0x00FF) {
+            let unit = &self.units[number];
+            let raised = if unit.config.is_ecat_write() { unit.int_read } else { unit.int_written };
+            if raised && unit.config.control & SyncManager::CONTROL_ECAT_EVENT != 0 {
+                events |= 1 << (4 + number);
+            }
+        }
+        events
+    }
+
+    /// Opens, accesses and closes a part of one area; gives its place in memory if allowed.
+    fn guarded(
+        &mut self,
+        (side, direction): (Side, Direction),
+        registers: &mut Registers,
+        number: usize,
+        part: Range<usize>,
+        outcome: &mut Access,
+    ) -> Option<usize> {
+        let unit = &mut self.units[number];
+        let offset = part.start - usize::from(unit.config.start);
+        let place = unit.admit(side, direction, offset)?;
+        if part.end == unit.end() {
+            match side {
+                Side::Ecat => {
+                    unit.ecat_open = false;
+                    self.closing |= 1 << number;
+                }
+                Side::Pdi => outcome.watchdog |= unit.complete(side),
+            }
+        } else if offset == 0 && side == Side::Ecat {
+            self.closing &= !(1 << number);
+        }
+        self.show(number, registers);
+        Some(place)
+    }
+
+    /// What lies at `address`.
+    fn at(&self, address: usize) -> Place {
+        let mut place = Place::Free;
+        for number in bits(self.guarding) {
+            let unit = &self.units[number];
+            let start = usize::from(unit.config.start);
+            if (start..unit.end()).contains(&address) {
+                return Place::Guarded(number);
+            }
+            if (start..unit.reserved_end()).contains(&address) {
+                place = Place::Spare;
+            }
+        }
+        place
+    }
+
+    /// The next address after `at` where the answer of [`Self::at`] may change, `end` at most.
+    fn boundary(&self, at: usize, end: usize) -> usize {
+        let mut next = end;
+        for number in bits(self.guarding) {
+            let unit = &self.units[number];
+            for edge in [usize::from(unit.config.start), unit.end(), unit.reserved_end()] {
+                if edge > at && edge < next {
+                    next = edge;
+                }
+            }
+        }
+        next
+    }
+
+    fn update(&mut self, number: usize, registers: &mut Registers) {
+        let config = &self.units[number].config;
+        let bit = 1 << number;
+        if config.is_enabled() && config.length > 0 {
+            self.guarding |= bit;
+        } else {
+            self.guarding &= !bit;
+            self.closing &= !bit;
+        }
+        self.show(number, registers);
+    }
+
+    fn show(&self, number: usize, registers: &mut Registers) {
+        registers.set_byte(sync_manager(number).address + 5, self.units[number].status());
+    }
+}
+
+/// What lies at an address.
+enum Place {
+    /// No SyncManager guards it.
+    Free,
+    /// The second or third buffer of a SyncManager: reached through the first only.
+    Spare,
+    /// The guarded area of a SyncManager.
+    Guarded(usize),
+}
+
+/// The numbers of the bits that are set.
+fn bits(mut mask: u16) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        (mask != 0).then(|| {
+            let number = mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            number
+        })
+    })
+}
+
+const PROCESS_RAM: usize = isocat_wire::register::PROCESS_RAM as usize;
+/// Bytes of one SyncManager's registers.
+pub(crate) const SM_LEN: u16 = <SyncManager as Value>::LEN as u16;

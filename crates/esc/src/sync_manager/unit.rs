@@ -1,0 +1,197 @@
+//! One SyncManager: its buffers, its handshake, its status byte.
+
+use isocat_wire::sync_manager::SyncManager;
+
+use super::{Direction, Side};
+
+/// One SyncManager.
+#[derive(Clone, Copy)]
+pub(super) struct Unit {
+    /// Its registers as they are in force.
+    pub config: SyncManager,
+    /// ECAT has opened its buffer.
+    pub ecat_open: bool,
+    /// The PDI has opened its buffer.
+    pdi_open: bool,
+    /// Mailbox: full.
+    full: bool,
+    /// Three buffers: which one is written, which one waits, which one is read.
+    producer: u8,
+    next: u8,
+    consumer: u8,
+    /// The waiting buffer is newer than the one that is read.
+    fresh: bool,
+    /// Some buffer was ever written completely.
+    filled: bool,
+    /// Completely written, and not opened for reading since.
+    pub int_written: bool,
+    /// Completely read, and not opened for writing since.
+    pub int_read: bool,
+}
+
+impl Unit {
+    /// Off and empty.
+    pub const REST: Self = Self {
+        config: SyncManager {
+            start: 0,
+            length: 0,
+            control: 0,
+            status: 0,
+            activate: 0,
+            pdi_control: 0,
+        },
+        ecat_open: false,
+        pdi_open: false,
+        full: false,
+        producer: 0,
+        next: 1,
+        consumer: 2,
+        fresh: false,
+        filled: false,
+        int_written: false,
+        int_read: false,
+    };
+
+    /// Back to rest, configuration kept.
+    pub fn reset(&mut self) {
+        *self = Self { config: self.config, ..Self::REST };
+    }
+
+    /// The address behind the guarded area.
+    pub fn end(&self) -> usize {
+        self.config.end() as usize
+    }
+
+    /// The address behind all buffers.
+    pub fn reserved_end(&self) -> usize {
+        if self.is_buffered() {
+            usize::from(self.config.start) + 3 * usize::from(self.config.length)
+        } else {
+            self.end()
+        }
+    }
+
+    /// Three buffers; an area of one byte has neither buffers nor a handshake.
+    fn is_buffered(&self) -> bool {
+        !self.config.is_mailbox() && self.config.length > 1
+    }
+
+    fn direction_of(&self, side: Side) -> Direction {
+        if self.config.is_ecat_write() == (side == Side::Ecat) {
+            Direction::Write
+        } else {
+            Direction::Read
+        }
+    }
+
+    /// Whether an access at `offset` of the area is allowed; its place in memory.
+    pub fn admit(&mut self, side: Side, direction: Direction, offset: usize) -> Option<usize> {
+        if self.direction_of(side) != direction || self.config.pdi_control & PDI_DEACTIVATED != 0 {
+            return None;
+        }
+        let start = usize::from(self.config.start);
+        if self.config.length == 1 {
+            match direction {
+                Direction::Read => self.int_written = false,
+                Direction::Write => self.int_read = false,
+            }
+            return Some(start);
+        }
+        if offset == 0 {
+            self.set_open(side, false);
+            match direction {
+                Direction::Read => {
+                    if self.config.is_mailbox() && !self.full || self.is_buffered() && !self.filled
+                    {
+                        return None;
+                    }
+                    if self.fresh {
+                        core::mem::swap(&mut self.consumer, &mut self.next);
+                        self.fresh = false;
+                    }
+                    self.int_written = false;
+                }
+                Direction::Write => {
+                    if self.config.is_mailbox() && self.full {
+                        return None;
+                    }
+                    self.int_read = false;
+                }
+            }
+            self.set_open(side, true);
+        }
+        let open = match side {
+            Side::Ecat => self.ecat_open,
+            Side::Pdi => self.pdi_open,
+        };
+        if !open {
+            return None;
+        }
+        let buffer = match direction {
+            _ if !self.is_buffered() => 0,
+            Direction::Read => self.consumer,
+            Direction::Write => self.producer,
+        };
+        Some(start + offset + usize::from(buffer) * usize::from(self.config.length))
+    }
+
+    /// The buffer that `side` closed changes hands. Returns whether the watchdog is triggered.
+    pub fn complete(&mut self, side: Side) -> bool {
+        self.set_open(side, false);
+        let written = self.direction_of(side) == Direction::Write;
+        if written {
+            self.int_written = true;
+            self.int_read = false;
+            self.filled = true;
+        } else {
+            self.int_read = true;
+            self.int_written = self.int_written && self.is_buffered();
+        }
+        if self.is_buffered() {
+            if written {
+                core::mem::swap(&mut self.producer, &mut self.next);
+                self.fresh = true;
+            }
+        } else if self.config.length > 1 {
+            self.full = written;
+        }
+        written && self.config.control & SyncManager::CONTROL_WATCHDOG != 0
+    }
+
+    fn set_open(&mut self, side: Side, open: bool) {
+        match side {
+            Side::Ecat => self.ecat_open = open,
+            Side::Pdi => self.pdi_open = open,
+        }
+    }
+
+    /// The status byte.
+    pub fn status(&self) -> u8 {
+        let last_written = match (self.config.is_mailbox(), self.filled) {
+            (true, _) => 0,
+            (false, false) => 3,
+            // The newest complete buffer waits, or it is the one that is read.
+            (false, true) => {
+                if self.fresh {
+                    self.next
+                } else {
+                    self.consumer
+                }
+            }
+        };
+        let (reading, writing) = match self.direction_of(Side::Ecat) {
+            Direction::Write => (self.pdi_open, self.ecat_open),
+            Direction::Read => (self.ecat_open, self.pdi_open),
+        };
+        let bit = |set: bool, bit: u8| if set { bit } else { 0 };
+        bit(self.int_written, SyncManager::STATUS_WRITTEN)
+            | bit(self.int_read, SyncManager::STATUS_READ)
+            | bit(self.full, SyncManager::STATUS_FULL)
+            | last_written << 4
+            | bit(reading, SyncManager::STATUS_READING)
+            | bit(writing, SyncManager::STATUS_WRITING)
+    }
+}
+
+/// PDI control bit 0.
+pub(super) const PDI_DEACTIVATED: u8 = 0x01;

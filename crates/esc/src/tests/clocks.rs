@@ -1,0 +1,223 @@
+//! Local and system time, receive times, the drift loop.
+
+use super::*;
+use crate::{ET1100, IP_CORE_32, LAN9252};
+use isocat_wire::dc::SystemTimeDifference;
+use isocat_wire::time::{Dc, Local};
+
+#[test]
+fn local_time_counts_ticks() {
+    let esc = Esc::new(&ET1100, image(SII), vec![0; 8192]).with_local_time(Time::new(5_000));
+    let local = |at| esc.local_time(device(at)).count();
+    assert_eq!([local(0), local(9), local(10), local(19)], [5_000, 5_000, 5_010, 5_010]);
+    // Without correction both dividers pulse together.
+    assert_eq!(local(1_000_000_000_000), 1_000_000_005_000);
+    let wrapping = Esc::new(&IP_CORE_32, image(SII), vec![0; 4096]);
+    assert_eq!(wrapping.local_time(device((1 << 32) + 25)), Time::<Local>::new(24));
+}
+
+#[test]
+fn system_time_by_both_sides() {
+    let mut bench = Bench::new(&LAN9252);
+    bench.write(register::SYSTEM_TIME_OFFSET, 0u64.wrapping_sub(400));
+    bench.write(register::SYSTEM_TIME_DELAY, 70);
+    bench.run_to(100_007);
+    // As it was when the frame began, less the delay, for every datagram of the frame.
+    let list = [
+        (Command::Fprd, station(0x0910), &[0; 8][..]),
+        (Command::Fprd, station(0x0000), &[0; 600][..]),
+        (Command::Fprd, station(0x0910), &[0; 8][..]),
+    ];
+    let answers = bench.frame(true, &list);
+    assert_eq!(answers[0].0, (100_000u64 - 470).to_le_bytes());
+    assert_eq!(answers[0].0, answers[2].0);
+    bench.run_to(200_000);
+    assert_eq!(bench.pdi_read(register::SYSTEM_TIME), 199_600);
+    assert_eq!(bench.esc.system_time(device(200_000)), Time::<Dc>::new(199_600));
+    // Upper bytes belong to the moment in which byte 0 was read.
+    assert_eq!(bench.pdi_bytes(0x0910, 1), [(199_600u64 & 0xFF) as u8]);
+    bench.run_to(300_000);
+    assert_eq!(bench.pdi_bytes(0x0911, 3), 199_600u64.to_le_bytes()[1..4]);
+}
+
+#[test]
+fn first_reaching_is_exact() {
+    let mut bench = Bench::new(&LAN9252);
+    bench.write(register::SYSTEM_TIME_OFFSET, 7);
+    let from = device(bench.now);
+    let reach = |system| bench.esc.first_reaching(Time::new(system), from).count();
+    assert_eq!([reach(1_000_007), reach(1_000_008)], [1_000_000, 1_000_010]);
+    assert_eq!(reach(0), bench.now.next_multiple_of(10));
+    assert_eq!(reach(1 << 62), Time::<Device>::NEVER.count());
+}
+
+/// Vectors 4, 5: receive times of the ports and of the EPU.
+#[test]
+fn receive_times() {
+    let mut bench = Bench::new(&LAN9252);
+    bench.run_to(50_000);
+    let arrived = bench.now;
+    assert_eq!(bench.bwr(0x0900, &[0]), 1);
+    assert!(bench.processed.latch_ports);
+    bench.esc.receive_at_port(PortNumber::P0, device(arrived));
+    bench.esc.receive_at_port(PortNumber::P1, device(arrived + 1_440));
+    let times = bench.fprd(0x0900, 16).0;
+    assert_eq!(times[..4], (arrived as u32).to_le_bytes());
+    assert_eq!(times[4..8], (arrived as u32 + 1_440).to_le_bytes());
+    assert_eq!(bench.read(register::RECEIVE_TIME_EPU), arrived);
+    // APWR counts and latches the EPU's time only; a bad frame latches nothing.
+    let position = Address::Position(AutoIncrementAddress(0), 0x0900);
+    assert_eq!(bench.send(Command::Apwr, position, &[0; 4]).1, 1);
+    assert!(!bench.processed.latch_ports);
+    assert_ne!(bench.read(register::RECEIVE_TIME_EPU), arrived);
+    bench.frame(false, &[(Command::Bwr, Address::Broadcast(0x0900), &[0])]);
+    assert!(!bench.processed.latch_ports);
+    assert!({
+        bench.fprd(0x0900, 4);
+        !bench.processed.latch_ports
+    });
+    // A long write that ends in the register touches it, one that ends before does not.
+    bench.bwr(0x08FF, &[0; 2]);
+    assert!(bench.processed.latch_ports);
+}
+
+/// Feeds the loop with a reference that runs `ppm` faster than this clock; gives the difference of the
+/// clocks (this one ahead: positive) after each quarter of `frames` frames.
+fn follow(ppm: i64, interval: u64, frames: u64) -> [i64; 4] {
+    let mut bench = Bench::new(&ET1100);
+    bench.write(register::TIME_FILTER_DEPTH, 0);
+    bench.fpwr(0x0930, &0x1000u16.to_le_bytes());
+    let begin = bench.now;
+    let reference = |at: u64| at.wrapping_add_signed((at - begin) as i64 * ppm / 1_000_000);
+    let mut quarters = [0; 4];
+    let other = Address::Station(StationAddress(1), 0x0910);
+    for frame in 0..frames {
+        bench.run_to(begin + frame * interval);
+        // The reference counts ticks of its own.
+        let received = reference(bench.now) / 10 * 10;
+        bench.send(Command::Frmw, other, &(received as u32).to_le_bytes());
+        let ahead =
+            bench.esc.system_time(device(bench.now)).count() as i64 - reference(bench.now) as i64;
+        quarters[(4 * frame / frames) as usize] = ahead;
+    }
+    bench.events.clear();
+    let shown = bench.read(register::SYSTEM_TIME_DIFFERENCE).nanos().0;
+    assert!((shown - quarters[3]).abs() <= 30, "0x092C shows {shown} at {}", quarters[3]);
+    quarters
+}
+
+#[test]
+fn the_loop_follows_from_both_sides() {
+    for (ppm, interval) in
+        [(83, 10_000), (-83, 10_000), (-100, 10_000), (100, 10_000), (-35, 10_000)]
+    {
+        let quarters = follow(ppm, interval, 40_000);
+        assert!(quarters[0].abs() > 20, "{ppm} ppm: it takes time: {quarters:?}");
+        assert!(quarters[3].abs() <= 20, "{ppm} ppm: {quarters:?}");
+        assert_eq!(quarters[0] > 0, ppm < 0, "a slower reference leaves us ahead");
+    }
+}
+
+/// 15000 received times, as MainDevices are advised to send, leave a few tens of ns; half of them do
+/// not suffice.
+#[test]
+fn the_recommended_number_of_frames() {
+    for (ppm, interval) in [(83, 10_000), (-100, 10_000), (83, 1_000_000), (-100, 1_000_000)] {
+        let quarters = follow(ppm, interval, 15_000);
+        assert!(quarters[1].abs() > 100, "{ppm} ppm, {interval} ns: {quarters:?}");
+        assert!(quarters[3].abs() < 30, "{ppm} ppm, {interval} ns: {quarters:?}");
+    }
+}
+
+#[test]
+fn the_loop_follows_once_a_millisecond() {
+    for ppm in [83, -100, 0] {
+        let quarters = follow(ppm, 1_000_000, 20_000);
+        assert!(quarters[3].abs() <= 40, "{ppm} ppm: {quarters:?}");
+    }
+}
+
+/// The speed is the published one: 100 units are 1.19 ppm, the whole range 763 ppm.
+#[test]
+fn the_deviation_formula() {
+    use crate::dc::clock::Clock;
+    for difference in [0i16, 100, -100, 1_000, 3_066, 3_969, -3_969] {
+        let mut clock = Clock::new(0, Time::ZERO);
+        clock.adjust(Time::ZERO, 0x1000, difference);
+        let long = 10_000_000_000_000u64;
+        let gained = clock.local(device(long)) as i128 - i128::from(long);
+        let (s, d) = (4096 + 2, i128::from(difference));
+        let expected = i128::from(long) * d / (5 * (s + d) * (s - d));
+        assert!((gained - expected).abs() <= 1_000, "{difference}: {gained}, not {expected}");
+    }
+}
+
+#[test]
+fn the_clock_and_its_inverse_agree_over_changes() {
+    use crate::dc::clock::Clock;
+    let mut clock = Clock::new(123, Time::ZERO);
+    let mut now = 0;
+    for step in 0..2_000u64 {
+        now += 10 * (1 + step * 7_919 % 5_003);
+        let difference = (step * 104_729 % 7_939) as i16 - 3_969;
+        let before = clock.local(device(now));
+        clock.adjust(device(now), 0x1000, difference);
+        assert_eq!(clock.local(device(now)), before, "a new speed is no jump");
+        for ticks in [1, 2, 129, 130, 4_096] {
+            let at = now + 10 * ticks;
+            let (one, next) = (clock.local(device(at - 10)), clock.local(device(at)));
+            assert!((9..=11).contains(&(next - one)));
+            // The inverse finds the very tick, and not the one before.
+            assert_eq!(clock.after(device(now), (next - before) as i64), device(at));
+            assert_eq!(clock.after(device(now), (one - before) as i64 + 1), device(at));
+        }
+    }
+}
+
+/// Masters write zeros to 0x0910 to reset: nothing jumps, nothing winds up.
+#[test]
+fn zeros_are_harmless() {
+    let mut bench = Bench::new(&ET1100);
+    bench.write(register::SYSTEM_TIME_OFFSET, 700_000_000_123_456_789);
+    let free =
+        |bench: &Bench| bench.esc.local_time(device(bench.now)).count() as i64 - bench.now as i64;
+    let before = free(&bench);
+    for _ in 0..10 {
+        bench.bwr(0x0910, &[0; 32]);
+        bench.run_to(bench.now + 1_000_000);
+    }
+    bench.bwr(0x0910, &[0; 4]);
+    assert!((free(&bench) - before).abs() <= 10);
+    assert_eq!(bench.read(register::SPEED_COUNTER_DIFFERENCE), 0);
+    assert_ne!(bench.read(register::SYSTEM_TIME_DIFFERENCE).magnitude(), 0, "but it is shown");
+    bench.fpwr(0x0930, &[0x00, 0x10]);
+    assert_eq!(bench.read(register::SYSTEM_TIME_DIFFERENCE), SystemTimeDifference(0));
+}
+
+/// The reference reads in a FRMW: its own loop gets nothing.
+#[test]
+fn the_reference_does_not_follow_itself() {
+    let mut bench = Bench::new(&ET1100);
+    for _ in 0..100 {
+        let (data, wkc) = bench.send(Command::Frmw, station(0x0910), &[0; 8]);
+        assert_eq!(wkc, 1);
+        assert_ne!(data, [0; 8]);
+    }
+    assert_eq!(bench.read(register::SYSTEM_TIME_DIFFERENCE), SystemTimeDifference(0));
+}
+
+/// A clock that lags by 300 ns shows it without the sign bit; only an amount near it is captured.
+#[test]
+fn the_sign_of_the_difference() {
+    let mut bench = Bench::new(&ET1100);
+    bench.write(register::TIME_FILTER_DEPTH, 0);
+    bench.run_to(bench.now.next_multiple_of(10) + 100);
+    let ahead = (bench.now as u32 + 300).to_le_bytes();
+    bench.send(Command::Frmw, Address::Station(StationAddress(1), 0x0910), &ahead);
+    assert_eq!(bench.read(register::SYSTEM_TIME_DIFFERENCE), SystemTimeDifference(300));
+    bench.fpwr(0x0930, &[0x00, 0x10]);
+    bench.run_to(bench.now.next_multiple_of(10) + 100);
+    let behind = (bench.esc.system_time(device(bench.now)).count() as u32 - 300).to_le_bytes();
+    bench.send(Command::Frmw, Address::Station(StationAddress(1), 0x0910), &behind);
+    assert_eq!(bench.read(register::SYSTEM_TIME_DIFFERENCE), SystemTimeDifference(0x8000_012C));
+}

@@ -1,0 +1,111 @@
+//! The command line: verbs, exit codes, where words go.
+//!
+//! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
+//! sync or lost it, 2 bad input.
+
+mod run;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// In sync.
+const IN_SYNC: u8 = 0;
+/// Not in sync, or lost it.
+const NOT_IN_SYNC: u8 = 1;
+/// The input can't be used.
+const BAD_INPUT: u8 = 2;
+
+const EXAMPLES: &str = "\
+Examples:
+  isocat                              run the built-in segment for 10 s of virtual time
+  isocat run my.toml --for 1min       run a segment of your own
+  isocat run --json | jq .in_sync     the whole report for a program
+  isocat run --capture run.pcapng     every frame, for Wireshark
+  isocat run --no-drift-compensation  see clocks run apart
+  isocat example > my.toml            the built-in segment as a start for your own
+  isocat devices                      the device profiles there are
+
+Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input.";
+
+/// Brings an EtherCAT segment into synchronization, runs it and proves how good it is.
+#[derive(Parser, Debug)]
+#[command(version, about, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
+struct CommandLine {
+    #[command(subcommand)]
+    verb: Option<Verb>,
+    #[command(flatten)]
+    run: run::Arguments,
+}
+
+#[derive(Subcommand, Debug)]
+enum Verb {
+    /// Bring a segment up, run it, judge it, report (the default verb)
+    Run(Box<run::Arguments>),
+    /// Print the built-in segment file
+    Example,
+    /// List the built-in device profiles; with a name, print that profile
+    Devices {
+        /// Profile to print
+        name: Option<String>,
+    },
+}
+
+/// Runs the command with the arguments of the process.
+pub fn main() -> ExitCode {
+    let arguments = match CommandLine::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help and version are no errors; clap's own code for bad usage is 2 as ours.
+            let code = if error.use_stderr() { BAD_INPUT } else { IN_SYNC };
+            let _ = error.print();
+            return code.into();
+        }
+    };
+    let code = match arguments.verb {
+        None => run::run(&arguments.run),
+        Some(Verb::Run(arguments)) => run::run(&arguments),
+        Some(Verb::Example) => print(crate::SegmentFile::built_in_text()),
+        Some(Verb::Devices { name }) => devices(name.as_deref()),
+    };
+    code.into()
+}
+
+fn devices(name: Option<&str>) -> u8 {
+    use crate::profile;
+    let Some(name) = name else {
+        let list: String = profile::built_in_ids()
+            .filter_map(profile::built_in)
+            .map(|p| {
+                let modes: Vec<_> = p.modes().map(|mode| mode.name()).collect();
+                format!("{:<26} {} {}: {}\n", p.id, p.vendor, p.name, modes.join(", "))
+            })
+            .collect();
+        return print(&list);
+    };
+    match profile::built_in_text(name) {
+        Some(text) => print(text),
+        None => {
+            let hint = profile::name_hint(name, profile::built_in_ids());
+            fail(&format!("unknown device \"{name}\"\n{hint}"))
+        }
+    }
+}
+
+/// Prints a result. A reader that went away (`isocat | head`) is no error.
+fn print(text: &str) -> u8 {
+    use std::io::Write;
+    match anstream::stdout().write_all(text.as_bytes()) {
+        Ok(()) => IN_SYNC,
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => IN_SYNC,
+        Err(error) => fail(&format!("standard output can't be written: {error}")),
+    }
+}
+
+/// Says why the input can't be used.
+fn fail(message: &str) -> u8 {
+    anstream::eprintln!("{BAD}error:{BAD:#} {message}");
+    BAD_INPUT
+}
+
+const BAD: anstyle::Style = anstyle::AnsiColor::Red.on_default().bold();

@@ -1,0 +1,136 @@
+//! `isocat run`.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use isocat_maindevice::Fault;
+use isocat_sim::Outcome;
+use isocat_sim::run::Progress;
+use isocat_wire::Nanos;
+
+use super::{IN_SYNC, NOT_IN_SYNC, fail, print};
+use crate::capture::Capture;
+use crate::{Report, Scenario, SegmentFile, quantity};
+
+/// Arguments of `run`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Segment file; without one, the built-in segment runs
+    segment: Option<String>,
+    /// How long to run once all devices are in OP, in virtual time: 500ms, 10s, 2min
+    #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
+    duration: Option<Nanos>,
+    /// Seed of everything random; the same seed gives the same run
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Print the report as one JSON document
+    #[arg(long)]
+    json: bool,
+    /// Also write the report to this file: JSON if it ends in .json, else text
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Write every frame to this pcapng file
+    #[arg(long, value_name = "FILE")]
+    capture: Option<PathBuf>,
+    /// For testing: let the clocks run apart
+    #[arg(long)]
+    no_drift_compensation: bool,
+    /// For testing: run although the timing budget does not fit
+    #[arg(long)]
+    force: bool,
+}
+
+fn duration(text: &str) -> Result<Nanos, String> {
+    let duration = quantity::parse_duration(text).map_err(|error| error.to_string())?;
+    if (Nanos(1)..=LONGEST).contains(&duration) {
+        Ok(duration)
+    } else {
+        Err(format!("expected a duration above zero and up to 24 hours, found {text}"))
+    }
+}
+
+const LONGEST: Nanos = Nanos::millis(24 * 3_600_000);
+
+/// Runs the verb; gives the exit code.
+pub fn run(arguments: &Arguments) -> u8 {
+    let file = match &arguments.segment {
+        None => SegmentFile::built_in(),
+        Some(path) => match SegmentFile::read(path) {
+            Ok(file) => file,
+            Err(error) => return fail(&error.to_string()),
+        },
+    };
+    let mut scenario = Scenario::from(file);
+    scenario.duration = arguments.duration.unwrap_or(scenario.duration);
+    scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    scenario.force = arguments.force;
+    scenario.drift_compensation &= !arguments.no_drift_compensation;
+    if scenario.duration < scenario.cycle {
+        let (duration, cycle) = (scenario.duration, scenario.cycle);
+        return fail(&format!("--for {duration} is shorter than one cycle of {cycle}"));
+    }
+    let capture = match arguments.capture.as_deref().map(Capture::create).transpose() {
+        Ok(capture) => capture,
+        Err(error) => return fail(&unwritable("capture", arguments.capture.as_ref(), &error)),
+    };
+    let bar = progress_bar(&scenario);
+    let outcome = scenario.run().execute(capture, &mut |progress| match progress {
+        Progress::Stage(stage) => bar.set_message(stage.name()),
+        Progress::Judged(time) => {
+            bar.set_message("in operation");
+            bar.set_position(time.0 as u64);
+        }
+    });
+    bar.finish_and_clear();
+    let report = Report::new(&scenario, &outcome);
+    let refused = outcome.failure.as_ref().is_some_and(|e| e.cause.fault() == Fault::Configuration);
+    let code = finish(arguments, &report, outcome, refused);
+    if code != IN_SYNC || report.in_sync { code } else { NOT_IN_SYNC }
+}
+
+/// Writes everything that was asked for.
+fn finish(arguments: &Arguments, report: &Report, outcome: Outcome<Capture>, refused: bool) -> u8 {
+    if let Some(Err(error)) = outcome.world.into_tap().map(Capture::finish) {
+        return fail(&unwritable("capture", arguments.capture.as_ref(), &error));
+    }
+    let json = || {
+        let text = serde_json::to_string_pretty(report);
+        text.expect("a report has no map keys that JSON lacks") + "\n"
+    };
+    if let Some(path) = &arguments.report {
+        let text = match path.extension().and_then(|extension| extension.to_str()) {
+            Some("json") => json(),
+            _ => anstream::adapter::strip_str(&report.text()).to_string(),
+        };
+        if let Err(error) = std::fs::write(path, text) {
+            return fail(&unwritable("report", Some(path), &error));
+        }
+    }
+    if refused && !arguments.json {
+        return fail(&report.findings.first().map_or(String::new(), |f| f.sentence()));
+    }
+    let code = print(&if arguments.json { json() } else { report.text() });
+    if refused { super::BAD_INPUT } else { code }
+}
+
+fn unwritable(what: &str, path: Option<&PathBuf>, error: &std::io::Error) -> String {
+    let path = path.map_or(String::new(), |path| path.display().to_string());
+    format!("the {what} file {path} can't be written: {error}")
+}
+
+/// Shown on a terminal only, and only if the run takes a while.
+fn progress_bar(scenario: &Scenario) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(scenario.duration.0 as u64);
+    let template = "{msg:12} {wide_bar} {percent:>3} %  {eta}";
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}

@@ -1,0 +1,329 @@
+//! From the file to a draft.
+
+use std::ops::RangeInclusive;
+
+use isocat_subdevice::description::{Behaviour, Mailbox, MissedEvents};
+use isocat_subdevice::{MAX_MAILBOX, MAX_PROCESS_DATA};
+use isocat_wire::ObjectAddress;
+use isocat_wire::coe::DataType;
+use isocat_wire::sii::MailboxArea;
+use isocat_wire::time::Nanos;
+
+use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Property, Times};
+use super::rows::{object, parse_access, parse_hex, parse_object, parse_type};
+use super::{ApplicationKind, CHIPS, Identity, OpMode};
+use crate::document::{FileError, Source, Table, Value};
+
+/// Reads the file.
+pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
+    let document = source.parse()?;
+    let root = Table::root(source, &document);
+    root.allow(&[
+        "id",
+        "name",
+        "vendor",
+        "application",
+        "identity",
+        "esc",
+        "mailbox",
+        "outputs",
+        "inputs",
+        "object",
+        "opmode",
+        "times",
+        "behaviour",
+        "assumed",
+    ])?;
+    let text = |key, expected| Ok(root.required(key, expected)?.name(expected)?.to_owned());
+    let section = |key, expected| root.required(key, expected)?.table();
+    let identity = section("identity", "a table with vendor_id, product_code and revision")?;
+    identity.allow(&[
+        "vendor_id",
+        "product_code",
+        "revision",
+        "serial",
+        "device_type",
+        "hardware_version",
+        "software_version",
+    ])?;
+    let number = |key, expected| identity.required(key, expected)?.u32();
+    let version = |key| match identity.value(key) {
+        Some(value) => value.name("a version in quotes").map(str::to_owned),
+        None => Ok("1.0".to_owned()),
+    };
+    let esc = esc(section("esc", "a table with the ESC's chip")?)?;
+    let mailbox = mailbox(section("mailbox", "a table with the areas receive and send")?)?;
+    let area = |key, pdos| root.table(key)?.map(|table| area(table, pdos)).transpose();
+    Ok(Draft {
+        source,
+        id: text("id", "the name that segment files use")?,
+        name: text("name", "the product's name")?,
+        vendor: text("vendor", "the maker's name")?,
+        application: root
+            .required("application", "\"drive\" or \"io\"")?
+            .one_of(&[("drive", ApplicationKind::Drive), ("io", ApplicationKind::Io)])?,
+        identity: Identity {
+            vendor_id: number("vendor_id", "the maker's number, object 0x1018:01")?,
+            product_code: number("product_code", "the product's number, object 0x1018:02")?,
+            revision: number("revision", "the revision, object 0x1018:03")?,
+            serial: identity.value("serial").map_or(Ok(0), |value| value.u32())?,
+        },
+        device_type: number("device_type", "the profile's number, object 0x1000")?,
+        hardware_version: version("hardware_version")?,
+        software_version: version("software_version")?,
+        esc,
+        mailbox,
+        outputs: area("outputs", 0x1600..=0x17FF)?,
+        inputs: area("inputs", 0x1A00..=0x1BFF)?,
+        objects: root.tables("object")?.into_iter().map(object).collect::<Result<_, _>>()?,
+        op_modes: root.tables("opmode")?.into_iter().map(op_mode).collect::<Result<_, _>>()?,
+        times: times(section("times", "a table with application and others")?)?,
+        behaviour: behaviour(root.table("behaviour")?)?,
+        assumed: assumed(root)?,
+    })
+}
+
+fn esc(table: Table<'_>) -> Result<Esc, FileError> {
+    table.allow(&["chip", "sync_unit", "pulse", "alias"])?;
+    let expected = "the name of an ESC";
+    let pulse = match table.value("pulse") {
+        Some(value) => {
+            let pulse = value.duration(Nanos::ZERO..=Nanos(i64::from(u16::MAX) * 10))?;
+            if pulse.0 % 10 != 0 {
+                return Err(value.error(format!("pulse = {pulse}: expected whole 10 ns")));
+            }
+            pulse
+        }
+        None => Nanos::micros(10),
+    };
+    Ok(Esc {
+        at: table.at,
+        chip: table.required("chip", expected)?.one_of(&CHIPS.map(|chip| (chip.0, chip)))?,
+        sync_unit: table
+            .required("sync_unit", "whether SYNC0 can be generated, true or false")?
+            .boolean()?,
+        pulse,
+        alias: table.value("alias").map_or(Ok(0), |value| value.u16())?,
+    })
+}
+
+fn mailbox(table: Table<'_>) -> Result<Placed<Mailbox>, FileError> {
+    table.allow(&["receive", "send"])?;
+    let area = |key| {
+        let area = table.required(key, "{ start = 0x1000, length = 128 }")?.table()?;
+        area.allow(&["start", "length"])?;
+        Ok(MailboxArea {
+            start: area.required("start", "an address")?.integer(0x1000..=0xFFFF)? as u16,
+            // Two headers, an SDO of 8 bytes and room to segment; what the stack can hold.
+            length: area.required("length", "bytes")?.integer(32..=MAX_MAILBOX as i64)? as u16,
+        })
+    };
+    Ok(Placed { at: table.at, value: Mailbox { receive: area("receive")?, send: area("send")? } })
+}
+
+fn area(table: Table<'_>, pdos: RangeInclusive<i64>) -> Result<Area, FileError> {
+    table.allow(&["start", "length", "access", "slots", "default", "recommended", "pdo"])?;
+    let list = |key| {
+        table.value(key).map(|value| {
+            let indices = value.array("PDO indices")?;
+            let index = |value: &Value<'_>| {
+                Ok(Placed { at: value.at(), value: value.integer(pdos.clone())? as u16 })
+            };
+            indices.iter().map(index).collect::<Result<Vec<_>, FileError>>()
+        })
+    };
+    let definitions = table
+        .tables("pdo")?
+        .into_iter()
+        .map(|table| pdo(table, pdos.clone()))
+        .collect::<Result<Vec<_>, _>>()?;
+    let default = list("default").unwrap_or(Ok(Vec::new()))?;
+    let recommended = list("recommended").unwrap_or_else(|| Ok(default.clone()))?;
+    let slots = match table.value("slots") {
+        Some(value) => value.integer(1..=254)? as u8,
+        None => definitions.len().max(default.len()).clamp(1, 254) as u8,
+    };
+    let access = table.required("access", "who may write the PDO assignment, such as \"ro\"")?;
+    Ok(Area {
+        at: table.at,
+        start: table.required("start", "an address")?.integer(0x1000..=0xFFFF)? as u16,
+        length: table
+            .required("length", "the most bytes of one buffer")?
+            .integer(1..=MAX_PROCESS_DATA as i64)? as u16,
+        access: parse_access(&access)?,
+        slots,
+        default,
+        recommended,
+        pdos: definitions,
+    })
+}
+
+fn pdo(table: Table<'_>, indices: RangeInclusive<i64>) -> Result<Pdo, FileError> {
+    table.allow(&["index", "name", "entries"])?;
+    let entries = table.required("entries", "rows [object, type, name]")?;
+    Ok(Pdo {
+        at: table.at,
+        index: table.required("index", "the PDO's index")?.integer(indices)? as u16,
+        name: table.required("name", "the PDO's name")?.name("the PDO's name")?.to_owned(),
+        entries: entries.array("rows")?.iter().map(pdo_entry).collect::<Result<_, _>>()?,
+    })
+}
+
+fn pdo_entry(row: &Value<'_>) -> Result<PdoEntry, FileError> {
+    if row.is_table() {
+        let table = row.table()?;
+        table.allow(&["pad"])?;
+        let bits = table.required("pad", "bits of padding")?.integer(1..=64)? as u8;
+        let (data_type, name) = (DataType::GAP, String::new());
+        return Ok(PdoEntry { at: row.at(), object: None, data_type, bits, name });
+    }
+    let expected = "a row such as [\"6040:00\", \"UNSIGNED16\", \"Controlword\"] or { pad = 8 }";
+    let cells = row.array("object, type and name")?;
+    let [object, data_type, name] = cells[..] else { return Err(row.unexpected(expected)) };
+    let text = object.string("an object such as \"6040:00\"")?;
+    let address = parse_object(text).ok_or_else(|| {
+        object.error(format!("\"{text}\": expected an object such as \"6040:00\""))
+    })?;
+    let kind = parse_type(&data_type)?;
+    let bits = kind.bits().filter(|bits| *bits <= 64).ok_or_else(|| {
+        data_type.error("a type without a fixed length can't be mapped; expected e.g. UNSIGNED16")
+    })?;
+    Ok(PdoEntry {
+        at: row.at(),
+        object: Some(address),
+        data_type: kind,
+        bits: bits as u8,
+        name: name.name("the entry's name")?.to_owned(),
+    })
+}
+
+fn op_mode(table: Table<'_>) -> Result<OpMode, FileError> {
+    table.allow(&["name", "description", "assign_activate", "sync0_factor", "sync1_factor"])?;
+    let factor = |key| match table.value(key) {
+        Some(value) => value.integer(i64::from(i16::MIN)..=i64::from(i16::MAX)).map(|n| n as i16),
+        None => Ok(0),
+    };
+    Ok(OpMode {
+        name: table.required("name", "the mode's name")?.name("the mode's name")?.to_owned(),
+        description: match table.value("description") {
+            Some(value) => value.name("a description")?.to_owned(),
+            None => String::new(),
+        },
+        assign_activate: table
+            .required("assign_activate", "the word for registers 0x0980 and 0x0981")?
+            .u16()?,
+        sync0_factor: factor("sync0_factor")?,
+        sync1_factor: factor("sync1_factor")?,
+    })
+}
+
+fn times(table: Table<'_>) -> Result<Times, FileError> {
+    table.allow(&["reaction", "calc_and_copy", "application", "input_copy", "jitter"])?;
+    let time =
+        |key, least| table.value(key).map(|value| value.duration(least..=LONGEST_STEP)).transpose();
+    let needed = |key| {
+        let expected = "a duration with its unit, such as \"20us\"";
+        table.required(key, expected)?.duration(Nanos(1)..=LONGEST_STEP)
+    };
+    Ok(Times {
+        at: table.at,
+        reaction: needed("reaction")?,
+        calc_and_copy: time("calc_and_copy", Nanos(1))?,
+        application: needed("application")?,
+        input_copy: time("input_copy", Nanos(1))?,
+        jitter: time("jitter", Nanos::ZERO)?.unwrap_or(Nanos::ZERO),
+    })
+}
+
+fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
+    let mut behaviour = Behaviour::default();
+    let Some(table) = table else { return Ok(Placed { at: 0, value: behaviour }) };
+    table.allow(&[
+        "missed_events",
+        "sync_error_limit",
+        "safeop_to_op_timeout",
+        "free_run_period",
+        "maximum_cycle_time",
+        "hide_unused_sync_objects",
+        "identification",
+    ])?;
+    if let Some(value) = table.value("missed_events") {
+        behaviour.missed_events = value.one_of(&[
+            ("counted", MissedEvents::Counted),
+            ("slave-stack-code", MissedEvents::SlaveStackCode),
+        ])?;
+    }
+    if let Some(value) = table.value("sync_error_limit") {
+        behaviour.sync_error_limit = value.integer(1..=i64::from(u16::MAX))? as u16;
+    }
+    if let Some(value) = table.value("safeop_to_op_timeout") {
+        behaviour.safeop_to_op_timeout =
+            value.duration(Nanos::millis(10)..=Nanos::millis(60_000))?;
+    }
+    if let Some(value) = table.value("free_run_period") {
+        behaviour.free_run_period = value.duration(Nanos::micros(10)..=LONGEST_STEP)?;
+    }
+    if let Some(value) = table.value("maximum_cycle_time") {
+        behaviour.maximum_cycle_time = value.duration(Nanos(1)..=Nanos::from_u32(u32::MAX))?;
+    }
+    if let Some(value) = table.value("hide_unused_sync_objects") {
+        behaviour.hide_unused_sync_objects = value.boolean()?;
+    }
+    if let Some(value) = table.value("identification") {
+        behaviour.identification = value.u16()?;
+    }
+    Ok(Placed { at: table.at, value: behaviour })
+}
+
+fn assumed(root: Table<'_>) -> Result<Vec<Assumed>, FileError> {
+    let mut all = Vec::new();
+    for table in root.tables("assumed")? {
+        table.allow(&["what", "why"])?;
+        let expected = "the reason for this value";
+        let why = table.required("why", expected)?;
+        let why = match why.string(expected)? {
+            "" => return Err(why.error(format!("why is empty; expected {expected}"))),
+            text => text,
+        };
+        let expected = "an object such as \"1C32:06\" or a key such as \"identity.revision\"";
+        let what = table.required("what", expected)?;
+        let items = match what.as_string() {
+            Some(_) => vec![what],
+            None => what.array("objects or keys")?,
+        };
+        for value in items {
+            let text = value.name(expected)?;
+            let item = item(root, text).ok_or_else(|| {
+                value
+                    .error(format!("the file has no key \"{text}\" to assume; expected {expected}"))
+            })?;
+            let item = Placed { at: value.at(), value: item };
+            all.push(Assumed { item, why: why.to_owned() });
+        }
+    }
+    Ok(all)
+}
+
+/// What a text of `[[assumed]]` names; objects are looked up later, when all of them are known.
+fn item(root: Table<'_>, text: &str) -> Option<Item> {
+    let (text, property) = match text.split_once(' ') {
+        Some((text, "access")) => (text, Property::Access),
+        Some((text, "offset")) => (text, Property::Offset),
+        _ => (text, Property::Value),
+    };
+    if let Some(index) = parse_hex(text, 4) {
+        return Some(Item::Object(index as u16));
+    }
+    if let Some((object, last)) = text.split_once('-')
+        && let (Some(first), Some(last)) = (parse_object(object), parse_hex(last, 2))
+    {
+        let ObjectAddress { index, sub } = first;
+        return Some(Item::Entries { index, first: sub, last: last as u8, property });
+    }
+    if let Some(ObjectAddress { index, sub }) = parse_object(text) {
+        return Some(Item::Entries { index, first: sub, last: sub, property });
+    }
+    root.lookup(text).map(|value| Item::Key(text.to_owned(), value))
+}
+
+const LONGEST_STEP: Nanos = Nanos::millis(1_000);

@@ -1,0 +1,218 @@
+//! The EEPROM image of a profile.
+
+use isocat_wire::sii::{
+    HEADER_LEN, Header, ImageFull, PdoEntryRecord, PdoRecord, SmRecord, Writer, category, sm_type,
+};
+use isocat_wire::sync_manager::SyncManager;
+
+use super::draft::{Area, Draft};
+use crate::document::FileError;
+
+/// The image, in the smallest usual EEPROM that it fits into.
+pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
+    let mut strings = Strings::default();
+    let categories = [
+        (category::GENERAL, general(draft, &mut strings)),
+        (category::FMMU, vec![FMMU_OUTPUTS, FMMU_INPUTS, FMMU_MAILBOX_STATUS]),
+        (category::SYNC_MANAGER, sync_managers(draft)),
+        (category::TX_PDO, pdos(draft.inputs.as_ref(), 3, &mut strings)),
+        (category::RX_PDO, pdos(draft.outputs.as_ref(), 2, &mut strings)),
+        (category::DC, op_modes(draft, &mut strings)),
+    ];
+    let strings = strings.finish().map_err(|problem| draft.source.error(0, problem))?;
+    let write = |size: usize| -> Result<Vec<u8>, ImageFull> {
+        let mut image = vec![0; size];
+        let mut writer = Writer::new(&mut image, &header(draft, size))?;
+        // Strings come first: the others point into them.
+        writer.category(category::STRINGS, &strings)?;
+        for (kind, data) in &categories {
+            if !data.is_empty() {
+                writer.category(*kind, data)?;
+            }
+        }
+        writer.finish()?;
+        Ok(image)
+    };
+    SIZES.into_iter().find_map(|size| write(size).ok()).ok_or_else(|| {
+        let most = SIZES[SIZES.len() - 1];
+        draft.source.error(0, format!("the SII image is too long; expected at most {most} bytes"))
+    })
+}
+
+fn header(draft: &Draft<'_>, size: usize) -> Header {
+    let mut configuration = [0; 14];
+    configuration[0] = PDI_SPI;
+    configuration[1] = if draft.esc.sync_unit { ESC_SYNC_AND_LATCH } else { 0 };
+    configuration[3] = SYNC_OUTPUTS_MAPPED;
+    configuration[4..6].copy_from_slice(&((draft.esc.pulse.0 / 10) as u16).to_le_bytes());
+    configuration[8..10].copy_from_slice(&draft.esc.alias.to_le_bytes());
+    Header {
+        configuration,
+        vendor_id: draft.identity.vendor_id,
+        product_code: draft.identity.product_code,
+        revision: draft.identity.revision,
+        serial: draft.identity.serial,
+        receive: draft.mailbox.value.receive,
+        send: draft.mailbox.value.send,
+        protocols: Header::COE,
+        size: (size / 128 - 1) as u16,
+        ..Header::default()
+    }
+}
+
+fn general(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
+    let mut data = vec![0; 32];
+    let name = strings.number(&draft.name);
+    let writable = [&draft.outputs, &draft.inputs]
+        .into_iter()
+        .flatten()
+        .any(|area| area.access.has_any(isocat_wire::coe::info::Access::WRITE));
+    data[0x00] = strings.number(&draft.vendor);
+    data[0x02] = name;
+    data[0x03] = name;
+    data[0x05] = COE_SDO | COE_INFORMATION | COE_COMPLETE_ACCESS;
+    if writable {
+        data[0x05] |= COE_ASSIGNMENT;
+    }
+    data[0x10..0x12].copy_from_slice(&TWO_MII_PORTS.to_le_bytes());
+    data
+}
+
+fn sync_managers(draft: &Draft<'_>) -> Vec<u8> {
+    let mailbox = |start, length, control, kind| SmRecord {
+        start,
+        length,
+        control,
+        status: 0,
+        enable: 1,
+        kind,
+    };
+    let process_data = |area: Option<&Area>, control, kind| {
+        let length = area.map_or(0, default_length);
+        SmRecord {
+            start: area.map_or(0, |area| area.start),
+            length,
+            control,
+            status: 0,
+            enable: u8::from(length > 0),
+            kind: if area.is_some() { kind } else { sm_type::UNUSED },
+        }
+    };
+    let (receive, send) = (draft.mailbox.value.receive, draft.mailbox.value.send);
+    [
+        mailbox(receive.start, receive.length, SyncManager::MAILBOX_OUT, sm_type::MAILBOX_OUT),
+        mailbox(send.start, send.length, SyncManager::MAILBOX_IN, sm_type::MAILBOX_IN),
+        process_data(draft.outputs.as_ref(), SyncManager::OUTPUTS, sm_type::OUTPUTS),
+        process_data(draft.inputs.as_ref(), SyncManager::INPUTS, sm_type::INPUTS),
+    ]
+    .iter()
+    .flat_map(SmRecord::emit)
+    .collect()
+}
+
+/// Bytes of the PDOs assigned by default.
+fn default_length(area: &Area) -> u16 {
+    area.bits(&area.default).div_ceil(8) as u16
+}
+
+fn pdos(area: Option<&Area>, sm: u8, strings: &mut Strings) -> Vec<u8> {
+    let mut data = Vec::new();
+    for pdo in area.into_iter().flat_map(|area| &area.pdos) {
+        let assigned = area.is_some_and(|area| area.default.iter().any(|d| d.value == pdo.index));
+        let record = PdoRecord {
+            index: pdo.index,
+            entries: pdo.entries.len() as u8,
+            sm: if assigned { sm } else { 0xFF },
+            sync_unit: 0,
+            name: strings.number(&pdo.name),
+            flags: FIXED_CONTENT,
+        };
+        data.extend(record.emit());
+        for entry in &pdo.entries {
+            let record = PdoEntryRecord {
+                index: entry.object.map_or(0, |object| object.index),
+                sub: entry.object.map_or(0, |object| object.sub),
+                name: strings.number(&entry.name),
+                data_type: entry.data_type.0 as u8,
+                bits: entry.bits,
+                flags: 0,
+            };
+            data.extend(record.emit());
+        }
+    }
+    data
+}
+
+fn op_modes(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
+    let mut data = Vec::new();
+    for mode in &draft.op_modes {
+        let mut record = [0; 24];
+        record[0x0C..0x0E].copy_from_slice(&mode.sync1_factor.to_le_bytes());
+        record[0x0E..0x10].copy_from_slice(&mode.assign_activate.to_le_bytes());
+        record[0x10..0x12].copy_from_slice(&mode.sync0_factor.to_le_bytes());
+        record[0x12] = strings.number(&mode.name);
+        record[0x13] = strings.number(&mode.description);
+        data.extend(record);
+    }
+    data
+}
+
+/// The strings category: every text once.
+#[derive(Default)]
+struct Strings {
+    texts: Vec<String>,
+}
+
+impl Strings {
+    /// Number of a text, from 1; 0 for none.
+    fn number(&mut self, text: &str) -> u8 {
+        if text.is_empty() {
+            return 0;
+        }
+        let known = self.texts.iter().position(|known| known == text);
+        let position = known.unwrap_or_else(|| {
+            self.texts.push(text.to_owned());
+            self.texts.len() - 1
+        });
+        // More than 255 are refused by `finish`.
+        (position + 1) as u8
+    }
+
+    fn finish(self) -> Result<Vec<u8>, String> {
+        if self.texts.len() > 255 {
+            return Err(format!("{} different names; the SII has room for 255", self.texts.len()));
+        }
+        let mut data = vec![self.texts.len() as u8];
+        for text in &self.texts {
+            let Ok(length) = u8::try_from(text.len()) else {
+                return Err(format!("the name \"{text}\" is longer than the 255 bytes of the SII"));
+            };
+            data.push(length);
+            data.extend(text.as_bytes());
+        }
+        Ok(data)
+    }
+}
+
+/// EEPROM sizes in bytes, 16 kbit to 512 kbit.
+const SIZES: [usize; 6] = [2_048, 4_096, 8_192, 16_384, 32_768, 65_536];
+const _: () = assert!(SIZES[0] > HEADER_LEN);
+
+/// Register 0x0140: the local CPU is connected by SPI.
+const PDI_SPI: u8 = 0x05;
+/// Register 0x0141: SYNC-out unit and latch-in unit on.
+const ESC_SYNC_AND_LATCH: u8 = 0x0C;
+/// Register 0x0151: both pins are SYNC outputs, active low, and both are mapped to the AL event
+/// request.
+const SYNC_OUTPUTS_MAPPED: u8 = 0xCC;
+const FMMU_OUTPUTS: u8 = 1;
+const FMMU_INPUTS: u8 = 2;
+const FMMU_MAILBOX_STATUS: u8 = 3;
+const COE_SDO: u8 = 0x01;
+const COE_INFORMATION: u8 = 0x02;
+const COE_ASSIGNMENT: u8 = 0x04;
+const COE_COMPLETE_ACCESS: u8 = 0x20;
+/// PDO flag, bit 4: entries can't be changed.
+const FIXED_CONTENT: u16 = 0x0010;
+/// Four bits a port: 1 is MII.
+const TWO_MII_PORTS: u16 = 0x0011;

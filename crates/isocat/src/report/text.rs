@@ -1,0 +1,252 @@
+//! The report for people: a hundred columns, verdict first.
+
+use std::fmt::{self, Write};
+
+use anstyle::{AnsiColor, Style};
+use isocat_wire::time::Nanos;
+
+use super::{Counters, Device, Report, Spread};
+
+/// Columns of the text.
+const WIDTH: usize = 100;
+
+const GOOD: Style = AnsiColor::Green.on_default().bold();
+const BAD: Style = AnsiColor::Red.on_default().bold();
+const QUIET: Style = Style::new().dimmed();
+
+impl Report {
+    /// The report as text, with ANSI styles; print it through a stream that strips them where they
+    /// are not wanted.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        let _ = self.write(&mut text);
+        text
+    }
+
+    fn write(&self, out: &mut String) -> fmt::Result {
+        let style = if self.in_sync { GOOD } else { BAD };
+        for line in wrap(&self.verdict, WIDTH) {
+            writeln!(out, "{style}{line}{style:#}")?;
+        }
+        let judged = Nanos(self.judged_ns);
+        let (cycle, seed) = (Nanos(self.cycle_ns), self.seed);
+        writeln!(
+            out,
+            "{QUIET}{}: cycle {cycle}, judged for {judged} of virtual time, seed {seed}{QUIET:#}",
+            self.segment_file
+        )?;
+        if self.findings.len() > 1 {
+            writeln!(out)?;
+            for finding in &self.findings {
+                for (i, line) in wrap(&finding.sentence(), WIDTH - 4).iter().enumerate() {
+                    writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
+                }
+            }
+        }
+        self.write_devices(out)?;
+        self.write_segment(out)?;
+        self.write_budget(out)?;
+        self.write_notes(out)
+    }
+
+    fn write_devices(&self, out: &mut String) -> fmt::Result {
+        writeln!(
+            out,
+            "\n{:54}{:^22} {:>10}  {}",
+            "", "SYNC0 error [t], ns", "margin [t]", "0x1C32 [r]"
+        )?;
+        writeln!(
+            out,
+            " {:<2} {:<19} {:<8} {:>7}  {:<10} {:>6} {:>6} {:>6} {:>12}  {}",
+            "#",
+            "device",
+            "mode",
+            "cycle",
+            "state [r]",
+            "mean",
+            "sd",
+            "worst",
+            "worst",
+            "0B 0C 0D 20"
+        )?;
+        for device in &self.devices {
+            let sync0 = device.true_time.sync0_error;
+            let figure = |pick: fn(&Spread) -> f64| sync0.as_ref().map(pick);
+            let margin = device.true_time.sync0_margin.map(|margin| margin.min_ns);
+            writeln!(
+                out,
+                " {:<2} {:<19} {:<8} {:>7}  {:<10} {:>6} {:>6} {:>6} {:>12}  {}",
+                device.position,
+                cut(&device.name, 19),
+                device.mode,
+                device.cycle_ns.map_or("-".into(), |ns| Nanos(ns).to_string()),
+                device.registers.al_status,
+                one_decimal(figure(|s| s.mean_ns)),
+                one_decimal(figure(|s| s.standard_deviation_ns)),
+                one_decimal(figure(|s| s.worst_ns)),
+                margin.map_or("-".into(), micros),
+                counters(device),
+            )?;
+        }
+        Ok(())
+    }
+
+    fn write_segment(&self, out: &mut String) -> fmt::Result {
+        writeln!(out)?;
+        let (seen, counted) = (&self.segment.true_time, &self.segment.main_device);
+        let mut line = |what: &str, figure: String, from: &str| {
+            writeln!(out, " {what:<36} {figure} {QUIET}[{from}]{QUIET:#}")
+        };
+        if let Some(time) = seen.time_to_synchronization_ns {
+            line("time to synchronization", micros_or_ms(time), "t")?;
+        }
+        line(
+            "frames for bring-up",
+            format!(
+                "{}, of these {} for the clocks",
+                counted.bring_up_frames, counted.drift_frames
+            ),
+            "m",
+        )?;
+        line(
+            "frames sent, lost",
+            format!("{}, {}", counted.frames_sent, counted.frames_lost),
+            "m",
+        )?;
+        if let Some(spread) = seen.outputs_valid_spread {
+            line("outputs valid, first to last device", range(&spread), "t")?;
+        }
+        if let Some(spread) = seen.host_phase_error {
+            line("host phase error", range(&spread), "t")?;
+        }
+        if let Some(spread) = counted.host_phase_error {
+            line("host phase error", range(&spread), "m")?;
+        }
+        if let Some(ppb) = counted.reference_rate_ppb {
+            let ppm = format!("{:+.2} ppm", ppb as f64 / 1000.0);
+            line("reference clock against the host's", ppm, "m")?;
+        }
+        Ok(())
+    }
+
+    fn write_budget(&self, out: &mut String) -> fmt::Result {
+        let Some(plan) = &self.segment.plan else { return Ok(()) };
+        let tightest = self
+            .devices
+            .iter()
+            .flat_map(|device| device.plan.iter().map(move |line| (device, line)))
+            .min_by_key(|(_, line)| line.slack_ns);
+        if let Some(phase) = plan.sync0_phase_ns {
+            let (phase, send) = (Nanos(phase), Nanos(plan.send_phase_ns));
+            let text = format!("SYNC0 at {phase} of the cycle, frame at {send}");
+            writeln!(out, " {:<36} {text} {QUIET}[p]{QUIET:#}", "plan")?;
+        }
+        if let Some((device, line)) = tightest {
+            let slack = Nanos(line.slack_ns);
+            let text = format!("{slack}: {} of SubDevice {}", line.object, device.position);
+            writeln!(out, " {:<36} {text} {QUIET}[p]{QUIET:#}", "tightest line of the budget")?;
+        }
+        Ok(())
+    }
+
+    fn write_notes(&self, out: &mut String) -> fmt::Result {
+        let mut notes = Vec::new();
+        for device in &self.devices {
+            if !device.mode_reason.is_empty() {
+                notes.push(format!("SubDevice {}: {}", device.position, device.mode_reason));
+            }
+            if !device.application.is_empty() {
+                notes.push(format!("SubDevice {}: {}", device.position, device.application));
+            }
+        }
+        let assumed: usize = self.devices.iter().map(|device| device.assumptions.len()).sum();
+        if assumed > 0 {
+            notes.push(format!(
+                "{assumed} values are assumed because the makers do not publish them; \
+                 --json lists them with the reasons"
+            ));
+        }
+        writeln!(out)?;
+        for note in notes {
+            for (i, line) in wrap(&note, WIDTH - 4).iter().enumerate() {
+                writeln!(out, " {} {line}", if i == 0 { "-" } else { " " })?;
+            }
+        }
+        writeln!(
+            out,
+            "\n {QUIET}[t] measured in true time  [r] read from the device  [m] MainDevice's clock and counts  [p] plan{QUIET:#}"
+        )
+    }
+}
+
+/// `0  0  0  0`, and both objects where they differ.
+fn counters(device: &Device) -> String {
+    let show = |c: &Counters| {
+        [c.sm_event_missed, c.cycle_time_too_small, c.shift_time_too_short, c.sync_error]
+            .map(|value| value.map_or("-".to_owned(), |value| value.to_string()))
+            .map(|value| format!("{value:>2}"))
+            .join(" ")
+    };
+    let (outputs, inputs) =
+        (show(&device.registers.output_counters), show(&device.registers.input_counters));
+    if outputs == inputs { outputs } else { format!("{outputs} /{inputs}") }
+}
+
+fn one_decimal(ns: Option<f64>) -> String {
+    ns.map_or("-".into(), |ns| format!("{ns:.1}"))
+}
+
+/// `412.345 us`: to the nanosecond.
+fn micros(ns: f64) -> String {
+    format!("{:.3} us", ns.floor() / 1000.0)
+}
+
+fn micros_or_ms(ns: i64) -> String {
+    format!("{:.1} ms", ns as f64 / 1e6)
+}
+
+fn range(spread: &Spread) -> String {
+    let us = |ns: f64| format!("{:.3}", ns / 1000.0);
+    format!(
+        "mean {} us, {} to {} us, sd {} us",
+        us(spread.mean_ns),
+        us(spread.min_ns),
+        us(spread.max_ns),
+        us(spread.standard_deviation_ns)
+    )
+}
+
+fn cut(text: &str, columns: usize) -> String {
+    if text.chars().count() <= columns {
+        return text.to_owned();
+    }
+    text.chars().take(columns - 1).chain(['…']).collect()
+}
+
+/// Breaks at spaces; a word longer than the width stays whole.
+fn wrap(text: &str, width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_sentences_break_at_spaces() {
+        assert_eq!(wrap("one two three", 7), ["one two", "three"]);
+        assert_eq!(wrap("", 7), Vec::<String>::new());
+        assert_eq!(cut("abcdef", 4), "abc…");
+    }
+}

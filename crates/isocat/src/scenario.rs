@@ -1,0 +1,139 @@
+//! From a segment file to a run: devices with ESC, stack and application, a host, and the intent that
+//! the MainDevice is given.
+
+use isocat_maindevice::{Config, DeviceConfig};
+use isocat_sim::random::Stream;
+use isocat_sim::{Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
+use isocat_subdevice::Application;
+use isocat_subdevice::drive::Drive;
+use isocat_subdevice::io::Io;
+use isocat_wire::PortNumber;
+use isocat_wire::time::{Nanos, Time};
+
+use crate::profile::{ApplicationKind, Profile};
+use crate::segment_file::{SegmentFile, SubDevice};
+
+/// A run, described: what [`Scenario::run`] makes a simulation of.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// Where the segment was described.
+    pub source: String,
+    /// Seed of all randomness.
+    pub seed: u64,
+    /// Bus cycle.
+    pub cycle: Nanos,
+    /// How long the run is judged.
+    pub duration: Nanos,
+    /// Largest SYNC0 error with which a SubDevice counts as synchronized. Default 1 us: what the field
+    /// calls synchronous; a healthy segment is far below.
+    pub sync0_limit: Nanos,
+    /// Wanted phase of SYNC0; `None`: the plan chooses.
+    pub shift: Option<Nanos>,
+    /// The MainDevice's machine.
+    pub host: HostModel,
+    /// Whether the clocks are kept together.
+    pub drift_compensation: bool,
+    /// Run although the plan says that it does not fit.
+    pub force: bool,
+    /// The devices, in the order of the line.
+    pub devices: Vec<SubDevice>,
+}
+
+impl From<SegmentFile> for Scenario {
+    fn from(file: SegmentFile) -> Self {
+        let host = HostModel {
+            clock_ppb: file.host.clock.0,
+            jitter: file.host.jitter,
+            ..HostModel::default()
+        };
+        Self {
+            source: file.path,
+            seed: file.seed,
+            cycle: file.cycle,
+            duration: file.duration,
+            sync0_limit: Nanos(1_000),
+            shift: file.shift,
+            host,
+            drift_compensation: file.host.drift_compensation,
+            force: false,
+            devices: file.subdevices,
+        }
+    }
+}
+
+impl Scenario {
+    /// The simulation of it.
+    pub fn run(&self) -> Run {
+        let segment = self.devices.iter().enumerate().map(|(i, d)| self.connection(i, d)).collect();
+        Run {
+            setup: Setup { seed: self.seed, config: self.config(), host: self.host, segment },
+            duration: self.duration,
+            sync0_limit: self.sync0_limit,
+        }
+    }
+
+    /// What the MainDevice is asked for.
+    pub fn config(&self) -> Config {
+        let mut config = Config::new(self.cycle);
+        config.host_jitter = self.host.jitter;
+        config.shift = self.shift;
+        config.drift_compensation = self.drift_compensation;
+        config.force = self.force;
+        config.devices = self.devices.iter().map(device_config).collect();
+        config
+    }
+
+    fn connection(&self, position: usize, device: &SubDevice) -> Connection {
+        let profile = device.profile;
+        // Counters start anywhere, as devices that were switched on at different times have them.
+        let local_time = Stream::new(self.seed, "power-on", position as u64).up_to(MOST_LOCAL_TIME);
+        Connection {
+            parent: position.checked_sub(1).map(|parent| (parent, PortNumber::P1)),
+            cable_mm: device.cable.0 as u64,
+            device: DeviceSetup {
+                chip: profile.esc(),
+                sii: profile.sii.clone(),
+                description: profile.description,
+                application: application(profile),
+                cpu: cpu(profile),
+                clock_ppb: device.clock.0,
+                local_time: Time::new(local_time),
+            },
+        }
+    }
+}
+
+/// Four months in ns.
+const MOST_LOCAL_TIME: u64 = 10_000_000_000_000_000;
+
+fn device_config(device: &SubDevice) -> DeviceConfig {
+    let profile = device.profile;
+    let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
+    DeviceConfig {
+        name: device.name.clone(),
+        identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
+        mode: device.mode,
+        outputs: list(&profile.assignment.outputs),
+        inputs: list(&profile.assignment.inputs),
+        shift_outputs: device.shift,
+        ..DeviceConfig::default()
+    }
+}
+
+fn application(profile: &Profile) -> Box<dyn Application + Send> {
+    match profile.application {
+        ApplicationKind::Drive => Box::new(Drive::default()),
+        ApplicationKind::Io => Box::new(Io::default()),
+    }
+}
+
+fn cpu(profile: &Profile) -> CpuModel {
+    let times = &profile.times;
+    CpuModel {
+        reaction: times.reaction,
+        copy_outputs: times.calc_and_copy,
+        application: times.application,
+        copy_inputs: times.input_copy,
+        jitter: times.jitter,
+    }
+}

@@ -1,0 +1,307 @@
+//! Segment files: which devices stand on the wire, how they are synchronized, for how long.
+//!
+//! ```toml
+//! cycle = "1ms"
+//!
+//! [[subdevice]]
+//! device = "kollmorgen_akd2g"   # a built-in profile, or the path of a profile file
+//! mode = "dc-sync0"             # default: the best that the device and the cycle allow
+//! cable = "10m"
+//! clock = "-35ppm"
+//! ```
+//!
+//! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
+//! known name.
+
+use std::path::Path;
+
+use isocat_sync::{SyncMode, object};
+use isocat_wire::ObjectAddress;
+use isocat_wire::time::Nanos;
+
+use crate::document::{Source, Table, Value};
+use crate::profile::{self, Overrides, Profile};
+use crate::quantity::{Length, Ppb};
+
+#[cfg(test)]
+mod tests;
+
+pub use crate::document::{FileError, name_hint};
+
+/// A segment, checked: every device exists, every number is in range.
+#[derive(Clone, Debug)]
+pub struct SegmentFile {
+    /// The file, as errors name it.
+    pub path: String,
+    /// Bus cycle. Key `cycle`, needed; 10 us to 1 s.
+    pub cycle: Nanos,
+    /// How long to run once the segment is in operation. Key `for`, one cycle to 24 h; default 10 s.
+    pub duration: Nanos,
+    /// Seed of everything random in the simulation. Key `seed`; default 1.
+    pub seed: u64,
+    /// Wanted position of SYNC0 after the start of the cycle. Key `shift`, below one cycle; default:
+    /// the plan chooses.
+    pub shift: Option<Nanos>,
+    /// The MainDevice's machine.
+    pub host: Host,
+    /// The devices in the order of the line.
+    pub subdevices: Vec<SubDevice>,
+}
+
+/// `[host]`: the machine that the MainDevice runs on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Host {
+    /// How fast its clock runs. Key `clock`, within 1000 ppm; default +12 ppm, an ordinary crystal.
+    pub clock: Ppb,
+    /// Peak-to-peak lateness of its wake-ups. Key `jitter`, up to 10 ms and below one cycle; default
+    /// 20 us, a tuned PC.
+    pub jitter: Nanos,
+    /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`; default
+    /// true. Without it a simulation shows how clocks run apart.
+    pub drift_compensation: bool,
+}
+
+/// `[[subdevice]]`: one device.
+#[derive(Clone, Debug)]
+pub struct SubDevice {
+    /// What reports call it. Key `name`; default: the device's id and its position from 1.
+    pub name: String,
+    /// The device, with what the file says differently already in it. Keys `device`, needed;
+    /// `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay`
+    /// (what it states in 0x1C32:09), `jitter` (of its CPU).
+    pub profile: &'static Profile,
+    /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
+    pub mode: Option<SyncMode>,
+    /// Cable that leads to it. Key `cable`, 10 mm to 2 km; default 10 m.
+    pub cable: Length,
+    /// How fast its clock runs. Key `clock`, within 1000 ppm; default 0 ppm.
+    pub clock: Ppb,
+    /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
+    /// device's own.
+    pub shift: Option<Nanos>,
+    /// Line of the file at which it begins, for messages.
+    pub line: usize,
+}
+
+impl SegmentFile {
+    /// Reads a segment file; `path` names it in errors, and paths of profile files are relative to
+    /// its folder.
+    pub fn parse(path: &str, text: &str) -> Result<Self, FileError> {
+        let source = Source { path, text };
+        let document = source.parse()?;
+        let root = Table::root(source, &document);
+        root.allow(&["cycle", "for", "seed", "shift", "host", "subdevice"])?;
+        let expected = "the bus cycle, such as cycle = \"1ms\"";
+        let cycle = root.required("cycle", expected)?.duration(SHORTEST_CYCLE..=LONGEST_CYCLE)?;
+        let below_cycle = Nanos::ZERO..=cycle - Nanos(1);
+        let duration = match root.value("for") {
+            Some(value) => value.duration(cycle..=LONGEST_RUN)?,
+            None => Nanos::millis(10_000),
+        };
+        let seed = root.value("seed").map_or(Ok(1), |value| value.integer(0..=i64::MAX))? as u64;
+        let shift = root.value("shift").map(|value| value.duration(below_cycle)).transpose()?;
+        let host = host(root.table("host")?, cycle)?;
+        let expected = "at least one device, such as [[subdevice]] device = \"kollmorgen_akd2g\"";
+        let tables = match root.tables("subdevice")? {
+            tables if tables.is_empty() => {
+                return Err(
+                    root.error(format!("the segment has no [[subdevice]]; expected {expected}"))
+                );
+            }
+            tables => tables,
+        };
+        if let Some(first) = tables.get(MOST_DEVICES) {
+            let count = tables.len();
+            let message = format!("{count} devices; expected at most {MOST_DEVICES}");
+            return Err(first.error(message));
+        }
+        let mut subdevices = Vec::with_capacity(tables.len());
+        for (position, table) in (1..).zip(tables) {
+            let device = subdevice(source, table, position, cycle)?;
+            let name = &device.name;
+            if let Some(namesake) = subdevices.iter().find(|other: &&SubDevice| other.name == *name)
+            {
+                let line = namesake.line;
+                let message = format!(
+                    "the name \"{name}\" is already taken in line {line}; expected another"
+                );
+                return Err(table
+                    .value("name")
+                    .map_or_else(|| table.error(&message), |v| v.error(&message)));
+            }
+            subdevices.push(device);
+        }
+        Ok(Self { path: path.to_owned(), cycle, duration, seed, shift, host, subdevices })
+    }
+
+    /// Reads a segment file from disk.
+    pub fn read(path: &str) -> Result<Self, FileError> {
+        Self::parse(path, &read(path)?)
+    }
+
+    /// The segment that `isocat run` shows without a file.
+    pub fn built_in() -> Self {
+        Self::parse("built-in segment", BUILT_IN)
+            .unwrap_or_else(|error| panic!("a test reads the built-in segment: {error}"))
+    }
+
+    /// Its text, as a start for one's own.
+    pub const fn built_in_text() -> &'static str {
+        BUILT_IN
+    }
+}
+
+fn host(table: Option<Table<'_>>, cycle: Nanos) -> Result<Host, FileError> {
+    let mut host =
+        Host { clock: Ppb::ppm(12), jitter: Nanos::micros(20), drift_compensation: true };
+    // A short cycle would not leave the default its place.
+    host.jitter = host.jitter.min(Nanos(cycle.0 / 10));
+    let Some(table) = table else { return Ok(host) };
+    table.allow(&["clock", "jitter", "drift_compensation"])?;
+    if let Some(value) = table.value("clock") {
+        host.clock = value.rate(-MOST_DRIFT..=MOST_DRIFT)?;
+    }
+    if let Some(value) = table.value("jitter") {
+        host.jitter = value.duration(Nanos::ZERO..=MOST_JITTER.min(cycle - Nanos(1)))?;
+    }
+    if let Some(value) = table.value("drift_compensation") {
+        host.drift_compensation = value.boolean()?;
+    }
+    Ok(host)
+}
+
+fn subdevice(
+    source: Source<'_>,
+    table: Table<'_>,
+    position: usize,
+    cycle: Nanos,
+) -> Result<SubDevice, FileError> {
+    table.allow(&[
+        "device",
+        "name",
+        "mode",
+        "cable",
+        "clock",
+        "shift",
+        "calc_copy",
+        "copy_time",
+        "delay",
+        "jitter",
+    ])?;
+    let expected = "a profile's name, such as device = \"kollmorgen_akd2g\"";
+    let device = table.required("device", expected)?;
+    let profile = device_profile(source, &device)?;
+    let time =
+        |key, range| table.value(key).map(|value: Value<'_>| value.duration(range)).transpose();
+    let calc_copy = time("calc_copy", Nanos(1)..=LONGEST_CYCLE)?;
+    let delay = time("delay", Nanos::ZERO..=LONGEST_CYCLE)?;
+    let overrides = Overrides {
+        stated_calc_and_copy: calc_copy,
+        stated_delay: delay,
+        calc_and_copy: time("copy_time", Nanos(1)..=LONGEST_CYCLE)?,
+        jitter: time("jitter", Nanos::ZERO..=MOST_JITTER)?,
+    };
+    let profile = profile.with(overrides).map_err(|entry| {
+        let key = if entry.sub == object::sub::DELAY_TIME { "delay" } else { "calc_copy" };
+        let value = table.value(key).unwrap_or(device);
+        value.error(format!(
+            "{key} is given, but {} has no object {entry} to state it",
+            profile.name
+        ))
+    })?;
+    let mode = match table.value("mode") {
+        Some(value) => Some(mode(&value, profile, cycle)?),
+        None => None,
+    };
+    let shift = time("shift", Nanos::ZERO..=cycle - Nanos(1))?;
+    if let (Some(_), Some(value)) = (shift, table.value("shift"))
+        && !profile.description.behaviour.shift_outputs
+    {
+        return Err(value.error(format!(
+            "shift is given, but {} states {} = {}; expected a device with shift by local timer",
+            profile.name,
+            ObjectAddress::new(object::OUTPUT_PARAMETER, object::sub::SUPPORTED_TYPES),
+            profile.supported_types()
+        )));
+    }
+    Ok(SubDevice {
+        name: match table.value("name") {
+            Some(value) => value.name("a name in quotes")?.to_owned(),
+            None => format!("{} {position}", profile.id),
+        },
+        profile,
+        mode,
+        cable: match table.value("cable") {
+            Some(value) => value.length(Length(10)..=Length::metres(2_000))?,
+            None => Length::metres(10),
+        },
+        clock: match table.value("clock") {
+            Some(value) => value.rate(-MOST_DRIFT..=MOST_DRIFT)?,
+            None => Ppb(0),
+        },
+        shift,
+        line: table.error("").line,
+    })
+}
+
+/// A built-in profile by its id, or a profile file by its path: a name that ends in `.toml` or has a
+/// slash in it.
+fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Profile, FileError> {
+    let name = device.name("a profile's name, or the path of a profile file")?;
+    if !name.ends_with(".toml") && !name.contains('/') {
+        return profile::built_in(name).ok_or_else(|| {
+            device
+                .error(format!("unknown device \"{name}\""))
+                .with_hint(name_hint(name, profile::built_in_ids()))
+        });
+    }
+    let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
+    let path = folder.join(name).display().to_string();
+    let text = std::fs::read_to_string(&path).map_err(|error| {
+        device.error(format!("device \"{name}\": the profile file {path} can't be read: {error}"))
+    })?;
+    Profile::from_toml(&path, &text)
+}
+
+/// A mode that the device announces, in a cycle that it can do.
+fn mode(value: &Value<'_>, profile: &Profile, cycle: Nanos) -> Result<SyncMode, FileError> {
+    let mode = value.one_of(&SyncMode::ALL.map(|mode| (mode.name(), mode)))?;
+    let entry = |sub| ObjectAddress::new(object::OUTPUT_PARAMETER, sub);
+    let types = profile.supported_types();
+    if !mode.is_supported(types) {
+        let announced: Vec<_> = profile.modes().map(SyncMode::name).collect();
+        return Err(value
+            .error(format!(
+                "mode \"{mode}\" is not possible with {}: {} = {types}",
+                profile.name,
+                entry(object::sub::SUPPORTED_TYPES)
+            ))
+            .with_hint(format!("it announces: {}", announced.join(", "))));
+    }
+    let stated = profile.sync_parameters(object::OUTPUT_PARAMETER);
+    let minimum = stated.and_then(|stated| stated.minimum_cycle_time).unwrap_or(Nanos::ZERO);
+    if mode != SyncMode::FreeRun && cycle < minimum {
+        return Err(value.error(format!(
+            "a cycle of {cycle} is too short for {} in mode \"{mode}\": {} = {minimum}; expected a \
+             cycle of {minimum} or more",
+            profile.name,
+            entry(object::sub::MINIMUM_CYCLE_TIME)
+        )));
+    }
+    Ok(mode)
+}
+
+fn read(path: &str) -> Result<String, FileError> {
+    std::fs::read_to_string(path).map_err(|error| FileError::unreadable(path, &error))
+}
+
+/// A frame of minimum length with four devices takes about 10 us.
+const SHORTEST_CYCLE: Nanos = Nanos::micros(10);
+const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);
+const LONGEST_RUN: Nanos = Nanos::millis(24 * 3_600 * 1_000);
+/// Ten times what the worst crystal of a SubDevice may have.
+const MOST_DRIFT: Ppb = Ppb::ppm(1_000);
+const MOST_JITTER: Nanos = Nanos::millis(10);
+/// Station addresses are 16 bits.
+const MOST_DEVICES: usize = 65_535;
+const BUILT_IN: &str = include_str!("../segments/built_in.toml");

@@ -1,0 +1,163 @@
+//! The command as a user meets it: exit codes, words, files.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn isocat(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_isocat")).args(arguments).output().expect("isocat starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("isocat prints UTF-8")
+}
+
+/// A file of this test's own in the target directory.
+fn scratch(name: &str, content: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::write(&path, content).expect("the target directory is writable");
+    path
+}
+
+#[test]
+fn without_arguments_the_built_in_segment_runs_in_sync() {
+    let output = isocat(&[]);
+    let report = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{report}{}", text(&output.stderr));
+    assert!(report.starts_with("In sync: 3 of 4 SubDevices"), "{report}");
+    let free_run = report.lines().find(|line| line.contains("EL2502-0010")).expect("its line");
+    assert!(free_run.contains("free-run") && free_run.contains("OP"), "{free_run}");
+    let widest = report.lines().map(|line| line.chars().count()).max();
+    assert!(widest <= Some(100), "{widest:?} columns:\n{report}");
+    assert!(!report.contains('\u{1b}'), "no escape codes into a pipe");
+    assert_eq!(text(&output.stderr), "");
+}
+
+#[test]
+fn one_seed_gives_one_report_and_another_seed_another() {
+    let run = |seed| {
+        let output = isocat(&["run", "--for", "300ms", "--json", "--seed", seed]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let (first, again, other) = (run("7"), run("7"), run("8"));
+    assert_eq!(first, again);
+    let json = |text: &str| serde_json::from_str::<serde_json::Value>(text).expect("JSON");
+    let (first, other) = (json(&first), json(&other));
+    assert_eq!(first["in_sync"], other["in_sync"]);
+    let phase =
+        |report: &serde_json::Value| report["segment"]["true_time"]["host_phase_error"].clone();
+    assert_ne!(phase(&first), phase(&other));
+}
+
+#[test]
+fn the_schema_of_the_report_is_committed() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/run-report.schema.json");
+    let now = serde_json::to_string_pretty(&isocat::report::schema()).expect("JSON") + "\n";
+    if std::env::var_os("UPDATE_SCHEMA").is_some() {
+        std::fs::write(&path, &now).expect("docs/ is writable");
+    }
+    let committed = std::fs::read_to_string(&path).expect("the schema is committed");
+    assert_eq!(now, committed, "the report changed: run with UPDATE_SCHEMA=1 and raise FORMAT");
+    // Every part is closed and complete: no key may be added or left out unnoticed.
+    let schema: serde_json::Value = serde_json::from_str(&committed).expect("JSON");
+    let parts = schema["$defs"].as_object().expect("parts").values().chain([&schema]);
+    for part in parts {
+        assert_eq!(part["additionalProperties"], false, "{part}");
+        let keys = part["properties"].as_object().expect("keys");
+        assert_eq!(part["required"].as_array().map_or(0, Vec::len), keys.len(), "{part}");
+        assert!(keys.values().all(|key| key["description"].is_string()), "{part}");
+    }
+}
+
+#[test]
+fn a_cycle_below_the_devices_minimum_is_refused() {
+    let segment =
+        "cycle = \"125us\"\n\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nmode = \"dc-sync0\"\n";
+    for (name, content) in [
+        ("too_short.toml", segment.to_owned()),
+        ("too_short_any_mode.toml", segment.replace("mode = \"dc-sync0\"\n", "")),
+    ] {
+        let output = isocat(&["run", scratch(name, content.as_str()).to_str().unwrap()]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        for expected in ["AKD2G", "0x1C32:05", "125 us", "250 us"] {
+            assert!(
+                message.to_uppercase().contains(&expected.to_uppercase()),
+                "{expected}: {message}"
+            );
+        }
+        assert_eq!(text(&output.stdout), "");
+    }
+}
+
+#[test]
+fn bad_files_are_refused_with_place_and_help() {
+    let device = "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n";
+    let cases = [
+        ("unknown_device", "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2\"\n".to_owned(), ["3:10", "kollmorgen_akd2g"]),
+        ("unknown_mode", format!("cycle = \"1ms\"\n{device}mode = \"dc-sinc0\"\n"), ["4:8", "dc-sync0"]),
+        ("no_unit", format!("cycle = \"1\"\n{device}"), ["1:9", "ms"]),
+        ("zero", format!("cycle = \"0ms\"\n{device}"), ["1:9", "10 us"]),
+        ("malformed", "cycle = \n".to_owned(), ["1:", "expected"]),
+        ("unknown_key", format!("cycel = \"1ms\"\n{device}"), ["1:1", "cycle"]),
+        ("absurd", format!("cycle = \"1ms\"\n{device}clock = \"5000000ppm\"\n"), ["4:9", "1000 ppm"]),
+        ("empty", "cycle = \"1ms\"\n".to_owned(), ["subdevice", "expected"]),
+        ("impossible_mode", "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\nmode = \"dc-sync0\"\n".to_owned(), ["4:8", "0x1C32:04"]),
+    ];
+    for (name, content, expected) in cases {
+        let path = scratch(&format!("bad_{name}.toml"), &content);
+        let output = isocat(&["run", path.to_str().unwrap()]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{name}: {message}");
+        assert_eq!(text(&output.stdout), "", "{name}");
+        assert!(message.contains(&format!("bad_{name}.toml")), "{name}: {message}");
+        for expected in expected {
+            assert!(message.contains(expected), "{name} lacks {expected}: {message}");
+        }
+        assert!(message.lines().count() <= 4, "{name}: {message}");
+    }
+}
+
+#[test]
+fn bad_flags_are_refused() {
+    for arguments in [
+        &["run", "--for", "10"][..],
+        &["run", "--for", "0s"],
+        &["run", "--for", "10us"],
+        &["run", "--seed", "minus one"],
+        &["run", "/no/such/file.toml"],
+        &["run", "--report", "/no/such/folder/report.txt", "--for", "10ms"],
+        &["run", "--capture", "/no/such/folder/run.pcapng"],
+        &["walk"],
+        &["devices", "kolmorgen"],
+    ] {
+        let output = isocat(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(!output.stderr.is_empty(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn the_example_segment_runs_and_help_teaches_by_example() {
+    let example = isocat(&["example"]);
+    let path = scratch("example.toml", &text(&example.stdout));
+    let output = isocat(&["run", path.to_str().unwrap(), "--for", "20ms"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let help = isocat(&["--help"]);
+    assert_eq!(help.status.code(), Some(0));
+    assert!(text(&help.stdout).contains("Examples:"));
+    let devices = text(&isocat(&["devices"]).stdout);
+    assert_eq!(devices.lines().count(), 3, "{devices}");
+}
+
+#[test]
+fn the_report_goes_to_a_file_as_text_or_json() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    for (name, start) in [("report.txt", "In sync"), ("report.json", "{")] {
+        let path = folder.join(name);
+        let output = isocat(&["run", "--for", "20ms", "--report", path.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let written = std::fs::read_to_string(path).expect("the report was written");
+        assert!(written.starts_with(start), "{written}");
+    }
+}

@@ -1,0 +1,341 @@
+//! The way up, in three pieces between which the machine starts the cyclic exchange and the process
+//! data.
+//!
+//! [`prepare`] needs no cycle: from the scan to the plan. Then the machine sends the drift datagram
+//! in every cycle and locks the host onto the reference clock. [`synchronize`] programs SYNC and
+//! goes to SAFEOP. Then process data run, and [`operate`] goes to OP once they are complete and
+//! SYNC is seen to run. [`stop`] is the way back.
+
+use alloc::boxed::Box;
+use alloc::rc::Rc;
+use alloc::vec::Vec;
+
+use isocat_wire::al::{AlControl, AlState};
+use isocat_wire::dc::SyncActivation;
+use isocat_wire::register::{self, Value};
+use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::time::Nanos;
+
+use crate::config::Config;
+use crate::error::{Cause, Error};
+use crate::event::{Event, Stage};
+use crate::link::{Link, Procedure, join};
+use crate::mailbox::{Mailbox, Mailboxes};
+use crate::segment::{Segment, SubDevice};
+use crate::{clock, esm, mapping, mode, objects, scan, sii, sync};
+
+/// What a piece of the way works on, and gives back whether it got to its end or not.
+pub(crate) struct Work {
+    pub link: Link,
+    pub config: Rc<Config>,
+    pub segment: Segment,
+    pub mailboxes: Mailboxes,
+    pub stage: Stage,
+}
+
+/// The end of a piece.
+pub(crate) type End = (Work, Result<(), Error>);
+
+impl Work {
+    fn enter(&mut self, stage: Stage) {
+        self.stage = stage;
+        self.link.report(Event::Progress(stage));
+    }
+
+    fn end(self, result: Result<(), Cause>) -> End {
+        let result = result.map_err(|cause| Error { stage: self.stage, cause });
+        (self, result)
+    }
+}
+
+/// From the scan to the plan.
+pub(crate) async fn prepare(mut work: Work) -> End {
+    let result = preparation(&mut work).await;
+    work.end(result)
+}
+
+/// SYNC programmed, SAFEOP.
+pub(crate) async fn synchronize(mut work: Work) -> End {
+    let result = synchronization(&mut work).await;
+    work.end(result)
+}
+
+/// Process data complete, SYNC seen to run, OP.
+pub(crate) async fn operate(mut work: Work) -> End {
+    let result = operation(&mut work).await;
+    if matches!(result, Err(Cause::Refused { .. } | Cause::StateTimeout { .. })) {
+        let all = work.segment.devices.iter_mut().zip(&mut work.mailboxes);
+        for (device, mailbox) in all {
+            if let Some(mailbox) = mailbox {
+                objects::refresh_counters(mailbox, device).await;
+            }
+        }
+    }
+    work.end(result)
+}
+
+async fn preparation(work: &mut Work) -> Result<(), Cause> {
+    check(&work.config)?;
+    let (link, config) = (work.link.clone(), work.config.clone());
+    let (link, config) = (&link, &*config);
+    work.enter(Stage::Scan);
+    scan::scan(link, config, &mut work.segment).await?;
+
+    work.enter(Stage::Sii);
+    each(&mut work.segment, |device| Box::pin(sii::read(link, config, device))).await?;
+
+    work.enter(Stage::PreOp);
+    each(&mut work.segment, |device| Box::pin(to_preop(link, config, device))).await?;
+    work.mailboxes =
+        work.segment.devices.iter().map(|device| mailbox(link, config, device)).collect();
+
+    work.enter(Stage::Objects);
+    each_with_mailbox(work, |device, mailbox| {
+        Box::pin(async move {
+            let wish = config.devices.get(device.position);
+            match mailbox {
+                Some(mailbox) => objects::read(mailbox, device, wish).await?,
+                None => objects::from_sii(device),
+            }
+            mapping::place_process_data(device)
+        })
+    })
+    .await?;
+
+    work.enter(Stage::Mode);
+    for device in &mut work.segment.devices {
+        let wish = config.devices.get(device.position);
+        mode::choose(device, config, wish)?;
+    }
+
+    work.enter(Stage::Mapping);
+    work.segment.image = mapping::lay_out(&mut work.segment.devices)?;
+    each(&mut work.segment, |device| Box::pin(mapping::write(link, device))).await?;
+
+    work.enter(Stage::Clock);
+    clock::synchronize(link, config, &mut work.segment).await?;
+
+    work.enter(Stage::Plan);
+    work.segment.timing = Some(mode::plan(&work.segment, config)?);
+    Ok(())
+}
+
+/// Settings that make no sense are refused before anything is sent.
+fn check(config: &Config) -> Result<(), Cause> {
+    let cycle = config.cycle;
+    // SYNC0's cycle register has 32 bits, and a 32-bit clock must tell past from future.
+    if cycle.0 <= 0 || cycle.0 > i64::from(i32::MAX) {
+        return Err(Cause::Setting { name: "cycle", expected: "above 0 and below 2.147 s" });
+    }
+    if config.host_jitter.0 < 0 {
+        return Err(Cause::Setting { name: "host_jitter", expected: "0 or more" });
+    }
+    if config.shift.is_some_and(|shift| shift.0 < 0 || shift >= cycle) {
+        return Err(Cause::Setting { name: "shift", expected: "at least 0 and below the cycle" });
+    }
+    if !(1..=90).contains(&config.acyclic_share) {
+        return Err(Cause::Setting { name: "acyclic_share", expected: "1 to 90 percent" });
+    }
+    Ok(())
+}
+
+/// Sets up the mailbox SyncManagers and goes to PREOP.
+async fn to_preop(link: &Link, config: &Config, device: &mut SubDevice) -> Result<(), Cause> {
+    if device.has_mailbox() {
+        let (receive, send) = sii::mailbox_areas(&device.sii.header);
+        let managers = [
+            SyncManager::new(receive.start, receive.length, SyncManager::MAILBOX_OUT, true),
+            SyncManager::new(send.start, send.length, SyncManager::MAILBOX_IN, true),
+        ];
+        for (number, manager) in managers.into_iter().enumerate() {
+            link.write(device.station, register::sync_manager(number), manager).await?;
+        }
+    }
+    esm::change(link, device, AlState::PreOp, config.timeouts.preop).await
+}
+
+fn mailbox(link: &Link, config: &Config, device: &SubDevice) -> Option<Mailbox> {
+    let areas = sii::mailbox_areas(&device.sii.header);
+    let patience = config.timeouts.mailbox;
+    device.has_coe().then(|| Mailbox::new(link, device.position, device.station, areas, patience))
+}
+
+async fn synchronization(work: &mut Work) -> Result<(), Cause> {
+    let (link, config) = (work.link.clone(), work.config.clone());
+    let (link, config) = (&link, &*config);
+    work.enter(Stage::Sync);
+    each_with_mailbox(work, |device, mailbox| {
+        Box::pin(async move {
+            let Some(mailbox) = mailbox else { return Ok(()) };
+            let wish = config.devices.get(device.position);
+            sync::write_types(mailbox, device, config, wish).await
+        })
+    })
+    .await?;
+    let phase = work.segment.timing.as_ref().and_then(|timing| timing.sync0);
+    if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
+        let now = sync::system_time(link, work.segment.devices[reference].station).await?;
+        let start = sync::start_time(now, config.timeouts.sync_lead, config.cycle, phase);
+        each(&mut work.segment, |device| {
+            Box::pin(async move {
+                match device.mode.uses_dc() {
+                    true => sync::program(link, device, config.cycle, start).await,
+                    false => Ok(()),
+                }
+            })
+        })
+        .await?;
+    }
+
+    work.enter(Stage::SafeOp);
+    let patience = config.timeouts.safeop;
+    each(&mut work.segment, |device| {
+        Box::pin(esm::change(link, device, AlState::SafeOp, patience))
+    })
+    .await?;
+    each_with_mailbox(work, |device, mailbox| {
+        Box::pin(async move {
+            let Some(mailbox) = mailbox else { return Ok(()) };
+            let wish = config.devices.get(device.position);
+            sync::verify_types(mailbox, device, wish).await
+        })
+    })
+    .await
+}
+
+async fn operation(work: &mut Work) -> Result<(), Cause> {
+    let (link, config) = (work.link.clone(), work.config.clone());
+    let (link, config) = (&link, &*config);
+    work.enter(Stage::Op);
+    let begin = link.with(|inner| inner.cycle);
+    let due = link.now() + config.timeouts.safeop;
+    let complete = |inner: &crate::link::Inner| inner.complete_cycles >= COMPLETE_CYCLES;
+    let has_data = !work.segment.image.chunks.is_empty();
+    if has_data && !link.wait_for(due, complete).await {
+        let ((expected, found), cycles) =
+            link.with(|inner| (inner.incomplete, inner.cycle - begin));
+        return Err(Cause::ProcessData { cycles, expected, found });
+    }
+    let synced = work.segment.devices.iter().any(|device| device.sync.is_some());
+    if synced {
+        // One cycle behind the first pulse it can be seen whether more come.
+        wait_for_sync(link, config, &work.segment).await?;
+        each(&mut work.segment, |device| Box::pin(sync::verify(link, device))).await?;
+    }
+    let patience = config.timeouts.op;
+    each(&mut work.segment, |device| Box::pin(esm::change(link, device, AlState::Op, patience)))
+        .await
+}
+
+/// Waits until the first pulse must be over.
+async fn wait_for_sync(link: &Link, config: &Config, segment: &Segment) -> Result<(), Cause> {
+    let Some(reference) = segment.reference else { return Ok(()) };
+    let starts = segment.devices.iter().filter_map(|device| device.sync);
+    let Some(start) = starts.map(|setting| setting.start).max() else { return Ok(()) };
+    let reference = &segment.devices[reference];
+    let now = sync::system_time(link, reference.station).await?;
+    let now = match reference.dc {
+        crate::segment::DcCapability::Clock64 => now,
+        _ => crate::cycle::extend(now.count() as u32, start),
+    };
+    let left = start - now + config.cycle;
+    link.sleep(Nanos(left.0.max(0))).await;
+    Ok(())
+}
+
+/// All SubDevices to SAFEOP: outputs end. Those that refuse or are silent do not hold up the
+/// others.
+pub(crate) async fn leave_operation(mut work: Work) -> End {
+    work.enter(Stage::Stop);
+    let (link, config) = (work.link.clone(), work.config.clone());
+    let patience = config.timeouts.init;
+    let result = settle(&mut work.segment, |device| {
+        Box::pin(step_down(&link, device, AlState::SafeOp, patience))
+    })
+    .await;
+    work.end(result)
+}
+
+/// PREOP, SYNC off, INIT.
+pub(crate) async fn stop(mut work: Work) -> End {
+    work.stage = Stage::Stop;
+    let (link, config) = (work.link.clone(), work.config.clone());
+    let patience = config.timeouts.init;
+    let preop = settle(&mut work.segment, |device| {
+        Box::pin(step_down(&link, device, AlState::PreOp, patience))
+    })
+    .await;
+    if work.segment.devices.is_empty() {
+        // Stopped before the scan was through: whoever is there.
+        let init = AlControl::request_and_acknowledge(AlState::Init).to_bytes();
+        if let Err(error) = link.bwr(register::AL_CONTROL.address, &init).reply().await {
+            return work.end(Err(error.into()));
+        }
+    }
+    let off = SyncActivation(0).to_bytes();
+    let sync = link.bwr(register::SYNC_ACTIVATION.address, &off).reply().await;
+    let init = settle(&mut work.segment, |device| {
+        Box::pin(esm::change(&link, device, AlState::Init, patience))
+    })
+    .await;
+    let result = preop.and(sync.map(|_| ()).map_err(Cause::from)).and(init);
+    work.end(result)
+}
+
+/// One step down, for a SubDevice that is above.
+async fn step_down(
+    link: &Link,
+    device: &mut SubDevice,
+    state: AlState,
+    patience: Nanos,
+) -> Result<(), Cause> {
+    let (status, code) = esm::read_status(link, device.station).await?;
+    (device.al_status, device.al_code) = (status, code);
+    let above = status.state().is_ok_and(|now| now as u8 > state as u8);
+    // With an error pending only INIT is left, which acknowledges it.
+    if !above || status.error() {
+        return Ok(());
+    }
+    esm::change(link, device, state, patience).await
+}
+
+/// Does the same at all SubDevices side by side; ends with the first error.
+async fn each<'a>(
+    segment: &'a mut Segment,
+    procedure: impl Fn(&'a mut SubDevice) -> Procedure<'a, Result<(), Cause>>,
+) -> Result<(), Cause> {
+    join(segment.devices.iter_mut().map(procedure).collect()).await.map(|_| ())
+}
+
+/// Does the same at all SubDevices side by side, to the end at every one; then the first error.
+async fn settle<'a>(
+    segment: &'a mut Segment,
+    procedure: impl Fn(&'a mut SubDevice) -> Procedure<'a, Result<(), Cause>>,
+) -> Result<(), Cause> {
+    let all: Vec<Procedure<'a, Result<Result<(), Cause>, Cause>>> = segment
+        .devices
+        .iter_mut()
+        .map(|device| {
+            let one = procedure(device);
+            Box::pin(async move { Ok(one.await) }) as Procedure<'a, _>
+        })
+        .collect();
+    join(all).await?.into_iter().collect()
+}
+
+/// As [`each`], with the mailbox of the SubDevice.
+async fn each_with_mailbox<'a>(
+    work: &'a mut Work,
+    procedure: impl Fn(&'a mut SubDevice, Option<&'a mut Mailbox>) -> Procedure<'a, Result<(), Cause>>,
+) -> Result<(), Cause> {
+    let devices = work.segment.devices.iter_mut();
+    let all = devices
+        .zip(&mut work.mailboxes)
+        .map(|(device, mailbox)| procedure(device, mailbox.as_mut()))
+        .collect();
+    join(all).await.map(|_| ())
+}
+
+/// Cycles in a row in which all process data must count right before OP is asked for: inputs are
+/// put into their buffers by the application of the device, which may be some cycles late.
+const COMPLETE_CYCLES: u64 = 10;

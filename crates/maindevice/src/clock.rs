@@ -1,0 +1,368 @@
+//! Distributed clocks: delays, offsets, drift.
+//!
+//! 1. The port receive times are latched several times and turned into delays.
+//! 2. All clocks get one time: that of the reference clock as it runs. The host gives no date, so
+//!    the segment's time is not the time since 2000 but that since the reference was switched on.
+//!    Offsets are made from local times of one and the same frame, so the delay is in them and
+//!    nothing jumps.
+//! 3. The filters are reset and the drift loop is driven by FRMW until every clock has converged.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use isocat_sync::delay::{Node, propagation_delays};
+use isocat_sync::drift::{Convergence, Limits, Verdict};
+use isocat_wire::command::Command;
+use isocat_wire::datagram::Address;
+use isocat_wire::dc::SystemTimeDifference;
+use isocat_wire::register::{self, Value};
+use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::{PortNumber, StationAddress};
+
+use crate::config::Config;
+use crate::error::{AccessError, Cause};
+use crate::link::{Exchange, Link, Travel};
+use crate::segment::{DcCapability, Segment};
+use crate::topology;
+
+/// Measures and sets delays and offsets, then drives the drift loop. Nothing to do without a clock.
+pub(crate) async fn synchronize(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+) -> Result<(), Cause> {
+    let Some(reference) = segment.reference else { return Ok(()) };
+    let last = measure_delays(link, config, segment, reference).await?;
+    set_offsets(segment, reference, &last);
+    write(link, segment).await?;
+    if config.drift_compensation {
+        converge(link, config, segment, reference).await?;
+    }
+    Ok(())
+}
+
+/// Times of one latch at one SubDevice.
+#[derive(Clone, Copy, Default)]
+struct Latch {
+    /// Registers 0x0900 to 0x090F.
+    ports: Option<[u32; 4]>,
+    /// Register 0x0918.
+    entry: u64,
+}
+
+/// Latches several times; delays become the mean. Gives the last latch.
+async fn measure_delays(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    reference: usize,
+) -> Result<Vec<Latch>, Cause> {
+    let count = segment.devices.len();
+    let mut sums = vec![Sum::default(); count];
+    let mut last = Vec::new();
+    for round in 0..config.delay_latches.max(1) {
+        last = latch(link, segment).await?;
+        if round == 0 {
+            find_entries(segment, &last)?;
+        }
+        let mut delays = vec![None; count];
+        propagation_delays(&nodes(segment, &last), &mut delays);
+        // Delays count from the first SubDevice with receive times, which need not have a clock.
+        let base = delays[reference].unwrap_or(Nanos::ZERO);
+        for (sum, delay) in sums.iter_mut().zip(delays) {
+            if let Some(delay) = delay {
+                sum.add(delay - base);
+            }
+        }
+    }
+    for (device, sum) in segment.devices.iter_mut().zip(sums) {
+        device.delay = sum.mean();
+        device.delay_spread = device.delay.map(|_| Nanos(sum.max - sum.min));
+        if device.dc.has_clock() && device.delay.is_none() {
+            return Err(Cause::Delay { place: device.place() });
+        }
+    }
+    Ok(last)
+}
+
+/// One write to 0x0900 and all times that it latched.
+async fn latch(link: &Link, segment: &Segment) -> Result<Vec<Latch>, Cause> {
+    let timed = segment.devices.iter().filter(|device| device.dc.has_receive_times()).count();
+    link.bwr(register::RECEIVE_TIME_0.address, &[0; 4]).expect(timed as u16).await?;
+    let reads: Vec<Option<(Exchange, Option<Exchange>)>> = segment
+        .devices
+        .iter()
+        .map(|device| {
+            device.dc.has_receive_times().then(|| {
+                let ports = link.fprd(device.station, register::RECEIVE_TIME_0.address, 16);
+                let entry = device
+                    .dc
+                    .has_clock()
+                    .then(|| link.fprd(device.station, register::RECEIVE_TIME_EPU.address, 8));
+                (ports, entry)
+            })
+        })
+        .collect();
+    let mut all = Vec::with_capacity(reads.len());
+    for read in reads {
+        let mut latch = Latch::default();
+        if let Some((ports, entry)) = read {
+            let bytes = ports.expect(1).await?.data;
+            let time = |port: usize| {
+                let at = 4 * port;
+                u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+            };
+            latch.ports = Some(PortNumber::ALL.map(|port| time(port.index())));
+            if let Some(entry) = entry {
+                let bytes = entry.expect(1).await?.data;
+                latch.entry = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
+            }
+        }
+        all.push(latch);
+    }
+    Ok(all)
+}
+
+/// With receive times it shows where frames really come in; parents follow from that.
+fn find_entries(segment: &mut Segment, latches: &[Latch]) -> Result<(), Cause> {
+    for (device, latch) in segment.devices.iter_mut().zip(latches) {
+        if let Some(times) = &latch.ports {
+            device.entry = topology::entry_by_times(device.dl_status, times);
+        }
+    }
+    let ports: Vec<_> =
+        segment.devices.iter().map(|device| (device.dl_status, device.entry)).collect();
+    for (device, parent) in segment.devices.iter_mut().zip(topology::parents(&ports)?) {
+        device.parent = parent;
+    }
+    Ok(())
+}
+
+fn nodes(segment: &Segment, latches: &[Latch]) -> Vec<Node> {
+    segment
+        .devices
+        .iter()
+        .zip(latches)
+        .map(|(device, latch)| Node {
+            parent: device.parent,
+            entry: device.entry,
+            open: PortNumber::ALL.map(|port| device.dl_status.open(port)),
+            receive_times: latch.ports,
+        })
+        .collect()
+}
+
+/// Sum of one SubDevice's delays.
+#[derive(Clone, Copy)]
+struct Sum {
+    sum: i64,
+    count: i64,
+    min: i64,
+    max: i64,
+}
+
+impl Default for Sum {
+    fn default() -> Self {
+        Self { sum: 0, count: 0, min: i64::MAX, max: i64::MIN }
+    }
+}
+
+impl Sum {
+    fn add(&mut self, delay: Nanos) {
+        self.sum += delay.0;
+        self.count += 1;
+        self.min = self.min.min(delay.0);
+        self.max = self.max.max(delay.0);
+    }
+    /// Rounded to the nearest.
+    fn mean(&self) -> Option<Nanos> {
+        let half = self.count / 2;
+        (self.count > 0).then(|| Nanos((self.sum + half).div_euclid(self.count)))
+    }
+}
+
+/// Offsets that give every clock the reference's own time. A frame that entered the reference at
+/// its local time `r` enters a SubDevice `delay` later, at the local time `l` there: its system
+/// time is then `r + delay`, so its offset is `r + delay - l`. All wraps as the registers do.
+fn set_offsets(segment: &mut Segment, reference: usize, latches: &[Latch]) {
+    let time = latches[reference].entry;
+    for (device, latch) in segment.devices.iter_mut().zip(latches) {
+        let delay = device.delay.unwrap_or(Nanos::ZERO).0;
+        device.offset = time.wrapping_add_signed(delay).wrapping_sub(latch.entry);
+        if device.dc == DcCapability::Clock32 {
+            device.offset &= u64::from(u32::MAX);
+        }
+    }
+    segment.devices[reference].offset = 0;
+}
+
+/// Writes delay and offset of every clock and resets its filters. Filter depths first: the write to
+/// 0x0930 is the one that clears all of them.
+async fn write(link: &Link, segment: &Segment) -> Result<(), Cause> {
+    let clocks = || segment.devices.iter().filter(|device| device.dc.has_clock());
+    let mut writes = Vec::new();
+    for device in clocks() {
+        let delay = device.delay.unwrap_or(Nanos::ZERO).0 as u32;
+        let station = device.station;
+        writes.push(link.fpwr(
+            station,
+            register::SYSTEM_TIME_OFFSET.address,
+            &device.offset.to_bytes(),
+        ));
+        writes.push(link.fpwr(station, register::SYSTEM_TIME_DELAY.address, &delay.to_bytes()));
+    }
+    for write in writes {
+        write.expect(1).await?;
+    }
+    let count = clocks().count() as u16;
+    let depths = [TIME_FILTER_DEPTH, SPEED_FILTER_DEPTH];
+    link.bwr(register::TIME_FILTER_DEPTH.address, &depths).expect(count).await?;
+    let start = SPEED_COUNTER_START.to_bytes();
+    link.bwr(register::SPEED_COUNTER_START.address, &start).expect(count).await?;
+    Ok(())
+}
+
+/// Drives the drift loop until every clock has converged: a stream of FRMW, several in flight, with
+/// a look at 0x092C of all clocks now and then.
+async fn converge(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    reference: usize,
+) -> Result<(), Cause> {
+    let begin = link.now();
+    let end = begin + config.timeouts.drift;
+    let limits = Limits { difference: config.drift_threshold, ..Limits::default() };
+    let clocks: Vec<(usize, StationAddress)> = segment
+        .devices
+        .iter()
+        .filter(|device| device.dc.has_clock() && device.position != reference)
+        .map(|device| (device.position, device.station))
+        .collect();
+    let mut judged: Vec<_> = clocks.iter().map(|_| Convergence::new(limits)).collect();
+    let count = clocks.len() as u16 + 1;
+    let station = segment.devices[reference].station;
+    let mut burst = Burst { link, station, count, in_flight: Vec::new() };
+    let mut next_reading = begin + READING_INTERVAL;
+    loop {
+        burst.until(next_reading).await?;
+        next_reading = link.now() + READING_INTERVAL;
+        let readings = read_differences(link, &clocks).await?;
+        for (((position, _), judge), (at, difference)) in
+            clocks.iter().zip(&mut judged).zip(readings)
+        {
+            segment.devices[*position].difference = Some(difference);
+            judge.sample(at, difference);
+        }
+        let converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
+        if converged {
+            burst.finish().await?;
+            link.with(|inner| inner.statistics.drift_burst = inner.statistics.drift_frames);
+            return Ok(());
+        }
+        if link.now() >= end {
+            let (position, slope_ppb) = worst(&clocks, &judged, segment);
+            let device = &segment.devices[position];
+            return Err(Cause::Drift {
+                place: device.place(),
+                difference: device.difference.unwrap_or(Nanos::ZERO),
+                slope_ppb,
+                after: link.now() - begin,
+            });
+        }
+    }
+}
+
+/// The clock that is furthest off, and its slope.
+fn worst(
+    clocks: &[(usize, StationAddress)],
+    judged: &[Convergence],
+    segment: &Segment,
+) -> (usize, i64) {
+    clocks
+        .iter()
+        .zip(judged)
+        .filter_map(|((position, _), one)| match one.verdict() {
+            Verdict::Converging { slope_ppb, .. } => Some((*position, slope_ppb)),
+            _ => None,
+        })
+        .max_by_key(|(position, _)| segment.devices[*position].difference.map(Nanos::abs))
+        .unwrap_or((0, 0))
+}
+
+/// Register 0x092C of every clock, with the time stamp of the frame that read it.
+async fn read_differences(
+    link: &Link,
+    clocks: &[(usize, StationAddress)],
+) -> Result<Vec<(Time<Host>, Nanos)>, AccessError> {
+    let address = register::SYSTEM_TIME_DIFFERENCE.address;
+    let reads: Vec<_> = clocks.iter().map(|(_, station)| link.fprd(*station, address, 4)).collect();
+    let mut all = Vec::with_capacity(reads.len());
+    for read in reads {
+        let reply = read.expect(1).await?;
+        let bytes = reply.data.first_chunk().copied().unwrap_or_default();
+        all.push((reply.sent, SystemTimeDifference::from_bytes(bytes).nanos()));
+    }
+    Ok(all)
+}
+
+/// A stream of drift frames.
+struct Burst<'a> {
+    link: &'a Link,
+    station: StationAddress,
+    /// What each must count: the reference read, all other clocks written.
+    count: u16,
+    in_flight: Vec<Exchange>,
+}
+
+impl Burst<'_> {
+    /// Keeps several frames in flight until `end`.
+    async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
+        while self.link.now() < end {
+            while self.in_flight.len() < IN_FLIGHT {
+                self.send();
+            }
+            let oldest = self.in_flight.remove(0);
+            self.take(oldest).await?;
+        }
+        Ok(())
+    }
+
+    /// Waits for what is in flight.
+    async fn finish(mut self) -> Result<(), AccessError> {
+        while !self.in_flight.is_empty() {
+            let oldest = self.in_flight.remove(0);
+            self.take(oldest).await?;
+        }
+        Ok(())
+    }
+
+    /// One drift frame alone: the loop takes one value a frame.
+    fn send(&mut self) {
+        let address = Address::Station(self.station, register::SYSTEM_TIME.address);
+        let travel = Travel { alone: true, once: true };
+        let exchange = self.link.exchange(Command::Frmw, address, vec![0; 8], travel);
+        self.link.with(|inner| inner.statistics.drift_frames += 1);
+        self.in_flight.push(exchange);
+    }
+
+    /// A lost drift frame matters nothing, the next one brings a newer time. One that counts
+    /// wrongly does: a clock is not led.
+    async fn take(&self, exchange: Exchange) -> Result<(), AccessError> {
+        match exchange.expect(self.count).await {
+            Err(error) if error.is_lost() => Ok(()),
+            other => other.map(|_| ()),
+        }
+    }
+}
+
+/// Drift frames in flight: enough to fill the time of one round trip through a short line.
+const IN_FLIGHT: usize = 8;
+/// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
+const READING_INTERVAL: Nanos = Nanos(2_000_000);
+/// Register 0x0934: differences unfiltered at start, as TwinCAT and SOEM set it.
+const TIME_FILTER_DEPTH: u8 = 0;
+/// Register 0x0935: reset value of the chips.
+const SPEED_FILTER_DEPTH: u8 = 12;
+/// Register 0x0930: reset value of the chips.
+const SPEED_COUNTER_START: u16 = 0x1000;

@@ -1,0 +1,163 @@
+//! What the user wants: the cycle, the devices, and how patient to be.
+
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use isocat_sync::SyncMode;
+use isocat_wire::address::ObjectAddress;
+use isocat_wire::time::Nanos;
+
+/// Intent for one segment. [`Config::new`] gives every setting but the cycle a default whose reason
+/// stands at the field.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Config {
+    /// Time from one exchange of process data to the next; above zero.
+    pub cycle: Nanos,
+    /// The devices that are expected, by position. Empty: take what is there, every device in the
+    /// best mode it has. Otherwise number and identities must agree with what is found.
+    pub devices: Vec<DeviceConfig>,
+    /// How late a frame may be sent after the instant that [`next_timeout`] named, at worst. The
+    /// plan keeps this distance to SYNC0. Default 20 µs: a tuned real-time kernel on a PC.
+    ///
+    /// [`next_timeout`]: crate::MainDevice::next_timeout
+    pub host_jitter: Nanos,
+    /// Phase of SYNC0 in the cycle, counted from the instant at which the frame is sent, in
+    /// `0..cycle`. `None`: the plan takes the phase at which all devices have most slack.
+    pub shift: Option<Nanos>,
+    /// Whether the reference clock's time is distributed, at start and in every cycle. Switched off
+    /// for tests only: clocks then run apart by their ppm.
+    pub drift_compensation: bool,
+    /// Run although a line of the plan does not fit. For tests of devices; default no.
+    pub force: bool,
+    /// Source address of all frames. The first ESC sets bit 1 of the first octet; if that bit is
+    /// clear here, frames that come back without it are our own echo and are ignored.
+    pub source: [u8; 6],
+    /// How often the port receive times are latched for the delay measurement. Each latch has an
+    /// error of a 10 ns tick at every port; 16 of them bring the mean near 1 ns at a cost of well
+    /// under 1 ms a device.
+    pub delay_latches: usize,
+    /// Clocks count as converged when 0x092C is below this at every device. Default 100 ns: well
+    /// above the tick and below what any sync budget notices.
+    pub drift_threshold: Nanos,
+    /// How much of the cycle acyclic frames may take on the wire, percent, 1..=90. Default 40.
+    pub acyclic_share: u8,
+    /// How long to wait for what.
+    pub timeouts: Timeouts,
+}
+
+impl Config {
+    /// Defaults around a cycle.
+    pub fn new(cycle: Nanos) -> Self {
+        Self {
+            cycle,
+            devices: Vec::new(),
+            host_jitter: Nanos::micros(20),
+            shift: None,
+            drift_compensation: true,
+            force: false,
+            source: [0x10; 6],
+            delay_latches: 16,
+            drift_threshold: Nanos(100),
+            acyclic_share: 40,
+            timeouts: Timeouts::default(),
+        }
+    }
+}
+
+/// Patience, all in host time.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Timeouts {
+    /// From sending a frame to giving it up. Default 5 ms: a full frame through a thousand devices
+    /// takes 2 ms, and a busy host adds its own.
+    pub frame: Nanos,
+    /// How often a datagram that may be repeated is sent again after a loss. Default 3.
+    pub retries: u8,
+    /// For one read of the SII EEPROM. Default 100 ms; real ones take about 1 ms.
+    pub eeprom: Nanos,
+    /// For the answer to one mailbox service. Default 2 s: drives store parameters in flash before
+    /// they answer.
+    pub mailbox: Nanos,
+    /// From the request of INIT to INIT. ETG timeouts: 5 s back to INIT.
+    pub init: Nanos,
+    /// INIT to PREOP: 3 s.
+    pub preop: Nanos,
+    /// PREOP to SAFEOP: 10 s.
+    pub safeop: Nanos,
+    /// SAFEOP to OP: 12 s, more than the 9 s (less ten percent) after which stacks answer with the
+    /// reason themselves.
+    pub op: Nanos,
+    /// For the drift loop to converge: 30 s. A loop pulls out some hundred ns a second.
+    pub drift: Nanos,
+    /// For the host's phase to lock onto the reference clock: 20 s.
+    pub phase: Nanos,
+    /// From programming SYNC0 until the first pulse; the lead of the start time. Default 100 ms:
+    /// time to program all devices, as masters have it.
+    pub sync_lead: Nanos,
+}
+
+impl Default for Timeouts {
+    fn default() -> Self {
+        Self {
+            frame: Nanos::millis(5),
+            retries: 3,
+            eeprom: Nanos::millis(100),
+            mailbox: Nanos::millis(2_000),
+            init: Nanos::millis(5_000),
+            preop: Nanos::millis(3_000),
+            safeop: Nanos::millis(10_000),
+            op: Nanos::millis(12_000),
+            drift: Nanos::millis(30_000),
+            phase: Nanos::millis(20_000),
+            sync_lead: Nanos::millis(100),
+        }
+    }
+}
+
+/// Intent for one device.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct DeviceConfig {
+    /// What messages call it. Empty: the name in its SII.
+    pub name: String,
+    /// Vendor id and product code that must stand in its SII. `None`: any.
+    pub identity: Option<(u32, u32)>,
+    /// Synchronization mode. `None`: the best that the device and the cycle allow.
+    pub mode: Option<SyncMode>,
+    /// PDOs to assign to 0x1C12. `None`: as the device has them.
+    pub outputs: Option<Vec<u16>>,
+    /// PDOs to assign to 0x1C13. `None`: as the device has them.
+    pub inputs: Option<Vec<u16>>,
+    /// Shift of Outputs Valid, object 0x1C32:03, for devices that shift by a local timer.
+    pub shift_outputs: Option<Nanos>,
+    /// Shift of Input Latch, object 0x1C33:03, for devices that shift by a local timer.
+    pub shift_inputs: Option<Nanos>,
+    /// Times for the plan where the device states 0 or nothing.
+    pub assumed: AssumedTimes,
+    /// SDO downloads in PREOP, in this order, before mode and mapping are read.
+    pub startup: Vec<StartupDownload>,
+}
+
+/// Times to plan with where a device states 0 or nothing. `None`: 0 is taken as stated.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct AssumedTimes {
+    /// For 0x1C32:05.
+    pub minimum_cycle: Option<Nanos>,
+    /// For 0x1C32:06.
+    pub outputs_calc_and_copy: Option<Nanos>,
+    /// For 0x1C32:09.
+    pub outputs_delay: Option<Nanos>,
+    /// For 0x1C33:06.
+    pub inputs_calc_and_copy: Option<Nanos>,
+    /// For 0x1C33:09.
+    pub inputs_delay: Option<Nanos>,
+}
+
+/// One SDO download at start.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct StartupDownload {
+    /// The entry; with complete access its sub-index is 0 or 1.
+    pub object: ObjectAddress,
+    /// The bytes, little-endian.
+    pub data: Vec<u8>,
+    /// Complete access.
+    pub complete: bool,
+}

@@ -1,0 +1,538 @@
+//! The cyclic exchange: frames built once, sent at the phase planned, allocation-free.
+//!
+//! All frames of a cycle are in flight together. The first begins with the drift datagram (FRMW of
+//! 0x0910): it distributes the reference time and brings it back for the servo. Then come the
+//! chunks of process data and, last, a broadcast read of AL status, by which a SubDevice that
+//! leaves its state is noticed in the same cycle. Inputs are taken only from a chunk that counts
+//! right, so inputs of one SubDevice are always of one moment; a lost frame is counted and never
+//! stops the exchange.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use isocat_sync::phase::{Servo, Settings, State};
+use isocat_wire::StationAddress;
+use isocat_wire::command::Command;
+use isocat_wire::datagram::{Address, HEADER_LEN, Layout};
+use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns, payload_offset};
+use isocat_wire::register;
+use isocat_wire::time::{Dc, Host, Nanos, Time};
+
+use crate::event::Event;
+use crate::link::{CYCLIC_INDEX, Inner};
+use crate::segment::{DcCapability, ProcessImage, Segment};
+
+/// The exchange and its state.
+pub(crate) struct Cycle {
+    cycle: Nanos,
+    send_phase: Nanos,
+    servo: Servo,
+    last_state: State,
+    reference: Option<Reference>,
+    count: u16,
+    image: ProcessImage,
+    /// Process data run; before that only the drift datagram and AL status.
+    exchanging: bool,
+    /// What [`Cycle::exchanging`] becomes with the next cycle.
+    wanted: bool,
+    source: [u8; 6],
+    frames: Vec<CyclicFrame>,
+    outputs: Vec<u8>,
+    inputs: Vec<u8>,
+    /// Cycles for which each chunk has counted wrongly: with LRW or LRD, with LWR.
+    wrong: Vec<[u64; 2]>,
+    number: u64,
+    /// Instant for the next frame, or of the cycle being sent.
+    due: Time<Host>,
+    /// Next frame of this cycle to send; all are sent if it is the number of frames.
+    next_frame: usize,
+    /// The count of SubDevices that last answered.
+    answering: u16,
+    /// Last OR of all AL status.
+    pub al_status: u16,
+    /// Phase errors are counted.
+    pub measuring: bool,
+}
+
+struct Reference {
+    station: StationAddress,
+    /// Bits of its clock.
+    wide: bool,
+    /// Last system time seen, extended to 64 bits.
+    last: Time<Dc>,
+    /// Working counter of the drift datagram.
+    clocks: u16,
+    /// Working counter that last came back.
+    counted: u16,
+    compensate: bool,
+}
+
+/// One frame of the cycle and where its datagrams are.
+struct CyclicFrame {
+    bytes: Vec<u8>,
+    /// Offsets are from the start of the frame.
+    datagrams: Vec<(Part, Layout)>,
+    /// The frame's two places in flight, by parity of the cycle.
+    flights: [Option<Time<Host>>; 2],
+    cycles: [u64; 2],
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Drift,
+    /// Chunk and what its working counter must be.
+    ReadWrite(usize),
+    Write(usize),
+    Read(usize),
+    AlStatus,
+}
+
+impl Cycle {
+    /// An exchange that begins at `start` without process data.
+    pub fn new(
+        config: &crate::Config,
+        segment: &Segment,
+        start: Time<Host>,
+        source: [u8; 6],
+    ) -> Self {
+        let clocks = segment.devices.iter().filter(|device| device.dc.has_clock()).count();
+        let reference = segment.reference.map(|position| Reference {
+            station: segment.devices[position].station,
+            wide: segment.devices[position].dc == DcCapability::Clock64,
+            last: Time::ZERO,
+            clocks: if config.drift_compensation { clocks as u16 } else { 1 },
+            counted: if config.drift_compensation { clocks as u16 } else { 1 },
+            compensate: config.drift_compensation,
+        });
+        let image = segment.image.clone();
+        let bytes = image.chunks.iter().map(|c| c.logical as usize + usize::from(c.length)).max();
+        let bytes = bytes.unwrap_or(0);
+        let mut cycle = Self {
+            cycle: config.cycle,
+            send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),
+            servo: Servo::new(settings(config.cycle)),
+            last_state: State::Free,
+            reference,
+            count: segment.devices.len() as u16,
+            wrong: vec![[0; 2]; image.chunks.len()],
+            image,
+            exchanging: false,
+            wanted: false,
+            source,
+            frames: Vec::new(),
+            outputs: vec![0; bytes],
+            inputs: vec![0; bytes],
+            number: 0,
+            due: start,
+            next_frame: 0,
+            answering: segment.devices.len() as u16,
+            al_status: 0,
+            measuring: false,
+        };
+        cycle.build();
+        cycle
+    }
+
+    /// Begins or ends the exchange of process data, with the next cycle.
+    pub fn exchange_process_data(&mut self, on: bool) {
+        self.wanted = on;
+    }
+
+    /// Whether the host is locked onto the reference clock; without one there is nothing to lock
+    /// to.
+    pub fn is_locked(&self) -> bool {
+        self.reference.is_none() || self.servo.state() == State::Locked
+    }
+
+    /// The servo.
+    pub fn servo(&self) -> &Servo {
+        &self.servo
+    }
+
+    /// Cycles begun.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// When the next cycle is due.
+    pub fn due(&self) -> Time<Host> {
+        self.due
+    }
+
+    /// Whether all frames of the cycle are out.
+    pub fn is_sent(&self) -> bool {
+        self.next_frame >= self.frames.len() || self.next_frame == 0
+    }
+
+    /// The outputs of the image.
+    pub fn outputs_mut(&mut self) -> &mut [u8] {
+        &mut self.outputs
+    }
+
+    /// The inputs of the image.
+    pub fn inputs(&self) -> &[u8] {
+        &self.inputs
+    }
+
+    /// The next frame of the cycle, if one is due.
+    pub fn transmit(
+        &mut self,
+        now: Time<Host>,
+        buffer: &mut [u8],
+        inner: &mut Inner,
+    ) -> Option<usize> {
+        if self.next_frame >= self.frames.len() {
+            self.next_frame = 0;
+        }
+        if self.next_frame == 0 {
+            if now < self.due {
+                return None;
+            }
+            self.begin(now, inner);
+        }
+        let at = self.next_frame;
+        let parity = (self.number & 1) as usize;
+        let frame = &mut self.frames[at];
+        let bytes = buffer.get_mut(..frame.bytes.len())?;
+        bytes.copy_from_slice(&frame.bytes);
+        for (part, layout) in &frame.datagrams {
+            bytes[layout.start + 1] = CYCLIC_INDEX | (parity as u8) << 6 | at as u8;
+            if let Part::ReadWrite(chunk) | Part::Write(chunk) = *part {
+                let chunk = &self.image.chunks[chunk];
+                let from = chunk.logical as usize;
+                let outputs = &self.outputs[from..from + usize::from(chunk.length)];
+                bytes[layout.data()..layout.wkc()].copy_from_slice(outputs);
+            }
+        }
+        frame.flights[parity] = Some(now);
+        frame.cycles[parity] = self.number;
+        inner.statistics.frames_sent += 1;
+        inner.statistics.datagrams += frame.datagrams.len() as u64;
+        self.next_frame += 1;
+        if self.next_frame >= self.frames.len() {
+            let earliest = now.max(self.due) + Nanos(self.cycle.0 / 2);
+            self.due = self.next_send(earliest);
+        }
+        Some(self.frames[at].bytes.len())
+    }
+
+    /// Takes a frame of the cycle that came back; `false` if it is none.
+    pub fn receive(&mut self, now: Time<Host>, bytes: &[u8], inner: &mut Inner) -> bool {
+        let Ok(start) = payload_offset(bytes) else { return false };
+        let Some(&index) = bytes.get(start + 1) else { return false };
+        if index < CYCLIC_INDEX {
+            return false;
+        }
+        let (parity, at) = (usize::from(index >> 6 & 1), usize::from(index & 0x3F));
+        let Some(frame) = self.frames.get_mut(at) else { return false };
+        let known = frame.datagrams.last().map_or(0, |(_, layout)| layout.end());
+        let Some(sent) = frame.flights[parity] else { return false };
+        if bytes.len() < known || !frame.datagrams.iter().all(|(_, d)| is_same(d, bytes)) {
+            return false;
+        }
+        frame.flights[parity] = None;
+        let cycle = frame.cycles[parity];
+        inner.statistics.frames_received += 1;
+        let mut complete = true;
+        for i in 0..self.frames[at].datagrams.len() {
+            let (part, layout) = self.frames[at].datagrams[i];
+            let data = &bytes[layout.data()..layout.wkc()];
+            let wkc = u16::from_le_bytes([bytes[layout.wkc()], bytes[layout.wkc() + 1]]);
+            match part {
+                Part::Drift => {
+                    self.take_time(sent, data, wkc, cycle, inner);
+                    // Planned when the frame left; planned better with what it brought back.
+                    if cycle == self.number && self.is_sent() {
+                        self.due = self.next_send(sent + Nanos(self.cycle.0 / 2));
+                    }
+                }
+                Part::AlStatus => {
+                    self.al_status = u16::from_le_bytes([data[0], data[1]]);
+                    if wkc != self.answering {
+                        self.answering = wkc;
+                        let expected = self.count;
+                        inner.report(Event::CountChanged { cycle, expected, found: wkc });
+                    }
+                }
+                Part::ReadWrite(chunk) | Part::Read(chunk) | Part::Write(chunk) => {
+                    complete &= self.take_chunk(part, chunk, data, wkc, cycle, inner);
+                }
+            }
+        }
+        // A chunk whose frame did not come back is not complete either, see `begin`.
+        if !complete {
+            inner.complete_cycles = 0;
+        }
+        self.servo.handle_timeout(now);
+        true
+    }
+
+    /// Begins a cycle: what was sent two cycles ago and is not back is lost.
+    fn begin(&mut self, now: Time<Host>, inner: &mut Inner) {
+        let late = now - self.due;
+        let skipped = (late.0 / self.cycle.0).max(0) as u64;
+        self.number += 1;
+        inner.cycle = self.number;
+        inner.statistics.cycles += 1;
+        if skipped > 0 {
+            inner.statistics.cycles_skipped += skipped;
+            inner.report(Event::CyclesSkipped { cycle: self.number, late, skipped });
+        }
+        if self.wanted != self.exchanging {
+            self.exchanging = self.wanted;
+            self.build();
+        }
+        let parity = (self.number & 1) as usize;
+        if self.exchanging {
+            // Counted up here and set back by whatever goes wrong.
+            inner.complete_cycles += 1;
+        }
+        for (at, frame) in self.frames.iter_mut().enumerate() {
+            if frame.flights[parity].take().is_some() {
+                inner.statistics.frames_lost += 1;
+                inner.complete_cycles = 0;
+                inner.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
+            }
+        }
+        if self.reference.as_ref().is_some_and(|reference| reference.compensate) {
+            inner.statistics.drift_frames += 1;
+        }
+        self.servo.handle_timeout(now);
+        let state = self.servo.state();
+        if state != self.last_state {
+            self.last_state = state;
+            inner.report(Event::Phase { cycle: self.number, state });
+        }
+    }
+
+    /// The first instant from `earliest` on at which the frame finds the reference at its phase.
+    fn next_send(&self, earliest: Time<Host>) -> Time<Host> {
+        self.servo.next_send(earliest, self.cycle, self.send_phase)
+    }
+
+    /// Feeds the servo with the reference time that came back.
+    fn take_time(
+        &mut self,
+        sent: Time<Host>,
+        data: &[u8],
+        wkc: u16,
+        cycle: u64,
+        inner: &mut Inner,
+    ) {
+        let Some(reference) = &mut self.reference else { return };
+        let expected = reference.clocks;
+        if wkc != reference.counted {
+            reference.counted = wkc;
+            inner.report(Event::Drift { cycle, expected, found: wkc });
+        }
+        if wkc != expected {
+            inner.statistics.working_counter_errors += 1;
+            // Without the reference's own access the data are ours; with it but not all others, a
+            // clock is no longer led, and the time would still be right: but which of both it is
+            // can't be told.
+            return;
+        }
+        let Some(raw) = data.first_chunk().map(|raw| u64::from_le_bytes(*raw)) else { return };
+        let dc = if reference.wide { Time::new(raw) } else { extend(raw as u32, reference.last) };
+        reference.last = dc;
+        self.servo.sample(sent, dc);
+        if self.measuring {
+            let cycle = self.cycle.0;
+            let phase = (dc + -self.send_phase).phase(cycle as u64) as i64;
+            let error = if phase > cycle / 2 { phase - cycle } else { phase };
+            inner.statistics.phase_error.add(Nanos(error));
+        }
+    }
+
+    /// Takes the inputs of a chunk that counts right.
+    fn take_chunk(
+        &mut self,
+        part: Part,
+        at: usize,
+        data: &[u8],
+        wkc: u16,
+        cycle: u64,
+        inner: &mut Inner,
+    ) -> bool {
+        let chunk = &self.image.chunks[at];
+        let expected = match part {
+            Part::ReadWrite(_) => 2 * chunk.writers + chunk.readers,
+            Part::Write(_) => chunk.writers,
+            _ => chunk.readers,
+        };
+        let wrong = &mut self.wrong[at][usize::from(part == Part::Write(at))];
+        if wkc != expected {
+            inner.statistics.working_counter_errors += 1;
+            inner.incomplete = (expected, wkc);
+            if *wrong == 0 {
+                inner.report(Event::WorkingCounter { cycle, chunk: at, expected, found: wkc });
+            }
+            *wrong += 1;
+            return false;
+        }
+        if part != Part::Write(at) {
+            let from = chunk.logical as usize;
+            self.inputs[from..from + usize::from(chunk.length)].copy_from_slice(data);
+        }
+        let cycles = core::mem::take(wrong);
+        if cycles > 0 {
+            inner.report(Event::WorkingCounterRestored { cycle, chunk: at, cycles });
+        }
+        true
+    }
+
+    /// Builds the frames of a cycle.
+    fn build(&mut self) {
+        self.frames.clear();
+        let reference = self.reference.as_ref();
+        for plan in plan_frames(&self.image, reference.is_some(), self.exchanging) {
+            let mut bytes = vec![0; MAX_LEN];
+            let mut writer = FrameWriter::new(&mut bytes, self.source);
+            let mut datagrams = Vec::new();
+            for part in plan {
+                let (command, address, len) = match part {
+                    Part::Drift => {
+                        let Some(reference) = reference else { continue };
+                        let address =
+                            Address::Station(reference.station, register::SYSTEM_TIME.address);
+                        let command =
+                            if reference.compensate { Command::Frmw } else { Command::Fprd };
+                        (command, address, TIME_LEN)
+                    }
+                    Part::AlStatus => {
+                        (Command::Brd, Address::Broadcast(register::AL_STATUS.address), 2)
+                    }
+                    Part::ReadWrite(chunk) => self.logical(Command::Lrw, chunk),
+                    Part::Write(chunk) => self.logical(Command::Lwr, chunk),
+                    Part::Read(chunk) => self.logical(Command::Lrd, chunk),
+                };
+                let pushed = writer.push(command, 0, address, &ZEROS[..len]);
+                let data = pushed.expect("the plan of the frames keeps their length");
+                datagrams.push((part, data - HEADER_LEN));
+            }
+            let len = writer.finish();
+            bytes.truncate(len);
+            let datagrams = datagrams
+                .into_iter()
+                .map(|(part, start)| {
+                    let layout = Layout::at(&bytes, start);
+                    (part, layout.expect("the datagram was just written"))
+                })
+                .collect();
+            self.frames.push(CyclicFrame { bytes, datagrams, flights: [None; 2], cycles: [0; 2] });
+        }
+    }
+
+    fn logical(&self, command: Command, chunk: usize) -> (Command, Address, usize) {
+        let chunk = &self.image.chunks[chunk];
+        (command, Address::Logical(chunk.logical), usize::from(chunk.length))
+    }
+}
+
+/// Whether a frame that came back has this datagram at this place.
+fn is_same(datagram: &Layout, bytes: &[u8]) -> bool {
+    let Ok(found) = Layout::at(bytes, datagram.start) else { return false };
+    let header = found.header;
+    let same_place = match header.command() {
+        Ok(command) if command.increments_position() => header.ado() == datagram.header.ado(),
+        _ => header.address == datagram.header.address,
+    };
+    header.command == datagram.header.command && header.len == datagram.header.len && same_place
+}
+
+/// The time of a 32-bit clock, extended to the one nearest to `near`.
+pub(crate) fn extend(low: u32, near: Time<Dc>) -> Time<Dc> {
+    let ahead = low.wrapping_sub(near.count() as u32) as i32;
+    near + Nanos(i64::from(ahead))
+}
+
+/// Which parts go into which frame of a cycle. No chunk is cut, so no SubDevice is.
+fn plan_frames(image: &ProcessImage, clock: bool, exchanging: bool) -> Vec<Vec<Part>> {
+    let mut frames: Vec<Vec<Part>> = vec![Vec::new()];
+    let mut room = ROOM;
+    let mut put = |part: Part, len: usize| {
+        let len = len + DATAGRAM_OVERHEAD;
+        if len > room {
+            frames.push(Vec::new());
+            room = ROOM;
+        }
+        room -= len;
+        if let Some(frame) = frames.last_mut() {
+            frame.push(part);
+        }
+    };
+    if clock {
+        put(Part::Drift, TIME_LEN);
+    }
+    if exchanging {
+        for (at, chunk) in image.chunks.iter().enumerate() {
+            let len = usize::from(chunk.length);
+            match image.read_write {
+                true => put(Part::ReadWrite(at), len),
+                false => {
+                    put(Part::Write(at), len);
+                    put(Part::Read(at), len);
+                }
+            }
+        }
+    }
+    put(Part::AlStatus, 2);
+    frames
+}
+
+/// When the datagrams of a chunk are on the wire, counted from the first bit of the cycle's first
+/// frame: begin of the frame that fetches its inputs, end of the frame that brings its outputs.
+///
+/// A SyncManager passes outputs on when the frame's check sequence was found good, so its end
+/// counts.
+pub(crate) fn frame_times(image: &ProcessImage, clock: bool, at: usize) -> (Nanos, Nanos) {
+    let (mut fetched, mut stored) = (Nanos::ZERO, Nanos::ZERO);
+    let mut start = 0;
+    for frame in plan_frames(image, clock, true) {
+        let len: usize = frame
+            .iter()
+            .map(|part| {
+                DATAGRAM_OVERHEAD
+                    + match *part {
+                        Part::Drift => TIME_LEN,
+                        Part::AlStatus => 2,
+                        Part::ReadWrite(chunk) | Part::Write(chunk) | Part::Read(chunk) => {
+                            usize::from(image.chunks[chunk].length)
+                        }
+                    }
+            })
+            .sum();
+        let end = start + duration_ns(HEADERS + len);
+        if frame.contains(&Part::ReadWrite(at)) || frame.contains(&Part::Read(at)) {
+            fetched = Nanos(start as i64);
+        }
+        if frame.contains(&Part::ReadWrite(at)) || frame.contains(&Part::Write(at)) {
+            stored = Nanos(end as i64);
+        }
+        start = end + GAP;
+    }
+    (fetched, stored)
+}
+
+/// Most bytes of a chunk: what fits beside the drift datagram and AL status in one frame.
+pub(crate) const MOST_CHUNK: usize =
+    ROOM - 3 * DATAGRAM_OVERHEAD - TIME_LEN - isocat_wire::register::Register::<u16>::LEN;
+
+/// Settings of the servo for a cycle. Samples come once a cycle, so what is counted in time must
+/// hold several: a slow cycle has a slower servo.
+fn settings(cycle: Nanos) -> Settings {
+    let default = Settings::default();
+    Settings { holdover_after: default.holdover_after.max(Nanos(cycle.0 * 5)), ..default }
+}
+
+/// Ethernet and EtherCAT headers.
+const HEADERS: usize =
+    isocat_wire::frame::ETHERNET_HEADER_LEN + isocat_wire::frame::ETHERCAT_HEADER_LEN;
+/// Bytes for datagrams in a frame.
+const ROOM: usize = MAX_LEN - HEADERS;
+const DATAGRAM_OVERHEAD: usize = HEADER_LEN + isocat_wire::datagram::WKC_LEN;
+/// Bytes of the system time.
+const TIME_LEN: usize = 8;
+/// Least pause between two frames on the wire, ns: 12 byte times.
+const GAP: u64 = 12 * isocat_wire::frame::BYTE_TIME_NS;
+const ZEROS: [u8; MAX_LEN] = [0; MAX_LEN];

@@ -1,0 +1,576 @@
+//! Why a segment did not come up: at which stage, at which place, expected and found.
+
+use alloc::string::String;
+use alloc::vec::Vec;
+use core::fmt;
+
+use isocat_sync::SyncMode;
+use isocat_sync::budget::Line;
+use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
+use isocat_wire::command::Command;
+use isocat_wire::datagram::Address;
+use isocat_wire::dc::ActivationStatus;
+use isocat_wire::mailbox::{ErrorDetail, Protocol};
+use isocat_wire::time::{Dc, Nanos, Time};
+use isocat_wire::{AbortCode, ObjectAddress};
+
+use crate::event::Stage;
+
+/// A failure, with the stage at which it happened.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Error {
+    /// What was being done.
+    pub stage: Stage,
+    /// What went wrong.
+    pub cause: Cause,
+}
+
+/// Whose fault a failure is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Fault {
+    /// A SubDevice refused, was silent or contradicts itself.
+    SubDevice,
+    /// Frames were lost, damaged or not answered.
+    Segment,
+    /// What was asked for does not fit.
+    Configuration,
+}
+
+/// A SubDevice in a message.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Place {
+    /// Position, from 0.
+    pub position: usize,
+    /// Its name; may be empty.
+    pub name: String,
+}
+
+/// `SubDevice 1 (AKD2G)`
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "SubDevice {}", self.position)?;
+        if self.name.is_empty() { Ok(()) } else { write!(f, " ({})", self.name) }
+    }
+}
+
+/// What went wrong.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Cause {
+    /// A datagram was lost or counted wrongly.
+    Access(AccessError),
+    /// Nobody answered the first broadcast.
+    Empty,
+    /// Other than the configured number of SubDevices.
+    Count {
+        /// As configured.
+        expected: usize,
+        /// As answered.
+        found: usize,
+    },
+    /// Open ports do not make a tree of the SubDevices counted.
+    Topology {
+        /// SubDevices counted.
+        devices: usize,
+        /// Ports at which a SubDevice must follow.
+        ports: usize,
+    },
+    /// Another device than configured.
+    Identity {
+        /// Where.
+        place: Place,
+        /// Vendor id and product code configured.
+        expected: (u32, u32),
+        /// Vendor id and product code in its SII.
+        found: (u32, u32),
+    },
+    /// The SII can't be read or contradicts itself.
+    Sii {
+        /// Where.
+        place: Place,
+        /// How.
+        problem: SiiProblem,
+    },
+    /// A state change was refused.
+    Refused {
+        /// Where.
+        place: Place,
+        /// State asked for.
+        requested: AlState,
+        /// Register 0x0130.
+        status: AlStatus,
+        /// Register 0x0134.
+        code: AlStatusCode,
+    },
+    /// A state was not reached in time.
+    StateTimeout {
+        /// Where.
+        place: Place,
+        /// State asked for.
+        requested: AlState,
+        /// Register 0x0130, last read.
+        status: AlStatus,
+        /// Register 0x0134, last read.
+        code: AlStatusCode,
+        /// Time waited.
+        after: Nanos,
+    },
+    /// A mailbox service failed.
+    Mailbox {
+        /// Where.
+        place: Place,
+        /// How.
+        error: MailboxError,
+    },
+    /// An object access failed.
+    Sdo {
+        /// Where.
+        place: Place,
+        /// The entry.
+        object: ObjectAddress,
+        /// How.
+        error: SdoError,
+    },
+    /// An object does not hold what was written to it.
+    ReadBack {
+        /// Where.
+        place: Place,
+        /// The entry.
+        object: ObjectAddress,
+        /// Value written.
+        written: u32,
+        /// Value read.
+        found: u32,
+    },
+    /// The wished mode is not among those that the device announces.
+    Mode {
+        /// Where.
+        place: Place,
+        /// The mode wished.
+        wish: SyncMode,
+        /// Why not.
+        reason: String,
+    },
+    /// The cycle does not fit a device.
+    Plan {
+        /// Where.
+        place: Place,
+        /// The line of the budget that fails, with both figures.
+        line: Line,
+    },
+    /// A mapping can't be made.
+    Mapping {
+        /// Where.
+        place: Place,
+        /// How.
+        problem: MappingProblem,
+    },
+    /// The delay of a SubDevice can't be known from the receive times.
+    Delay {
+        /// Where.
+        place: Place,
+    },
+    /// A clock did not converge to the reference.
+    Drift {
+        /// Where it was worst.
+        place: Place,
+        /// Register 0x092C.
+        difference: Nanos,
+        /// Slope, ns per second.
+        slope_ppb: i64,
+        /// Time waited.
+        after: Nanos,
+    },
+    /// The host did not lock onto the reference clock.
+    Phase {
+        /// Last error.
+        error: Nanos,
+        /// Time waited.
+        after: Nanos,
+    },
+    /// SYNC0 did not start.
+    SyncNotStarted {
+        /// Where.
+        place: Place,
+        /// Register 0x0981.
+        activation: u8,
+        /// Register 0x0984, where it exists.
+        status: Option<ActivationStatus>,
+        /// Register 0x0990: next pulse.
+        next: Time<Dc>,
+        /// Register 0x0910: now.
+        now: Time<Dc>,
+        /// SYNC0 cycle.
+        cycle: Nanos,
+    },
+    /// Process data did not come back complete before OP was asked for.
+    ProcessData {
+        /// Cycles tried.
+        cycles: u64,
+        /// Working counter expected in the first incomplete datagram.
+        expected: u16,
+        /// Working counter found.
+        found: u16,
+    },
+    /// A setting of the caller makes no sense.
+    Setting {
+        /// Which.
+        name: &'static str,
+        /// What it must be.
+        expected: &'static str,
+    },
+}
+
+/// What is wrong with a SII.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum SiiProblem {
+    /// The EEPROM interface stayed busy.
+    Busy,
+    /// The EEPROM interface reports an error; register 0x0502.
+    Status(u16),
+    /// No end mark within the largest size.
+    NoEnd,
+    /// A mailbox area that a frame can't carry.
+    MailboxLength(u16),
+}
+
+/// Why a mapping can't be made.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum MappingProblem {
+    /// More bytes than one datagram can carry.
+    TooLong {
+        /// Bytes mapped.
+        length: u32,
+        /// Most bytes.
+        most: usize,
+    },
+    /// The assignment is fixed and another one was asked for.
+    Fixed {
+        /// 0x1C12 or 0x1C13.
+        index: u16,
+    },
+    /// There is no SyncManager for these process data.
+    NoSyncManager,
+    /// Too few FMMUs.
+    NoFmmu {
+        /// FMMUs needed.
+        needed: u8,
+        /// FMMUs there are.
+        found: u8,
+    },
+}
+
+/// A datagram was lost, or counted other than it must.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct AccessError {
+    /// The command.
+    pub command: Command,
+    /// Whom and which register.
+    pub address: Address,
+    /// What happened.
+    pub problem: AccessProblem,
+}
+
+/// What happened to a datagram.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum AccessProblem {
+    /// It did not come back, also when it was sent again.
+    Lost,
+    /// It came back with this working counter.
+    WorkingCounter {
+        /// Expected.
+        expected: u16,
+        /// Found.
+        found: u16,
+    },
+}
+
+impl AccessError {
+    /// Whether it did not come back.
+    pub fn is_lost(&self) -> bool {
+        self.problem == AccessProblem::Lost
+    }
+}
+
+/// Why a mailbox service failed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum MailboxError {
+    /// A datagram failed.
+    Access(AccessError),
+    /// The device does not take the request from SM0.
+    Full {
+        /// Time waited.
+        after: Nanos,
+    },
+    /// The device does not answer.
+    NoAnswer {
+        /// Time waited.
+        after: Nanos,
+    },
+    /// The request is longer than the mailbox.
+    TooLong {
+        /// Bytes of the request.
+        length: usize,
+        /// Bytes of the mailbox.
+        mailbox: u16,
+    },
+    /// The answer is shorter than its headers say.
+    Short {
+        /// Bytes there are.
+        length: usize,
+    },
+    /// The device answers with a mailbox error.
+    Error(ErrorDetail),
+    /// The answer has another protocol.
+    Protocol(Protocol),
+    /// The SubDevice has no such mailbox.
+    Absent,
+}
+
+/// Why an object access failed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum SdoError {
+    /// Below CoE.
+    Mailbox(MailboxError),
+    /// The device aborts.
+    Abort(AbortCode),
+    /// The answer makes no sense; its command byte.
+    Answer {
+        /// What was expected.
+        expected: &'static str,
+        /// Command byte, or service, found.
+        found: u8,
+    },
+    /// The data have another length than the object's description or type says.
+    Length {
+        /// Bytes expected.
+        expected: usize,
+        /// Bytes found.
+        found: usize,
+    },
+}
+
+impl From<MailboxError> for SdoError {
+    fn from(error: MailboxError) -> Self {
+        SdoError::Mailbox(error)
+    }
+}
+impl From<AccessError> for MailboxError {
+    fn from(error: AccessError) -> Self {
+        MailboxError::Access(error)
+    }
+}
+impl From<AccessError> for Cause {
+    fn from(error: AccessError) -> Self {
+        Cause::Access(error)
+    }
+}
+
+impl Cause {
+    /// Whose fault it is.
+    pub fn fault(&self) -> Fault {
+        match self {
+            Cause::Access(_)
+            | Cause::Empty
+            | Cause::Topology { .. }
+            | Cause::ProcessData { .. } => Fault::Segment,
+            Cause::Count { .. }
+            | Cause::Identity { .. }
+            | Cause::Mode { .. }
+            | Cause::Plan { .. }
+            | Cause::Mapping { .. }
+            | Cause::Setting { .. } => Fault::Configuration,
+            _ => Fault::SubDevice,
+        }
+    }
+
+    /// The SubDevice it happened at, if it is one.
+    pub fn place(&self) -> Option<&Place> {
+        match self {
+            Cause::Identity { place, .. }
+            | Cause::Sii { place, .. }
+            | Cause::Refused { place, .. }
+            | Cause::StateTimeout { place, .. }
+            | Cause::Mailbox { place, .. }
+            | Cause::Sdo { place, .. }
+            | Cause::ReadBack { place, .. }
+            | Cause::Mode { place, .. }
+            | Cause::Plan { place, .. }
+            | Cause::Mapping { place, .. }
+            | Cause::Delay { place }
+            | Cause::Drift { place, .. }
+            | Cause::SyncNotStarted { place, .. } => Some(place),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.stage, self.cause)
+    }
+}
+
+impl core::error::Error for Error {}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Cause::Access(error) => write!(f, "{error}"),
+            Cause::Empty => f.write_str("no SubDevice answers, expected at least one"),
+            Cause::Count { expected, found } => {
+                write!(f, "{found} SubDevices answer, expected {expected}")
+            }
+            Cause::Topology { devices, ports } => {
+                write!(f, "{devices} SubDevices answer, but their open ports lead to {}", ports + 1)
+            }
+            Cause::Identity { place, expected, found } => write!(
+                f,
+                "{place}: vendor {:#010x} product {:#010x}, expected vendor {:#010x} product {:#010x}",
+                found.0, found.1, expected.0, expected.1
+            ),
+            Cause::Sii { place, problem } => write!(f, "{place}: {problem}"),
+            Cause::Refused { place, requested, status, code } => {
+                write!(f, "{place}: refuses {requested}, is in {status}, AL status code {code}")
+            }
+            Cause::StateTimeout { place, requested, status, code, after } => write!(
+                f,
+                "{place}: not in {requested} after {after}, is in {status}, AL status code {code}"
+            ),
+            Cause::Mailbox { place, error } => write!(f, "{place}: {error}"),
+            Cause::Sdo { place, object, error } => write!(f, "{place}: {object}: {error}"),
+            Cause::ReadBack { place, object, written, found } => {
+                write!(f, "{place}: {object} reads {found:#x} after {written:#x} was written")
+            }
+            Cause::Mode { place, wish, reason } => write!(f, "{place}: mode {wish}: {reason}"),
+            Cause::Plan { place, line } => write!(f, "{place}: {line}"),
+            Cause::Mapping { place, problem } => write!(f, "{place}: {problem}"),
+            Cause::Delay { place } => write!(
+                f,
+                "{place}: its delay can't be known from the port receive times (a branching SubDevice \
+                 without receive times before it, or times that contradict each other)"
+            ),
+            Cause::Drift { place, difference, slope_ppb, after } => write!(
+                f,
+                "{place}: clock still {difference} from the reference after {after}, moving {slope_ppb} \
+                 ns/s"
+            ),
+            Cause::Phase { error, after } => write!(
+                f,
+                "host not locked onto the reference clock after {after}, last error {error}"
+            ),
+            Cause::SyncNotStarted { place, activation, status, next, now, cycle } => {
+                let ahead = *next - *now;
+                write!(
+                    f,
+                    "{place}: SYNC0 did not start: 0x0981 = {activation:#04x}, next pulse (0x0990) in \
+                     {ahead}, expected within {cycle}"
+                )?;
+                match status {
+                    Some(status) => write!(f, ", 0x0984 = {:#04x}", status.0),
+                    None => Ok(()),
+                }
+            }
+            Cause::ProcessData { cycles, expected, found } => write!(
+                f,
+                "process data incomplete in {cycles} cycles: working counter {found}, expected {expected}"
+            ),
+            Cause::Setting { name, expected } => write!(f, "setting {name} must be {expected}"),
+        }
+    }
+}
+
+impl fmt::Display for SiiProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SiiProblem::Busy => f.write_str("SII EEPROM stays busy (0x0502 bit 15)"),
+            SiiProblem::Status(status) => write!(f, "SII EEPROM error, 0x0502 = {status:#06x}"),
+            SiiProblem::NoEnd => f.write_str("SII has no end mark 0xFFFF"),
+            SiiProblem::MailboxLength(length) => {
+                write!(f, "SII names a mailbox of {length} bytes, one datagram carries 16 to 1486")
+            }
+        }
+    }
+}
+
+impl fmt::Display for MappingProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            MappingProblem::TooLong { length, most } => {
+                write!(f, "{length} bytes of process data, one datagram carries {most}")
+            }
+            MappingProblem::Fixed { index } => write!(
+                f,
+                "PDO assignment 0x{index:04X} is fixed and differs from the one asked for"
+            ),
+            MappingProblem::NoSyncManager => {
+                f.write_str("process data are mapped but no SyncManager is there for them")
+            }
+            MappingProblem::NoFmmu { needed, found } => {
+                write!(f, "{needed} FMMUs needed, {found} there")
+            }
+        }
+    }
+}
+
+impl fmt::Display for AccessError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let command = self.command;
+        match self.address {
+            Address::Station(station, ado) => write!(f, "{command} {station}:{ado:#06x}")?,
+            Address::Position(adp, ado) => {
+                write!(f, "{command} position {}:{ado:#06x}", 0u16.wrapping_sub(adp.0))?;
+            }
+            Address::Broadcast(ado) => write!(f, "{command} {ado:#06x}")?,
+            Address::Logical(address) => write!(f, "{command} {address:#010x}")?,
+        }
+        match self.problem {
+            AccessProblem::Lost => f.write_str(": lost"),
+            AccessProblem::WorkingCounter { expected, found } => {
+                write!(f, ": working counter {found}, expected {expected}")
+            }
+        }
+    }
+}
+
+impl fmt::Display for MailboxError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            MailboxError::Access(error) => write!(f, "mailbox: {error}"),
+            MailboxError::Full { after } => {
+                write!(f, "mailbox request not taken within {after} (SM0 stays full)")
+            }
+            MailboxError::NoAnswer { after } => {
+                write!(f, "no mailbox answer within {after} (SM1 stays empty)")
+            }
+            MailboxError::TooLong { length, mailbox } => {
+                write!(f, "mailbox request of {length} bytes, the mailbox holds {mailbox}")
+            }
+            MailboxError::Short { length } => {
+                write!(f, "mailbox answer of {length} bytes is shorter than its headers say")
+            }
+            MailboxError::Error(detail) => write!(f, "{detail}"),
+            MailboxError::Protocol(found) => {
+                write!(f, "mailbox answer of protocol {}, expected 3 (CoE)", found.0)
+            }
+            MailboxError::Absent => f.write_str("no CoE mailbox"),
+        }
+    }
+}
+
+impl fmt::Display for SdoError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SdoError::Mailbox(error) => write!(f, "{error}"),
+            SdoError::Abort(code) => write!(f, "abort {code}"),
+            SdoError::Answer { expected, found } => {
+                write!(f, "answer {found:#04x}, expected {expected}")
+            }
+            SdoError::Length { expected, found } => {
+                write!(f, "{found} bytes, expected {expected}")
+            }
+        }
+    }
+}
+
+/// The bytes of an upload, or why there are none.
+pub type SdoResult = Result<Vec<u8>, SdoError>;

@@ -1,0 +1,119 @@
+//! State changes: request, acknowledge, poll, and the AL status code if it is refused.
+
+use isocat_wire::al::{AlControl, AlState, AlStatus, AlStatusCode};
+use isocat_wire::register::{self, Value};
+use isocat_wire::time::Nanos;
+use isocat_wire::{Command, StationAddress};
+
+use crate::error::{AccessError, AccessProblem, Cause};
+use crate::event::Event;
+use crate::link::Link;
+use crate::segment::SubDevice;
+
+/// Brings a SubDevice into a state within `patience`.
+///
+/// The request is repeated while it counts 0: AL control is locked until the firmware has read the
+/// request before. Going to INIT acknowledges errors; on the way up an error is a refusal.
+pub(crate) async fn change(
+    link: &Link,
+    device: &mut SubDevice,
+    state: AlState,
+    patience: Nanos,
+) -> Result<(), Cause> {
+    let end = link.now() + patience;
+    let control = request(device, state);
+    while !write_control(link, device.station, control).await? {
+        if link.now() >= end {
+            return Err(timeout(device, state, patience));
+        }
+        link.sleep(POLL_FIRST).await;
+    }
+    let mut interval = POLL_FIRST;
+    loop {
+        let (status, code) = read_status(link, device.station).await?;
+        let changed = status != device.al_status;
+        (device.al_status, device.al_code) = (status, code);
+        let error = status.error() && !(device.esc.device_emulation() && code == NO_ERROR);
+        let reached = status.state() == Ok(state) && !error;
+        let refused = error && state != AlState::Init;
+        if changed && (reached || refused) {
+            let cycle = link.with(|inner| inner.cycle);
+            let position = device.position;
+            link.report(Event::StateChanged { position, status, code, cycle });
+        }
+        if reached {
+            return Ok(());
+        }
+        if refused {
+            return Err(Cause::Refused { place: device.place(), requested: state, status, code });
+        }
+        if link.now() >= end {
+            return Err(timeout(device, state, patience));
+        }
+        link.sleep(interval).await;
+        interval = Nanos((interval.0 * 2).min(POLL_LAST.0));
+    }
+}
+
+/// AL status and AL status code, registers 0x0130 to 0x0135 in one read, so that both belong
+/// together.
+pub(crate) async fn read_status(
+    link: &Link,
+    station: StationAddress,
+) -> Result<(AlStatus, AlStatusCode), AccessError> {
+    let address = register::AL_STATUS.address;
+    let reply = link.fprd(station, address, STATUS_LEN).expect(1).await?;
+    Ok(status_of(&reply.data))
+}
+
+/// AL status and its code in the six bytes from 0x0130 on.
+pub(crate) fn status_of(bytes: &[u8]) -> (AlStatus, AlStatusCode) {
+    (AlStatus::from_bytes([bytes[0], bytes[1]]), AlStatusCode::from_bytes([bytes[4], bytes[5]]))
+}
+
+/// Bytes from AL status to the end of the AL status code.
+pub(crate) const STATUS_LEN: usize = 6;
+
+/// Devices without firmware mirror AL control, the acknowledge bit included, so it is not set for
+/// them.
+fn request(device: &SubDevice, state: AlState) -> AlControl {
+    if state == AlState::Init && !device.esc.device_emulation() {
+        AlControl::request_and_acknowledge(state)
+    } else {
+        AlControl::request(state)
+    }
+}
+
+/// Writes AL control; `false` if it is locked.
+async fn write_control(
+    link: &Link,
+    station: StationAddress,
+    control: AlControl,
+) -> Result<bool, AccessError> {
+    let exchange = link.fpwr(station, register::AL_CONTROL.address, &control.to_bytes());
+    match exchange.reply().await?.wkc {
+        0 => Ok(false),
+        1 => Ok(true),
+        found => Err(AccessError {
+            command: Command::Fpwr,
+            address: isocat_wire::datagram::Address::Station(station, register::AL_CONTROL.address),
+            problem: AccessProblem::WorkingCounter { expected: 1, found },
+        }),
+    }
+}
+
+fn timeout(device: &SubDevice, requested: AlState, after: Nanos) -> Cause {
+    Cause::StateTimeout {
+        place: device.place(),
+        requested,
+        status: device.al_status,
+        code: device.al_code,
+        after,
+    }
+}
+
+/// First interval of polling: a fast firmware has answered by then.
+const POLL_FIRST: Nanos = Nanos(200_000);
+/// Longest interval: what it may add to a change that takes long.
+const POLL_LAST: Nanos = Nanos(10_000_000);
+const NO_ERROR: AlStatusCode = AlStatusCode::NO_ERROR;

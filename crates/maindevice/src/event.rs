@@ -1,0 +1,196 @@
+//! What the machine tells while it works.
+
+use alloc::vec::Vec;
+use core::fmt;
+
+use isocat_sync::phase;
+use isocat_wire::al::{AlStatus, AlStatusCode};
+use isocat_wire::time::Nanos;
+
+use crate::error::{Error, SdoError};
+
+/// The steps of the way up, in their order.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum Stage {
+    /// Reset, count, addresses, topology.
+    Scan,
+    /// SII of all SubDevices.
+    Sii,
+    /// Mailboxes, PREOP.
+    PreOp,
+    /// Object dictionary: assignment, mapping, 0x1C32 and 0x1C33.
+    Objects,
+    /// Mode of each SubDevice.
+    Mode,
+    /// SyncManagers, FMMUs, process image.
+    Mapping,
+    /// Delays, offsets, drift.
+    Clock,
+    /// Budget of one cycle.
+    Plan,
+    /// The host's clock onto the reference clock.
+    Phase,
+    /// SYNC units programmed, 0x1C32:01 and 0x1C33:01 written.
+    Sync,
+    /// SAFEOP.
+    SafeOp,
+    /// Process data complete, SYNC running, OP.
+    Op,
+    /// Back to INIT.
+    Stop,
+}
+
+impl Stage {
+    /// Name in messages.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Stage::Scan => "scan",
+            Stage::Sii => "SII",
+            Stage::PreOp => "PREOP",
+            Stage::Objects => "objects",
+            Stage::Mode => "mode",
+            Stage::Mapping => "mapping",
+            Stage::Clock => "clock",
+            Stage::Plan => "plan",
+            Stage::Phase => "phase",
+            Stage::Sync => "SYNC",
+            Stage::SafeOp => "SAFEOP",
+            Stage::Op => "OP",
+            Stage::Stop => "stop",
+        }
+    }
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// Names an acyclic request until its event comes.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub struct RequestId(pub u32);
+
+/// Something that happened.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Event {
+    /// A stage begins.
+    Progress(Stage),
+    /// AL status of a SubDevice changed, wished or not. The code is read when the error bit is set
+    /// or the change was not asked for.
+    StateChanged {
+        /// Position.
+        position: usize,
+        /// Register 0x0130.
+        status: AlStatus,
+        /// Register 0x0134.
+        code: AlStatusCode,
+        /// Cycle in which it was seen; 0 before the cyclic exchange.
+        cycle: u64,
+    },
+    /// A datagram of the process data begins to count wrongly; its inputs are not taken until
+    /// [`Event::WorkingCounterRestored`].
+    WorkingCounter {
+        /// Cycle.
+        cycle: u64,
+        /// Which chunk of the process image.
+        chunk: usize,
+        /// Expected.
+        expected: u16,
+        /// Found.
+        found: u16,
+    },
+    /// A datagram of the process data counts right again.
+    WorkingCounterRestored {
+        /// Cycle.
+        cycle: u64,
+        /// Which chunk of the process image.
+        chunk: usize,
+        /// Cycles in which it counted wrongly.
+        cycles: u64,
+    },
+    /// The drift datagram counts other than all clocks: one of them is no longer led by the
+    /// reference, or the reference does not answer. Told when the count changes; `found` is
+    /// `expected` again at the end.
+    Drift {
+        /// Cycle.
+        cycle: u64,
+        /// Clocks found at the scan.
+        expected: u16,
+        /// Clocks that answered.
+        found: u16,
+    },
+    /// Another number of SubDevices answers than was found at the scan.
+    CountChanged {
+        /// Cycle.
+        cycle: u64,
+        /// At the scan.
+        expected: u16,
+        /// Now.
+        found: u16,
+    },
+    /// A cyclic frame did not come back.
+    FrameLost {
+        /// Cycle.
+        cycle: u64,
+        /// Which frame of the cycle.
+        frame: usize,
+    },
+    /// The caller let one or more send instants pass.
+    CyclesSkipped {
+        /// Cycle that was sent too late.
+        cycle: u64,
+        /// How late.
+        late: Nanos,
+        /// Cycles left out.
+        skipped: u64,
+    },
+    /// The host's lock on the reference clock changed.
+    Phase {
+        /// Cycle.
+        cycle: u64,
+        /// What the servo knows now.
+        state: phase::State,
+    },
+    /// Emergency of a device.
+    Emergency {
+        /// Position.
+        position: usize,
+        /// Error code.
+        code: u16,
+        /// Error register.
+        register: u8,
+        /// Data of the vendor.
+        data: [u8; 5],
+    },
+    /// All SubDevices are in OP, process data flow.
+    InOperation {
+        /// Cycle.
+        cycle: u64,
+        /// Host time from the first frame.
+        after: Nanos,
+    },
+    /// An upload ended.
+    Uploaded {
+        /// The request.
+        request: RequestId,
+        /// Its bytes.
+        result: Result<Vec<u8>, SdoError>,
+    },
+    /// A download ended.
+    Downloaded {
+        /// The request.
+        request: RequestId,
+        /// Whether the device took it.
+        result: Result<(), SdoError>,
+    },
+    /// All SubDevices are back in INIT; nothing more is sent.
+    Stopped,
+    /// The way up ended here; nothing more is sent.
+    Failed(Error),
+    /// Events were dropped since nobody took them.
+    Dropped {
+        /// How many.
+        count: u64,
+    },
+}

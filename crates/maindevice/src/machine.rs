@@ -1,0 +1,624 @@
+//! The machine: what goes in, what comes out, and who may send next.
+
+use alloc::boxed::Box;
+use alloc::collections::VecDeque;
+use alloc::rc::Rc;
+use alloc::vec::Vec;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::{Context, Poll, Waker};
+
+use isocat_sync::phase;
+use isocat_wire::ObjectAddress;
+use isocat_wire::al::{AlState, AlStatus};
+use isocat_wire::frame::{self, LOCALLY_ADMINISTERED, duration_ns};
+use isocat_wire::time::{Dc, Host, Time};
+
+use crate::bring_up::{self, End, Work};
+use crate::coe;
+use crate::config::Config;
+use crate::cycle::Cycle;
+use crate::error::{Cause, Error, MailboxError, SdoError, SdoResult};
+use crate::event::{Event, RequestId, Stage};
+use crate::health::{self, Status};
+use crate::link::Link;
+use crate::mailbox::{Mailbox, Mailboxes};
+use crate::segment::{ProcessData, Segment};
+use crate::statistics::Statistics;
+
+/// A MainDevice without sockets, threads or a clock of its own.
+///
+/// - Input: [`handle_frame`] for every frame that came in, [`handle_timeout`] when the instant of
+///   [`next_timeout`] is reached.
+/// - Output, to be drained after each input: [`poll_transmit`] until it gives `None`,
+///   [`poll_event`] until it gives `None`; then [`next_timeout`] anew.
+/// - Process data: [`outputs_mut`] and [`inputs`], best used when the frames of a cycle came back.
+/// - Wishes while it runs: [`upload`], [`download`], [`stop`].
+/// - State: [`segment`], [`statistics`], [`stage`].
+///
+/// Time is the caller's monotonic clock, read as late as possible: the `now` of [`poll_transmit`]
+/// is the time stamp of the frame that it gives, and the clock servo follows these stamps. Points
+/// of time never go backwards from call to call.
+///
+/// The machine begins to work at once and ends in [`Event::InOperation`] or [`Event::Failed`].
+///
+/// [`handle_frame`]: Self::handle_frame
+/// [`handle_timeout`]: Self::handle_timeout
+/// [`next_timeout`]: Self::next_timeout
+/// [`poll_transmit`]: Self::poll_transmit
+/// [`poll_event`]: Self::poll_event
+/// [`outputs_mut`]: Self::outputs_mut
+/// [`inputs`]: Self::inputs
+/// [`upload`]: Self::upload
+/// [`download`]: Self::download
+/// [`stop`]: Self::stop
+/// [`segment`]: Self::segment
+/// [`statistics`]: Self::statistics
+/// [`stage`]: Self::stage
+pub struct MainDevice {
+    config: Rc<Config>,
+    link: Link,
+    begin: Time<Host>,
+    segment: Segment,
+    mailboxes: Mailboxes,
+    activity: Activity,
+    stage: Stage,
+    cycle: Option<Cycle>,
+    /// Wire time left in this cycle for acyclic frames, and the end of the last one.
+    share: Share,
+    jobs: VecDeque<Job>,
+    running: Vec<RunningJob>,
+    next_request: u32,
+    health: Option<Pin<Box<dyn Future<Output = Vec<Status>>>>>,
+    /// What the cyclic broadcast read when health was last checked.
+    checked: Option<u16>,
+    stopping: bool,
+}
+
+/// What the machine is about.
+enum Activity {
+    /// A piece of the way up or down.
+    Task(Piece, Pin<Box<dyn Future<Output = End>>>),
+    /// The host locks onto the reference clock.
+    Locking { since: Time<Host> },
+    /// All SubDevices are in OP.
+    Operating,
+    /// Nothing more is sent.
+    Over,
+}
+
+/// The pieces of the way, see [`bring_up`].
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Piece {
+    Prepare,
+    Synchronize,
+    Operate,
+    LeaveOperation,
+    Stop,
+}
+
+/// Share of acyclic frames in the present cycle.
+#[derive(Default)]
+struct Share {
+    cycle: u64,
+    left: i64,
+}
+
+/// An acyclic request that waits for its mailbox.
+struct Job {
+    request: RequestId,
+    position: usize,
+    object: ObjectAddress,
+    /// `None`: an upload.
+    download: Option<Vec<u8>>,
+}
+
+struct RunningJob {
+    request: RequestId,
+    position: usize,
+    is_download: bool,
+    service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)>>>,
+}
+
+impl MainDevice {
+    /// A machine that begins at `now`.
+    pub fn new(config: Config, now: Time<Host>) -> Self {
+        let timeouts = &config.timeouts;
+        let link = Link::new(now, config.source, timeouts.frame, timeouts.retries);
+        let config = Rc::new(config);
+        let work = Work {
+            link: link.clone(),
+            config: config.clone(),
+            segment: Segment::default(),
+            mailboxes: Vec::new(),
+            stage: Stage::Scan,
+        };
+        let mut machine = Self {
+            config,
+            link,
+            begin: now,
+            segment: Segment::default(),
+            mailboxes: Vec::new(),
+            activity: Activity::Task(Piece::Prepare, Box::pin(bring_up::prepare(work))),
+            stage: Stage::Scan,
+            cycle: None,
+            share: Share::default(),
+            jobs: VecDeque::new(),
+            running: Vec::new(),
+            next_request: 0,
+            health: None,
+            checked: None,
+            stopping: false,
+        };
+        machine.work();
+        machine
+    }
+
+    /// Takes a frame that came in, without its FCS. Frames that are not ours are counted and
+    /// ignored.
+    pub fn handle_frame(&mut self, now: Time<Host>, frame: &[u8]) {
+        self.link.with(|inner| inner.now = now);
+        let taken = !self.is_echo(frame) && self.take(now, frame);
+        if !taken {
+            self.link.with(|inner| inner.statistics.frames_foreign += 1);
+            return;
+        }
+        self.work();
+    }
+
+    /// Tells the time, at [`MainDevice::next_timeout`] or at any other moment.
+    pub fn handle_timeout(&mut self, now: Time<Host>) {
+        self.link.with(|inner| {
+            inner.now = now;
+            inner.handle_timeout();
+        });
+        self.work();
+    }
+
+    /// Writes the next frame to send at once into `buffer` and gives its length; `None` if there is
+    /// nothing to send now. `now` is the frame's time stamp. A buffer of [`crate::FRAME_LEN`] bytes
+    /// is always enough.
+    pub fn poll_transmit(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
+        if matches!(self.activity, Activity::Over) || buffer.len() < frame::MIN_LEN {
+            return None;
+        }
+        let Self { link, cycle, share, config, .. } = self;
+        link.with(|inner| {
+            inner.now = now;
+            let Some(cycle) = cycle else {
+                return inner.transmit(now, buffer, frame::MAX_LEN);
+            };
+            if let Some(len) = cycle.transmit(now, buffer, inner) {
+                return Some(len);
+            }
+            let most = share.room(cycle, config, now, inner.first_len()?)?;
+            let len = inner.transmit(now, buffer, most)?;
+            share.left -= duration_ns(len) as i64;
+            Some(len)
+        })
+    }
+
+    /// When [`MainDevice::handle_timeout`] is wanted next; `None`: never, it is over. In cyclic
+    /// exchange this is the exact instant at which the next frame is to leave.
+    pub fn next_timeout(&self) -> Option<Time<Host>> {
+        if matches!(self.activity, Activity::Over) {
+            return None;
+        }
+        let mut next = self.link.with(|inner| inner.next_timeout());
+        if let Some(cycle) = &self.cycle {
+            next = next.min(cycle.due());
+        }
+        if let Activity::Locking { since } = self.activity {
+            next = next.min(since + self.config.timeouts.phase);
+        }
+        (next != Time::NEVER).then_some(next)
+    }
+
+    /// The next thing that happened.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        self.link.with(|inner| inner.poll_event())
+    }
+
+    /// The outputs of the SubDevice at `position`, sent with the next cycle; empty if it has none.
+    pub fn outputs_mut(&mut self, position: usize) -> &mut [u8] {
+        let range = self.segment.devices.get(position).map(|device| range(&device.outputs));
+        match (&mut self.cycle, range) {
+            (Some(cycle), Some(range)) => cycle.outputs_mut().get_mut(range).unwrap_or_default(),
+            _ => &mut [],
+        }
+    }
+
+    /// The inputs of the SubDevice at `position`, as they last came back complete; empty if it has
+    /// none.
+    pub fn inputs(&self, position: usize) -> &[u8] {
+        let range = self.segment.devices.get(position).map(|device| range(&device.inputs));
+        match (&self.cycle, range) {
+            (Some(cycle), Some(range)) => cycle.inputs().get(range).unwrap_or_default(),
+            _ => &[],
+        }
+    }
+
+    /// Asks for an upload of an entry; the bytes come as [`Event::Uploaded`]. Before PREOP, or
+    /// without a CoE mailbox, the answer is an error.
+    pub fn upload(&mut self, position: usize, object: ObjectAddress) -> RequestId {
+        self.request(position, object, None)
+    }
+
+    /// Asks for a download to an entry; the end comes as [`Event::Downloaded`].
+    pub fn download(&mut self, position: usize, object: ObjectAddress, data: &[u8]) -> RequestId {
+        self.request(position, object, Some(data.to_vec()))
+    }
+
+    /// Ends the run: OP → SAFEOP → PREOP, SYNC off, INIT; then [`Event::Stopped`]. On the way up it
+    /// ends that.
+    pub fn stop(&mut self) {
+        if !matches!(self.activity, Activity::Over) {
+            self.stopping = true;
+            self.work();
+        }
+    }
+
+    /// What was found, as of the last completed piece of the way up; AL states as of now.
+    pub fn segment(&self) -> &Segment {
+        &self.segment
+    }
+
+    /// Counts so far.
+    pub fn statistics(&self) -> Statistics {
+        self.link.with(|inner| inner.statistics)
+    }
+
+    /// The stage of the way up or down that was last begun.
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Whether all SubDevices went to OP and nobody asked for the end.
+    pub fn is_operating(&self) -> bool {
+        matches!(self.activity, Activity::Operating)
+    }
+
+    /// What the clock servo knows; `None` before the cyclic exchange.
+    pub fn phase(&self) -> Option<phase::State> {
+        self.cycle.as_ref().map(|cycle| cycle.servo().state())
+    }
+
+    /// How much faster system time runs than the host's clock, parts per billion; `None` before the
+    /// cyclic exchange.
+    pub fn rate_ppb(&self) -> Option<i64> {
+        self.cycle.as_ref().map(|cycle| cycle.servo().rate_ppb())
+    }
+
+    /// The system time that a frame sent at `host` finds at the reference clock, by the servo;
+    /// `None` before the cyclic exchange.
+    pub fn system_time(&self, host: Time<Host>) -> Option<Time<Dc>> {
+        self.cycle.as_ref().map(|cycle| cycle.servo().dc_at(host))
+    }
+
+    /// A network interface may show us our own frames as they leave.
+    fn is_echo(&self, frame: &[u8]) -> bool {
+        self.config.source[0] & LOCALLY_ADMINISTERED == 0
+            && frame.get(6..12) == Some(&self.config.source[..])
+    }
+
+    fn take(&mut self, now: Time<Host>, frame: &[u8]) -> bool {
+        let Self { link, cycle, .. } = self;
+        link.with(|inner| {
+            if cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, inner)) {
+                return true;
+            }
+            frame::payload(frame).is_ok_and(|payload| inner.receive(payload))
+        })
+    }
+
+    /// Lets everything go on that can.
+    fn work(&mut self) {
+        self.link.with(|inner| inner.forget_waits());
+        self.work_on_way();
+        self.work_on_jobs();
+        self.work_on_health();
+    }
+
+    fn work_on_way(&mut self) {
+        loop {
+            if self.stopping && self.begin_stop() {
+                continue;
+            }
+            match &mut self.activity {
+                Activity::Task(piece, task) => {
+                    let piece = *piece;
+                    let Poll::Ready((work, result)) = poll(task) else { return };
+                    self.stage = work.stage;
+                    self.segment = work.segment;
+                    self.mailboxes = work.mailboxes;
+                    self.after(piece, result);
+                }
+                Activity::Locking { since } => {
+                    let since = *since;
+                    let Some(cycle) = &self.cycle else { return };
+                    if cycle.is_locked() && cycle.number() > 0 {
+                        self.begin_piece(Piece::Synchronize);
+                        continue;
+                    }
+                    let after = self.link.now() - since;
+                    if after < self.config.timeouts.phase {
+                        return;
+                    }
+                    let error = cycle.servo().last_error();
+                    self.fail(Error { stage: Stage::Phase, cause: Cause::Phase { error, after } });
+                }
+                Activity::Operating | Activity::Over => return,
+            }
+        }
+    }
+
+    /// Goes on behind a piece of the way.
+    fn after(&mut self, piece: Piece, result: Result<(), Error>) {
+        // The way down goes on to its end whatever happens on it.
+        match (piece, result) {
+            (Piece::LeaveOperation, _) => {
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.exchange_process_data(false);
+                }
+                self.begin_piece(Piece::Stop);
+            }
+            (Piece::Stop, Ok(())) => {
+                self.link.report(Event::Stopped);
+                self.end();
+            }
+            (_, Err(error)) => self.fail(error),
+            (Piece::Prepare, Ok(())) => self.begin_cycle(),
+            (Piece::Synchronize, Ok(())) => {
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.exchange_process_data(true);
+                }
+                self.begin_piece(Piece::Operate);
+            }
+            (Piece::Operate, Ok(())) => self.begin_operation(),
+        }
+    }
+
+    fn begin_cycle(&mut self) {
+        let now = self.link.now();
+        self.link.with(|inner| {
+            if self.segment.reference.is_some() && self.config.drift_compensation {
+                inner.statistics.time_to_converged = Some(now - self.begin);
+            }
+        });
+        self.cycle = Some(Cycle::new(&self.config, &self.segment, now, self.config.source));
+        self.stage = Stage::Phase;
+        self.link.report(Event::Progress(Stage::Phase));
+        self.activity = Activity::Locking { since: now };
+    }
+
+    fn begin_operation(&mut self) {
+        let (now, begin) = (self.link.now(), self.begin);
+        self.link.with(|inner| {
+            inner.statistics.time_to_operation = Some(now - begin);
+            inner.statistics.bring_up_frames = inner.statistics.frames_sent;
+            let cycle = inner.cycle;
+            inner.report(Event::InOperation { cycle, after: now - begin });
+        });
+        if let Some(cycle) = &mut self.cycle {
+            cycle.measuring = true;
+        }
+        self.activity = Activity::Operating;
+    }
+
+    fn begin_piece(&mut self, piece: Piece) {
+        let work = Work {
+            link: self.link.clone(),
+            config: self.config.clone(),
+            segment: self.segment.clone(),
+            mailboxes: core::mem::take(&mut self.mailboxes),
+            stage: self.stage,
+        };
+        let task: Pin<Box<dyn Future<Output = End>>> = match piece {
+            Piece::Prepare => Box::pin(bring_up::prepare(work)),
+            Piece::Synchronize => Box::pin(bring_up::synchronize(work)),
+            Piece::Operate => Box::pin(bring_up::operate(work)),
+            Piece::LeaveOperation => Box::pin(bring_up::leave_operation(work)),
+            Piece::Stop => Box::pin(bring_up::stop(work)),
+        };
+        self.activity = Activity::Task(piece, task);
+    }
+
+    /// Turns round, if the machine is on its way up or in operation.
+    fn begin_stop(&mut self) -> bool {
+        let turns = match &self.activity {
+            Activity::Task(piece, _) => !matches!(piece, Piece::LeaveOperation | Piece::Stop),
+            Activity::Locking { .. } | Activity::Operating => true,
+            Activity::Over => false,
+        };
+        if turns {
+            self.health = None;
+            self.refuse_jobs();
+            self.begin_piece(Piece::LeaveOperation);
+        }
+        turns
+    }
+
+    fn fail(&mut self, error: Error) {
+        self.stage = error.stage;
+        self.link.report(Event::Failed(error));
+        self.end();
+    }
+
+    /// Nothing more is sent.
+    fn end(&mut self) {
+        self.refuse_jobs();
+        self.health = None;
+        self.cycle = None;
+        self.activity = Activity::Over;
+    }
+
+    fn request(
+        &mut self,
+        position: usize,
+        object: ObjectAddress,
+        download: Option<Vec<u8>>,
+    ) -> RequestId {
+        let request = RequestId(self.next_request);
+        self.next_request = self.next_request.wrapping_add(1);
+        self.jobs.push_back(Job { request, position, object, download });
+        self.work();
+        request
+    }
+
+    /// Starts what has its mailbox free, ends what has its answer.
+    fn work_on_jobs(&mut self) {
+        let mut at = 0;
+        while at < self.running.len() {
+            let Poll::Ready((mailbox, result)) = poll(&mut self.running[at].service) else {
+                at += 1;
+                continue;
+            };
+            let job = self.running.swap_remove(at);
+            if let Some(place) = self.mailboxes.get_mut(job.position) {
+                *place = Some(mailbox);
+            }
+            self.answer(job.request, job.is_download, result);
+        }
+        let mut at = 0;
+        while at < self.jobs.len() {
+            let position = self.jobs[at].position;
+            let busy = self.running.iter().any(|job| job.position == position)
+                || self.jobs.iter().take(at).any(|job| job.position == position);
+            // On the way up the mailboxes are in use; requests wait.
+            let on_the_way = matches!(self.activity, Activity::Task(..)) && !self.stopping;
+            if busy || on_the_way {
+                at += 1;
+                continue;
+            }
+            let mailbox = self.mailboxes.get_mut(position).and_then(Option::take);
+            let Some(job) = self.jobs.remove(at) else { continue };
+            match mailbox {
+                Some(mailbox) => self.run(job, mailbox),
+                None => {
+                    let absent = Err(SdoError::Mailbox(MailboxError::Absent));
+                    self.answer(job.request, job.download.is_some(), absent);
+                }
+            }
+        }
+    }
+
+    fn run(&mut self, job: Job, mut mailbox: Mailbox) {
+        let Job { request, position, object, download } = job;
+        let is_download = download.is_some();
+        let mut service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)>>> =
+            Box::pin(async move {
+                let result = match download {
+                    Some(data) => {
+                        coe::download(&mut mailbox, object, &data, false).await.map(|()| Vec::new())
+                    }
+                    None => coe::upload(&mut mailbox, object, false).await,
+                };
+                (mailbox, result)
+            });
+        // The first poll queues its first datagram; it can't be done yet.
+        let _pending = poll(&mut service).is_pending();
+        self.running.push(RunningJob { request, position, is_download, service });
+    }
+
+    fn answer(&mut self, request: RequestId, is_download: bool, result: SdoResult) {
+        self.link.report(match is_download {
+            true => Event::Downloaded { request, result: result.map(|_| ()) },
+            false => Event::Uploaded { request, result },
+        });
+    }
+
+    /// Nobody will answer these any more.
+    fn refuse_jobs(&mut self) {
+        let waiting = self.jobs.drain(..).map(|job| (job.request, job.download.is_some()));
+        let running = self.running.drain(..).map(|job| (job.request, job.is_download));
+        for (request, is_download) in waiting.chain(running).collect::<Vec<_>>() {
+            self.answer(request, is_download, Err(SdoError::Mailbox(MailboxError::Absent)));
+        }
+    }
+
+    /// Looks at every SubDevice when the cyclic broadcast does not read OP everywhere.
+    fn work_on_health(&mut self) {
+        let Activity::Operating = self.activity else { return };
+        if let Some(check) = &mut self.health {
+            let Poll::Ready(all) = poll(check) else { return };
+            self.health = None;
+            self.take_health(&all);
+        }
+        let Some(cycle) = &self.cycle else { return };
+        let seen = cycle.al_status;
+        let good = seen == AlStatus::new(AlState::Op).0;
+        if good && self.checked.is_none() {
+            return;
+        }
+        // The same picture as at the last check needs no other.
+        if self.checked == Some(seen) {
+            return;
+        }
+        self.checked = (!good).then_some(seen);
+        let stations = self.segment.devices.iter().map(|device| device.station).collect();
+        let mut check: Pin<Box<dyn Future<Output = Vec<Status>>>> =
+            Box::pin(health::check(self.link.clone(), stations));
+        // The first poll queues its datagrams.
+        let _pending = poll(&mut check).is_pending();
+        self.health = Some(check);
+    }
+
+    fn take_health(&mut self, all: &[Status]) {
+        let cycle = self.link.with(|inner| inner.cycle);
+        for (device, status) in self.segment.devices.iter_mut().zip(all) {
+            let Some((status, code)) = *status else { continue };
+            if (device.al_status, device.al_code) != (status, code) {
+                (device.al_status, device.al_code) = (status, code);
+                let position = device.position;
+                self.link.report(Event::StateChanged { position, status, code, cycle });
+            }
+        }
+    }
+}
+
+impl Share {
+    /// Most bytes that an acyclic frame may have now, the first datagram waiting being `first`
+    /// long; `None` if it must wait.
+    ///
+    /// Acyclic frames follow those of the cycle, take no more than their share of it, and are
+    /// through before the next cycle. The first of a cycle may exceed the share, so that long
+    /// mailboxes get through short cycles at all.
+    fn room(
+        &mut self,
+        cycle: &Cycle,
+        config: &Config,
+        now: Time<Host>,
+        first: usize,
+    ) -> Option<usize> {
+        if !cycle.is_sent() {
+            return None;
+        }
+        let share = config.cycle.0 * i64::from(config.acyclic_share) / 100;
+        let fresh = self.cycle != cycle.number();
+        if fresh {
+            *self = Share { cycle: cycle.number(), left: share };
+        }
+        let until_next = (cycle.due() - now).0;
+        let needed = duration_ns(first) as i64;
+        // What a whole cycle can't hold will never fit; it goes out all the same, right behind the
+        // cycle's own.
+        let hopeless = needed > config.cycle.0 / 10 * 9;
+        if needed > until_next && !hopeless || needed > self.left && self.left < share {
+            return None;
+        }
+        let time = self.left.min(until_next).max(needed);
+        // The bytes of a frame that takes this long, preamble and FCS taken off.
+        let bytes = time as u64 / frame::BYTE_TIME_NS;
+        Some((bytes as usize).saturating_sub(12).max(first))
+    }
+}
+
+/// Where process data are in the image.
+fn range(data: &ProcessData) -> core::ops::Range<usize> {
+    let start = data.logical as usize;
+    start..start + usize::from(data.length)
+}
+
+fn poll<T: ?Sized + Future>(future: &mut Pin<Box<T>>) -> Poll<T::Output> {
+    future.as_mut().poll(&mut Context::from_waker(Waker::noop()))
+}

@@ -1,0 +1,283 @@
+//! The mailbox of one SubDevice, MainDevice's side.
+//!
+//! A request is written to SM0 and the answer polled at SM1. Two things can go wrong without the
+//! device's fault, and both are healed here: a request whose frame is lost is written again with
+//! the same counter, so a device that had it already drops the repetition; an answer whose frame is
+//! lost was taken out of SM1 all the same and is asked for again by the repeat bit of SM1.
+
+use alloc::vec::Vec;
+
+use isocat_wire::StationAddress;
+use isocat_wire::coe;
+use isocat_wire::mailbox::{self, ErrorDetail, Header, Protocol, next_counter};
+use isocat_wire::register;
+use isocat_wire::sii::MailboxArea;
+use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::time::{Host, Nanos, Time};
+
+use crate::error::{AccessError, MailboxError};
+use crate::event::Event;
+use crate::link::{Link, Travel};
+
+/// One mailbox: its areas and counters.
+pub(crate) struct Mailbox {
+    link: Link,
+    position: usize,
+    station: StationAddress,
+    receive: MailboxArea,
+    send: MailboxArea,
+    patience: Nanos,
+    counter: u8,
+    last_answer: u8,
+    repeat: bool,
+    /// An earlier service was given up; its answer may still come.
+    stale: bool,
+}
+
+impl Mailbox {
+    /// A mailbox right after INIT to PREOP: counters start anew.
+    pub fn new(
+        link: &Link,
+        position: usize,
+        station: StationAddress,
+        (receive, send): (MailboxArea, MailboxArea),
+        patience: Nanos,
+    ) -> Self {
+        Self {
+            link: link.clone(),
+            position,
+            station,
+            receive,
+            send,
+            patience,
+            counter: 0,
+            last_answer: 0,
+            repeat: false,
+            stale: true,
+        }
+    }
+
+    /// Most bytes of a service that the request can carry behind the mailbox header.
+    pub fn request_len(&self) -> usize {
+        usize::from(self.receive.length).saturating_sub(mailbox::HEADER_LEN)
+    }
+
+    /// Sends a CoE service and waits for the CoE answer to it; `is_answer` tells it from others.
+    /// Emergencies in between are reported as events.
+    pub async fn coe(
+        &mut self,
+        service: &[u8],
+        is_answer: impl Fn(&[u8]) -> bool,
+    ) -> Result<Vec<u8>, MailboxError> {
+        if self.stale {
+            self.drain().await?;
+            self.stale = false;
+        }
+        // Until the answer is there, this future may be dropped and leave an answer behind.
+        self.stale = true;
+        self.write(service).await?;
+        let end = self.link.now() + self.patience;
+        loop {
+            let answer = self.coe_answer(end).await?;
+            if is_answer(&answer) {
+                self.stale = false;
+                return Ok(answer);
+            }
+        }
+    }
+
+    /// Waits for a further CoE message of a service that answers in several.
+    pub async fn coe_more(&mut self) -> Result<Vec<u8>, MailboxError> {
+        let end = self.link.now() + self.patience;
+        self.coe_answer(end).await
+    }
+
+    async fn coe_answer(&mut self, end: Time<Host>) -> Result<Vec<u8>, MailboxError> {
+        loop {
+            let (protocol, service) = self.read(end).await?;
+            match protocol {
+                Protocol::COE if !self.take_emergency(&service) => return Ok(service),
+                Protocol::ERROR => {
+                    let detail = service
+                        .first_chunk()
+                        .ok_or(MailboxError::Short { length: service.len() })?;
+                    return Err(MailboxError::Error(ErrorDetail::parse(detail)));
+                }
+                // An emergency, or another protocol that speaks unasked, EoE above all.
+                _ => {}
+            }
+        }
+    }
+
+    /// Reports an emergency; `false` if the service is none.
+    fn take_emergency(&self, service: &[u8]) -> bool {
+        let Some((head, rest)) = service.split_first_chunk::<2>() else { return false };
+        if coe::Header::parse(*head).service != coe::Service::EMERGENCY {
+            return false;
+        }
+        if let Some(&[c0, c1, register, d0, d1, d2, d3, d4]) = rest.first_chunk() {
+            self.link.report(Event::Emergency {
+                position: self.position,
+                code: u16::from_le_bytes([c0, c1]),
+                register,
+                data: [d0, d1, d2, d3, d4],
+            });
+        }
+        true
+    }
+
+    /// Throws away what an earlier service left in SM1.
+    async fn drain(&mut self) -> Result<(), MailboxError> {
+        for _ in 0..MOST_STALE {
+            if !self.is_full().await? {
+                break;
+            }
+            let len = usize::from(self.send.length);
+            let reply = self.link.fprd(self.station, self.send.start, len).reply().await?;
+            if reply.wkc == 1 {
+                if let Some(head) = reply.data.first_chunk() {
+                    self.last_answer = Header::parse(head).counter;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn is_full(&self) -> Result<bool, AccessError> {
+        let status = self.link.read(self.station, register::sm_status(1)).await?;
+        Ok(status & SyncManager::STATUS_FULL != 0)
+    }
+
+    /// Writes a request of CoE into SM0, waiting until the device has taken the one before.
+    async fn write(&mut self, service: &[u8]) -> Result<(), MailboxError> {
+        let length = service.len() + mailbox::HEADER_LEN;
+        if service.len() > self.request_len() {
+            return Err(MailboxError::TooLong { length, mailbox: self.receive.length });
+        }
+        self.counter = next_counter(self.counter);
+        let header = Header::new(service.len() as u16, 0, Protocol::COE, self.counter);
+        let mut bytes = Vec::with_capacity(usize::from(self.receive.length));
+        bytes.extend_from_slice(&header.emit());
+        bytes.extend_from_slice(service);
+        // The last byte of the area must be written for the SyncManager to pass it on.
+        bytes.resize(usize::from(self.receive.length), 0);
+        let end = self.link.now() + self.patience;
+        let mut interval = POLL_FIRST;
+        // After a loss the area may be full with this very request: then it is done, see below.
+        let mut lost = false;
+        loop {
+            let address = isocat_wire::datagram::Address::Station(self.station, self.receive.start);
+            let travel = Travel { once: true, ..Travel::default() };
+            let exchange =
+                self.link.exchange(isocat_wire::Command::Fpwr, address, bytes.clone(), travel);
+            match exchange.reply().await {
+                Ok(reply) if reply.wkc == 1 => return Ok(()),
+                Ok(_) if lost => return Ok(()),
+                Ok(_) => {}
+                Err(error) if link_is_dead(&self.link, end) => return Err(error.into()),
+                Err(_) => {
+                    lost = true;
+                    continue;
+                }
+            }
+            if self.link.now() >= end {
+                return Err(MailboxError::Full { after: self.patience });
+            }
+            self.link.sleep(interval).await;
+            interval = longer(interval);
+        }
+    }
+
+    /// Waits for one message in SM1 and takes it: protocol and service.
+    async fn read(&mut self, end: Time<Host>) -> Result<(Protocol, Vec<u8>), MailboxError> {
+        let mut interval = POLL_FIRST;
+        loop {
+            if self.is_full().await? {
+                let bytes = self.fetch(end).await?;
+                if let Some(message) = self.open(&bytes)? {
+                    return Ok(message);
+                }
+                continue;
+            }
+            if self.link.now() >= end {
+                return Err(MailboxError::NoAnswer { after: self.patience });
+            }
+            self.link.sleep(interval).await;
+            interval = longer(interval);
+        }
+    }
+
+    /// Reads the whole of SM1; after a lost frame by way of the repeat bit.
+    async fn fetch(&mut self, end: Time<Host>) -> Result<Vec<u8>, MailboxError> {
+        loop {
+            let travel = Travel { once: true, ..Travel::default() };
+            let address = isocat_wire::datagram::Address::Station(self.station, self.send.start);
+            let data = alloc::vec![0; usize::from(self.send.length)];
+            let exchange = self.link.exchange(isocat_wire::Command::Fprd, address, data, travel);
+            let lost = match exchange.reply().await {
+                Ok(reply) if reply.wkc == 1 => return Ok(reply.data),
+                Ok(_) => false,
+                Err(error) if link_is_dead(&self.link, end) => return Err(error.into()),
+                Err(_) => true,
+            };
+            if lost && !self.is_full().await? {
+                self.ask_again(end).await?;
+            }
+            if self.link.now() >= end {
+                return Err(MailboxError::NoAnswer { after: self.patience });
+            }
+            self.link.sleep(POLL_FIRST).await;
+        }
+    }
+
+    /// Toggles the repeat bit of SM1 and waits for the device to follow.
+    async fn ask_again(&mut self, end: Time<Host>) -> Result<(), MailboxError> {
+        self.repeat = !self.repeat;
+        let bit = if self.repeat { SyncManager::REPEAT } else { 0 };
+        let activate = SyncManager::ENABLE | bit;
+        self.link.write(self.station, register::sm_activate(1), activate).await?;
+        loop {
+            let control = self.link.read(self.station, register::sm_pdi_control(1)).await?;
+            if control & SyncManager::REPEAT == bit {
+                return Ok(());
+            }
+            if self.link.now() >= end {
+                return Err(MailboxError::NoAnswer { after: self.patience });
+            }
+            self.link.sleep(POLL_FIRST).await;
+        }
+    }
+
+    /// Takes a message apart; `None` if it repeats the last one.
+    fn open(&mut self, bytes: &[u8]) -> Result<Option<(Protocol, Vec<u8>)>, MailboxError> {
+        let short = MailboxError::Short { length: bytes.len() };
+        let (head, rest) = bytes.split_first_chunk().ok_or(short)?;
+        let header = Header::parse(head);
+        let service = rest.get(..usize::from(header.length)).ok_or(short)?;
+        if header.counter != 0 && header.counter == self.last_answer {
+            return Ok(None);
+        }
+        self.last_answer = header.counter;
+        Ok(Some((header.protocol, service.to_vec())))
+    }
+}
+
+/// Whether losses have gone on for so long that trying again makes no sense.
+fn link_is_dead(link: &Link, end: Time<Host>) -> bool {
+    link.now() >= end
+}
+
+fn longer(interval: Nanos) -> Nanos {
+    Nanos((interval.0 * 2).min(POLL_LAST.0))
+}
+
+/// Mailboxes by position; a service takes its mailbox away and brings it back.
+pub(crate) type Mailboxes = Vec<Option<Mailbox>>;
+
+/// Messages of an earlier service thrown away at most; a device that sends more speaks all the
+/// time.
+const MOST_STALE: usize = 8;
+/// First interval of polling: firmware answers within a fraction of a millisecond as a rule.
+const POLL_FIRST: Nanos = Nanos(100_000);
+/// Longest interval of polling.
+const POLL_LAST: Nanos = Nanos(5_000_000);

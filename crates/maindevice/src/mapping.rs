@@ -1,0 +1,164 @@
+//! From the PDO assignment to SyncManagers, FMMUs and the process image.
+//!
+//! Outputs and inputs of a SubDevice overlap in the image: both begin at the same logical byte, and
+//! the longer one decides what it takes. With LRW its outputs travel out and its inputs come back
+//! in the same bytes of the frame, which makes the shortest frame. Mappings are byte-wise;
+//! SubDevices never share a byte.
+
+use alloc::vec::Vec;
+
+use isocat_wire::fmmu::Fmmu;
+use isocat_wire::register::{self, Value, features};
+use isocat_wire::sii::{SmRecord, sm_type};
+use isocat_wire::sync_manager::SyncManager;
+
+use crate::cycle::MOST_CHUNK;
+use crate::error::{Cause, MappingProblem};
+use crate::link::Link;
+use crate::segment::{Chunk, ProcessData, ProcessImage, SubDevice};
+
+/// Lays out the process image: logical address of each SubDevice, and which of them share a
+/// datagram.
+pub(crate) fn lay_out(devices: &mut [SubDevice]) -> Result<ProcessImage, Cause> {
+    let mut image = ProcessImage {
+        chunks: Vec::new(),
+        read_write: !devices.iter().any(|device| device.esc.has(features::NO_LRW)),
+    };
+    let mut logical = 0;
+    for device in devices {
+        let (outputs, inputs) = (device.outputs.length, device.inputs.length);
+        let length = outputs.max(inputs);
+        if usize::from(length) > MOST_CHUNK {
+            let problem = MappingProblem::TooLong { length: length.into(), most: MOST_CHUNK };
+            return Err(Cause::Mapping { place: device.place(), problem });
+        }
+        let fits = image
+            .chunks
+            .last()
+            .is_some_and(|chunk| usize::from(chunk.length) + usize::from(length) <= MOST_CHUNK);
+        if !fits && length > 0 {
+            image.chunks.push(Chunk {
+                logical,
+                first: device.position,
+                end: device.position,
+                ..Chunk::default()
+            });
+        }
+        (device.outputs.logical, device.inputs.logical) = (logical, logical);
+        if let Some(chunk) = image.chunks.last_mut() {
+            chunk.length += length;
+            chunk.end = device.position + 1;
+            chunk.writers += u16::from(outputs > 0);
+            chunk.readers += u16::from(inputs > 0);
+        }
+        logical += u32::from(length);
+    }
+    Ok(image)
+}
+
+/// Which SyncManager guards the outputs or inputs, and where: by object 0x1C00, else by the SII.
+pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
+    for kind in [sm_type::OUTPUTS, sm_type::INPUTS] {
+        let number = device
+            .sm_types
+            .iter()
+            .position(|found| *found == kind)
+            .or_else(|| device.sii.sync_managers.iter().position(|record| record.kind == kind));
+        let start = number
+            .and_then(|number| device.sii.sync_managers.get(number))
+            .map(|record| record.start);
+        let place = device.place();
+        let data = if kind == sm_type::OUTPUTS { &mut device.outputs } else { &mut device.inputs };
+        let bits: u32 = data.pdos.iter().map(|pdo| pdo.bits()).sum();
+        let length = bits.div_ceil(8);
+        let Ok(length) = u16::try_from(length) else {
+            let problem = MappingProblem::TooLong { length, most: MOST_CHUNK };
+            return Err(Cause::Mapping { place, problem });
+        };
+        data.length = length;
+        match (number, start) {
+            (Some(number), Some(start)) => {
+                data.sync_manager = Some(number as u8);
+                data.start = start;
+            }
+            _ if length > 0 => {
+                let problem = MappingProblem::NoSyncManager;
+                return Err(Cause::Mapping { place, problem });
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Writes the SyncManagers of the process data and the FMMUs.
+pub(crate) async fn write(link: &Link, device: &SubDevice) -> Result<(), Cause> {
+    let directions = [(&device.outputs, Fmmu::WRITE), (&device.inputs, Fmmu::READ)];
+    let needed = directions.iter().filter(|(data, _)| data.length > 0).count() as u8;
+    if device.esc.fmmus < needed {
+        let problem = MappingProblem::NoFmmu { needed, found: device.esc.fmmus };
+        return Err(Cause::Mapping { place: device.place(), problem });
+    }
+    let mut writes = Vec::new();
+    let mut next_fmmu = 0;
+    for (data, kind) in directions {
+        let Some(number) = data.sync_manager else { continue };
+        let manager = sync_manager(device, data, number, kind);
+        let address = register::sync_manager(usize::from(number)).address;
+        writes.push(link.fpwr(device.station, address, &manager.to_bytes()));
+        if data.length > 0 {
+            let fmmu = Fmmu::bytes(data.logical, data.length, data.start, kind);
+            let address = register::fmmu(next_fmmu).address;
+            writes.push(link.fpwr(device.station, address, &fmmu.to_bytes()));
+            next_fmmu += 1;
+        }
+    }
+    for write in writes {
+        write.expect(1).await?;
+    }
+    Ok(())
+}
+
+/// The SyncManager as it must be: control by the SII, length by the mapping, off without process
+/// data.
+fn sync_manager(device: &SubDevice, data: &ProcessData, number: u8, kind: u8) -> SyncManager {
+    let record: Option<&SmRecord> = device.sii.sync_managers.get(usize::from(number));
+    let usual = if kind == Fmmu::WRITE { SyncManager::OUTPUTS } else { SyncManager::INPUTS };
+    let control = record.map_or(usual, |record| record.control);
+    SyncManager::new(data.start, data.length, control, data.length > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isocat_wire::StationAddress;
+
+    fn device(position: usize, outputs: u16, inputs: u16) -> SubDevice {
+        let mut device = SubDevice::new(position, StationAddress(0x1001));
+        (device.outputs.length, device.inputs.length) = (outputs, inputs);
+        device
+    }
+
+    #[test]
+    fn outputs_and_inputs_overlap() {
+        let mut devices = [device(0, 7, 11), device(1, 0, 0), device(2, 4, 0)];
+        let image = lay_out(&mut devices).unwrap();
+        assert_eq!(devices.each_ref().map(|d| d.outputs.logical), [0, 11, 11]);
+        let chunk = Chunk { logical: 0, length: 15, first: 0, end: 3, writers: 2, readers: 1 };
+        assert_eq!(image.chunks, [chunk]);
+    }
+
+    /// A chunk that is full to the last byte, and one byte more.
+    #[test]
+    fn no_subdevice_is_cut() {
+        let most = MOST_CHUNK as u16;
+        let mut devices = [device(0, most - 10, 0), device(1, 10, 10)];
+        assert_eq!(lay_out(&mut devices).unwrap().chunks.len(), 1);
+        let mut devices = [device(0, most - 10, 0), device(1, 11, 0)];
+        let image = lay_out(&mut devices).unwrap();
+        assert_eq!(image.chunks.len(), 2);
+        assert_eq!((image.chunks[1].logical, image.chunks[1].first), (u32::from(most) - 10, 1));
+        let mut devices = [device(0, most + 1, 0)];
+        assert!(matches!(lay_out(&mut devices), Err(Cause::Mapping { .. })));
+    }
+}

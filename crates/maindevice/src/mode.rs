@@ -1,0 +1,297 @@
+//! Which mode each SubDevice runs in, and the plan of one cycle.
+
+use alloc::format;
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use isocat_sync::SyncMode;
+use isocat_sync::budget::{self, Check, Line, budget, common_shift};
+use isocat_sync::object::{ShiftBy, SupportedTypes, SyncParameters};
+use isocat_wire::time::Nanos;
+
+use crate::config::{AssumedTimes, Config, DeviceConfig};
+use crate::cycle;
+use crate::error::Cause;
+use crate::segment::{Segment, SubDevice, SyncObject, Timing};
+
+/// Decides the mode of a SubDevice by wish, announcement (sub-index 04) and clock, and checks the
+/// cycle against its minimum.
+///
+/// Without a wish it is the highest mode that both sync objects announce. A cycle below the minimum
+/// is an error in every synchronized mode: a drive must not end up in Free Run because of a slip in
+/// the cycle.
+pub(crate) fn choose(
+    device: &mut SubDevice,
+    config: &Config,
+    wish: Option<&DeviceConfig>,
+) -> Result<(), Cause> {
+    let announced = announced(device);
+    let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
+    let mode = match wish.and_then(|wish| wish.mode) {
+        Some(mode) => {
+            if let Err(reason) = allowed(device, announced, mode) {
+                return Err(Cause::Mode { place: device.place(), wish: mode, reason });
+            }
+            mode
+        }
+        None => {
+            let mut best = SyncMode::FreeRun;
+            for mode in SyncMode::ALL.into_iter().rev() {
+                // What is not announced at all is not chosen for it.
+                let refusal = match announced {
+                    None if mode != SyncMode::FreeRun => Err(String::from(UNKNOWN_MODES)),
+                    _ => allowed(device, announced, mode),
+                };
+                match refusal {
+                    Ok(()) => {
+                        best = mode;
+                        break;
+                    }
+                    Err(reason) => device.mode_reason = format!("not {mode}: {reason}"),
+                }
+            }
+            best
+        }
+    };
+    device.mode = mode;
+    let demands = demands(device, assumed, wish);
+    let jitter = if mode == SyncMode::SmSynchronous { config.host_jitter } else { Nanos::ZERO };
+    let line = Line {
+        check: Check::MinimumCycle,
+        needed: demands.minimum_cycle + jitter,
+        available: config.cycle,
+    };
+    if mode != SyncMode::FreeRun && !line.fits() && !config.force {
+        return Err(Cause::Plan { place: device.place(), line });
+    }
+    Ok(())
+}
+
+/// What the sync objects of the directions in use announce together; `None` if nothing is said.
+fn announced(device: &SubDevice) -> Option<SupportedTypes> {
+    let types = |object: &Option<SyncObject>| object.as_ref()?.values.supported;
+    let outputs = types(&device.output_sync).filter(|_| device.outputs.length > 0);
+    let inputs = types(&device.input_sync).filter(|_| device.inputs.length > 0);
+    match (outputs, inputs) {
+        (Some(outputs), Some(inputs)) => Some(SupportedTypes(outputs.0 & inputs.0)),
+        (one, other) => one.or(other),
+    }
+}
+
+/// Why a mode can't be; a device that announces nothing is trusted to do what it is asked.
+fn allowed(
+    device: &SubDevice,
+    announced: Option<SupportedTypes>,
+    mode: SyncMode,
+) -> Result<(), String> {
+    if let Some(types) = announced.filter(|types| !mode.is_supported(*types)) {
+        // Free Run works for a device that is not told anything; some do not announce it.
+        if mode != SyncMode::FreeRun {
+            return Err(format!("the device announces {types} (0x1C32:04, 0x1C33:04)"));
+        }
+    }
+    if mode.uses_dc() && !device.dc.has_clock() {
+        return Err(String::from("its ESC has no system time (0x0910 does not answer)"));
+    }
+    Ok(())
+}
+
+/// What a SubDevice demands of the cycle, without the arrival of its data. Where it states 0 or
+/// nothing, the assumed times count.
+pub(crate) fn demands(
+    device: &SubDevice,
+    assumed: AssumedTimes,
+    wish: Option<&DeviceConfig>,
+) -> budget::Device {
+    let none = SyncParameters::default();
+    let of = |object: &Option<SyncObject>| object.as_ref().map_or(none, |object| object.values);
+    let (outputs, inputs) = (of(&device.output_sync), of(&device.input_sync));
+    let stated = |time: Option<Nanos>, assumed: Option<Nanos>| {
+        time.filter(|time| *time > Nanos::ZERO).or(assumed).unwrap_or(Nanos::ZERO)
+    };
+    let minimum =
+        stated(outputs.minimum_cycle_time, None).max(stated(inputs.minimum_cycle_time, None));
+    let free = device.mode == SyncMode::FreeRun;
+    let local = |object: &SyncParameters| {
+        object.supported.is_some_and(|types| types.shift() == ShiftBy::LocalTimer)
+    };
+    let input_shift = wish.and_then(|wish| wish.shift_inputs).or(inputs.shift_time);
+    budget::Device {
+        mode: device.mode,
+        outputs_arrival: None,
+        inputs_fetched: None,
+        // In Free Run the device's cycle is its own.
+        minimum_cycle: if free {
+            Nanos::ZERO
+        } else {
+            stated(Some(minimum), assumed.minimum_cycle)
+        },
+        output_calc_and_copy: stated(outputs.calc_and_copy_time, assumed.outputs_calc_and_copy),
+        output_delay: stated(outputs.delay_time, assumed.outputs_delay),
+        output_shift: wish.and_then(|wish| wish.shift_outputs).filter(|_| local(&outputs)),
+        input_calc_and_copy: stated(inputs.calc_and_copy_time, assumed.inputs_calc_and_copy),
+        input_shift: input_shift.filter(|_| local(&inputs)).unwrap_or(Nanos::ZERO),
+    }
+}
+
+/// Plans one cycle: SYNC0's phase, and every line of the budget of every SubDevice. Frames find the
+/// reference clock at phase 0 of system time.
+pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> {
+    let clock_error = match segment.reference {
+        // Two clocks within the threshold on either side of the reference.
+        Some(_) => Nanos(2 * config.drift_threshold.0),
+        None => Nanos::ZERO,
+    };
+    let cycle = budget::Cycle {
+        cycle: config.cycle,
+        send: Nanos::ZERO,
+        jitter: config.host_jitter,
+        clock_error,
+    };
+    let demands: Vec<budget::Device> =
+        segment.devices.iter().map(|device| with_arrival(segment, config, device)).collect();
+    let common = common_shift(&cycle, &demands);
+    let sync0 = common.map(|common| config.shift.unwrap_or(common));
+    let shift = sync0.unwrap_or(Nanos::ZERO);
+    let devices: Vec<_> =
+        demands.iter().map(|device| (*device, budget(&cycle, shift, device))).collect();
+    if !config.force {
+        for (device, (_, budget)) in segment.devices.iter().zip(&devices) {
+            if let Some(line) = budget.failure() {
+                return Err(Cause::Plan { place: device.place(), line });
+            }
+        }
+    }
+    Ok(Timing { cycle, sync0, devices })
+}
+
+/// The demands with the arrival of outputs and the fetch of inputs, counted from the frame's first
+/// bit at the reference clock.
+fn with_arrival(segment: &Segment, config: &Config, device: &SubDevice) -> budget::Device {
+    let wish = config.devices.get(device.position);
+    let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
+    let mut demands = demands(device, assumed, wish);
+    let image = &segment.image;
+    let chunk =
+        image.chunks.iter().position(|chunk| (chunk.first..chunk.end).contains(&device.position));
+    if let Some(chunk) = chunk {
+        let (fetched, stored) = cycle::frame_times(image, segment.reference.is_some(), chunk);
+        let delay = delay(segment, device.position);
+        demands.outputs_arrival = (device.outputs.length > 0).then_some(delay + stored);
+        demands.inputs_fetched = (device.inputs.length > 0).then_some(delay + fetched);
+    }
+    demands
+}
+
+/// The delay of a SubDevice; without one of its own, that of the next one upstream that has one.
+fn delay(segment: &Segment, position: usize) -> Nanos {
+    let mut at = Some(position);
+    while let Some(position) = at {
+        let device = &segment.devices[position];
+        if let Some(delay) = device.delay {
+            return delay;
+        }
+        at = device.parent.map(|(parent, _)| parent);
+    }
+    Nanos::ZERO
+}
+
+const UNKNOWN_MODES: &str = "no direction with process data tells its modes (0x1C32:04, 0x1C33:04)";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::{Chunk, DcCapability, ProcessImage};
+    use isocat_wire::StationAddress;
+
+    /// A drive with both sync objects: announces `types`, minimum cycle 250 us.
+    fn drive(outputs: u16, inputs: u16) -> SubDevice {
+        let mut device = SubDevice::new(0, StationAddress(0x1001));
+        device.dc = DcCapability::Clock64;
+        (device.outputs.length, device.inputs.length) = (8, 8);
+        let object = |types| {
+            let mut object = SyncObject::default();
+            object.values.supported = Some(SupportedTypes(types));
+            object.values.minimum_cycle_time = Some(Nanos(250_000));
+            Some(object)
+        };
+        (device.output_sync, device.input_sync) = (object(outputs), object(inputs));
+        device
+    }
+
+    fn wish(mode: SyncMode) -> DeviceConfig {
+        DeviceConfig { mode: Some(mode), ..DeviceConfig::default() }
+    }
+
+    fn chosen(
+        mut device: SubDevice,
+        cycle: i64,
+        wish: Option<DeviceConfig>,
+    ) -> Result<SyncMode, Cause> {
+        let config = Config::new(Nanos(cycle));
+        choose(&mut device, &config, wish.as_ref())?;
+        Ok(device.mode)
+    }
+
+    #[test]
+    fn the_best_mode_that_both_objects_announce() {
+        assert_eq!(chosen(drive(0x0427, 0x0027), 1_000_000, None), Ok(SyncMode::DcSync0));
+        assert_eq!(chosen(drive(0x0427, 0x0003), 1_000_000, None), Ok(SyncMode::SmSynchronous));
+        assert_eq!(chosen(drive(0x4001, 0x4001), 1_000_000, None), Ok(SyncMode::FreeRun));
+        let mut clockless = drive(0x0007, 0x0007);
+        clockless.dc = DcCapability::ReceiveTimes;
+        assert_eq!(chosen(clockless, 1_000_000, None), Ok(SyncMode::SmSynchronous));
+    }
+
+    #[test]
+    fn a_wish_that_is_not_announced_is_refused() {
+        let refused = chosen(drive(0x4001, 0x4001), 1_000_000, Some(wish(SyncMode::DcSync0)));
+        assert!(matches!(refused, Err(Cause::Mode { wish: SyncMode::DcSync0, .. })), "{refused:?}");
+    }
+
+    /// Both sides of 0x1C32:05; SM-synchronous has the host's jitter on top.
+    #[test]
+    fn the_cycle_is_not_shorter_than_the_minimum() {
+        let dc = || Some(wish(SyncMode::DcSync0));
+        assert!(chosen(drive(0x0427, 0x0027), 250_000, dc()).is_ok());
+        let error = chosen(drive(0x0427, 0x0027), 249_999, None).unwrap_err();
+        let text = alloc::string::ToString::to_string(&error);
+        assert!(text.contains("0x1C32:05") && text.contains("needs 250 us"), "{text}");
+        let sm = || Some(wish(SyncMode::SmSynchronous));
+        assert!(chosen(drive(0x0427, 0x0027), 270_000, sm()).is_ok());
+        assert!(chosen(drive(0x0427, 0x0027), 269_999, sm()).is_err());
+    }
+
+    fn planned(device: SubDevice, config: &Config) -> Result<Timing, Cause> {
+        let chunk = Chunk { logical: 0, length: 8, first: 0, end: 1, writers: 1, readers: 1 };
+        let image = ProcessImage { chunks: alloc::vec![chunk], read_write: true };
+        let segment =
+            Segment { devices: alloc::vec![device], reference: Some(0), image, timing: None };
+        plan(&segment, config)
+    }
+
+    #[test]
+    fn assumed_times_count_where_the_device_states_none() {
+        let mut config = Config::new(Nanos(1_000_000));
+        let assumed =
+            AssumedTimes { outputs_calc_and_copy: Some(Nanos(60_000)), ..AssumedTimes::default() };
+        config.devices = alloc::vec![DeviceConfig { assumed, ..DeviceConfig::default() }];
+        let mut device = drive(0x0027, 0x0027);
+        device.mode = SyncMode::DcSync0;
+        device.delay = Some(Nanos(300));
+        let timing = planned(device.clone(), &config).unwrap();
+        // Drift datagram 20, chunk 20, AL status 14, headers 16 bytes; preamble and FCS 12; at 80
+        // ns.
+        let arrival = 300 + (20 + 20 + 14 + 16 + 12) * 80;
+        assert_eq!(timing.devices[0].0.outputs_arrival, Some(Nanos(arrival)));
+        let line = timing.devices[0].1.line(Check::OutputsBeforeSync0).unwrap();
+        assert_eq!(line.needed, Nanos(arrival + 20_000 + 200 + 60_000));
+        // A phase of the user's, exactly enough and 1 ns too early.
+        config.shift = Some(line.needed);
+        assert!(planned(device.clone(), &config).is_ok());
+        config.shift = Some(line.needed - Nanos(1));
+        assert!(matches!(planned(device.clone(), &config), Err(Cause::Plan { .. })));
+        config.force = true;
+        assert!(planned(device, &config).is_ok());
+    }
+}

@@ -1,0 +1,279 @@
+//! What a device's object dictionary says: PDO assignment and mapping, and the sync objects.
+
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use isocat_sync::object::{
+    INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, SM_COMMUNICATION_TYPE,
+    name, sub,
+};
+use isocat_wire::coe::info::EntryDescription;
+use isocat_wire::sii::sm_type;
+use isocat_wire::{AbortCode, ObjectAddress};
+
+use crate::coe;
+use crate::config::DeviceConfig;
+use crate::error::{Cause, MappingProblem, SdoError};
+use crate::mailbox::Mailbox;
+use crate::segment::{Pdo, PdoEntry, SiiPdo, SubDevice, SyncEntry, SyncObject};
+
+/// Coe details bit of the SII: the device gives SDO information.
+const SDO_INFORMATION: u8 = 1 << 1;
+
+/// Writes what the user wants written in PREOP, then reads assignment, mapping and sync objects.
+pub(crate) async fn read(
+    mailbox: &mut Mailbox,
+    device: &mut SubDevice,
+    config: Option<&DeviceConfig>,
+) -> Result<(), Cause> {
+    for startup in config.map(|config| &config.startup[..]).unwrap_or(&[]) {
+        coe::download(mailbox, startup.object, &startup.data, startup.complete)
+            .await
+            .map_err(|error| sdo(device, startup.object, error))?;
+    }
+    device.sm_types = sm_types(mailbox, device).await?;
+    let outputs = config.and_then(|config| config.outputs.as_deref());
+    device.outputs.pdos = pdos(mailbox, device, OUTPUT_ASSIGNMENT, outputs).await?;
+    let inputs = config.and_then(|config| config.inputs.as_deref());
+    device.inputs.pdos = pdos(mailbox, device, INPUT_ASSIGNMENT, inputs).await?;
+    device.output_sync = sync_object(mailbox, device, OUTPUT_PARAMETER).await?;
+    device.input_sync = sync_object(mailbox, device, INPUT_PARAMETER).await?;
+    Ok(())
+}
+
+/// Takes assignment and mapping from the SII, for a device without CoE.
+pub(crate) fn from_sii(device: &mut SubDevice) {
+    let assigned = |pdos: &[SiiPdo]| -> Vec<Pdo> {
+        pdos.iter()
+            .filter(|pdo| pdo.record.sm != NO_SYNC_MANAGER)
+            .map(|pdo| Pdo {
+                index: pdo.record.index,
+                entries: pdo
+                    .entries
+                    .iter()
+                    .map(|entry| PdoEntry { index: entry.index, sub: entry.sub, bits: entry.bits })
+                    .collect(),
+            })
+            .collect()
+    };
+    device.outputs.pdos = assigned(&device.sii.rx_pdos);
+    device.inputs.pdos = assigned(&device.sii.tx_pdos);
+}
+
+/// Object 0x1C00; empty if the device has none, then the SII decides.
+async fn sm_types(mailbox: &mut Mailbox, device: &SubDevice) -> Result<Vec<u8>, Cause> {
+    let count = match number(mailbox, device, SM_COMMUNICATION_TYPE, 0).await? {
+        Some(count) => count as u8,
+        None => return Ok(Vec::new()),
+    };
+    let mut types = Vec::new();
+    for sub in 1..=count.min(MOST_SYNC_MANAGERS) {
+        let kind = number(mailbox, device, SM_COMMUNICATION_TYPE, sub).await?;
+        types.push(kind.map_or(sm_type::UNUSED, |kind| kind as u8));
+    }
+    Ok(types)
+}
+
+/// The PDOs assigned to 0x1C12 or 0x1C13, after writing the assignment that the user wants, with
+/// their mappings.
+async fn pdos(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    index: u16,
+    wanted: Option<&[u16]>,
+) -> Result<Vec<Pdo>, Cause> {
+    let mut assigned = assignment(mailbox, device, index).await?;
+    if let Some(wanted) = wanted.filter(|wanted| *wanted != assigned) {
+        match assign(mailbox, index, wanted).await {
+            Ok(()) => assigned = wanted.to_vec(),
+            Err((_, SdoError::Abort(AbortCode::READ_ONLY))) => {
+                let problem = MappingProblem::Fixed { index };
+                return Err(Cause::Mapping { place: device.place(), problem });
+            }
+            Err((object, error)) => return Err(sdo(device, object, error)),
+        }
+    }
+    let mut pdos = Vec::new();
+    // An assignment may name 0 for an empty place.
+    for pdo in assigned.into_iter().filter(|pdo| *pdo != 0) {
+        pdos.push(mapping(mailbox, device, pdo).await?);
+    }
+    Ok(pdos)
+}
+
+/// The indices in 0x1C12 or 0x1C13; empty if there is no such object.
+async fn assignment(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    index: u16,
+) -> Result<Vec<u16>, Cause> {
+    let count = number(mailbox, device, index, 0).await?.unwrap_or(0);
+    let mut assigned = Vec::new();
+    for sub in 1..=count.min(254) as u8 {
+        let object = ObjectAddress::new(index, sub);
+        assigned.push(required(mailbox, device, object).await? as u16);
+    }
+    Ok(assigned)
+}
+
+/// Writes an assignment: count 0, the entries, the count.
+async fn assign(
+    mailbox: &mut Mailbox,
+    index: u16,
+    pdos: &[u16],
+) -> Result<(), (ObjectAddress, SdoError)> {
+    let count = ObjectAddress::new(index, 0);
+    let at = |object| move |error| (object, error);
+    coe::download(mailbox, count, &[0], false).await.map_err(at(count))?;
+    for (sub, pdo) in (1..=u8::MAX).zip(pdos) {
+        let object = ObjectAddress::new(index, sub);
+        coe::download(mailbox, object, &pdo.to_le_bytes(), false).await.map_err(at(object))?;
+    }
+    coe::download(mailbox, count, &[pdos.len() as u8], false).await.map_err(at(count))
+}
+
+/// One PDO's entries.
+async fn mapping(mailbox: &mut Mailbox, device: &SubDevice, index: u16) -> Result<Pdo, Cause> {
+    let count = required(mailbox, device, ObjectAddress::new(index, 0)).await?;
+    let mut entries = Vec::new();
+    for sub in 1..=count.min(254) as u8 {
+        let value = required(mailbox, device, ObjectAddress::new(index, sub)).await?;
+        entries.push(PdoEntry {
+            index: (value >> 16) as u16,
+            sub: (value >> 8) as u8,
+            bits: value as u8,
+        });
+    }
+    Ok(Pdo { index, entries })
+}
+
+/// 0x1C32 or 0x1C33 entry by entry: all that the device's own description lists. Without SDO
+/// information, all sub-indices that ETG.1020 knows are tried.
+async fn sync_object(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    index: u16,
+) -> Result<Option<SyncObject>, Cause> {
+    let mut object = SyncObject::default();
+    if device.sii.coe_details & SDO_INFORMATION != 0 {
+        match coe::object_description(mailbox, index).await {
+            Ok(description) => object.description = Some(description),
+            Err(SdoError::Abort(AbortCode::NO_OBJECT)) => return Ok(None),
+            Err(error) if is_refusal(&error) => {}
+            Err(error) => return Err(sdo(device, ObjectAddress::new(index, 0), error)),
+        }
+    }
+    let described = object.description.as_ref().map(|(description, _)| description.max_sub);
+    let highest = described.map_or(HIGHEST_KNOWN, |max| max.max(HIGHEST_KNOWN));
+    for sub in 0..=highest {
+        let address = ObjectAddress::new(index, sub);
+        let description = match described {
+            Some(_) => match describe_entry(mailbox, device, address).await? {
+                Some(description) => Some(description),
+                None => continue,
+            },
+            None if sub != 0 && name(sub).is_none() => continue,
+            None => None,
+        };
+        let value = match coe::upload(mailbox, address, false).await {
+            Ok(value) => Ok(value),
+            Err(SdoError::Abort(AbortCode::NO_OBJECT)) if sub == 0 => return Ok(None),
+            Err(SdoError::Abort(code)) => Err(code),
+            Err(error) => return Err(sdo(device, address, error)),
+        };
+        if described.is_none() && value.is_err() {
+            continue;
+        }
+        let entry = SyncEntry { sub, description, value };
+        if let Some(number) = entry.number() {
+            object.values.set(sub, number);
+        }
+        object.entries.push(entry);
+    }
+    Ok(Some(object))
+}
+
+/// Reads the error counters of the sync objects once more: the evidence when a device refuses OP. A
+/// counter that can't be read keeps its last value; the refusal is the error, not this.
+pub(crate) async fn refresh_counters(mailbox: &mut Mailbox, device: &mut SubDevice) {
+    for (index, object) in
+        [(OUTPUT_PARAMETER, &mut device.output_sync), (INPUT_PARAMETER, &mut device.input_sync)]
+    {
+        let Some(object) = object else { continue };
+        for entry in object.entries.iter_mut().filter(|entry| COUNTERS.contains(&entry.sub)) {
+            let address = ObjectAddress::new(index, entry.sub);
+            let Ok(value) = coe::upload(mailbox, address, false).await else { continue };
+            entry.value = Ok(value);
+            if let Some(number) = entry.number() {
+                object.values.set(entry.sub, number);
+            }
+        }
+    }
+}
+
+/// The description of an entry; `None` for what does not exist or is a gap.
+async fn describe_entry(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    object: ObjectAddress,
+) -> Result<Option<(EntryDescription, String)>, Cause> {
+    match coe::entry_description(mailbox, object).await {
+        Ok((description, _)) if description.bits == 0 || description.data_type == 0 => Ok(None),
+        Ok(found) => Ok(Some(found)),
+        Err(error) if is_refusal(&error) => Ok(None),
+        Err(error) => Err(sdo(device, object, error)),
+    }
+}
+
+/// A value of up to 4 bytes; `None` if the device does not have it.
+pub(crate) async fn number(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    index: u16,
+    sub: u8,
+) -> Result<Option<u32>, Cause> {
+    let object = ObjectAddress::new(index, sub);
+    match coe::upload(mailbox, object, false).await {
+        Ok(bytes) => Ok(Some(number_of(&bytes).map_err(|error| sdo(device, object, error))?)),
+        Err(SdoError::Abort(_)) => Ok(None),
+        Err(error) => Err(sdo(device, object, error)),
+    }
+}
+
+/// A value of up to 4 bytes that must be there.
+async fn required(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    object: ObjectAddress,
+) -> Result<u32, Cause> {
+    let value = coe::upload(mailbox, object, false).await.and_then(|bytes| number_of(&bytes));
+    value.map_err(|error| sdo(device, object, error))
+}
+
+fn number_of(bytes: &[u8]) -> Result<u32, SdoError> {
+    if bytes.is_empty() || bytes.len() > 4 {
+        return Err(SdoError::Length { expected: 4, found: bytes.len() });
+    }
+    Ok(bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte)))
+}
+
+/// The device answered, and said no.
+fn is_refusal(error: &SdoError) -> bool {
+    use crate::error::MailboxError::Error;
+    matches!(error, SdoError::Abort(_) | SdoError::Mailbox(Error(_)))
+}
+
+pub(crate) fn sdo(device: &SubDevice, object: ObjectAddress, error: SdoError) -> Cause {
+    Cause::Sdo { place: device.place(), object, error }
+}
+
+/// What the sync objects count, and whether it was too much.
+const COUNTERS: [u8; 4] =
+    [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];
+/// Place of a PDO that no SyncManager has by default.
+const NO_SYNC_MANAGER: u8 = 0xFF;
+/// An ESC has no more.
+const MOST_SYNC_MANAGERS: u8 = 16;
+/// Highest sub-index of the sync objects in ETG.1020; some devices state less and have it all the
+/// same.
+const HIGHEST_KNOWN: u8 = 0x20;

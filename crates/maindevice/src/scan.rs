@@ -1,0 +1,148 @@
+//! Reset, count, addresses, and what each ESC says of itself.
+
+use alloc::boxed::Box;
+use alloc::vec::Vec;
+
+use isocat_wire::StationAddress;
+use isocat_wire::al::{AlControl, AlState};
+use isocat_wire::dc::SyncActivation;
+use isocat_wire::dl::DlStatus;
+use isocat_wire::register::{self, Value, features};
+
+use crate::config::Config;
+use crate::error::{AccessError, AccessProblem, Cause};
+use crate::esm;
+use crate::link::{Link, Procedure, join};
+use crate::segment::{DcCapability, EscInformation, Segment, SubDevice};
+use crate::topology;
+
+/// Station address of the first SubDevice.
+const FIRST_STATION: u16 = 0x1001;
+
+/// Finds all SubDevices and brings them, whatever they did before, into INIT with nothing left over
+/// from an earlier run.
+pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
+    let count = link.brd(register::TYPE.address, 1).reply().await?.wkc;
+    if count == 0 {
+        return Err(Cause::Empty);
+    }
+    if !config.devices.is_empty() && config.devices.len() != usize::from(count) {
+        return Err(Cause::Count { expected: config.devices.len(), found: count.into() });
+    }
+    reset(link, count).await?;
+    for position in 0..usize::from(count) {
+        let station = StationAddress(FIRST_STATION.wrapping_add(position as u16));
+        let mut device = SubDevice::new(position, station);
+        if let Some(config) = config.devices.get(position) {
+            device.name.clone_from(&config.name);
+        }
+        segment.devices.push(device);
+    }
+    let address = register::STATION_ADDRESS.address;
+    let writes: Vec<_> = segment
+        .devices
+        .iter()
+        .map(|device| link.apwr(device.position, address, &device.station.0.to_bytes()))
+        .collect();
+    for write in writes {
+        write.expect(1).await?;
+    }
+    let init = config.timeouts.init;
+    join(
+        segment
+            .devices
+            .iter_mut()
+            .map(|device| -> Procedure<_> {
+                Box::pin(async move {
+                    describe(link, device).await?;
+                    esm::change(link, device, AlState::Init, init).await
+                })
+            })
+            .collect(),
+    )
+    .await?;
+    let ports: Vec<_> =
+        segment.devices.iter().map(|device| (device.dl_status, device.entry)).collect();
+    for (device, parent) in segment.devices.iter_mut().zip(topology::parents(&ports)?) {
+        device.parent = parent;
+    }
+    segment.reference = segment.devices.iter().position(|device| device.dc.has_clock());
+    Ok(())
+}
+
+/// Broadcasts that undo an earlier run. SYNC first: pulses that go on would throw a device out of
+/// INIT.
+///
+/// Registers that not every ESC has may count less than all SubDevices, never more; AL control
+/// counts 0 where the firmware has not yet read an earlier request, and is asked for again one by
+/// one.
+async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
+    let init = AlControl::request_and_acknowledge(AlState::Init);
+    let zeros = [0; 256];
+    let all: [(u16, &[u8], bool); 10] = [
+        (register::SYNC_ACTIVATION.address, &SyncActivation(0).to_bytes(), false),
+        (register::AL_CONTROL.address, &init.to_bytes(), false),
+        // Loop control of all ports: automatic; the alias is not used.
+        (register::DL_CONTROL.address + 1, &zeros[..1], true),
+        (register::DL_CONTROL.address + 3, &zeros[..1], true),
+        (register::RX_ERRORS.address, &zeros[..8], true),
+        (register::FMMU_0.address, &zeros, false),
+        (register::SM_0.address, &zeros[..128], false),
+        (register::STATION_ADDRESS.address, &zeros[..2], true),
+        // The EEPROM back from a PDI that may hold it, then to ECAT.
+        (register::EEPROM_CONFIGURATION.address, &[2], true),
+        (register::EEPROM_CONFIGURATION.address, &zeros[..1], true),
+    ];
+    for (address, data, everywhere) in all {
+        // One after the other: registers take effect at the end of their frame.
+        let exchange = link.bwr(address, data);
+        if everywhere {
+            exchange.expect(count).await?;
+            continue;
+        }
+        let found = exchange.reply().await?.wkc;
+        if found > count {
+            return Err(Cause::Access(AccessError {
+                command: isocat_wire::Command::Bwr,
+                address: isocat_wire::datagram::Address::Broadcast(address),
+                problem: AccessProblem::WorkingCounter { expected: count, found },
+            }));
+        }
+    }
+    Ok(())
+}
+
+/// Reads what an ESC says of itself.
+async fn describe(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
+    let station = device.station;
+    let information = link.fprd(station, register::TYPE.address, 10);
+    let configuration = link.fprd(station, register::ESC_CONFIGURATION.address, 1);
+    let status = link.fprd(station, register::DL_STATUS.address, 2);
+    let times = link.fprd(station, register::RECEIVE_TIME_0.address, 16);
+    let clock = link.fprd(station, register::SYSTEM_TIME.address, 8);
+    let bytes = information.expect(1).await?.data;
+    device.esc = EscInformation {
+        kind: register::TYPE.load(&bytes),
+        revision: register::REVISION.load(&bytes),
+        build: register::BUILD.load(&bytes),
+        fmmus: register::FMMU_COUNT.load(&bytes),
+        sync_managers: register::SM_COUNT.load(&bytes),
+        ram: register::RAM_SIZE.load(&bytes),
+        ports: register::PORT_DESCRIPTOR.load(&bytes),
+        features: register::FEATURES.load(&bytes),
+        configuration: configuration.expect(1).await?.data[0],
+    };
+    let status = status.expect(1).await?.data;
+    device.dl_status = DlStatus::from_bytes([status[0], status[1]]);
+    device.entry = topology::likely_entry(device.dl_status);
+    // Feature bit 2 only promises receive times; the clock is there if its register answers.
+    let times = times.reply().await?.wkc == 1;
+    let clock = clock.reply().await?.wkc == 1;
+    device.dc = match (device.esc.has(features::DC) && times, clock) {
+        (false, _) => DcCapability::None,
+        (true, false) => DcCapability::ReceiveTimes,
+        (true, true) if device.esc.has(features::DC_64_BIT) => DcCapability::Clock64,
+        (true, true) => DcCapability::Clock32,
+    };
+    Ok(())
+}

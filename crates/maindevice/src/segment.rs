@@ -1,0 +1,404 @@
+//! What was found: the segment and its SubDevices.
+
+use alloc::string::String;
+use alloc::vec::Vec;
+
+use isocat_sync::budget::{self, Budget};
+use isocat_sync::object::{self, SyncParameters};
+use isocat_sync::{SyncMode, SyncType};
+use isocat_wire::al::{AlStatus, AlStatusCode};
+use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
+use isocat_wire::dl::DlStatus;
+use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord};
+use isocat_wire::time::{Dc, Nanos, Time};
+use isocat_wire::{AbortCode, PortNumber, StationAddress};
+
+use crate::error::Place;
+
+/// All SubDevices behind the MainDevice's port, in processing order.
+#[derive(Clone, Debug, Default)]
+pub struct Segment {
+    /// The SubDevices by position.
+    pub devices: Vec<SubDevice>,
+    /// Position of the SubDevice whose clock leads; `None` without any DC clock.
+    pub reference: Option<usize>,
+    /// Where the process data lie.
+    pub image: ProcessImage,
+    /// The timing of one cycle; `None` before it is planned.
+    pub timing: Option<Timing>,
+}
+
+/// The timing of one cycle as it was planned.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Timing {
+    /// Bus cycle, send phase, jitter and clock error that were planned with.
+    pub cycle: budget::Cycle,
+    /// Phase of SYNC0 in the system-time cycle; `None` if no SubDevice uses it.
+    pub sync0: Option<Nanos>,
+    /// Demands and budget of each SubDevice, by position.
+    pub devices: Vec<(budget::Device, Budget)>,
+}
+
+/// One SubDevice.
+#[derive(Clone, Debug)]
+pub struct SubDevice {
+    /// Place in processing order, from 0.
+    pub position: usize,
+    /// Station address given to it, 0x1001 and on.
+    pub station: StationAddress,
+    /// Name of the configuration, else of its SII, else empty.
+    pub name: String,
+    /// Registers 0x0000 to 0x0009.
+    pub esc: EscInformation,
+    /// Who it is, by its SII.
+    pub identity: Identity,
+    /// Its SII, as far as it is used.
+    pub sii: Sii,
+    /// Register 0x0110 at the scan.
+    pub dl_status: DlStatus,
+    /// Where frames come in.
+    pub entry: PortNumber,
+    /// The SubDevice before it and the port there; `None` for the first.
+    pub parent: Option<(usize, PortNumber)>,
+    /// What its DC unit can do.
+    pub dc: DcCapability,
+    /// Object 0x1C00: use of each SyncManager.
+    pub sm_types: Vec<u8>,
+    /// Outputs (SM2, RxPDOs).
+    pub outputs: ProcessData,
+    /// Inputs (SM3, TxPDOs).
+    pub inputs: ProcessData,
+    /// Object 0x1C32; `None` if the device has none.
+    pub output_sync: Option<SyncObject>,
+    /// Object 0x1C33; `None` if the device has none.
+    pub input_sync: Option<SyncObject>,
+    /// Propagation delay from the reference clock, register 0x0928; `None` without DC clock.
+    pub delay: Option<Nanos>,
+    /// Spread of the delay over all latches, largest less smallest.
+    pub delay_spread: Option<Nanos>,
+    /// Offset written to 0x0920.
+    pub offset: u64,
+    /// Last 0x092C read: local time less received time.
+    pub difference: Option<Nanos>,
+    /// Mode chosen.
+    pub mode: SyncMode,
+    /// Why not the mode above it, in words; empty if the mode was wished or is the highest.
+    pub mode_reason: String,
+    /// SYNC unit as programmed and verified; `None` in modes without SYNC.
+    pub sync: Option<SyncSetting>,
+    /// Last AL status seen.
+    pub al_status: AlStatus,
+    /// Last AL status code read.
+    pub al_code: AlStatusCode,
+}
+
+/// Registers 0x0000 to 0x0009 and 0x0141.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct EscInformation {
+    /// 0x0000.
+    pub kind: u8,
+    /// 0x0001.
+    pub revision: u8,
+    /// 0x0002.
+    pub build: u16,
+    /// 0x0004.
+    pub fmmus: u8,
+    /// 0x0005.
+    pub sync_managers: u8,
+    /// 0x0006, KiB.
+    pub ram: u8,
+    /// 0x0007.
+    pub ports: u8,
+    /// 0x0008, see [`isocat_wire::register::features`].
+    pub features: u16,
+    /// 0x0141; bit 0: device emulation.
+    pub configuration: u8,
+}
+
+impl EscInformation {
+    /// AL status mirrors AL control, there is no firmware that answers.
+    pub const fn device_emulation(&self) -> bool {
+        self.configuration & 1 != 0
+    }
+    /// Whether this feature bit of 0x0008 is set.
+    pub const fn has(&self, feature: u16) -> bool {
+        self.features & feature != 0
+    }
+}
+
+/// Who a SubDevice is: SII words 0x08 to 0x0F.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Identity {
+    /// Vendor id.
+    pub vendor: u32,
+    /// Product code.
+    pub product: u32,
+    /// Revision.
+    pub revision: u32,
+    /// Serial number.
+    pub serial: u32,
+}
+
+/// What the DC unit of a SubDevice can do.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum DcCapability {
+    /// Nothing.
+    #[default]
+    None,
+    /// Receive times only: 0x0900 answers, 0x0910 does not.
+    ReceiveTimes,
+    /// A system time of 32 bits.
+    Clock32,
+    /// A system time of 64 bits.
+    Clock64,
+}
+
+impl DcCapability {
+    /// Whether there is a system time.
+    pub const fn has_clock(self) -> bool {
+        matches!(self, Self::Clock32 | Self::Clock64)
+    }
+    /// Whether port receive times are latched.
+    pub const fn has_receive_times(self) -> bool {
+        !matches!(self, Self::None)
+    }
+}
+
+/// The SII, as far as it is used.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Sii {
+    /// The first 64 words.
+    pub header: sii::Header,
+    /// Device name of category general.
+    pub name: String,
+    /// Order number of category general.
+    pub order: String,
+    /// CoE details of category general: bit 0 SDO, 1 SDO information, 2 PDO assignment, 3 PDO
+    /// configuration, 5 complete access.
+    pub coe_details: u8,
+    /// Use of each FMMU: 1 outputs, 2 inputs, 3 mailbox status.
+    pub fmmus: Vec<u8>,
+    /// SyncManagers.
+    pub sync_managers: Vec<SmRecord>,
+    /// RxPDOs (outputs).
+    pub rx_pdos: Vec<SiiPdo>,
+    /// TxPDOs (inputs).
+    pub tx_pdos: Vec<SiiPdo>,
+    /// DC operation modes.
+    pub operation_modes: Vec<OperationMode>,
+}
+
+/// One PDO of the SII.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct SiiPdo {
+    /// Its head.
+    pub record: PdoRecord,
+    /// Its entries.
+    pub entries: Vec<PdoEntryRecord>,
+}
+
+/// One DC operation mode of the SII.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct OperationMode {
+    /// SYNC0 cycle, ns; 0: by the factor.
+    pub cycle_time_0: u32,
+    /// SYNC0 shift, ns.
+    pub shift_time_0: i32,
+    /// SYNC1 shift, ns.
+    pub shift_time_1: i32,
+    /// SYNC1 cycle factor.
+    pub sync1_factor: i16,
+    /// Word for 0x0980.
+    pub assign_activate: u16,
+    /// SYNC0 cycle factor.
+    pub sync0_factor: i16,
+}
+
+/// Process data of one direction at one SubDevice.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct ProcessData {
+    /// The PDOs assigned, with their mappings.
+    pub pdos: Vec<Pdo>,
+    /// SyncManager that guards them; `None` without process data in this direction.
+    pub sync_manager: Option<u8>,
+    /// First byte in the ESC's memory.
+    pub start: u16,
+    /// Bytes.
+    pub length: u16,
+    /// First byte in the process image.
+    pub logical: u32,
+}
+
+/// One PDO with what is mapped into it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Pdo {
+    /// Index, 0x1600… or 0x1A00….
+    pub index: u16,
+    /// The entries in the order of their bits.
+    pub entries: Vec<PdoEntry>,
+}
+
+impl Pdo {
+    /// Bits of all entries.
+    pub fn bits(&self) -> u32 {
+        self.entries.iter().map(|entry| u32::from(entry.bits)).sum()
+    }
+}
+
+/// One entry of a PDO.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct PdoEntry {
+    /// Object index; 0 for padding.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Bits.
+    pub bits: u8,
+}
+
+/// The process image: which frame carries whose data.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct ProcessImage {
+    /// Logical ranges, one to each datagram, none of which cuts a SubDevice.
+    pub chunks: Vec<Chunk>,
+    /// Whether LRW may be used; else LWR and LRD (a SubDevice has feature bit 9 set).
+    pub read_write: bool,
+}
+
+/// One logical range and what its datagrams must count.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Chunk {
+    /// First logical byte.
+    pub logical: u32,
+    /// Bytes.
+    pub length: u16,
+    /// Positions `first..end` have their data here.
+    pub first: usize,
+    /// Behind the last position.
+    pub end: usize,
+    /// SubDevices with outputs in it.
+    pub writers: u16,
+    /// SubDevices with inputs in it.
+    pub readers: u16,
+}
+
+/// 0x1C32 or 0x1C33 of one SubDevice, entry by entry.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct SyncObject {
+    /// The object's description and its name; `None` if the device gives no SDO information.
+    pub description: Option<(ObjectDescription, String)>,
+    /// All entries that its description lists, or the known ones that answered.
+    pub entries: Vec<SyncEntry>,
+    /// The values by meaning.
+    pub values: SyncParameters,
+}
+
+/// One entry of a sync object.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct SyncEntry {
+    /// Sub-index.
+    pub sub: u8,
+    /// Its description and its name; `None` if the device gives no SDO information.
+    pub description: Option<(EntryDescription, String)>,
+    /// Its bytes, or why they could not be read.
+    pub value: Result<Vec<u8>, AbortCode>,
+}
+
+impl SyncEntry {
+    /// The value as a number, if it has 1 to 4 bytes.
+    pub fn number(&self) -> Option<u32> {
+        let bytes = self.value.as_deref().ok()?;
+        if bytes.is_empty() || bytes.len() > 4 {
+            return None;
+        }
+        let mut all = [0; 4];
+        all[..bytes.len()].copy_from_slice(bytes);
+        Some(u32::from_le_bytes(all))
+    }
+    /// Name of the device, else that of ETG.1020.
+    pub fn name(&self) -> &str {
+        match &self.description {
+            Some((_, name)) if !name.is_empty() => name,
+            _ => object::name(self.sub).unwrap_or(""),
+        }
+    }
+}
+
+impl SyncObject {
+    /// The entry with this sub-index.
+    pub fn entry(&self, sub: u8) -> Option<&SyncEntry> {
+        self.entries.iter().find(|entry| entry.sub == sub)
+    }
+    /// The synchronization type it shows, sub-index 01.
+    pub fn sync_type(&self) -> Option<SyncType> {
+        self.values.sync_type
+    }
+}
+
+/// The SYNC unit of one SubDevice as programmed, and what was read back.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct SyncSetting {
+    /// Register 0x0990 as written: first pulse.
+    pub start: Time<Dc>,
+    /// Register 0x09A0.
+    pub sync0_cycle: Nanos,
+    /// Register 0x09A4.
+    pub sync1_cycle: Nanos,
+    /// Register 0x0981.
+    pub activation: u8,
+    /// Register 0x0990 read once the pulses ran: next pulse.
+    pub next: Time<Dc>,
+}
+
+impl SubDevice {
+    /// `position`, still nothing known but its station address.
+    pub fn new(position: usize, station: StationAddress) -> Self {
+        Self {
+            position,
+            station,
+            name: String::new(),
+            esc: EscInformation::default(),
+            identity: Identity::default(),
+            sii: Sii::default(),
+            dl_status: DlStatus::default(),
+            entry: PortNumber::P0,
+            parent: None,
+            dc: DcCapability::None,
+            sm_types: Vec::new(),
+            outputs: ProcessData::default(),
+            inputs: ProcessData::default(),
+            output_sync: None,
+            input_sync: None,
+            delay: None,
+            delay_spread: None,
+            offset: 0,
+            difference: None,
+            mode: SyncMode::FreeRun,
+            mode_reason: String::new(),
+            sync: None,
+            al_status: AlStatus(0),
+            al_code: AlStatusCode::NO_ERROR,
+        }
+    }
+
+    /// Whether it has a CoE mailbox.
+    pub fn has_coe(&self) -> bool {
+        let header = &self.sii.header;
+        header.protocols & sii::Header::COE != 0
+            && header.receive.length > 0
+            && header.send.length > 0
+    }
+
+    /// Whether it has a mailbox of any kind.
+    pub fn has_mailbox(&self) -> bool {
+        let header = &self.sii.header;
+        header.protocols != 0 && header.receive.length > 0 && header.send.length > 0
+    }
+}
+
+impl SubDevice {
+    /// How messages name it.
+    pub fn place(&self) -> Place {
+        Place { position: self.position, name: self.name.clone() }
+    }
+}

@@ -1,0 +1,94 @@
+//! Counts of a run.
+
+use isocat_wire::time::Nanos;
+
+/// What was sent, came back, or did not, and how well the host kept its phase.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Statistics {
+    /// Frames sent.
+    pub frames_sent: u64,
+    /// Frames that came back and were ours.
+    pub frames_received: u64,
+    /// Frames that did not come back in time.
+    pub frames_lost: u64,
+    /// Frames that came in and were not ours, or too late.
+    pub frames_foreign: u64,
+    /// Datagrams sent.
+    pub datagrams: u64,
+    /// Frames sent until all SubDevices were in OP; 0 before.
+    pub bring_up_frames: u64,
+    /// Drift frames (FRMW of 0x0910) sent at start and in the cycle.
+    pub drift_frames: u64,
+    /// Of these, sent before the clocks had converged.
+    pub drift_burst: u64,
+    /// Cycles begun.
+    pub cycles: u64,
+    /// Send instants that the caller let pass.
+    pub cycles_skipped: u64,
+    /// Cyclic datagrams with a wrong working counter: process data and drift.
+    pub working_counter_errors: u64,
+    /// Host time from the first frame until the clocks had converged; `None` before, or without
+    /// clocks.
+    pub time_to_converged: Option<Nanos>,
+    /// Host time from the first frame until all SubDevices were in OP; `None` before.
+    pub time_to_operation: Option<Nanos>,
+    /// Phase at which frames of the cycle found the reference clock, less the phase planned;
+    /// counted while all SubDevices are to be in OP.
+    pub phase_error: Summary,
+}
+
+/// Least, largest and mean of samples, ns.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Summary {
+    /// Number of samples.
+    pub count: u64,
+    /// Least; 0 without samples.
+    pub min: Nanos,
+    /// Largest; 0 without samples.
+    pub max: Nanos,
+    sum: i128,
+    squares: u128,
+}
+
+impl Summary {
+    /// Takes one sample.
+    pub fn add(&mut self, sample: Nanos) {
+        if self.count == 0 {
+            (self.min, self.max) = (sample, sample);
+        }
+        self.count += 1;
+        self.min = self.min.min(sample);
+        self.max = self.max.max(sample);
+        self.sum += i128::from(sample.0);
+        self.squares += u128::from(sample.0.unsigned_abs()).pow(2);
+    }
+
+    /// Mean, rounded towards zero; `None` without samples.
+    pub fn mean(&self) -> Option<Nanos> {
+        (self.count > 0).then(|| Nanos((self.sum / i128::from(self.count)) as i64))
+    }
+
+    /// Standard deviation, rounded down; `None` without samples.
+    pub fn deviation(&self) -> Option<Nanos> {
+        let mean = self.mean()?.0;
+        let variance = (self.squares / u128::from(self.count))
+            .saturating_sub(u128::from(mean.unsigned_abs()).pow(2));
+        Some(Nanos(variance.isqrt() as i64))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn summary_of_known_samples() {
+        let mut summary = Summary::default();
+        assert_eq!((summary.mean(), summary.deviation()), (None, None));
+        for sample in [2, 4, 4, 4, 5, 5, 7, 9] {
+            summary.add(Nanos(sample));
+        }
+        assert_eq!((summary.min, summary.max), (Nanos(2), Nanos(9)));
+        assert_eq!((summary.mean(), summary.deviation()), (Some(Nanos(5)), Some(Nanos(2))));
+    }
+}

@@ -1,0 +1,329 @@
+//! Synchronization at the devices: sync types written and read back, SYNC0 programmed and seen to
+//! run.
+
+use alloc::vec::Vec;
+
+use isocat_sync::SyncMode;
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, sub};
+use isocat_wire::coe::info::Access;
+use isocat_wire::dc::{ActivationStatus, SyncActivation};
+use isocat_wire::register::{self, Value, features};
+use isocat_wire::time::{Dc, Nanos, Time};
+use isocat_wire::{ObjectAddress, StationAddress};
+
+use crate::coe;
+use crate::config::{Config, DeviceConfig};
+use crate::cycle::extend;
+use crate::error::{AccessError, Cause, SdoError};
+use crate::link::Link;
+use crate::mailbox::Mailbox;
+use crate::objects::{number, sdo};
+use crate::segment::{DcCapability, SubDevice, SyncObject, SyncSetting};
+
+/// Writes the type of synchronization (01), the cycle time (02) and the shift time (03) of both
+/// sync objects, in PREOP, where the device lets itself be told. A refused type is no error yet:
+/// many stacks take it from the SYNC unit on the way to SAFEOP, where [`verify_types`] looks.
+pub(crate) async fn write_types(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    config: &Config,
+    wish: Option<&DeviceConfig>,
+) -> Result<(), Cause> {
+    for direction in directions(device, wish) {
+        let Some(object) = direction.object else { continue };
+        let kind = ObjectAddress::new(direction.index, sub::SYNC_TYPE);
+        let current = object.entry(sub::SYNC_TYPE).and_then(|entry| entry.number());
+        if writable(object, sub::SYNC_TYPE) && current != Some(direction.kind.into()) {
+            refusable(mailbox, device, kind, &direction.kind.to_le_bytes()).await?;
+        }
+        let cycle = config.cycle.to_u32().unwrap_or(u32::MAX);
+        if device.mode != SyncMode::FreeRun && writable(object, sub::CYCLE_TIME) {
+            let address = ObjectAddress::new(direction.index, sub::CYCLE_TIME);
+            refusable(mailbox, device, address, &cycle.to_le_bytes()).await?;
+        }
+        let local = object.values.supported.is_some_and(|t| t.shift() == ShiftBy::LocalTimer);
+        if let Some(shift) = direction.shift.filter(|_| local) {
+            let address = ObjectAddress::new(direction.index, sub::SHIFT_TIME);
+            let value = shift.to_u32().unwrap_or(u32::MAX);
+            coe::download(mailbox, address, &value.to_le_bytes(), false)
+                .await
+                .map_err(|error| sdo(device, address, error))?;
+            expect_value(mailbox, device, address, value).await?;
+        }
+    }
+    Ok(())
+}
+
+/// Reads the type of synchronization back in SAFEOP, where it must be the one that the mode has,
+/// and takes over what else the device now shows.
+pub(crate) async fn verify_types(
+    mailbox: &mut Mailbox,
+    device: &mut SubDevice,
+    wish: Option<&DeviceConfig>,
+) -> Result<(), Cause> {
+    let expected: Vec<(u16, u16)> = directions(device, wish)
+        .iter()
+        .filter(|direction| direction.object.is_some_and(|o| o.entry(sub::SYNC_TYPE).is_some()))
+        .map(|direction| (direction.index, direction.kind))
+        .collect();
+    for (index, kind) in expected {
+        for sub in [sub::SYNC_TYPE, sub::CYCLE_TIME, sub::SHIFT_TIME, sub::SYNC0_CYCLE_TIME] {
+            let found = number(mailbox, device, index, sub).await?;
+            if let Some(found) = found {
+                let object = if index == OUTPUT_PARAMETER {
+                    &mut device.output_sync
+                } else {
+                    &mut device.input_sync
+                };
+                if let Some(object) = object {
+                    object.values.set(sub, found);
+                }
+            }
+            // A device in Free Run may show whatever it likes: nothing is synchronized to it.
+            let wrong = found.filter(|found| *found != u32::from(kind));
+            if let (sub::SYNC_TYPE, Some(found), true) =
+                (sub, wrong, device.mode != SyncMode::FreeRun)
+            {
+                let object = ObjectAddress::new(index, sub);
+                let written = kind.into();
+                return Err(Cause::ReadBack { place: device.place(), object, written, found });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// One direction's sync object and what is wanted of it.
+struct Direction<'a> {
+    index: u16,
+    object: Option<&'a SyncObject>,
+    kind: u16,
+    shift: Option<Nanos>,
+}
+
+/// The directions that carry process data.
+fn directions<'a>(device: &'a SubDevice, wish: Option<&DeviceConfig>) -> Vec<Direction<'a>> {
+    let has_outputs = device.outputs.length > 0;
+    let outputs = Direction {
+        index: OUTPUT_PARAMETER,
+        object: device.output_sync.as_ref(),
+        kind: device.mode.output_type().0,
+        shift: wish.and_then(|wish| wish.shift_outputs),
+    };
+    let inputs = Direction {
+        index: INPUT_PARAMETER,
+        object: device.input_sync.as_ref(),
+        kind: device.mode.input_type(has_outputs).0,
+        shift: wish.and_then(|wish| wish.shift_inputs),
+    };
+    let mut all = Vec::new();
+    if has_outputs {
+        all.push(outputs);
+    }
+    if device.inputs.length > 0 {
+        all.push(inputs);
+    }
+    all
+}
+
+/// Whether an entry may be written in PREOP, by its description; without one it is worth a try.
+fn writable(object: &SyncObject, sub: u8) -> bool {
+    object.entry(sub).is_some_and(|entry| {
+        entry
+            .description
+            .as_ref()
+            .is_none_or(|(description, _)| description.access.has(Access::WRITE_PREOP))
+    })
+}
+
+/// Writes a value that the device may refuse.
+async fn refusable(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    object: ObjectAddress,
+    value: &[u8],
+) -> Result<(), Cause> {
+    match coe::download(mailbox, object, value, false).await {
+        Ok(()) | Err(SdoError::Abort(_)) => Ok(()),
+        Err(error) => Err(sdo(device, object, error)),
+    }
+}
+
+async fn expect_value(
+    mailbox: &mut Mailbox,
+    device: &SubDevice,
+    object: ObjectAddress,
+    written: u32,
+) -> Result<(), Cause> {
+    match number(mailbox, device, object.index, object.sub).await? {
+        Some(found) if found != written => {
+            Err(Cause::ReadBack { place: device.place(), object, written, found })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The first pulse of all SYNC units: on the grid of the cycle, at the planned phase, at least
+/// `lead` ahead. Made from one reading of the reference clock, so that clocks of 32 and 64 bits get
+/// the same grid.
+pub(crate) fn start_time(now: Time<Dc>, lead: Nanos, cycle: Nanos, phase: Nanos) -> Time<Dc> {
+    let earliest = now + lead;
+    let into = (earliest + -phase).phase(cycle.0 as u64) as i64;
+    earliest + Nanos(if into == 0 { 0 } else { cycle.0 - into })
+}
+
+/// System time of the reference clock, in 64 bits; the upper half of a 32-bit clock is 0 here.
+pub(crate) async fn system_time(
+    link: &Link,
+    station: StationAddress,
+) -> Result<Time<Dc>, AccessError> {
+    Ok(Time::new(link.read(station, register::SYSTEM_TIME).await?))
+}
+
+/// Programs the SYNC unit: off, owner, cycles, start time, on. Cycles are one write of eight bytes,
+/// each step takes effect before the next.
+pub(crate) async fn program(
+    link: &Link,
+    device: &mut SubDevice,
+    cycle: Nanos,
+    start: Time<Dc>,
+) -> Result<(), Cause> {
+    let station = device.station;
+    link.write(station, register::SYNC_ACTIVATION, SyncActivation(0)).await?;
+    // Written only if it is not as it must be: devices are known that take offence at the mere
+    // write.
+    let owner = link.read(station, register::CYCLIC_UNIT_CONTROL).await?;
+    if owner & SYNC_OWNED_BY_PDI != 0 {
+        let control = owner & !SYNC_OWNED_BY_PDI;
+        link.write(station, register::CYCLIC_UNIT_CONTROL, control).await?;
+    }
+    let mut cycles = [0; 8];
+    cycles[..4].copy_from_slice(&cycle.to_u32().unwrap_or(0).to_le_bytes());
+    link.fpwr(station, register::SYNC0_CYCLE.address, &cycles).expect(1).await?;
+    link.write(station, register::SYNC_START_TIME, start.count()).await?;
+    let activation = SyncActivation(SyncActivation::ACTIVE | SyncActivation::SYNC0);
+    link.write(station, register::SYNC_ACTIVATION, activation).await?;
+    device.sync = Some(SyncSetting {
+        start,
+        sync0_cycle: cycle,
+        sync1_cycle: Nanos::ZERO,
+        activation: activation.0,
+        next: start,
+    });
+    Ok(())
+}
+
+/// Sees that SYNC0 runs: no first pulse pending (0x0984, where it exists), and the next pulse
+/// (0x0990) lies within one cycle from now (0x0910) and on the grid.
+pub(crate) async fn verify(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
+    let Some(mut setting) = device.sync else { return Ok(()) };
+    let station = device.station;
+    let cycle = setting.sync0_cycle;
+    let mut tries = VERIFY_TRIES;
+    loop {
+        tries -= 1;
+        // Queued together, so of one frame as a rule; a pulse in between is what a further try is
+        // for.
+        let now = link.fprd(station, register::SYSTEM_TIME.address, 8);
+        let next = link.fprd(station, register::SYNC_START_TIME.address, 8);
+        let activation = link.fprd(station, register::SYNC_ACTIVATION.address, 1);
+        let now = time(&now.expect(1).await?.data);
+        let next = time(&next.expect(1).await?.data);
+        let activation = activation.expect(1).await?.data[0];
+        let status = if device.esc.has(features::ENHANCED_SYNC_ACTIVATION) {
+            link.try_read(station, register::ACTIVATION_STATUS).await?
+        } else {
+            None
+        };
+        let (now, next) = match device.dc {
+            DcCapability::Clock64 => (now, next),
+            _ => (
+                extend(now.count() as u32, setting.start),
+                extend(next.count() as u32, setting.start),
+            ),
+        };
+        // ECAT reads the time less the delay (0x0928); pulses are made by the time without it.
+        let now = now + device.delay.unwrap_or(Nanos::ZERO);
+        setting.next = next;
+        if runs(&setting, activation, status, now, next) {
+            device.sync = Some(setting);
+            return Ok(());
+        }
+        if tries == 0 {
+            return Err(Cause::SyncNotStarted {
+                place: device.place(),
+                activation,
+                status,
+                next,
+                now,
+                cycle,
+            });
+        }
+        link.sleep(Nanos(VERIFY_PAUSE.0 * i64::from(tries))).await;
+    }
+}
+
+/// Whether these registers are those of a running SYNC0.
+fn runs(
+    setting: &SyncSetting,
+    activation: u8,
+    status: Option<ActivationStatus>,
+    now: Time<Dc>,
+    next: Time<Dc>,
+) -> bool {
+    let cycle = setting.sync0_cycle;
+    let ahead = next - now;
+    let on_grid = (next - setting.start).0.rem_euclid(cycle.0) == 0;
+    let pending = status.is_some_and(|status| status.sync0_pending());
+    let on = SyncActivation::ACTIVE | SyncActivation::SYNC0;
+    activation & on == on && !pending && on_grid && ahead.0 > 0 && ahead <= cycle
+}
+
+fn time(bytes: &[u8]) -> Time<Dc> {
+    Time::new(bytes.first_chunk().map_or(0, |bytes| u64::from_bytes(*bytes)))
+}
+
+/// Register 0x0980 bit 0.
+const SYNC_OWNED_BY_PDI: u8 = 1;
+/// A pulse may fall between the two readings once, not three times.
+const VERIFY_TRIES: u8 = 3;
+/// Times the tries left, so that pauses do not beat with the cycle.
+const VERIFY_PAUSE: Nanos = Nanos(130_000);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_start_lies_on_the_grid_and_far_enough_ahead() {
+        let start = |now| {
+            start_time(Time::new(now), Nanos(100_000_000), Nanos(1_000_000), Nanos(300_000)).count()
+        };
+        assert_eq!(start(7_000_300_000), 7_100_300_000);
+        assert_eq!(start(7_000_300_001), 7_101_300_000);
+        assert_eq!(start(7_000_299_999), 7_100_300_000);
+    }
+
+    #[test]
+    fn pulses_that_run_and_pulses_that_do_not() {
+        let setting = SyncSetting {
+            start: Time::new(5_000_000),
+            sync0_cycle: Nanos(1_000_000),
+            sync1_cycle: Nanos::ZERO,
+            activation: 3,
+            next: Time::ZERO,
+        };
+        let check = |activation, status, now, next| {
+            runs(&setting, activation, status, Time::new(now), Time::new(next))
+        };
+        assert!(check(3, None, 6_000_000, 7_000_000));
+        assert!(check(3, Some(ActivationStatus(0)), 6_999_999, 7_000_000));
+        assert!(!check(3, None, 7_000_000, 7_000_000), "the pulse is over");
+        assert!(!check(3, None, 5_999_999, 7_000_000), "more than a cycle ahead");
+        assert!(!check(3, None, 6_000_000, 6_999_999), "off the grid");
+        assert!(!check(2, None, 6_000_000, 7_000_000), "unit off");
+        assert!(!check(3, Some(ActivationStatus(1)), 6_000_000, 7_000_000), "pending");
+        // Start in the past: the next pulse comes when the counter wraps.
+        assert!(!check(3, None, 6_000_000, 5_000_000));
+    }
+}

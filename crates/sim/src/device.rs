@@ -1,0 +1,218 @@
+//! A SubDevice: ESC, stack, application and CPU on one oscillator.
+
+use isocat_esc::{Chip, Esc, EscEvent};
+use isocat_subdevice::{Application, Description, Event, SubDevice};
+use isocat_wire::register::al_event;
+use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
+use isocat_wire::{AbortCode, ObjectAddress};
+
+use crate::cpu::{Action, Cpu, CpuModel};
+use crate::observation::{Observation, Observed};
+use crate::oscillator::Oscillator;
+use crate::random::Stream;
+
+/// Everything a SubDevice of a run is made of.
+pub struct DeviceSetup {
+    /// Its ESC.
+    pub chip: &'static Chip,
+    /// Image of its EEPROM.
+    pub sii: Vec<u8>,
+    /// What its stack must know.
+    pub description: &'static Description,
+    /// Its application.
+    pub application: Box<dyn Application + Send>,
+    /// How fast its CPU is.
+    pub cpu: CpuModel,
+    /// Deviation of its oscillator, ppb.
+    pub clock_ppb: i64,
+    /// What its local time shows at power-on.
+    pub local_time: Time<Local>,
+}
+
+/// A SubDevice in true time. It lives through its own events up to the instants at which the segment
+/// calls; between two frames nothing else can touch it.
+pub struct Device {
+    /// Its ESC.
+    pub esc: Esc<Vec<u8>>,
+    /// Its stack.
+    pub stack: SubDevice<BoxedApplication, Vec<u8>>,
+    oscillator: Oscillator,
+    cpu: Cpu,
+    position: usize,
+    state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
+    missed: u64,
+}
+
+impl Device {
+    /// Switches a SubDevice on at true time zero.
+    pub fn new(position: usize, setup: DeviceSetup, seed: u64) -> Self {
+        let ram = vec![0; setup.chip.ram_kib as usize * 1024];
+        let esc = Esc::new(setup.chip, setup.sii, ram).with_local_time(setup.local_time);
+        let store = vec![0; setup.description.store_len()];
+        let application = BoxedApplication(setup.application);
+        let stack = SubDevice::new(setup.description, store, application);
+        let mut cpu = Cpu::new(setup.cpu, Stream::new(seed, "cpu", position as u64));
+        cpu.wake(Time::ZERO);
+        let state = (stack.state(), stack.status_code());
+        let oscillator = Oscillator::new(setup.clock_ppb);
+        Self { esc, stack, oscillator, cpu, position, state, missed: 0 }
+    }
+
+    /// Its oscillator.
+    pub fn oscillator(&self) -> Oscillator {
+        self.oscillator
+    }
+
+    /// The ESC's system time at a point of true time, in ps: the counter's value at its last tick, and
+    /// what has passed since.
+    pub fn system_time_ps(&self, at: Time<True>) -> i128 {
+        let tick =
+            Time::<DeviceClock>::new(self.oscillator.read::<DeviceClock>(at).count() / 10 * 10);
+        let since = at - self.oscillator.when(tick);
+        i128::from(self.esc.system_time(tick).count()) * 1000 + i128::from(since.0)
+    }
+
+    /// Lets everything happen that happens up to and including `limit`.
+    pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        loop {
+            let timer = self.stack.next_timeout().unwrap_or(Time::NEVER);
+            let at = self.cpu.next().min(self.esc.next_event()).min(timer);
+            if at > limit {
+                return;
+            }
+            // What ends at an instant has ended before SYNC0 of that instant looks.
+            if self.cpu.next() == at {
+                self.act(watch);
+            } else if let Some((at, event)) = self.esc.step(at) {
+                self.esc_event(at, event, watch);
+            } else {
+                self.timeout(at, watch);
+            }
+        }
+    }
+
+    fn act(&mut self, watch: &mut impl FnMut(Observation)) {
+        let Some((at, action)) = self.cpu.pop() else { return };
+        let mut pdi = self.esc.pdi(at);
+        let observed = match action {
+            Action::Begin(step) => {
+                self.stack.begin(at, step, &mut pdi);
+                Observed::Began(step)
+            }
+            Action::Finish(step) => {
+                self.stack.finish(at, step, &mut pdi);
+                Observed::Finished(step)
+            }
+            Action::Poll => {
+                self.stack.poll(at, &mut pdi);
+                return self.look(at, watch);
+            }
+        };
+        self.report(at, observed, watch);
+    }
+
+    fn esc_event(
+        &mut self,
+        at: Time<DeviceClock>,
+        event: EscEvent,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        match event {
+            EscEvent::FrameEnd { al_events } => {
+                if al_events & al_event::sync_manager(2) != 0 {
+                    self.event(at, Event::Sm2, Observed::Sm2, watch);
+                }
+                if al_events & al_event::sync_manager(3) != 0 {
+                    self.event(at, Event::Sm3, Observed::Sm3, watch);
+                }
+                let cyclic = al_event::sync_manager(2) | al_event::sync_manager(3);
+                if al_events & !cyclic != 0 {
+                    self.cpu.wake(at);
+                }
+            }
+            EscEvent::Sync0 => self.event(at, Event::Sync0, Observed::Sync0, watch),
+            EscEvent::Sync1 => self.event(at, Event::Sync1, Observed::Sync1, watch),
+            _ => self.cpu.wake(at),
+        }
+    }
+
+    fn event(
+        &mut self,
+        at: Time<DeviceClock>,
+        event: Event,
+        observed: Observed,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        self.report(at, observed, watch);
+        let steps = self.stack.handle_event(at, event, &mut self.esc.pdi(at));
+        self.cpu.start(at, &steps);
+        self.look(at, watch);
+    }
+
+    fn timeout(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        let mut pdi = self.esc.pdi(at);
+        let steps = self.stack.handle_event(at, Event::Timer, &mut pdi);
+        self.stack.poll(at, &mut pdi);
+        self.cpu.start(at, &steps);
+        self.look(at, watch);
+    }
+
+    /// Reports what the stack has changed.
+    fn look(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        let missed = self.stack.sync().missed_events_total();
+        if missed != self.missed {
+            self.missed = missed;
+            let counter = self.stack.sync().sm_event_missed();
+            self.report(at, Observed::SmEventMissed(counter), watch);
+        }
+        let state = (self.stack.state(), self.stack.status_code());
+        if state != self.state {
+            self.state = state;
+            self.report(at, Observed::State(state.0, state.1), watch);
+        }
+    }
+
+    fn report(
+        &self,
+        device_at: Time<DeviceClock>,
+        event: Observed,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let at = self.oscillator.when(device_at);
+        watch(Observation { device: self.position, at, device_at, event });
+    }
+}
+
+/// An application behind a pointer: devices of a segment have different ones.
+pub struct BoxedApplication(Box<dyn Application + Send>);
+
+impl Application for BoxedApplication {
+    fn map_outputs(&mut self, outputs: &[u8]) {
+        self.0.map_outputs(outputs);
+    }
+    fn application(&mut self, cycle: isocat_wire::Nanos) {
+        self.0.application(cycle);
+    }
+    fn outputs_valid(&mut self) {
+        self.0.outputs_valid();
+    }
+    fn latch_inputs(&mut self) {
+        self.0.latch_inputs();
+    }
+    fn map_inputs(&mut self, inputs: &mut [u8]) {
+        self.0.map_inputs(inputs);
+    }
+    fn safe_outputs(&mut self) {
+        self.0.safe_outputs();
+    }
+    fn read_object(
+        &mut self,
+        object: ObjectAddress,
+        value: &mut [u8],
+    ) -> Option<Result<usize, AbortCode>> {
+        self.0.read_object(object, value)
+    }
+    fn write_object(&mut self, object: ObjectAddress, value: &[u8]) -> Result<(), AbortCode> {
+        self.0.write_object(object, value)
+    }
+}

@@ -1,0 +1,47 @@
+//! Cyclic frames find the reference clock at the phase they were meant for.
+
+use isocat_wire::time::Picos;
+
+use super::Grid;
+use crate::statistics::Statistics;
+
+/// Watches the cyclic frames as they reach the reference clock.
+#[derive(Clone, Debug)]
+pub struct HostPhase {
+    grid: Grid,
+    statistics: Statistics,
+}
+
+impl HostPhase {
+    /// Expects frames on `grid`.
+    pub fn new(grid: Grid) -> Self {
+        Self { grid, statistics: Statistics::default() }
+    }
+
+    /// A cyclic frame began to enter the reference SubDevice when its clock stood at `reference_ps` of
+    /// system time.
+    pub fn frame(&mut self, reference_ps: i128) -> Picos {
+        let error = self.grid.error(reference_ps);
+        self.statistics.push(error.0);
+        error
+    }
+
+    /// Lateness of the frames (negative: early).
+    pub fn statistics(&self) -> &Statistics {
+        &self.statistics
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isocat_wire::time::Nanos;
+
+    #[test]
+    fn late_is_positive() {
+        let mut judge = HostPhase::new(Grid { cycle: Nanos(1_000), phase: Nanos(0) });
+        assert_eq!(judge.frame(5_000_007), Picos(7));
+        assert_eq!(judge.frame(4_999_993), Picos(-7));
+        assert_eq!(judge.statistics().worst(), 7);
+    }
+}

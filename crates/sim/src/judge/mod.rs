@@ -1,0 +1,59 @@
+//! Judges: each watches a run from outside, in true time, and knows one invariant.
+//!
+//! They take no formula from the planner or the device model: what they compare with is physics (true
+//! time, the reference clock's oscillator) and intent (cycle and phase that were asked for).
+
+pub mod host_phase;
+pub mod missed_events;
+pub mod outputs_valid;
+pub mod sync0_error;
+pub mod sync_margin;
+
+pub use host_phase::HostPhase;
+pub use missed_events::MissedEvents;
+pub use outputs_valid::OutputsValid;
+pub use sync_margin::SyncMargin;
+pub use sync0_error::Sync0Error;
+
+use isocat_wire::time::{Nanos, Picos};
+
+/// A grid in system time: every `cycle`, at `phase`.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Grid {
+    /// Distance of two points.
+    pub cycle: Nanos,
+    /// Position of a point in the cycle.
+    pub phase: Nanos,
+}
+
+impl Grid {
+    /// How far a point of system time, given in ps, lies behind the nearest grid point (before it:
+    /// negative).
+    pub fn error(&self, system_ps: i128) -> Picos {
+        let cycle = i128::from(self.cycle.0) * 1000;
+        let into = (system_ps - i128::from(self.phase.0) * 1000).rem_euclid(cycle);
+        Picos((if into > cycle / 2 { into - cycle } else { into }) as i64)
+    }
+
+    /// Number of the nearest grid point.
+    pub fn index(&self, system_ps: i128) -> i64 {
+        let cycle = i128::from(self.cycle.0) * 1000;
+        (system_ps - i128::from(self.phase.0) * 1000 + cycle / 2).div_euclid(cycle) as i64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_signed_and_at_most_half_a_cycle() {
+        let grid = Grid { cycle: Nanos(1_000), phase: Nanos(100) };
+        assert_eq!(grid.error(5_100_000), Picos(0));
+        assert_eq!(grid.error(5_100_001), Picos(1));
+        assert_eq!(grid.error(5_099_999), Picos(-1));
+        assert_eq!(grid.error(5_600_000), Picos(500_000));
+        assert_eq!(grid.error(5_600_001), Picos(-499_999));
+        assert_eq!((grid.index(5_099_999), grid.index(5_100_001)), (5, 5));
+    }
+}

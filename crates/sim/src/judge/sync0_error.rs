@@ -1,0 +1,83 @@
+//! SYNC0 edges lie on the grid that was asked for.
+
+use isocat_wire::time::{Picos, Time, True};
+
+use super::Grid;
+use crate::statistics::Statistics;
+
+/// Watches the SYNC0 edges of one SubDevice against the ideal grid of the reference clock.
+///
+/// Too good is also wrong: [`Sync0Error::is_plausible`] refuses a series of edges without any spread
+/// at a SubDevice whose oscillator differs from the reference clock's and is steered after it.
+#[derive(Clone, Debug)]
+pub struct Sync0Error {
+    grid: Grid,
+    limit: Picos,
+    statistics: Statistics,
+    first_beyond: Option<(Time<True>, Picos)>,
+}
+
+impl Sync0Error {
+    /// Expects edges on `grid`, none further off than `limit`.
+    pub fn new(grid: Grid, limit: Picos) -> Self {
+        Self { grid, limit, statistics: Statistics::default(), first_beyond: None }
+    }
+
+    /// An edge at true time `at`, when the reference clock stood at `reference_ps` of system time.
+    pub fn edge(&mut self, at: Time<True>, reference_ps: i128) {
+        let error = self.grid.error(reference_ps);
+        self.statistics.push(error.0);
+        if error.abs() > self.limit && self.first_beyond.is_none() {
+            self.first_beyond = Some((at, error));
+        }
+    }
+
+    /// Figures of all edges.
+    pub fn statistics(&self) -> &Statistics {
+        &self.statistics
+    }
+
+    /// The largest error allowed.
+    pub fn limit(&self) -> Picos {
+        self.limit
+    }
+
+    /// The first edge beyond the limit: when, and by how much it was off.
+    pub fn first_beyond(&self) -> Option<(Time<True>, Picos)> {
+        self.first_beyond
+    }
+
+    /// Whether the edges spread as edges of a real clock do: their generator's grid is 10 ns, so a
+    /// clock that is steered to another one cannot hit the same picosecond each time.
+    pub fn is_plausible(&self) -> bool {
+        self.statistics.count() < 2 || self.statistics.least() != self.statistics.largest()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isocat_wire::time::Nanos;
+
+    fn judge(edges: &[i128]) -> Sync0Error {
+        let grid = Grid { cycle: Nanos(1_000_000), phase: Nanos(500_000) };
+        let mut judge = Sync0Error::new(grid, Picos(100_000));
+        for (i, error) in edges.iter().enumerate() {
+            judge.edge(Time::new(i as u64), 500_000_000 + 1_000_000_000 * i as i128 + error);
+        }
+        judge
+    }
+
+    #[test]
+    fn both_sides_of_the_limit() {
+        assert_eq!(judge(&[0, 100_000, -100_000]).first_beyond(), None);
+        let beyond = judge(&[0, 100_000, -100_001]).first_beyond();
+        assert_eq!(beyond, Some((Time::new(2), Picos(-100_001))));
+    }
+
+    #[test]
+    fn too_good_is_wrong() {
+        assert!(!judge(&[7, 7, 7]).is_plausible());
+        assert!(judge(&[7, 7, 8]).is_plausible());
+    }
+}

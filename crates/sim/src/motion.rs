@@ -1,0 +1,192 @@
+//! The MainDevice's application of a run: drives move, other outputs count.
+//!
+//! A device that maps a control word (0x6040) and a target position (0x607A) is taken for a CiA 402
+//! drive: it is brought to "operation enabled" in cyclic synchronous position mode and follows a slow
+//! triangle. Outputs of all other devices carry a counter.
+
+use isocat_maindevice::MainDevice;
+use isocat_maindevice::segment::ProcessData;
+
+use crate::world::Control;
+
+const CONTROL_WORD: u16 = 0x6040;
+const STATUS_WORD: u16 = 0x6041;
+const MODE: u16 = 0x6060;
+const POSITION: u16 = 0x6064;
+const TARGET: u16 = 0x607A;
+
+/// Mode of operation: cyclic synchronous position.
+const CYCLIC_SYNCHRONOUS_POSITION: u8 = 8;
+/// Increments that the target moves in a cycle.
+const SPEED: i32 = 10;
+/// Cycles from one turn of the triangle to the next.
+const TURN: u64 = 1000;
+
+/// Moves what can be moved.
+#[derive(Clone, Debug, Default)]
+pub struct Motion {
+    axes: Vec<Axis>,
+}
+
+/// One device of the segment.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Axis {
+    /// A drive.
+    Drive(Drive),
+    /// Something with outputs that is no drive.
+    Outputs,
+    /// Nothing to write.
+    Nothing,
+}
+
+/// A drive's process data and its motion.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Drive {
+    control_word: usize,
+    mode: Option<usize>,
+    target: usize,
+    status_word: usize,
+    position: usize,
+    commanded: Option<i32>,
+    /// Cycles in "operation enabled".
+    pub enabled_cycles: u64,
+    /// Largest distance of target and actual position while enabled, increments.
+    pub worst_lag: u32,
+    /// Distance that the drive reports to have moved.
+    pub travelled: u64,
+    last: i32,
+}
+
+impl Motion {
+    /// What became of each device, by position; empty before the first cycle.
+    pub fn axes(&self) -> &[Axis] {
+        &self.axes
+    }
+
+    fn find(main: &MainDevice) -> Vec<Axis> {
+        let axis = |device: &isocat_maindevice::segment::SubDevice| {
+            if let Some(drive) = Drive::find(&device.outputs, &device.inputs) {
+                Axis::Drive(drive)
+            } else if device.outputs.length > 0 {
+                Axis::Outputs
+            } else {
+                Axis::Nothing
+            }
+        };
+        main.segment().devices.iter().map(axis).collect()
+    }
+}
+
+impl Control for Motion {
+    fn cycle(&mut self, main: &mut MainDevice, cycle: u64) {
+        if self.axes.is_empty() {
+            self.axes = Self::find(main);
+        }
+        for (position, axis) in self.axes.iter_mut().enumerate() {
+            match axis {
+                Axis::Drive(drive) => drive.cycle(main, position, cycle),
+                Axis::Outputs => {
+                    for (i, byte) in main.outputs_mut(position).iter_mut().enumerate() {
+                        *byte = (cycle as usize + i) as u8;
+                    }
+                }
+                Axis::Nothing => {}
+            }
+        }
+    }
+}
+
+impl Drive {
+    fn find(outputs: &ProcessData, inputs: &ProcessData) -> Option<Self> {
+        Some(Self {
+            control_word: byte_of(outputs, CONTROL_WORD, 16)?,
+            mode: byte_of(outputs, MODE, 8),
+            target: byte_of(outputs, TARGET, 32)?,
+            status_word: byte_of(inputs, STATUS_WORD, 16)?,
+            position: byte_of(inputs, POSITION, 32)?,
+            commanded: None,
+            enabled_cycles: 0,
+            worst_lag: 0,
+            travelled: 0,
+            last: 0,
+        })
+    }
+
+    fn cycle(&mut self, main: &mut MainDevice, position: usize, cycle: u64) {
+        let inputs = main.inputs(position);
+        let (Some(status), Some(actual)) =
+            (bytes_at::<2>(inputs, self.status_word), bytes_at::<4>(inputs, self.position))
+        else {
+            return;
+        };
+        let (status, actual) = (u16::from_le_bytes(status), i32::from_le_bytes(actual));
+        let enabled = status & 0x6F == 0x27;
+        let mut target = self.commanded.unwrap_or(actual);
+        if enabled {
+            if self.enabled_cycles > 0 {
+                self.travelled += u64::from(actual.abs_diff(self.last));
+                self.worst_lag = self.worst_lag.max(actual.abs_diff(target));
+            }
+            self.enabled_cycles += 1;
+            let forward = (cycle / TURN) % 2 == 0;
+            target = target.wrapping_add(if forward { SPEED } else { -SPEED });
+        } else {
+            target = actual;
+        }
+        self.commanded = Some(target);
+        self.last = actual;
+        let outputs = main.outputs_mut(position);
+        put(outputs, self.control_word, &next_control_word(status).to_le_bytes());
+        put(outputs, self.target, &target.to_le_bytes());
+        if let Some(mode) = self.mode {
+            put(outputs, mode, &[CYCLIC_SYNCHRONOUS_POSITION]);
+        }
+    }
+}
+
+/// The control word that leads on from the state in this status word (CiA 402 drive state machine).
+fn next_control_word(status: u16) -> u16 {
+    match status & 0x6F {
+        0x08 | 0x0F | 0x28 | 0x2F => 0x80, // fault: reset it
+        0x21 => 0x07,                      // ready to switch on: switch on
+        0x23 | 0x27 => 0x0F,               // switched on, operation enabled: enable operation
+        _ => 0x06,                         // switch on disabled: shut down
+    }
+}
+
+/// Byte at which an object lies in the process data; `None` if it is not mapped to a whole byte with
+/// this length.
+fn byte_of(data: &ProcessData, index: u16, bits: u8) -> Option<usize> {
+    let mut bit = 0usize;
+    for entry in data.pdos.iter().flat_map(|pdo| &pdo.entries) {
+        if entry.index == index && entry.sub == 0 {
+            return (bit % 8 == 0 && entry.bits == bits).then_some(bit / 8);
+        }
+        bit += usize::from(entry.bits);
+    }
+    None
+}
+
+fn bytes_at<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
+    bytes.get(at..)?.first_chunk().copied()
+}
+
+fn put(bytes: &mut [u8], at: usize, value: &[u8]) {
+    if let Some(place) = bytes.get_mut(at..at + value.len()) {
+        place.copy_from_slice(value);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_way_to_operation_enabled() {
+        let mut words = vec![];
+        for status in [0x0040, 0x0021, 0x0023, 0x0027, 0x0008] {
+            words.push(next_control_word(status));
+        }
+        assert_eq!(words, [0x06, 0x07, 0x0F, 0x0F, 0x80]);
+    }
+}

@@ -1,0 +1,65 @@
+//! The one place that random numbers come from: a generator seeded once per run, split per purpose.
+
+use rand_core::{RngCore, SeedableRng};
+use rand_xoshiro::Xoshiro256StarStar;
+
+/// A stream of random numbers for one purpose.
+///
+/// Streams are split from the run's seed by a name, so that a new consumer of randomness does not
+/// change the numbers of the others.
+#[derive(Clone, Debug)]
+pub struct Stream(Xoshiro256StarStar);
+
+impl Stream {
+    /// The stream of the run `seed` for the purpose `name` and, where there are several, `number`.
+    pub fn new(seed: u64, name: &str, number: u64) -> Self {
+        // FNV-1a over the name: stable for ever, unlike the standard library's hashers.
+        let hash = name.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| {
+            (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3)
+        });
+        let mixed = seed ^ hash.rotate_left(17) ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        Self(Xoshiro256StarStar::seed_from_u64(mixed))
+    }
+
+    /// Uniform in `0..=most`.
+    pub fn up_to(&mut self, most: u64) -> u64 {
+        // Multiply-shift; the bias is below 2^-64 x most and no figure can show it.
+        ((u128::from(self.0.next_u64()) * (u128::from(most) + 1)) >> 64) as u64
+    }
+
+    /// A lateness between 0 and `worst`: the size of a normal deviate whose standard deviation is a
+    /// quarter of `worst`, cut off at `worst`. Mean about a fifth of `worst`.
+    pub fn lateness(&mut self, worst: u64) -> u64 {
+        // The sum of twelve uniform numbers, less its mean 6, is close to a normal deviate and needs no
+        // floating point, so that it is the same on every machine.
+        const ONE: i64 = 1 << 32;
+        let sum: i64 = (0..12).map(|_| (self.0.next_u64() >> 32) as i64).sum();
+        let deviate = (sum - 6 * ONE).unsigned_abs();
+        let late = (u128::from(deviate) * u128::from(worst) / (4 * ONE as u128)) as u64;
+        late.min(worst)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn streams_differ_by_seed_name_and_number_and_repeat() {
+        let first = |seed, name, number| Stream::new(seed, name, number).up_to(u64::MAX);
+        assert_eq!(first(1, "host", 0), first(1, "host", 0));
+        let others = [first(2, "host", 0), first(1, "cpu", 0), first(1, "host", 1)];
+        assert!(others.iter().all(|other| *other != first(1, "host", 0)));
+    }
+
+    #[test]
+    fn lateness_stays_within_its_bound_and_reaches_out() {
+        let mut stream = Stream::new(1, "test", 0);
+        let values: Vec<u64> = (0..10_000).map(|_| stream.lateness(20_000)).collect();
+        let mean = values.iter().sum::<u64>() / 10_000;
+        assert!((3_800..4_200).contains(&mean), "{mean}");
+        let largest = values.iter().max().unwrap();
+        assert!((16_000..=20_000).contains(largest), "{largest}");
+        assert_eq!(stream.lateness(0), 0);
+    }
+}

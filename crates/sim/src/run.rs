@@ -1,0 +1,357 @@
+//! The main job in one call: bring a segment into synchronization, run it, judge it.
+
+use std::fmt;
+
+use isocat_maindevice::{Event, RequestId, Stage};
+use isocat_sync::SyncMode;
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
+use isocat_wire::time::{Nanos, Picos, Time, True};
+use isocat_wire::{AlState, AlStatusCode, ObjectAddress};
+
+use crate::bench::{Bench, Intent};
+use crate::judge::Grid;
+use crate::motion::{Axis, Motion};
+use crate::world::{Setup, Tap, World};
+
+/// A run: what it is made of, and for how long.
+pub struct Run {
+    /// Devices, host, intent, seed.
+    pub setup: Setup,
+    /// How long it is judged, from the moment at which all SubDevices are in OP.
+    pub duration: Nanos,
+    /// Largest SYNC0 error with which a SubDevice counts as synchronized.
+    pub sync0_limit: Nanos,
+}
+
+/// How far a run is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Progress {
+    /// A stage of the way up begins.
+    Stage(Stage),
+    /// So much of the judged time has passed.
+    Judged(Nanos),
+}
+
+/// Something that keeps the run from being in sync.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Finding {
+    /// The SubDevice; `None` concerns the segment.
+    pub device: Option<usize>,
+    /// True time since when, counted from the beginning of the judged time; `None` if from the start.
+    pub since: Option<Picos>,
+    /// What, with the figures.
+    pub what: String,
+}
+
+/// Counters of 0x1C32 or 0x1C33, read over the wire at the end of the run; `None`: the SubDevice does
+/// not have it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Counters {
+    /// Sub-index 0B.
+    pub sm_event_missed: Option<u32>,
+    /// Sub-index 0C.
+    pub cycle_time_too_small: Option<u32>,
+    /// Sub-index 0D.
+    pub shift_time_too_short: Option<u32>,
+    /// Sub-index 20.
+    pub sync_error: Option<u32>,
+}
+
+/// Result of a run.
+pub struct Outcome<T> {
+    /// The run as it stands after the judged time: MainDevice, SubDevices.
+    pub world: World<Motion, T>,
+    /// The judges as they stood at the end of the judged time.
+    pub bench: Bench,
+    /// True time at which the judged time began; `None` if it never did.
+    pub began: Option<Time<True>>,
+    /// Counters of 0x1C32, by position.
+    pub output_counters: Vec<Counters>,
+    /// Counters of 0x1C33, by position.
+    pub input_counters: Vec<Counters>,
+    /// Why the segment is not in sync; empty if it is.
+    pub findings: Vec<Finding>,
+    /// The error that ended the way up, if one did.
+    pub failure: Option<isocat_maindevice::Error>,
+}
+
+impl<T> Outcome<T> {
+    /// Whether every SubDevice ran as it was asked to.
+    pub fn in_sync(&self) -> bool {
+        self.failure.is_none() && self.findings.is_empty()
+    }
+}
+
+/// Virtual time after which a way up that has not ended is given up; every step of it has a deadline
+/// of its own, far below.
+const BRING_UP_LIMIT: Picos = Picos(300_000_000_000_000);
+/// Virtual time for reading the counters at the end.
+const READ_LIMIT: Picos = Picos(10_000_000_000_000);
+/// Steps of the progress that is told.
+const PROGRESS: Picos = Picos(100_000_000_000);
+
+impl Run {
+    /// Does it all. `tap` sees every frame, `progress` is told now and then.
+    pub fn execute<T: Tap>(self, tap: Option<T>, progress: &mut dyn FnMut(Progress)) -> Outcome<T> {
+        let devices = self.setup.segment.len();
+        let mut world = World::new(self.setup, Motion::default(), tap);
+        match bring_up(&mut world, progress) {
+            Err(failure) => {
+                let mut outcome = Outcome::new(world, devices, failure);
+                outcome.take_counters();
+                outcome
+            }
+            Ok(()) => {
+                let began = world.now();
+                world.bench.begin(intent(&world, self.sync0_limit));
+                let mut notes = Notes::default();
+                run_for(&mut world, self.duration.into(), &mut notes, progress);
+                let bench = world.bench.clone();
+                let mut outcome = Outcome::new(world, devices, None);
+                outcome.began = Some(began);
+                outcome.bench = bench;
+                outcome.read_counters(&mut notes);
+                outcome.judge(&notes);
+                outcome
+            }
+        }
+    }
+}
+
+/// What the MainDevice reported during the judged time.
+#[derive(Default)]
+struct Notes {
+    working_counter: u64,
+    skipped: u64,
+    answers: Vec<(RequestId, Option<u32>)>,
+}
+
+fn bring_up<T: Tap>(
+    world: &mut World<Motion, T>,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<(), Option<isocat_maindevice::Error>> {
+    let limit = Time::ZERO + BRING_UP_LIMIT;
+    loop {
+        let more = world.step(limit);
+        while let Some(event) = world.poll_event() {
+            match event {
+                Event::Progress(stage) => progress(Progress::Stage(stage)),
+                Event::InOperation { .. } => return Ok(()),
+                Event::Failed(error) => return Err(Some(error)),
+                _ => {}
+            }
+        }
+        if !more {
+            return Err(None);
+        }
+    }
+}
+
+fn intent<T: Tap>(world: &World<Motion, T>, limit: Nanos) -> Intent {
+    let segment = world.main().segment();
+    let timing = segment.timing.as_ref();
+    let cycle = timing.map_or(Nanos(1_000_000), |timing| timing.cycle.cycle);
+    let send = timing.map_or(Nanos::ZERO, |timing| timing.cycle.send);
+    let sync0 = timing.and_then(|timing| timing.sync0);
+    let grid = |device: &isocat_maindevice::segment::SubDevice| {
+        let phase = sync0.filter(|_| device.mode == SyncMode::DcSync0)?;
+        Some(Grid { cycle, phase })
+    };
+    Intent {
+        reference: segment.reference.unwrap_or(0),
+        send: Grid { cycle, phase: send },
+        sync0: segment.devices.iter().map(grid).collect(),
+        sync0_limit: limit.into(),
+    }
+}
+
+fn run_for<T: Tap>(
+    world: &mut World<Motion, T>,
+    duration: Picos,
+    notes: &mut Notes,
+    progress: &mut dyn FnMut(Progress),
+) {
+    let began = world.now();
+    let end = began + duration;
+    let mut told = began;
+    while world.step(end) {
+        take_events(world, notes);
+        if world.now() - told >= PROGRESS {
+            told = world.now();
+            progress(Progress::Judged(Nanos((told - began).0 / 1000)));
+        }
+    }
+    take_events(world, notes);
+}
+
+fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
+    while let Some(event) = world.poll_event() {
+        match event {
+            Event::WorkingCounter { .. } => notes.working_counter += 1,
+            Event::CyclesSkipped { skipped, .. } => notes.skipped += skipped,
+            Event::Uploaded { request, result } => {
+                let number = result.ok().map(|bytes| {
+                    bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
+                });
+                notes.answers.push((request, number));
+            }
+            _ => {}
+        }
+    }
+}
+
+const COUNTERS: [u8; 4] =
+    [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];
+
+impl<T: Tap> Outcome<T> {
+    fn new(
+        world: World<Motion, T>,
+        devices: usize,
+        failure: impl Into<Option<isocat_maindevice::Error>>,
+    ) -> Self {
+        let failure = failure.into();
+        Self {
+            bench: world.bench.clone(),
+            world,
+            began: None,
+            output_counters: vec![Counters::default(); devices],
+            input_counters: vec![Counters::default(); devices],
+            findings: Vec::new(),
+            failure,
+        }
+    }
+
+    /// The counters as the MainDevice last read them: after a way up that failed.
+    fn take_counters(&mut self) {
+        for (position, device) in self.world.main().segment().devices.iter().enumerate() {
+            for (object, counters) in [
+                (&device.output_sync, self.output_counters.get_mut(position)),
+                (&device.input_sync, self.input_counters.get_mut(position)),
+            ] {
+                let (Some(object), Some(counters)) = (object, counters) else { continue };
+                for sub in COUNTERS {
+                    *counters.field(sub) = object.entry(sub).and_then(|entry| entry.number());
+                }
+            }
+        }
+    }
+
+    /// Reads the counters over the wire, while process data go on.
+    fn read_counters(&mut self, notes: &mut Notes) {
+        let mut asked = Vec::new();
+        for position in 0..self.output_counters.len() {
+            for index in [OUTPUT_PARAMETER, INPUT_PARAMETER] {
+                let device = &self.world.main().segment().devices[position];
+                let object = if index == OUTPUT_PARAMETER {
+                    &device.output_sync
+                } else {
+                    &device.input_sync
+                };
+                let present = |sub: &u8| object.as_ref().is_some_and(|o| o.entry(*sub).is_some());
+                let subs: Vec<u8> = COUNTERS.into_iter().filter(present).collect();
+                for sub in subs {
+                    let object = ObjectAddress::new(index, sub);
+                    asked.push((position, object, self.world.main_mut().upload(position, object)));
+                }
+            }
+        }
+        let limit = self.world.now() + READ_LIMIT;
+        while notes.answers.len() < asked.len() && self.world.step(limit) {
+            take_events(&mut self.world, notes);
+        }
+        for (position, object, request) in asked {
+            let answer = notes.answers.iter().find(|(id, _)| *id == request);
+            let Some((_, value)) = answer else { continue };
+            let counters = if object.index == OUTPUT_PARAMETER {
+                &mut self.output_counters[position]
+            } else {
+                &mut self.input_counters[position]
+            };
+            *counters.field(object.sub) = *value;
+        }
+    }
+
+    fn judge(&mut self, notes: &Notes) {
+        let Some(began) = self.began else { return };
+        let mut findings = Vec::new();
+        let devices = self.world.segment().devices();
+        let reference = self.world.main().segment().reference.map(|at| devices[at].oscillator());
+        for (position, bench) in self.bench.devices().iter().enumerate() {
+            let mut find = |since: Option<Time<True>>, what: String| {
+                let since = since.map(|at| at - began);
+                findings.push(Finding { device: Some(position), since, what });
+            };
+            let left = bench.states.iter().find(|change| change.at > began);
+            if let Some(change) = left {
+                find(Some(change.at), left_op(change.state, change.code));
+            }
+            if let Some(first) = bench.missed.first() {
+                let count = bench.missed.count();
+                let highest = bench.missed.highest();
+                find(
+                    Some(first),
+                    format!(
+                        "SYNC0 came before the outputs were copied and calculated, {count} times; \
+                         0x1C32:0B reached {highest}"
+                    ),
+                );
+            }
+            let Some(sync0) = &bench.sync0 else { continue };
+            if let Some((at, error)) = sync0.first_beyond() {
+                let worst = Nanos((sync0.statistics().worst() / 1000) as i64);
+                let (error, limit) = (Nanos(error.0 / 1000), Nanos(sync0.limit().0 / 1000));
+                find(
+                    Some(at),
+                    format!("SYNC0 {error} off the grid, limit {limit}; worst later {worst}"),
+                );
+            }
+            if sync0.statistics().count() == 0 {
+                find(None, "no SYNC0 pulse at all".into());
+            } else if Some(devices[position].oscillator()) != reference && !sync0.is_plausible() {
+                find(None, "SYNC0 without any spread: too good to be measured".into());
+            }
+        }
+        for (position, axis) in self.world.control().axes().iter().enumerate() {
+            if let Axis::Drive(drive) = axis {
+                if drive.enabled_cycles == 0 {
+                    let what = "drive never reached operation enabled".into();
+                    findings.push(Finding { device: Some(position), since: None, what });
+                }
+            }
+        }
+        if notes.working_counter > 0 {
+            let what = format!("wrong working counter, {} times", notes.working_counter);
+            findings.push(Finding { device: None, since: None, what });
+        }
+        if notes.skipped > 0 {
+            let what = format!("the host skipped {} cycles", notes.skipped);
+            findings.push(Finding { device: None, since: None, what });
+        }
+        self.findings = findings;
+    }
+}
+
+impl Counters {
+    fn field(&mut self, sub: u8) -> &mut Option<u32> {
+        match sub {
+            sub::SM_EVENT_MISSED => &mut self.sm_event_missed,
+            sub::CYCLE_TIME_TOO_SMALL => &mut self.cycle_time_too_small,
+            sub::SHIFT_TIME_TOO_SHORT => &mut self.shift_time_too_short,
+            _ => &mut self.sync_error,
+        }
+    }
+}
+
+fn left_op(state: AlState, code: AlStatusCode) -> String {
+    format!("left OP for {state}, AL status code {code}")
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.what)?;
+        if let Some(since) = self.since {
+            write!(f, ", since {} into the run", Nanos(since.0 / 1000))?;
+        }
+        Ok(())
+    }
+}

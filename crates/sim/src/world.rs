@@ -1,0 +1,203 @@
+//! Both sides meet: a MainDevice on its host, and a segment, in true time.
+
+use std::collections::VecDeque;
+
+use isocat_maindevice::{Config, Event, MainDevice};
+use isocat_wire::frame;
+use isocat_wire::time::{Host, Time, True};
+
+use crate::bench::Bench;
+use crate::host::{HostMachine, HostModel};
+use crate::observation::Observation;
+use crate::segment::{Connection, Segment};
+
+/// What a run is made of.
+pub struct Setup {
+    /// The one seed of all randomness.
+    pub seed: u64,
+    /// What the MainDevice is to do.
+    pub config: Config,
+    /// The machine that it runs on.
+    pub host: HostModel,
+    /// The segment. Parents stand before their children.
+    pub segment: Vec<Connection>,
+}
+
+/// The MainDevice's application: what it writes and reads each cycle.
+pub trait Control {
+    /// Called once a cycle, when the inputs of `cycle` have come in and the next outputs are due.
+    fn cycle(&mut self, main: &mut MainDevice, cycle: u64);
+}
+
+impl Control for () {
+    fn cycle(&mut self, _: &mut MainDevice, _: u64) {}
+}
+
+/// Sees every frame on the MainDevice's port.
+pub trait Tap {
+    /// A frame whose first bit left (`sent`) or came back at `at`.
+    fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]);
+}
+
+/// A run in progress.
+pub struct World<C, T> {
+    now: Time<True>,
+    main: MainDevice,
+    host: HostMachine,
+    segment: Segment,
+    control: C,
+    tap: Option<T>,
+    /// The judges at their bench.
+    pub bench: Bench,
+    wanted: Option<Time<Host>>,
+    wake_up: Time<True>,
+    returning: VecDeque<Returning>,
+    spare: Vec<Vec<u8>>,
+    cycle: u64,
+    observations: Vec<Observation>,
+}
+
+/// A frame on its way back to the program.
+struct Returning {
+    /// First bit back at the port.
+    first_bit: Time<True>,
+    /// In the program's hands.
+    delivered: Time<True>,
+    bytes: Vec<u8>,
+}
+
+impl<C: Control, T: Tap> World<C, T> {
+    /// Everything switched on at true time zero.
+    pub fn new(setup: Setup, control: C, tap: Option<T>) -> Self {
+        let host = HostMachine::new(setup.host, setup.seed);
+        let segment = Segment::new(setup.segment, setup.seed);
+        let now = Time::ZERO;
+        let bench = Bench::new(segment.devices().len());
+        let main = MainDevice::new(setup.config, host.now(now));
+        Self {
+            now,
+            main,
+            host,
+            segment,
+            control,
+            tap,
+            bench,
+            wanted: None,
+            wake_up: Time::NEVER,
+            returning: VecDeque::with_capacity(64),
+            spare: Vec::with_capacity(64),
+            cycle: 0,
+            observations: Vec::with_capacity(256),
+        }
+    }
+
+    /// True time of the last thing that happened to the MainDevice.
+    pub fn now(&self) -> Time<True> {
+        self.now
+    }
+    /// The MainDevice.
+    pub fn main(&self) -> &MainDevice {
+        &self.main
+    }
+    /// The MainDevice, to ask something of it.
+    pub fn main_mut(&mut self) -> &mut MainDevice {
+        &mut self.main
+    }
+    /// The segment.
+    pub fn segment(&self) -> &Segment {
+        &self.segment
+    }
+    /// The MainDevice's application.
+    pub fn control(&self) -> &C {
+        &self.control
+    }
+    /// The end of the run: the tap is given back.
+    pub fn into_tap(self) -> Option<T> {
+        self.tap
+    }
+
+    /// Lets the next thing happen to the MainDevice, if that is not after `limit`: a frame comes back or
+    /// its timer wakes it. False if nothing does; then true time stands at `limit`, for the SubDevices
+    /// too.
+    pub fn step(&mut self, limit: Time<True>) -> bool {
+        self.transmit();
+        self.set_timer();
+        let delivered = self.returning.front().map_or(Time::NEVER, |frame| frame.delivered);
+        let next = delivered.min(self.wake_up);
+        if next > limit {
+            self.now = limit;
+            let observations = &mut self.observations;
+            self.segment.advance(limit, &mut |o| observations.push(o));
+            self.judge();
+            return false;
+        }
+        self.now = next;
+        let now = self.host.now(next);
+        if delivered <= self.wake_up {
+            self.deliver(now);
+        } else {
+            self.wanted = None;
+            self.wake_up = Time::NEVER;
+            self.main.handle_timeout(now);
+        }
+        true
+    }
+
+    /// Takes the next event of the MainDevice.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        self.main.poll_event()
+    }
+
+    fn deliver(&mut self, now: Time<Host>) {
+        let Some(frame) = self.returning.pop_front() else { return };
+        if let Some(tap) = &mut self.tap {
+            tap.frame(frame.first_bit, false, &frame.bytes);
+        }
+        self.main.handle_frame(now, &frame.bytes);
+        self.spare.push(frame.bytes);
+        let cycle = self.main.statistics().cycles;
+        if cycle != self.cycle {
+            self.cycle = cycle;
+            self.control.cycle(&mut self.main, cycle);
+        }
+    }
+
+    fn set_timer(&mut self) {
+        let wanted = self.main.next_timeout();
+        if wanted != self.wanted {
+            self.wanted = wanted;
+            self.wake_up = wanted.map_or(Time::NEVER, |at| self.host.wake_up(at).max(self.now));
+        }
+    }
+
+    fn transmit(&mut self) {
+        loop {
+            let mut bytes = self.spare.pop().unwrap_or_else(|| vec![0; frame::MAX_LEN]);
+            bytes.resize(frame::MAX_LEN, 0);
+            let Some(len) = self.main.poll_transmit(self.host.now(self.now), &mut bytes) else {
+                self.spare.push(bytes);
+                return;
+            };
+            bytes.truncate(len);
+            let start = self.host.send(self.now, len);
+            if let Some(tap) = &mut self.tap {
+                tap.frame(start, true, &bytes);
+            }
+            let observations = &mut self.observations;
+            let last_bit = self.segment.pass(&mut bytes, start, &mut |o| observations.push(o));
+            self.bench.frame(&self.segment, &bytes, start);
+            self.judge();
+            let first_bit = start + self.segment.path().round_trip;
+            let delivered = self.host.receive(last_bit);
+            self.returning.push_back(Returning { first_bit, delivered, bytes });
+        }
+    }
+
+    /// Lets the judges see what happened. They look at the reference clock, so this waits until the
+    /// SubDevices are done.
+    fn judge(&mut self) {
+        for observation in self.observations.drain(..) {
+            self.bench.observe(&self.segment, &observation);
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! The values of the object dictionary.
+
+use isocat_wire::ObjectAddress;
+
+use crate::description::{Description, Entry, Object};
+
+/// The dictionary: what the description says, and the store with the present values.
+pub(crate) struct Dictionary<S> {
+    description: &'static Description,
+    store: S,
+}
+
+impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
+    /// A dictionary with the values after power-on.
+    pub fn new(description: &'static Description, store: S) -> Self {
+        assert!(
+            store.as_ref().len() >= description.store_len(),
+            "the value store must have {} bytes, it has {}",
+            description.store_len(),
+            store.as_ref().len()
+        );
+        assert!(
+            description.objects.is_sorted_by_key(|object| object.index),
+            "objects must stand in ascending order: they are searched by halves"
+        );
+        let mut dictionary = Self { description, store };
+        for object in description.objects {
+            assert!(
+                object.entries.is_sorted_by_key(|entry| entry.sub),
+                "entries of 0x{:04X} must stand in ascending order",
+                object.index
+            );
+            for entry in object.entries {
+                dictionary.reset(entry);
+            }
+        }
+        dictionary
+    }
+
+    /// Gives an entry its value after power-on.
+    pub fn reset(&mut self, entry: &Entry) {
+        let value = self.bytes_mut(entry);
+        let given = entry.default.len().min(value.len());
+        value[..given].copy_from_slice(&entry.default[..given]);
+        value[given..].fill(0);
+    }
+
+    /// The bytes of an entry.
+    pub fn bytes_mut(&mut self, entry: &Entry) -> &mut [u8] {
+        let start = usize::from(entry.store);
+        &mut self.store.as_mut()[start..start + entry.len()]
+    }
+
+    /// Sets a number, if the device has the entry; bytes that the entry lacks are dropped.
+    pub fn set(&mut self, index: u16, sub: u8, value: u32) {
+        if let Some(entry) = self.value_entry(index, sub) {
+            let bytes = value.to_le_bytes();
+            let target = self.bytes_mut(entry);
+            let len = target.len().min(bytes.len());
+            target[..len].copy_from_slice(&bytes[..len]);
+        }
+    }
+
+    /// The bytes of an entry.
+    pub fn bytes(&self, entry: &Entry) -> &[u8] {
+        let start = usize::from(entry.store);
+        &self.store.as_ref()[start..start + entry.len()]
+    }
+
+    /// The number in an entry of up to four bytes (the low four of a longer one); `None` if the
+    /// device does not have the entry.
+    pub fn value(&self, index: u16, sub: u8) -> Option<u32> {
+        let bytes = self.bytes(self.value_entry(index, sub)?);
+        let mut value = [0; 4];
+        let len = bytes.len().min(value.len());
+        value[..len].copy_from_slice(&bytes[..len]);
+        Some(u32::from_le_bytes(value))
+    }
+
+    /// The object with this index.
+    pub fn object(&self, index: u16) -> Option<&'static Object> {
+        self.description.object(index)
+    }
+
+    /// What is fixed about the device.
+    pub fn description(&self) -> &'static Description {
+        self.description
+    }
+
+    fn value_entry(&self, index: u16, sub: u8) -> Option<&'static Entry> {
+        let entry = self.description.entry(ObjectAddress::new(index, sub))?;
+        (!entry.is_gap()).then_some(entry)
+    }
+}

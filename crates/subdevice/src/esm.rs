@@ -1,0 +1,324 @@
+//! The EtherCAT State Machine: requests, refusals, errors, acknowledgement.
+
+use isocat_esc::{Pdi, PdiExt};
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
+use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::time::{Device, Time};
+use isocat_wire::{AlControl, AlState, AlStatus, AlStatusCode, register};
+
+use crate::application::Application;
+use crate::checks;
+use crate::stack::SubDevice;
+
+/// State, error and the transition under way.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Esm {
+    /// Present state.
+    pub state: AlState,
+    /// Why the error indication is set; `None` while it is not.
+    pub error: Option<AlStatusCode>,
+    /// OP was asked for and is not reached yet.
+    pub pending: Option<Pending>,
+    /// SM2 starts the process data watchdog.
+    pub watchdog: bool,
+    /// The identification value stands in the status code register.
+    identification: bool,
+    /// The process data SyncManager that is closed until the error is acknowledged.
+    closed: Option<usize>,
+    /// SAFEOP is granted as soon as the ESC has opened the process data SyncManagers.
+    opening: Option<checks::SafeOp>,
+}
+
+/// SAFEOP to OP waits for outputs, or for DC.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Pending {
+    /// When it is given up.
+    pub deadline: Time<Device>,
+    /// Since when SYNC runs and the order of events is right.
+    pub valid_since: Option<Time<Device>>,
+}
+
+impl Esm {
+    /// After power-on.
+    pub const fn new() -> Self {
+        Self {
+            state: AlState::Init,
+            error: None,
+            pending: None,
+            watchdog: false,
+            identification: false,
+            closed: None,
+            opening: None,
+        }
+    }
+
+    /// Whether SAFEOP waits for the ESC.
+    pub fn is_opening(&self) -> bool {
+        self.opening.is_some()
+    }
+
+    /// Whether process data is exchanged.
+    pub fn is_cyclic(&self) -> bool {
+        matches!(self.state, AlState::SafeOp | AlState::Op)
+    }
+}
+
+impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
+    /// AL control was written.
+    pub(crate) fn request(&mut self, now: Time<Device>, control: AlControl, pdi: &mut impl Pdi) {
+        let asked = control.state();
+        if self.esm.error.is_some() {
+            // INIT is the way out even for a MainDevice that does not acknowledge.
+            if !control.acknowledge() && asked != Ok(AlState::Init) {
+                return;
+            }
+            self.esm.error = None;
+            if let Some(number) = self.esm.closed.take() {
+                set_closed(pdi, number, false);
+            }
+        }
+        self.esm.identification =
+            control.identification() && self.description().behaviour.identification != 0;
+        match asked {
+            Ok(asked) => self.change(now, asked, pdi),
+            Err(_) => self.refuse(AlStatusCode::UNKNOWN_STATE, pdi),
+        }
+        self.publish(pdi);
+    }
+
+    /// The activation of some SyncManager was written.
+    pub(crate) fn sync_managers_changed(&mut self, pdi: &mut impl Pdi) {
+        // Reading the activation registers of all SyncManagers releases the event.
+        let mut all = [0; 16 * 8];
+        pdi.read(register::SM_0.address, &mut all);
+        if self.esm.state == AlState::Init {
+            return;
+        }
+        if let Err(code) = checks::mailbox(pdi, self.description().mailbox.as_ref()) {
+            self.fall(AlState::Init, code, pdi);
+        } else if self.esm.is_cyclic() {
+            let (outputs, inputs) = self.process_data.lengths();
+            if let Err(code) = checks::process_data(pdi, self.description(), outputs, inputs) {
+                self.fall(AlState::PreOp, code, pdi);
+            }
+        }
+    }
+
+    /// The process data watchdog expired.
+    pub(crate) fn watchdog_expired(&mut self, pdi: &mut impl Pdi) {
+        // Reading the status releases the event.
+        let _status = pdi.load(register::WATCHDOG_STATUS);
+        if self.esm.state == AlState::Op && self.esm.watchdog {
+            self.fall(AlState::SafeOp, AlStatusCode::WATCHDOG, pdi);
+        }
+    }
+
+    /// Watches the time: OP that is asked for, SYNC0 in OP.
+    pub(crate) fn supervise(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
+        let sync_lost = self.sync.sync0_deadline().is_some_and(|deadline| now >= deadline);
+        if self.esm.state == AlState::Op {
+            if sync_lost {
+                self.fall(AlState::SafeOp, AlStatusCode::FATAL_SYNC_ERROR, pdi);
+            } else if self.sync.sequence_lost() {
+                self.fall(AlState::SafeOp, AlStatusCode::SYNCHRONIZATION_ERROR, pdi);
+            }
+            return;
+        }
+        let Some(mut pending) = self.esm.pending else { return };
+        let with_dc = self.sync.mode().uses_dc();
+        let valid = if with_dc {
+            self.sync.sync0_seen()
+                && !sync_lost
+                && self.sync.received()
+                && !self.sync.sequence_lost()
+        } else {
+            self.sync.received() || !self.sync.has_outputs()
+        };
+        pending.valid_since = if valid { pending.valid_since.or(Some(now)) } else { None };
+        self.esm.pending = Some(pending);
+        let settling = self.description().behaviour.sync_settling;
+        if pending.valid_since.is_some_and(|since| !with_dc || now >= since + settling) {
+            self.esm.pending = None;
+            self.esm.state = AlState::Op;
+            self.publish(pdi);
+        } else if now >= pending.deadline {
+            let code = if with_dc && !self.sync.sync0_seen() {
+                AlStatusCode::NO_SYNC
+            } else if !with_dc || !self.sync.received() {
+                AlStatusCode::WATCHDOG
+            } else {
+                AlStatusCode::SYNCHRONIZATION_ERROR
+            };
+            self.fall(AlState::SafeOp, code, pdi);
+        }
+    }
+
+    /// When [`Self::supervise`] has something to find without an event.
+    pub(crate) fn supervision_due(&self) -> Option<Time<Device>> {
+        let sync_lost = match (self.esm.state, self.esm.pending) {
+            (AlState::Op, _) | (_, Some(_)) => self.sync.sync0_deadline(),
+            _ => None,
+        };
+        let Some(pending) = self.esm.pending else { return sync_lost };
+        let settled =
+            pending.valid_since.map(|since| since + self.description().behaviour.sync_settling);
+        // A SYNC0 that stays away matters once: it breaks what was valid.
+        let broken = sync_lost.filter(|_| settled.is_some());
+        [settled, broken].into_iter().flatten().chain([pending.deadline]).min()
+    }
+
+    /// The ESC opens a SyncManager at the end of the frame that is passing: only then can inputs be put
+    /// into it, and SAFEOP be entered.
+    pub(crate) fn continue_opening(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
+        if self.esm.is_opening() && self.try_enter_safe_op(now, pdi) {
+            self.publish(pdi);
+        }
+    }
+
+    fn change(&mut self, now: Time<Device>, asked: AlState, pdi: &mut impl Pdi) {
+        use AlState::{Boot, Init, Op, PreOp, SafeOp};
+        match (self.esm.state, asked) {
+            (Op, Op) => {}
+            (SafeOp, Op) if self.esm.pending.is_some() => {}
+            (Init, Boot) => self.refuse(AlStatusCode::BOOTSTRAP_NOT_SUPPORTED, pdi),
+            (Init, PreOp) => match checks::mailbox(pdi, self.description().mailbox.as_ref()) {
+                Ok(()) => {
+                    self.station = pdi.load(register::STATION_ADDRESS);
+                    self.mailbox.start(pdi);
+                    self.coe.reset();
+                    self.esm.state = PreOp;
+                }
+                Err(code) => self.refuse(code, pdi),
+            },
+            (PreOp, SafeOp) => self.prepare_safe_op(now, pdi),
+            (SafeOp, Op) => {
+                self.sync.clear_missed();
+                let timeout = self.description().behaviour.safeop_to_op_timeout;
+                self.esm.pending = Some(Pending { deadline: now + timeout, valid_since: None });
+                self.supervise(now, pdi);
+            }
+            (Init, Init) | (PreOp, Init | PreOp) | (SafeOp | Op, Init | PreOp | SafeOp) => {
+                self.leave_to(asked, pdi);
+            }
+            _ => self.refuse(AlStatusCode::INVALID_STATE_CHANGE, pdi),
+        }
+    }
+
+    fn prepare_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
+        let found = match checks::safe_op(pdi, &self.dictionary, self.chosen) {
+            Ok(found) => found,
+            Err(code) => {
+                set_closed(pdi, OUTPUTS, true);
+                set_closed(pdi, INPUTS, true);
+                return self.refuse(code, pdi);
+            }
+        };
+        set_closed(pdi, OUTPUTS, false);
+        set_closed(pdi, INPUTS, false);
+        self.esm.opening = Some(found);
+        self.try_enter_safe_op(now, pdi);
+    }
+
+    fn try_enter_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) -> bool {
+        let open = is_open(pdi, OUTPUTS) && is_open(pdi, INPUTS);
+        let Some(found) = self.esm.opening.take_if(|_| open) else { return false };
+        let mode = found.sync.mode;
+        let cycle = found.sync.cycle.to_u32().unwrap_or(u32::MAX);
+        let types = [
+            (OUTPUT_PARAMETER, mode.output_type()),
+            (INPUT_PARAMETER, mode.input_type(found.sync.has_outputs)),
+        ];
+        for (index, sync_type) in types {
+            self.dictionary.set(index, sub::SYNC_TYPE, u32::from(sync_type.0));
+            if mode.uses_dc() {
+                self.dictionary.set(index, sub::CYCLE_TIME, cycle);
+                self.dictionary.set(index, sub::SYNC0_CYCLE_TIME, cycle);
+            } else if self.sync.mode().uses_dc() {
+                // What the last run with DC left behind no longer holds.
+                if !self.chosen.cycle {
+                    self.dictionary.set(index, sub::CYCLE_TIME, 0);
+                }
+                self.dictionary.set(index, sub::SYNC0_CYCLE_TIME, 0);
+            }
+        }
+        self.sync.load_settings(&self.dictionary);
+        self.sync.start(now, found.sync);
+        self.esm.watchdog = found.watchdog;
+        self.process_data.start(found.outputs, found.inputs);
+        self.first_exchange(pdi);
+        self.esm.state = AlState::SafeOp;
+        true
+    }
+
+    /// Goes down to `asked`, or stays.
+    fn leave_to(&mut self, asked: AlState, pdi: &mut impl Pdi) {
+        self.esm.pending = None;
+        self.esm.opening = None;
+        if self.esm.state == AlState::Op && asked != AlState::Op {
+            self.application.safe_outputs();
+        }
+        if self.esm.is_cyclic() && matches!(asked, AlState::Init | AlState::PreOp) {
+            self.sync.stop();
+            self.chosen = Default::default();
+            self.esm.watchdog = false;
+            self.process_data.stop();
+            set_closed(pdi, OUTPUTS, true);
+            set_closed(pdi, INPUTS, true);
+        }
+        if asked == AlState::Init {
+            self.mailbox.stop();
+            self.coe.reset();
+            self.chosen = Default::default();
+        }
+        self.esm.state = asked;
+    }
+
+    /// A request can't be granted. From OP the device falls to SAFEOP, else it stays.
+    fn refuse(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
+        let state = if self.esm.state == AlState::Op { AlState::SafeOp } else { self.esm.state };
+        self.leave_to(state, pdi);
+        self.esm.error = Some(code);
+    }
+
+    /// The device leaves its state by itself.
+    pub(crate) fn fall(&mut self, state: AlState, code: AlStatusCode, pdi: &mut impl Pdi) {
+        self.leave_to(state, pdi);
+        if state == AlState::SafeOp {
+            let number = if self.sync.has_outputs() { OUTPUTS } else { INPUTS };
+            set_closed(pdi, number, true);
+            self.esm.closed = Some(number);
+        }
+        self.esm.error = Some(code);
+        self.publish(pdi);
+    }
+
+    /// Shows state and error. The code comes first, so that nobody sees the error with an old code.
+    fn publish(&mut self, pdi: &mut impl Pdi) {
+        let identification = self.esm.identification && self.esm.error.is_none();
+        let code = if identification {
+            AlStatusCode(self.description().behaviour.identification)
+        } else {
+            self.esm.error.unwrap_or(AlStatusCode::NO_ERROR)
+        };
+        pdi.store(register::AL_STATUS_CODE, code);
+        let status = AlStatus::new(self.esm.state)
+            .with_error(self.esm.error.is_some())
+            .with_identification(identification);
+        pdi.store(register::AL_STATUS, status);
+    }
+}
+
+/// Closes or opens a process data SyncManager from this side. The repeat bit stays.
+fn set_closed(pdi: &mut impl Pdi, number: usize, closed: bool) {
+    let kept = pdi.load(register::sm_pdi_control(number)) & SyncManager::REPEAT;
+    pdi.store(register::sm_pdi_control(number), kept | u8::from(closed));
+}
+
+fn is_open(pdi: &mut impl Pdi, number: usize) -> bool {
+    pdi.load(register::sm_pdi_control(number)) & 1 == 0
+}
+
+/// SyncManager of the outputs.
+const OUTPUTS: usize = 2;
+/// SyncManager of the inputs.
+const INPUTS: usize = 3;

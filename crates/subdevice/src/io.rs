@@ -1,0 +1,79 @@
+//! An I/O application: what is put out comes back as input.
+
+use crate::application::Application;
+use crate::process_data::MAX_PROCESS_DATA;
+
+/// Outputs wired to inputs, as far as the lengths allow; further inputs are 0.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Io {
+    mapped: [u8; MAX_PROCESS_DATA],
+    outputs: [u8; MAX_PROCESS_DATA],
+    inputs: [u8; MAX_PROCESS_DATA],
+}
+
+impl Io {
+    /// All outputs 0.
+    pub const fn new() -> Self {
+        let zeros = [0; MAX_PROCESS_DATA];
+        Self { mapped: zeros, outputs: zeros, inputs: zeros }
+    }
+
+    /// The bytes that stand at the output terminals.
+    pub fn outputs(&self) -> &[u8; MAX_PROCESS_DATA] {
+        &self.outputs
+    }
+}
+
+impl Default for Io {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Application for Io {
+    fn map_outputs(&mut self, outputs: &[u8]) {
+        let len = outputs.len().min(self.mapped.len());
+        self.mapped[..len].copy_from_slice(&outputs[..len]);
+    }
+
+    fn outputs_valid(&mut self) {
+        self.outputs = self.mapped;
+    }
+
+    fn latch_inputs(&mut self) {
+        self.inputs = self.outputs;
+    }
+
+    fn map_inputs(&mut self, inputs: &mut [u8]) {
+        let len = inputs.len().min(self.inputs.len());
+        inputs[..len].copy_from_slice(&self.inputs[..len]);
+    }
+
+    fn safe_outputs(&mut self) {
+        self.mapped = [0; MAX_PROCESS_DATA];
+        self.outputs = [0; MAX_PROCESS_DATA];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_come_back_only_after_they_acted_and_were_latched() {
+        let mut io = Io::new();
+        let mut inputs = [0xFF; 3];
+        io.map_outputs(&[1, 2]);
+        io.latch_inputs();
+        io.map_inputs(&mut inputs);
+        assert_eq!(inputs, [0, 0, 0], "mapped, but not valid");
+        io.outputs_valid();
+        io.map_inputs(&mut inputs);
+        assert_eq!(inputs, [0, 0, 0], "valid, but not latched");
+        io.latch_inputs();
+        io.map_inputs(&mut inputs);
+        assert_eq!(inputs, [1, 2, 0]);
+        io.safe_outputs();
+        assert_eq!(io.outputs()[..2], [0, 0]);
+    }
+}

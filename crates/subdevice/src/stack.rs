@@ -1,0 +1,250 @@
+//! The SubDevice: everything that runs on the local CPU behind the ESC's door.
+
+use isocat_esc::{Pdi, PdiExt};
+use isocat_sync::{Event, Step};
+use isocat_wire::register::{self, al_event};
+use isocat_wire::time::{Device, Time};
+use isocat_wire::{AlState, AlStatusCode, Nanos};
+
+use crate::application::Application;
+use crate::coe::Server;
+use crate::description::Description;
+use crate::dictionary::Dictionary;
+use crate::esm::Esm;
+use crate::mailbox::Mailbox;
+use crate::objects::Objects;
+use crate::process_data::ProcessData;
+use crate::steps::Steps;
+use crate::sync_engine::{Chosen, Reaction, SyncEngine};
+
+/// A SubDevice: state machine, mailbox, dictionary, process data and sync engine around an application.
+///
+/// It reads no clock and is called in four ways, each with the present time of the device's own
+/// oscillator:
+///
+/// 1. [`poll`](Self::poll) is the main loop: AL control, SyncManager changes, mailbox, watchdog, timeouts.
+///    Call it when the AL event request is not zero, and at [`next_timeout`](Self::next_timeout).
+/// 2. [`handle_event`](Self::handle_event) is the interrupt. It decides which steps start and counts what
+///    came too late; it gives the steps with their delays and does none of them.
+/// 3. [`begin`](Self::begin) and [`finish`](Self::finish) frame each of those steps. On a chip both follow
+///    at once; a model of a CPU gives each its own instant. What ends at the instant of an event is
+///    told before the event.
+/// 4. [`state`](Self::state), [`status_code`](Self::status_code), [`sync`](Self::sync) show what it is at.
+///
+/// The dictionary's values live in `S`, of at least [`Description::store_len`] bytes.
+pub struct SubDevice<A, S> {
+    pub(crate) application: A,
+    pub(crate) dictionary: Dictionary<S>,
+    pub(crate) esm: Esm,
+    pub(crate) mailbox: Mailbox,
+    pub(crate) coe: Server,
+    pub(crate) process_data: ProcessData,
+    pub(crate) sync: SyncEngine,
+    pub(crate) chosen: Chosen,
+    pub(crate) station: u16,
+    /// When to ask the ESC again for what it does at the end of a frame.
+    retry: Option<Time<Device>>,
+}
+
+impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
+    /// A SubDevice after power-on. The values of the dictionary are put into `store`, which is the
+    /// device's own and must be long enough.
+    pub fn new(description: &'static Description, store: S, application: A) -> Self {
+        let dictionary = Dictionary::new(description, store);
+        let mut sync = SyncEngine::new();
+        sync.load_settings(&dictionary);
+        Self {
+            application,
+            dictionary,
+            esm: Esm::new(),
+            mailbox: Mailbox::new(description.mailbox),
+            coe: Server::new(),
+            process_data: ProcessData::new(),
+            sync,
+            chosen: Chosen::default(),
+            station: 0,
+            retry: None,
+        }
+    }
+
+    /// The main loop: does all that waits and does not belong to the cycle. Cheap when nothing waits.
+    pub fn poll(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
+        let events = pdi.events();
+        if events & al_event::AL_CONTROL != 0 {
+            // Reading AL control opens it for the next request.
+            let control = pdi.load(register::AL_CONTROL);
+            self.request(now, control, pdi);
+        }
+        if events & al_event::SM_ACTIVATION != 0 {
+            self.sync_managers_changed(pdi);
+        }
+        if events & al_event::SM_ACTIVATION != 0 || self.mailbox.is_repeating() {
+            self.mailbox.check_repeat(pdi);
+        }
+        if events & al_event::WATCHDOG != 0 {
+            self.watchdog_expired(pdi);
+        }
+        // Asked anew: a repetition has filled the mailbox that was read.
+        let events = pdi.events();
+        if self.mailbox.wants(events) {
+            let mut objects = Objects {
+                dictionary: &mut self.dictionary,
+                application: &mut self.application,
+                sync: &mut self.sync,
+                chosen: &mut self.chosen,
+                state: self.esm.state,
+            };
+            self.mailbox.poll(events, &mut self.coe, &mut objects, pdi);
+        }
+        self.continue_opening(now, pdi);
+        self.supervise(now, pdi);
+        let waits_for_esc = self.esm.is_opening() || self.mailbox.is_repeating();
+        self.retry = waits_for_esc.then(|| now + RETRY);
+    }
+
+    /// An interrupt: names the steps that start now, with their delays, and counts what came too late.
+    pub fn handle_event(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Steps {
+        if !self.esm.is_cyclic() {
+            return Steps::EMPTY;
+        }
+        if event == Event::Sync0 {
+            if self.sync.acknowledges_sync0() {
+                let _status = pdi.load(register::SYNC0_STATUS);
+            }
+            // A pulse that was overdue must not hide that it was.
+            self.supervise(now, pdi);
+        }
+        let op = self.esm.state == AlState::Op;
+        let new_outputs = event == Event::Timer
+            && self.sync.has_outputs()
+            && pdi.events() & al_event::sync_manager(2) != 0;
+        match self.sync.react(now, event, new_outputs, op) {
+            Reaction::Start(steps) => {
+                if event != Event::Sync0 {
+                    return steps;
+                }
+                self.supervise(now, pdi);
+                // A pulse that ends OP starts no outputs any more; the next one starts the cycle anew.
+                let fell = op && self.esm.state != AlState::Op;
+                if fell {
+                    self.sync.abandon();
+                    Steps::EMPTY
+                } else {
+                    steps
+                }
+            }
+            Reaction::Drop => {
+                self.process_data.drop_outputs(pdi);
+                Steps::EMPTY
+            }
+        }
+    }
+
+    /// A step starts: outputs are fetched from the ESC, outputs act, inputs are taken.
+    /// A step that no event started, or that a change of state ended, is ignored.
+    pub fn begin(&mut self, _now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
+        if !self.sync.is_running(step) {
+            return;
+        }
+        match step {
+            Step::MapOutputs => {
+                self.process_data.fetch_outputs(pdi);
+                self.sync.outputs_fetched();
+            }
+            Step::OutputsValid if self.esm.state == AlState::Op => self.application.outputs_valid(),
+            Step::LatchInputs => self.application.latch_inputs(),
+            _ => {}
+        }
+    }
+
+    /// A step has ended: outputs are ready, the application's work is done, inputs stand in the ESC.
+    /// A step that no event started, or that a change of state ended, is ignored.
+    ///
+    /// Outputs that end after the SYNC0 they were for are dropped: the application never sees them, so
+    /// that the outputs of one cycle never act in the next.
+    pub fn finish(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
+        if !self.sync.finish(step) {
+            return;
+        }
+        match step {
+            Step::MapOutputs => {
+                let in_time = self.sync.outputs_ready();
+                if in_time && self.esm.state == AlState::Op {
+                    self.application.map_outputs(self.process_data.outputs());
+                }
+                self.supervise(now, pdi);
+            }
+            Step::Application => self.application.application(self.sync.cycle()),
+            Step::MapInputs => {
+                self.application.map_inputs(self.process_data.inputs_mut());
+                self.process_data.store_inputs(pdi);
+            }
+            Step::OutputsValid | Step::LatchInputs => {}
+        }
+    }
+
+    /// The application.
+    pub fn application_mut(&mut self) -> &mut A {
+        &mut self.application
+    }
+
+    /// When the stack wants to be called without an event, the earliest of all reasons: the local
+    /// timer of Free Run, the timeouts of the state machine, and a look at what the ESC does only at the
+    /// end of a frame. At that instant call
+    /// [`handle_event`](Self::handle_event) with [`Event::Timer`] and then [`poll`](Self::poll): each does
+    /// only what is due. The instant changes with every call of the other methods.
+    pub fn next_timeout(&self) -> Option<Time<Device>> {
+        [self.timer(), self.supervision_due(), self.retry].into_iter().flatten().min()
+    }
+
+    /// When the local timer of Free Run is due; `None` in other modes and below SAFEOP.
+    pub fn timer(&self) -> Option<Time<Device>> {
+        self.sync.timer()
+    }
+
+    /// State in the EtherCAT State Machine.
+    pub fn state(&self) -> AlState {
+        self.esm.state
+    }
+
+    /// AL status code: why the error indication is set, or no error.
+    pub fn status_code(&self) -> AlStatusCode {
+        self.esm.error.unwrap_or(AlStatusCode::NO_ERROR)
+    }
+
+    /// The synchronization: mode, cycle, counters.
+    pub fn sync(&self) -> &SyncEngine {
+        &self.sync
+    }
+
+    /// The application.
+    pub fn application(&self) -> &A {
+        &self.application
+    }
+
+    /// What is fixed about the device.
+    pub fn description(&self) -> &'static Description {
+        self.dictionary.description()
+    }
+
+    /// The station address that the device read at INIT to PREOP, for its own use.
+    pub fn station_address(&self) -> u16 {
+        self.station
+    }
+
+    /// SAFEOP is being entered: inputs stand in the buffer before the first frame fetches them, and
+    /// outputs that wait from before are not news.
+    pub(crate) fn first_exchange(&mut self, pdi: &mut impl Pdi) {
+        if self.sync.has_inputs() {
+            self.application.latch_inputs();
+            self.application.map_inputs(self.process_data.inputs_mut());
+            self.process_data.store_inputs(pdi);
+        }
+        if self.sync.has_outputs() && pdi.events() & al_event::sync_manager(2) != 0 {
+            self.process_data.drop_outputs(pdi);
+        }
+    }
+}
+
+/// How soon the ESC is asked again: a long frame takes 120 us, a short one 7 us.
+const RETRY: Nanos = Nanos::micros(10);

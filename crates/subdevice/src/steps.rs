@@ -1,0 +1,89 @@
+//! What an event starts: a short list of steps, each with its delay.
+
+use isocat_sync::Step;
+use isocat_wire::Nanos;
+
+/// Most steps that one event can start.
+pub const MAX_STEPS: usize = Step::ALL.len();
+
+/// The steps that one event starts, each with the time from the event until it is due, ns, in the
+/// order in which they are due.
+///
+/// [`Step::MapOutputs`], [`Step::Application`] and [`Step::MapInputs`] need the CPU: they run one after
+/// another in this order, none before it is due. [`Step::OutputsValid`] and [`Step::LatchInputs`] are acts
+/// of the output stage and of the converters: with a delay, or as the first of the list, they happen at
+/// the event + delay whatever the CPU does; without a delay behind other steps they follow those.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Steps {
+    list: [(Step, Nanos); MAX_STEPS],
+    len: usize,
+}
+
+impl Steps {
+    /// Nothing starts.
+    pub const EMPTY: Self = Self { list: [(Step::MapOutputs, Nanos::ZERO); MAX_STEPS], len: 0 };
+
+    /// Adds a step behind all that are due no later. No step starts twice from one event, so the list
+    /// holds them all.
+    pub(crate) fn push(&mut self, step: Step, delay: Nanos) {
+        let at = self.as_slice().iter().take_while(|(_, due)| *due <= delay).count();
+        self.list.copy_within(at..self.len, at + 1);
+        self.list[at] = (step, delay);
+        self.len += 1;
+    }
+
+    /// The steps and their delays.
+    pub fn as_slice(&self) -> &[(Step, Nanos)] {
+        &self.list[..self.len]
+    }
+
+    /// The steps and their delays, one after another.
+    pub fn iter(&self) -> impl Iterator<Item = (Step, Nanos)> + '_ {
+        self.as_slice().iter().copied()
+    }
+
+    /// How many steps start.
+    pub const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether nothing starts.
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+}
+
+impl IntoIterator for Steps {
+    type Item = (Step, Nanos);
+    type IntoIter = core::iter::Take<core::array::IntoIter<(Step, Nanos), MAX_STEPS>>;
+    fn into_iter(self) -> Self::IntoIter {
+        self.list.into_iter().take(self.len)
+    }
+}
+
+impl Default for Steps {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_stand_in_the_order_in_which_they_are_due() {
+        let mut steps = Steps::EMPTY;
+        for (step, delay) in [
+            (Step::LatchInputs, 5),
+            (Step::Application, 0),
+            (Step::OutputsValid, 4),
+            (Step::MapInputs, 5),
+        ] {
+            steps.push(step, Nanos(delay));
+        }
+        let order: std::vec::Vec<_> = steps.into_iter().map(|(step, _)| step).collect();
+        use Step::*;
+        assert_eq!(order, [Application, OutputsValid, LatchInputs, MapInputs]);
+    }
+}

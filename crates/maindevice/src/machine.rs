@@ -70,8 +70,8 @@ pub struct MainDevice {
     running: Vec<RunningJob>,
     next_request: u32,
     health: Option<Pin<Box<dyn Future<Output = Vec<Status>>>>>,
-    /// What the cyclic broadcast read when health was last checked.
-    checked: Option<u16>,
+    /// What the cyclic broadcast read when health was last checked, and in which cycle.
+    checked: Option<(u16, u64)>,
     stopping: bool,
 }
 
@@ -550,11 +550,14 @@ impl MainDevice {
         if good && self.checked.is_none() {
             return;
         }
-        // The same picture as at the last check needs no other.
-        if self.checked == Some(seen) {
+        // The broadcast is an OR over all: a second SubDevice may fall without changing it. So the same
+        // picture is looked at again after a while.
+        let now = cycle.number();
+        let known = |(status, at): (u16, u64)| status == seen && now.wrapping_sub(at) < CHECK_AGAIN;
+        if self.checked.is_some_and(known) {
             return;
         }
-        self.checked = (!good).then_some(seen);
+        self.checked = (!good).then_some((seen, now));
         let stations = self.segment.devices.iter().map(|device| device.station).collect();
         let mut check: Pin<Box<dyn Future<Output = Vec<Status>>>> =
             Box::pin(health::check(self.link.clone(), stations));
@@ -575,6 +578,9 @@ impl MainDevice {
         }
     }
 }
+
+/// Cycles after which the states of all SubDevices are read again while the broadcast looks wrong.
+const CHECK_AGAIN: u64 = 100;
 
 impl Share {
     /// Most bytes that an acyclic frame may have now, the first datagram waiting being `first`

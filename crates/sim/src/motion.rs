@@ -6,6 +6,7 @@
 
 use isocat_maindevice::MainDevice;
 use isocat_maindevice::segment::ProcessData;
+use isocat_wire::{AlState, AlStatus};
 
 use crate::world::Control;
 
@@ -120,7 +121,10 @@ impl Drive {
             return;
         };
         let (status, actual) = (u16::from_le_bytes(status), i32::from_le_bytes(actual));
-        let enabled = status & 0x6F == 0x27;
+        // A device that left OP no longer updates its inputs: its last status word says nothing.
+        let al_status = main.segment().devices.get(position).map(|device| device.al_status);
+        let in_op = al_status == Some(AlStatus::new(AlState::Op));
+        let enabled = in_op && status & 0x6F == 0x27;
         let mut target = self.commanded.unwrap_or(actual);
         if enabled {
             if self.enabled_cycles > 0 {

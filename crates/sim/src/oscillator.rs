@@ -24,7 +24,7 @@ impl Oscillator {
 
     /// What it counts at a point of true time: whole ns, rounded down.
     pub fn read<S: Scale>(self, at: Time<True>) -> Time<S> {
-        Time::new((u128::from(at.count()) * u128::from(self.rate) >> 64) as u64)
+        Time::new(((u128::from(at.count()) * u128::from(self.rate)) >> 64) as u64)
     }
 
     /// The first point of true time at which it counts `reading`; never, if that is beyond all time.

@@ -298,11 +298,12 @@ impl<T: Tap> Outcome<T> {
             }
             let Some(sync0) = &bench.sync0 else { continue };
             if let Some((at, error)) = sync0.first_beyond() {
-                let worst = Nanos((sync0.statistics().worst() / 1000) as i64);
-                let (error, limit) = (Nanos(error.0 / 1000), Nanos(sync0.limit().0 / 1000));
+                let us = |ps: i64| format!("{:.3} us", ps as f64 / 1e6);
+                let worst = us(sync0.statistics().worst() as i64);
+                let (error, limit) = (us(error.0), us(sync0.limit().0));
                 find(
                     Some(at),
-                    format!("SYNC0 {error} off the grid, limit {limit}; worst later {worst}"),
+                    format!("SYNC0 {error} off the grid, limit {limit}, later up to {worst}"),
                 );
             }
             if sync0.statistics().count() == 0 {
@@ -320,13 +321,16 @@ impl<T: Tap> Outcome<T> {
             }
         }
         if notes.working_counter > 0 {
-            let what = format!("wrong working counter, {} times", notes.working_counter);
+            let cycles = self.world.main().statistics().working_counter_errors;
+            let what = format!("working counter of process data wrong in {cycles} datagrams");
             findings.push(Finding { device: None, since: None, what });
         }
         if notes.skipped > 0 {
             let what = format!("the host skipped {} cycles", notes.skipped);
             findings.push(Finding { device: None, since: None, what });
         }
+        // What came first is nearest to the cause; what has no time of its own comes last.
+        findings.sort_by_key(|finding| finding.since.unwrap_or(Picos(i64::MAX)));
         self.findings = findings;
     }
 }
@@ -350,7 +354,8 @@ impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.what)?;
         if let Some(since) = self.since {
-            write!(f, ", since {} into the run", Nanos(since.0 / 1000))?;
+            let ms = since.0 / 1_000_000_000;
+            write!(f, ", since {}.{:03} s into the run", ms / 1000, ms % 1000)?;
         }
         Ok(())
     }

@@ -53,7 +53,7 @@ fn verdict<T: Tap>(
         (None, Some(first)) => {
             let others = match findings.len() - 1 {
                 0 => String::new(),
-                n => format!(" ({n} more below)"),
+                n => format!("; {n} more below"),
             };
             format!("Not in sync: {}{others}.", first.sentence())
         }

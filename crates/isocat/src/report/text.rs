@@ -10,6 +10,10 @@ use super::{Counters, Device, Report, Spread};
 /// Columns of the text.
 const WIDTH: usize = 100;
 
+/// Heads of the columns with the counters.
+const SOURCE: &str = "0x1C32 [r]";
+const SUBS: &str = "0B 0C 0D 20";
+
 const GOOD: Style = AnsiColor::Green.on_default().bold();
 const BAD: Style = AnsiColor::Red.on_default().bold();
 const QUIET: Style = Style::new().dimmed();
@@ -51,24 +55,11 @@ impl Report {
     }
 
     fn write_devices(&self, out: &mut String) -> fmt::Result {
-        writeln!(
-            out,
-            "\n{:54}{:^22} {:>10}  {}",
-            "", "SYNC0 error [t], ns", "margin [t]", "0x1C32 [r]"
-        )?;
+        writeln!(out, "\n{:54}{:^22} {:>10}  {}", "", "SYNC0 error [t], ns", "margin [t]", SOURCE)?;
         writeln!(
             out,
             " {:<2} {:<19} {:<8} {:>7}  {:<10} {:>6} {:>6} {:>6} {:>12}  {}",
-            "#",
-            "device",
-            "mode",
-            "cycle",
-            "state [r]",
-            "mean",
-            "sd",
-            "worst",
-            "worst",
-            "0B 0C 0D 20"
+            "#", "device", "mode", "cycle", "state [r]", "mean", "sd", "worst", "worst", SUBS
         )?;
         for device in &self.devices {
             let sync0 = device.true_time.sync0_error;
@@ -82,9 +73,9 @@ impl Report {
                 device.mode,
                 device.cycle_ns.map_or("-".into(), |ns| Nanos(ns).to_string()),
                 device.registers.al_status,
-                one_decimal(figure(|s| s.mean_ns)),
-                one_decimal(figure(|s| s.standard_deviation_ns)),
-                one_decimal(figure(|s| s.worst_ns)),
+                fits(figure(|s| s.mean_ns)),
+                fits(figure(|s| s.standard_deviation_ns)),
+                fits(figure(|s| s.worst_ns)),
                 margin.map_or("-".into(), micros),
                 counters(device),
             )?;
@@ -193,8 +184,15 @@ fn counters(device: &Device) -> String {
     if outputs == inputs { outputs } else { format!("{outputs} /{inputs}") }
 }
 
-fn one_decimal(ns: Option<f64>) -> String {
-    ns.map_or("-".into(), |ns| format!("{ns:.1}"))
+/// A figure in ns with one decimal, or, if that is too long for its column, in us or ms.
+fn fits(ns: Option<f64>) -> String {
+    let Some(ns) = ns else { return "-".into() };
+    match ns.abs() {
+        size if size < 1_000.0 => format!("{ns:.1}"),
+        size if size < 100_000.0 => format!("{:.1}us", ns / 1e3),
+        size if size < 1_000_000.0 => format!("{:.0}us", ns / 1e3),
+        _ => format!("{:.2}ms", ns / 1e6),
+    }
 }
 
 /// `412.345 us`: to the nanosecond.

@@ -14,22 +14,34 @@ pub struct Sync0Error {
     grid: Grid,
     limit: Picos,
     statistics: Statistics,
+    last: Option<Picos>,
     first_beyond: Option<(Time<True>, Picos)>,
 }
 
 impl Sync0Error {
     /// Expects edges on `grid`, none further off than `limit`.
     pub fn new(grid: Grid, limit: Picos) -> Self {
-        Self { grid, limit, statistics: Statistics::default(), first_beyond: None }
+        Self { grid, limit, statistics: Statistics::default(), last: None, first_beyond: None }
     }
 
     /// An edge at true time `at`, when the reference clock stood at `reference_ps` of system time.
     pub fn edge(&mut self, at: Time<True>, reference_ps: i128) {
-        let error = self.grid.error(reference_ps);
+        let error = self.follow(self.grid.error(reference_ps));
         self.statistics.push(error.0);
         if error.abs() > self.limit && self.first_beyond.is_none() {
             self.first_beyond = Some((at, error));
         }
+    }
+
+    /// The error in the neighbourhood of the last one: a clock that runs away leaves its cycle, and its
+    /// error goes on growing.
+    fn follow(&mut self, error: Picos) -> Picos {
+        let cycle = Picos::from(self.grid.cycle).0;
+        let last = self.last.unwrap_or(error);
+        let cycles = (last.0 - error.0 + cycle / 2).div_euclid(cycle);
+        let error = error + Picos(cycles * cycle);
+        self.last = Some(error);
+        error
     }
 
     /// Figures of all edges.
@@ -73,6 +85,12 @@ mod tests {
         assert_eq!(judge(&[0, 100_000, -100_000]).first_beyond(), None);
         let beyond = judge(&[0, 100_000, -100_001]).first_beyond();
         assert_eq!(beyond, Some((Time::new(2), Picos(-100_001))));
+    }
+
+    #[test]
+    fn a_clock_that_runs_away_leaves_its_cycle() {
+        let judge = judge(&[0, 300_000_000, 600_000_000, 900_000_000, 1_200_000_000]);
+        assert_eq!(judge.statistics().largest(), 1_200_000_000);
     }
 
     #[test]

@@ -6,7 +6,7 @@ cd "$(dirname "$0")/.."
 command -v valgrind >/dev/null || { echo "valgrind is missing: apt-get install valgrind" >&2; exit 2; }
 cargo build --release --quiet
 instructions() {
-  valgrind --tool=callgrind --callgrind-out-file=/dev/null ./target/release/isocat run --for "$1" 2>&1 >/dev/null |
+  valgrind --tool=callgrind --callgrind-out-file=/dev/null "${CARGO_TARGET_DIR:-target}/release/isocat" run --for "$1" 2>&1 >/dev/null |
     sed -n 's/.*Collected : //p'
 }
 short=$(instructions 200ms)

@@ -8,7 +8,7 @@ trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet "jsonschema==4.25.1"
 cargo build --release --quiet
-isocat=./target/release/isocat
+isocat="${CARGO_TARGET_DIR:-target}/release/isocat"
 "$isocat" run --for 100ms --json > "$folder/good.json"
 "$isocat" run --for 2s --json --no-drift-compensation > "$folder/drift.json" || [ $? -eq 1 ]
 printf 'cycle = "125us"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\n' > "$folder/short.toml"

@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 use isocat_wire::time::Nanos;
 
-/// Reads a duration such as `500ns`, `62.5us`, `1 ms`, `10s`.
+/// Reads a duration such as `500ns`, `62.5us`, `1 ms`, `10s`, `2min`, `1h`.
 pub fn parse_duration(text: &str) -> Result<Nanos, QuantityError> {
     parse(text, &DURATION).map(Nanos)
 }
@@ -190,6 +190,8 @@ const DURATION: Kind = Kind {
         ("μs", 1_000),
         ("ms", 1_000_000),
         ("s", 1_000_000_000),
+        ("min", 60_000_000_000),
+        ("h", 3_600_000_000_000),
     ],
 };
 const LENGTH: Kind =
@@ -211,6 +213,8 @@ mod tests {
             ("1ns", 1),
             ("0ns", 0),
             ("62.5us", 62_500),
+            ("1.5min", 90_000_000_000),
+            ("2h", 7_200_000_000_000),
             ("62.500us", 62_500),
             ("31.25 µs", 31_250),
             (" 1 ms ", 1_000_000),
@@ -232,7 +236,7 @@ mod tests {
         for text in ["1", "1.5", "-3 "] {
             assert_eq!(problem(text), Problem::NoUnit, "{text}");
         }
-        for text in ["1m", "1 US", "1e3us", "1min", "10msx", "1,5us"] {
+        for text in ["1m", "1 US", "1e3us", "1mn", "10msx", "1,5us"] {
             assert_eq!(problem(text), Problem::UnknownUnit, "{text}");
         }
         for text in ["0.5ns", "1.0001us", "0.0000000001s", "0.00000000000000000000000000000000001s"]
@@ -248,7 +252,7 @@ mod tests {
     fn errors_say_what_was_expected() {
         assert_eq!(
             parse_duration("1").unwrap_err().to_string(),
-            "duration \"1\" has no unit; expected a number with one of the units ns, us, ms, s, such \
+            "duration \"1\" has no unit; expected a number with one of the units ns, us, ms, s, min, h, such \
              as \"1ms\""
         );
         assert_eq!(

@@ -201,7 +201,7 @@ fn quantities_need_units_and_sense() {
     assert_eq!(
         with_cycle("\"1\""),
         "1:9 cycle: duration \"1\" has no unit; expected a number with one of the units ns, us, ms, \
-         s, such as \"1ms\""
+         s, min, h, such as \"1ms\""
     );
     assert_eq!(with_cycle("\"0ms\""), "1:9 cycle = \"0ms\" is out of range; expected 10 us to 1 s");
     for (lines, expected) in [

@@ -157,7 +157,7 @@ fn contradictions_of_objects() {
     assert_eq!(
         refused("\"100us\"", "\"100\""),
         "38:30 entries: duration \"100\" has no unit; expected a number with one of the units ns, us, \
-         ms, s, such as \"1ms\""
+         ms, s, min, h, such as \"1ms\""
     );
     assert_eq!(
         refused("0x0006", "0x1_0000"),

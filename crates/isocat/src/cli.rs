@@ -9,6 +9,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::report::{WIDTH, wrap};
+
 /// In sync.
 const IN_SYNC: u8 = 0;
 /// Not in sync, or lost it.
@@ -28,9 +30,12 @@ Examples:
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input.";
 
+const ABOUT: &str = "\
+Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
+
 /// Brings an EtherCAT segment into synchronization, runs it and proves how good it is.
 #[derive(Parser, Debug)]
-#[command(version, about, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
+#[command(version, about = ABOUT, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
 struct CommandLine {
     #[command(subcommand)]
     verb: Option<Verb>,
@@ -104,7 +109,14 @@ fn print(text: &str) -> u8 {
 
 /// Says why the input can't be used.
 fn fail(message: &str) -> u8 {
-    anstream::eprintln!("{BAD}error:{BAD:#} {message}");
+    let lines = message.lines().flat_map(|line| wrap(line, WIDTH - "error: ".len()));
+    for (i, line) in lines.enumerate() {
+        if i == 0 {
+            anstream::eprintln!("{BAD}error:{BAD:#} {line}");
+        } else {
+            anstream::eprintln!("       {line}");
+        }
+    }
     BAD_INPUT
 }
 

@@ -7,6 +7,9 @@
 mod build;
 mod text;
 
+#[cfg(feature = "cli")]
+pub(crate) use text::{WIDTH, wrap};
+
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -35,7 +38,7 @@ pub struct Report {
     pub in_sync: bool,
     /// One sentence for people.
     pub verdict: String,
-    /// Why not, most important first.
+    /// Why not, in the order of time; what has no time of its own comes last.
     pub findings: Vec<Finding>,
     /// Bus cycle.
     pub cycle_ns: i64,
@@ -79,19 +82,21 @@ pub struct Segment {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SegmentTrueTime {
-    /// From power-on until all SubDevices were in OP, synchronized; null if they never were.
+    /// From power-on until all SubDevices were in OP and SYNC0 on its grid; null if it never was.
     pub time_to_synchronization_ns: Option<i64>,
     /// When cyclic frames reached the reference clock, less when they should have.
     pub host_phase_error: Option<Spread>,
-    /// From the first to the last SubDevice in DC mode whose outputs became valid, cycle by cycle.
-    pub outputs_valid_spread: Option<Spread>,
+    /// From the first to the last SubDevice in DC mode whose outputs became valid, cycle by cycle; null with fewer than two.
+    pub outputs_valid_spread: Option<Span>,
 }
 
 /// The segment as the MainDevice sees it.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SegmentMainDevice {
-    /// Frames until all SubDevices were in OP.
+    /// Position of the SubDevice whose clock leads; null without clocks.
+    pub reference: Option<usize>,
+    /// Frames until all SubDevices were in OP, or until the way up failed.
     pub bring_up_frames: u64,
     /// Of these, frames that distributed the system time to make the clocks converge.
     pub drift_frames: u64,
@@ -156,9 +161,11 @@ pub struct DeviceTrueTime {
     /// SYNC0 edges against the ideal grid of the reference clock; null without SYNC0.
     pub sync0_error: Option<Spread>,
     /// From the SM2 event to SYNC0.
-    pub sm2_to_sync0: Option<Spread>,
-    /// From the end of copying and calculating to SYNC0: what was left.
-    pub sync0_margin: Option<Spread>,
+    pub sm2_to_sync0: Option<Span>,
+    /// From the end of copying and calculating to SYNC0: what was left; negative where SYNC0 came first.
+    pub sync0_margin: Option<Span>,
+    /// From SYNC0 to valid outputs.
+    pub outputs_delay: Option<Span>,
     /// SYNC0 edges that found no outputs ready.
     pub missed_events: u64,
     /// Highest value that 0x1C32:0B took.
@@ -203,7 +210,23 @@ pub struct Counters {
     pub sync_error: Option<u32>,
 }
 
-/// A series in ns, rounded to the picosecond.
+/// A series of spans in ns, rounded to the picosecond.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Span {
+    /// Values.
+    pub count: u64,
+    /// Mean.
+    pub mean_ns: f64,
+    /// Standard deviation.
+    pub standard_deviation_ns: f64,
+    /// Least.
+    pub min_ns: f64,
+    /// Largest.
+    pub max_ns: f64,
+}
+
+/// A series of errors in ns, which ought to be zero, rounded to the picosecond.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Spread {
@@ -219,6 +242,14 @@ pub struct Spread {
     pub max_ns: f64,
     /// Furthest from zero, without its sign.
     pub worst_ns: f64,
+}
+
+impl Spread {
+    /// The same series without the judgement that it ought to be zero.
+    pub fn span(&self) -> Span {
+        let Spread { count, mean_ns, standard_deviation_ns, min_ns, max_ns, .. } = *self;
+        Span { count, mean_ns, standard_deviation_ns, min_ns, max_ns }
+    }
 }
 
 /// One line of a SubDevice's timing budget.

@@ -53,7 +53,7 @@ pub struct SegmentFile {
 pub struct Host {
     /// How fast its clock runs. Key `clock`, within 1000 ppm; default +12 ppm, an ordinary crystal.
     pub clock: Ppb,
-    /// Peak-to-peak lateness of its wake-ups. Key `jitter`, up to 10 ms and below one cycle; default
+    /// Peak-to-peak lateness of its wake-ups. Key `jitter`, up to 10 ms and below half a cycle; default
     /// 20 us, a tuned PC.
     pub jitter: Nanos,
     /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`; default
@@ -64,7 +64,8 @@ pub struct Host {
 /// `[[subdevice]]`: one device.
 #[derive(Clone, Debug)]
 pub struct SubDevice {
-    /// What reports call it. Key `name`; default: the device's id and its position from 1.
+    /// What reports call it. Key `name`; default: the device's id and its
+    /// position from 0.
     pub name: String,
     /// The device, with what the file says differently already in it. Keys `device`, needed;
     /// `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay`
@@ -116,7 +117,7 @@ impl SegmentFile {
             return Err(first.error(message));
         }
         let mut subdevices = Vec::with_capacity(tables.len());
-        for (position, table) in (1..).zip(tables) {
+        for (position, table) in (0..).zip(tables) {
             let device = subdevice(source, table, position, cycle)?;
             let name = &device.name;
             if let Some(namesake) = subdevices.iter().find(|other: &&SubDevice| other.name == *name)
@@ -162,7 +163,7 @@ fn host(table: Option<Table<'_>>, cycle: Nanos) -> Result<Host, FileError> {
         host.clock = value.rate(-MOST_DRIFT..=MOST_DRIFT)?;
     }
     if let Some(value) = table.value("jitter") {
-        host.jitter = value.duration(Nanos::ZERO..=MOST_JITTER.min(cycle - Nanos(1)))?;
+        host.jitter = value.duration(Nanos::ZERO..=MOST_JITTER.min(Nanos((cycle.0 - 1) / 2)))?;
     }
     if let Some(value) = table.value("drift_compensation") {
         host.drift_compensation = value.boolean()?;

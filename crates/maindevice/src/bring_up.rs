@@ -127,8 +127,12 @@ fn check(config: &Config) -> Result<(), Cause> {
     if cycle.0 <= 0 || cycle.0 > i64::from(i32::MAX) {
         return Err(Cause::Setting { name: "cycle", expected: "above 0 and below 2.147 s" });
     }
-    if config.host_jitter.0 < 0 {
-        return Err(Cause::Setting { name: "host_jitter", expected: "0 or more" });
+    // Beyond half a cycle nobody can tell a late frame from an early one of the next cycle.
+    if config.host_jitter.0 < 0 || config.host_jitter.0 >= cycle.0 / 2 {
+        return Err(Cause::Setting {
+            name: "host_jitter",
+            expected: "0 or more, below half a cycle",
+        });
     }
     if config.shift.is_some_and(|shift| shift.0 < 0 || shift >= cycle) {
         return Err(Cause::Setting { name: "shift", expected: "at least 0 and below the cycle" });

@@ -148,8 +148,19 @@ fn nodes(segment: &Segment, latches: &[Latch]) -> Vec<Node> {
             entry: device.entry,
             open: PortNumber::ALL.map(|port| device.dl_status.open(port)),
             receive_times: latch.ports,
+            forwarding_difference: forwarding_difference(device.esc.kind),
         })
         .collect()
+}
+
+/// Processing delay less forwarding delay by ESC type (register 0x0000). Captured receive times of a line of
+/// ET1100 and ET1200 (loops of 600 and 310 ns) give 155 ns out and 135 ns back; for the others, which
+/// contain the same core, the figure is taken over. What is not known counts as equal.
+const fn forwarding_difference(kind: u8) -> Nanos {
+    match kind {
+        0x04 | 0x11 | 0x12 | 0x98 | 0xC0 => Nanos(20),
+        _ => Nanos::ZERO,
+    }
 }
 
 /// Sum of one SubDevice's delays.

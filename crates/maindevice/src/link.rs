@@ -38,7 +38,7 @@ pub(crate) const CYCLIC_INDEX: u8 = 0x80;
 const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
 /// Most frames of the link in flight. More than a long line needs to be filled, and few enough that
 /// an index comes again only long after its frame was given up.
-const MOST_FLIGHTS: usize = 48;
+const MOST_FLIGHTS: usize = 24;
 /// Events kept until somebody takes them; more are counted and dropped, so that memory is bounded.
 const MOST_EVENTS: usize = 1024;
 

@@ -4,7 +4,9 @@ use isocat_subdevice::Step;
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
-use crate::judge::{Grid, HostPhase, MissedEvents, OutputsValid, Sync0Error, SyncMargin};
+use crate::judge::{
+    Grid, HostPhase, MissedEvents, OutputsDelay, OutputsValid, Sync0Error, SyncMargin,
+};
 use crate::observation::{Observation, Observed};
 use crate::segment::Segment;
 
@@ -37,6 +39,8 @@ pub struct DeviceBench {
     pub sync0: Option<Sync0Error>,
     /// SM2 to SYNC0.
     pub margin: SyncMargin,
+    /// SYNC0 to valid outputs.
+    pub outputs_delay: OutputsDelay,
     /// Missed SM events.
     pub missed: MissedEvents,
     /// All changes of state, from power-on.
@@ -120,6 +124,7 @@ impl Bench {
             Observed::SmEventMissed(counter) => device.missed.missed(at, counter),
             Observed::Sync0 => {
                 device.margin.sync0(device_at);
+                device.outputs_delay.sync0(at);
                 if let Some(judge) = &mut device.sync0 {
                     let reference = segment.devices()[intent.reference].system_time_ps(at);
                     judge.edge(at, reference);
@@ -128,6 +133,7 @@ impl Bench {
             }
             Observed::Began(Step::OutputsValid) => {
                 if let Some(cycle) = device.cycle {
+                    device.outputs_delay.valid(at);
                     self.outputs_valid.valid(cycle, at);
                 }
             }

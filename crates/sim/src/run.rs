@@ -5,12 +5,12 @@ use std::fmt;
 use isocat_maindevice::{Event, RequestId, Stage};
 use isocat_sync::SyncMode;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
+use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Nanos, Picos, Time, True};
-use isocat_wire::{AlState, AlStatusCode, ObjectAddress};
 
 use crate::bench::{Bench, Intent};
-use crate::judge::Grid;
-use crate::motion::{Axis, Motion};
+use crate::judge::{Grid, Sync0Error, outputs_delay};
+use crate::motion::{Axis, Drive, Motion};
 use crate::world::{Setup, Tap, World};
 
 /// A run: what it is made of, and for how long.
@@ -274,50 +274,9 @@ impl<T: Tap> Outcome<T> {
     fn judge(&mut self, notes: &Notes) {
         let Some(began) = self.began else { return };
         let mut findings = Vec::new();
-        let devices = self.world.segment().devices();
-        let reference = self.world.main().segment().reference.map(|at| devices[at].oscillator());
-        for (position, bench) in self.bench.devices().iter().enumerate() {
-            let mut find = |since: Option<Time<True>>, what: String| {
-                let since = since.map(|at| at - began);
+        for position in 0..self.bench.devices().len() {
+            for (since, what) in self.judge_device(position, began) {
                 findings.push(Finding { device: Some(position), since, what });
-            };
-            let left = bench.states.iter().find(|change| change.at > began);
-            if let Some(change) = left {
-                find(Some(change.at), left_op(change.state, change.code));
-            }
-            if let Some(first) = bench.missed.first() {
-                let count = bench.missed.count();
-                let highest = bench.missed.highest();
-                find(
-                    Some(first),
-                    format!(
-                        "SYNC0 came before the outputs were copied and calculated, {count} times; \
-                         0x1C32:0B reached {highest}"
-                    ),
-                );
-            }
-            let Some(sync0) = &bench.sync0 else { continue };
-            if let Some((at, error)) = sync0.first_beyond() {
-                let us = |ps: i64| format!("{:.3} us", ps as f64 / 1e6);
-                let worst = us(sync0.statistics().worst() as i64);
-                let (error, limit) = (us(error.0), us(sync0.limit().0));
-                find(
-                    Some(at),
-                    format!("SYNC0 {error} off the grid, limit {limit}, later up to {worst}"),
-                );
-            }
-            if sync0.statistics().count() == 0 {
-                find(None, "no SYNC0 pulse at all".into());
-            } else if Some(devices[position].oscillator()) != reference && !sync0.is_plausible() {
-                find(None, "SYNC0 without any spread: too good to be measured".into());
-            }
-        }
-        for (position, axis) in self.world.control().axes().iter().enumerate() {
-            if let Axis::Drive(drive) = axis {
-                if drive.enabled_cycles == 0 {
-                    let what = "drive never reached operation enabled".into();
-                    findings.push(Finding { device: Some(position), since: None, what });
-                }
             }
         }
         if notes.working_counter > 0 {
@@ -333,9 +292,95 @@ impl<T: Tap> Outcome<T> {
         findings.sort_by_key(|finding| finding.since.unwrap_or(Picos(i64::MAX)));
         self.findings = findings;
     }
+
+    /// What speaks against one SubDevice, and since when.
+    fn judge_device(&self, position: usize, began: Time<True>) -> Vec<(Option<Picos>, String)> {
+        let mut findings = Vec::new();
+        let since = |at: Time<True>| Some(at - began);
+        let bench = &self.bench.devices()[position];
+        if let Some(change) = bench.states.iter().find(|change| change.at > began) {
+            let (state, code) = (change.state, change.code);
+            let what = format!("left OP for {state}, AL status code {code}");
+            findings.push((since(change.at), what));
+        }
+        if let Some(first) = bench.missed.first() {
+            let count = bench.missed.count();
+            let what =
+                format!("SYNC0 came before the outputs were copied and calculated, {count} times");
+            findings.push((since(first), what));
+        }
+        if let Some(sync0) = &bench.sync0 {
+            findings.extend(
+                self.judge_sync0(position, sync0).map(|(at, what)| (at.and_then(since), what)),
+            );
+        }
+        if let Some(at) = bench.outputs_delay.first_beyond() {
+            let (spread, limit) = (us(bench.outputs_delay.spread().0), us(outputs_delay::LIMIT.0));
+            let what = format!("outputs follow SYNC0 with a spread of {spread}, limit {limit}");
+            findings.push((since(at), what));
+        }
+        for (index, counters) in [
+            (OUTPUT_PARAMETER, &self.output_counters[position]),
+            (INPUT_PARAMETER, &self.input_counters[position]),
+        ] {
+            if let Some(what) = counters.complaint(index) {
+                findings.push((None, what));
+                // The inputs' object mirrors the outputs'.
+                break;
+            }
+        }
+        let long_enough = self.world.main().statistics().cycles >= SWITCH_ON_CYCLES;
+        match self.world.control().axes().get(position) {
+            Some(Axis::Drive(Drive { enabled_cycles: 0, .. })) if long_enough => {
+                findings.push((None, "drive never reached operation enabled".into()));
+            }
+            _ => {}
+        }
+        findings
+    }
+
+    fn judge_sync0(
+        &self,
+        position: usize,
+        judge: &Sync0Error,
+    ) -> Option<(Option<Time<True>>, String)> {
+        let devices = self.world.segment().devices();
+        let reference = self.world.main().segment().reference.map(|at| devices[at].oscillator());
+        if let Some((at, error)) = judge.first_beyond() {
+            let (error, limit) = (us(error.0), us(judge.limit().0));
+            let worst = us(judge.statistics().worst() as i64);
+            let what = format!("SYNC0 {error} off the grid, limit {limit}, later up to {worst}");
+            return Some((Some(at), what));
+        }
+        if judge.statistics().count() == 0 {
+            return Some((None, "no SYNC0 pulse at all".into()));
+        }
+        let steered = reference.is_some_and(|clock| clock != devices[position].oscillator());
+        let too_good = steered && !judge.is_plausible();
+        too_good.then(|| (None, "SYNC0 without any spread: too good to be measured".into()))
+    }
 }
 
+fn us(ps: i64) -> String {
+    format!("{:.3} us", ps as f64 / 1e6)
+}
+
+/// Cycles in which a drive must have switched on.
+const SWITCH_ON_CYCLES: u64 = 100;
+
 impl Counters {
+    /// What the SubDevice itself says went wrong, and its missed events do not tell already.
+    fn complaint(&self, index: u16) -> Option<String> {
+        let counted = |value: Option<u32>| value.filter(|count| *count > 0);
+        if let Some(count) = counted(self.cycle_time_too_small) {
+            return Some(format!("cycle time too small: 0x{index:04X}:0C = {count}"));
+        }
+        if let Some(count) = counted(self.shift_time_too_short) {
+            return Some(format!("shift time too short: 0x{index:04X}:0D = {count}"));
+        }
+        counted(self.sync_error).map(|_| format!("sync error: 0x{index:04X}:20 is set"))
+    }
+
     fn field(&mut self, sub: u8) -> &mut Option<u32> {
         match sub {
             sub::SM_EVENT_MISSED => &mut self.sm_event_missed,
@@ -344,10 +389,6 @@ impl Counters {
             _ => &mut self.sync_error,
         }
     }
-}
-
-fn left_op(state: AlState, code: AlStatusCode) -> String {
-    format!("left OP for {state}, AL status code {code}")
 }
 
 impl fmt::Display for Finding {

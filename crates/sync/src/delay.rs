@@ -20,6 +20,9 @@ pub struct Node {
     pub open: [bool; 4],
     /// Receive times of the ports, ns of its own counter, wrapping; `None` without distributed clocks.
     pub receive_times: Option<[u32; 4]>,
+    /// Processing delay less forwarding delay of its ESC (tDiff): frames on their way out take the one,
+    /// on their way back the other. Zero if it is not known.
+    pub forwarding_difference: Nanos,
 }
 
 impl Node {
@@ -77,11 +80,14 @@ fn delay_of(nodes: &[Node], delays: &[Option<Nanos>], i: usize) -> Option<Nanos>
     let above = &nodes[parent];
     let departure = above.departure_at(port)?;
     let round_trip = above.return_at(port)? - departure;
-    let one_way = round_trip - nodes[i].loop_time()?;
-    if one_way < 0 {
+    let both_ways = round_trip - nodes[i].loop_time()?;
+    if both_ways < 0 {
         return None;
     }
-    Some(delays[parent]? + Nanos(departure + one_way / 2))
+    // A leaf turns frames round behind its processing unit, so they take the same both ways.
+    let is_leaf = nodes[i].open_ports() < 2;
+    let difference = if is_leaf { 0 } else { nodes[i].forwarding_difference.0 };
+    Some(delays[parent]? + Nanos(departure + (both_ways + difference) / 2))
 }
 
 /// The next SubDevice upstream that has receive times, and its port towards node `i`.
@@ -103,7 +109,8 @@ mod tests {
 
     fn node(parent: Option<(usize, PortNumber)>, ports: &[usize], times: Option<[u32; 4]>) -> Node {
         let open = core::array::from_fn(|port| ports.contains(&port));
-        Node { parent, entry: P0, open, receive_times: times }
+        let forwarding_difference = Nanos::ZERO;
+        Node { parent, entry: P0, open, receive_times: times, forwarding_difference }
     }
 
     fn delays<const N: usize>(nodes: [Node; N]) -> [Option<i64>; N] {
@@ -133,6 +140,21 @@ mod tests {
 
     /// A fork: behind port 3 a leaf (round trip 1000), behind port 1 a leaf (round trip 600). The
     /// second is reached only after the whole first branch.
+    /// Out through 155 ns of processing, back through 135 ns of forwarding, 100 ns of cable: known, the
+    /// difference gives the true delays.
+    #[test]
+    fn the_difference_of_the_directions_counts_unless_the_child_is_a_leaf() {
+        let mut nodes = [
+            // Through the middle one and back: its own loop of 510 ns, its forwarding, two cables.
+            node(None, &[0, 1], Some([0, 155 + 100 + 510 + 135 + 100, 0, 0])),
+            node(Some((0, P1)), &[0, 1], Some([0, 155 + 100 + 155 + 100, 0, 0])),
+            node(Some((1, P1)), &[0], Some([0; 4])),
+        ];
+        assert_eq!(delays(nodes), [Some(0), Some(245), Some(245 + 255)]);
+        nodes[1].forwarding_difference = Nanos(20);
+        assert_eq!(delays(nodes), [Some(0), Some(255), Some(255 + 255)]);
+    }
+
     #[test]
     fn later_branches_wait_for_earlier_ones() {
         let nodes = [
@@ -178,6 +200,7 @@ mod tests {
             entry: P1,
             open: [true, true, false, false],
             receive_times: Some([1500, 500, 0, 0]),
+            forwarding_difference: Nanos::ZERO,
         };
         let leaf = node(Some((1, P0)), &[0], Some([0; 4]));
         assert_eq!(delays([first, swapped, leaf]), [Some(0), Some(1000), Some(1500)]);

@@ -1,7 +1,7 @@
 //! `isocat run`.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -60,9 +60,12 @@ pub fn run(arguments: &Arguments) -> u8 {
         None => SegmentFile::built_in(),
         Some(path) => match SegmentFile::read(path) {
             Ok(file) => file,
-            Err(error) => return fail(&error.to_string()),
+            Err(error) => return fail(&(error.to_string() + &verb_hint(path))),
         },
     };
+    if let Some(message) = arguments.overwrites() {
+        return fail(&message);
+    }
     let mut scenario = Scenario::from(file);
     scenario.duration = arguments.duration.unwrap_or(scenario.duration);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
@@ -87,12 +90,18 @@ pub fn run(arguments: &Arguments) -> u8 {
     bar.finish_and_clear();
     let report = Report::new(&scenario, &outcome);
     let refused = outcome.failure.as_ref().is_some_and(|e| e.cause.fault() == Fault::Configuration);
-    let code = finish(arguments, &report, outcome, refused);
+    let code = finish(arguments, &scenario, &report, outcome, refused);
     if code != IN_SYNC || report.in_sync { code } else { NOT_IN_SYNC }
 }
 
 /// Writes everything that was asked for.
-fn finish(arguments: &Arguments, report: &Report, outcome: Outcome<Capture>, refused: bool) -> u8 {
+fn finish(
+    arguments: &Arguments,
+    scenario: &Scenario,
+    report: &Report,
+    outcome: Outcome<Capture>,
+    refused: bool,
+) -> u8 {
     if let Some(Err(error)) = outcome.world.into_tap().map(Capture::finish) {
         return fail(&unwritable("capture", arguments.capture.as_ref(), &error));
     }
@@ -110,10 +119,53 @@ fn finish(arguments: &Arguments, report: &Report, outcome: Outcome<Capture>, ref
         }
     }
     if refused && !arguments.json {
-        return fail(&report.findings.first().map_or(String::new(), |f| f.sentence()));
+        return fail(&refusal(scenario, report));
     }
     let code = print(&if arguments.json { json() } else { report.text() });
     if refused { super::BAD_INPUT } else { code }
+}
+
+/// What the MainDevice refuses, with the place of the device in the segment file.
+fn refusal(scenario: &Scenario, report: &Report) -> String {
+    let Some(finding) = report.findings.first() else { return report.verdict.clone() };
+    let line = finding.position.and_then(|position| scenario.devices.get(position)).map(|d| d.line);
+    let place = match line {
+        Some(line) => format!("{}:{line}", scenario.source),
+        None => scenario.source.clone(),
+    };
+    format!("{place}: {}", finding.sentence())
+}
+
+/// Who misspells a verb gets it taken for a file.
+fn verb_hint(path: &str) -> String {
+    use clap::CommandFactory;
+    let command = super::CommandLine::command();
+    let verbs: Vec<_> = command.get_subcommands().map(|verb| verb.get_name()).collect();
+    if path.contains(['.', '/']) {
+        return String::new();
+    }
+    format!("\nif a verb was meant: {}", verbs.join(", "))
+}
+
+impl Arguments {
+    /// Files that would be lost: the segment itself, or one result under the other.
+    fn overwrites(&self) -> Option<String> {
+        let same = |one: &Path, other: &Path| {
+            one == other
+                || matches!((one.canonicalize(), other.canonicalize()), (Ok(a), Ok(b)) if a == b)
+        };
+        let segment = self.segment.as_deref().map(Path::new);
+        let (report, capture) = (self.report.as_deref(), self.capture.as_deref());
+        let pairs = [
+            ("--report", report, "the segment file", segment),
+            ("--capture", capture, "the segment file", segment),
+            ("--capture", capture, "--report", report),
+        ];
+        pairs.into_iter().find_map(|(flag, path, what, other)| {
+            let (path, other) = (path?, other?);
+            same(path, other).then(|| format!("{flag} {} would overwrite {what}", path.display()))
+        })
+    }
 }
 
 fn unwritable(what: &str, path: Option<&PathBuf>, error: &std::io::Error) -> String {

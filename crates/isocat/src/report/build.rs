@@ -5,7 +5,7 @@ use isocat_sim::bench::DeviceBench;
 use isocat_sim::motion::{Axis, Drive};
 use isocat_sim::{Outcome, Statistics, Tap, run};
 use isocat_sync::SyncMode;
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Nanos, Picos};
 
 use super::*;
 use crate::scenario::Scenario;
@@ -42,6 +42,11 @@ fn verdict<T: Tap>(
     if outcome.in_sync() {
         let free = devices.iter().filter(|d| d.mode == SyncMode::FreeRun.name()).count();
         let synchronized = devices.len() - free;
+        if synchronized == 0 {
+            return format!(
+                "In operation: all {free} SubDevices in Free Run, nothing to synchronize."
+            );
+        }
         let mut text = format!("In sync: {synchronized} of {} SubDevices", devices.len());
         if free > 0 {
             text += &format!(", {free} in Free Run as announced or asked for");
@@ -109,12 +114,18 @@ fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
     let bench = &outcome.bench;
     Segment {
         true_time: SegmentTrueTime {
-            time_to_synchronization_ns: outcome.began.map(|at| at.as_nanos() as i64),
+            time_to_synchronization_ns: time_to_synchronization(outcome),
             host_phase_error: bench.host_phase().and_then(|judge| spread(judge.statistics())),
-            outputs_valid_spread: spread(bench.outputs_valid().spread()),
+            outputs_valid_spread: span(bench.outputs_valid().spread())
+                .filter(|_| bench.devices().iter().filter(|d| d.sync0.is_some()).count() > 1),
         },
         main_device: SegmentMainDevice {
-            bring_up_frames: counts.bring_up_frames,
+            reference: main.segment().reference,
+            // A way up that failed has no other frames.
+            bring_up_frames: match counts.bring_up_frames {
+                0 => counts.frames_sent,
+                frames => frames,
+            },
             drift_frames: counts.drift_burst,
             frames_sent: counts.frames_sent,
             frames_lost: counts.frames_lost,
@@ -170,12 +181,13 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
 
 fn true_time(bench: &DeviceBench, mode: SyncMode) -> DeviceTrueTime {
     let with_sync0 = |statistics: &Statistics| {
-        if mode.uses_dc() { spread(statistics) } else { None }
+        if mode.uses_dc() { span(statistics) } else { None }
     };
     DeviceTrueTime {
         sync0_error: bench.sync0.as_ref().and_then(|judge| spread(judge.statistics())),
         sm2_to_sync0: with_sync0(bench.margin.distance()),
         sync0_margin: with_sync0(bench.margin.margin()),
+        outputs_delay: with_sync0(bench.outputs_delay.delay()),
         missed_events: bench.missed.count(),
         highest_missed_counter: bench.missed.highest(),
         state: bench.states.last().map_or("INIT", |change| change.state.name()).to_owned(),
@@ -233,7 +245,33 @@ fn plan_line(line: isocat_sync::budget::Line) -> PlanLine {
     }
 }
 
+/// Since when everybody was in OP and on the grid, if from then on.
+fn time_to_synchronization<T>(outcome: &Outcome<T>) -> Option<i64> {
+    let began = outcome.began?;
+    let off_from_the_start = |device: &DeviceBench| {
+        let edge = device.sync0.as_ref().and_then(|judge| judge.first_beyond());
+        edge.is_some_and(|(at, _)| at - began < FIRST_EDGES)
+    };
+    let off = outcome.bench.devices().iter().any(off_from_the_start);
+    (!off).then(|| began.as_nanos() as i64)
+}
+
+/// Time in which the first SYNC0 edges come after OP: two of the longest cycles.
+const FIRST_EDGES: Picos = Picos(2_000_000_000_000);
+
 /// A series of ps as ns; none if it is empty.
+fn span(statistics: &Statistics) -> Option<Span> {
+    let ns = |ps: f64| ps.round() / 1000.0;
+    (statistics.count() > 0).then(|| Span {
+        count: statistics.count(),
+        mean_ns: ns(statistics.mean()),
+        standard_deviation_ns: ns(statistics.standard_deviation()),
+        min_ns: ns(statistics.least() as f64),
+        max_ns: ns(statistics.largest() as f64),
+    })
+}
+
+/// A series of errors in ps as ns; none if it is empty.
 fn spread(statistics: &Statistics) -> Option<Spread> {
     let ns = |ps: f64| ps.round() / 1000.0;
     (statistics.count() > 0).then(|| Spread {

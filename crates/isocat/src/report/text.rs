@@ -3,12 +3,17 @@
 use std::fmt::{self, Write};
 
 use anstyle::{AnsiColor, Style};
+use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
-use super::{Counters, Device, Report, Spread};
+use super::{Counters, Device, Report, Span, Spread};
 
 /// Columns of the text.
-const WIDTH: usize = 100;
+pub(crate) const WIDTH: usize = 100;
+
+/// Findings and SubDevices that a reader wants to see before the rest.
+const MOST_FINDINGS: usize = 12;
+const MOST_DEVICES: usize = 40;
 
 /// Heads of the columns with the counters.
 const SOURCE: &str = "0x1C32 [r]";
@@ -42,13 +47,19 @@ impl Report {
         )?;
         if self.findings.len() > 1 {
             writeln!(out)?;
-            for finding in &self.findings {
+            for finding in self.findings.iter().take(MOST_FINDINGS) {
                 for (i, line) in wrap(&finding.sentence(), WIDTH - 4).iter().enumerate() {
                     writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
                 }
             }
         }
-        self.write_devices(out)?;
+        if self.findings.len() > MOST_FINDINGS {
+            let more = self.findings.len() - MOST_FINDINGS;
+            writeln!(out, "  - and {more} more; --json lists them all")?;
+        }
+        if self.segment.plan.is_some() {
+            self.write_devices(out)?;
+        }
         self.write_segment(out)?;
         self.write_budget(out)?;
         self.write_notes(out)
@@ -61,7 +72,7 @@ impl Report {
             " {:<2} {:<19} {:<8} {:>7}  {:<10} {:>6} {:>6} {:>6} {:>12}  {}",
             "#", "device", "mode", "cycle", "state [r]", "mean", "sd", "worst", "worst", SUBS
         )?;
-        for device in &self.devices {
+        for device in self.devices.iter().take(MOST_DEVICES) {
             let sync0 = device.true_time.sync0_error;
             let figure = |pick: fn(&Spread) -> f64| sync0.as_ref().map(pick);
             let margin = device.true_time.sync0_margin.map(|margin| margin.min_ns);
@@ -79,6 +90,10 @@ impl Report {
                 margin.map_or("-".into(), micros),
                 counters(device),
             )?;
+        }
+        if self.devices.len() > MOST_DEVICES {
+            let more = self.devices.len() - MOST_DEVICES;
+            writeln!(out, " …  and {more} more; --json lists them all")?;
         }
         Ok(())
     }
@@ -109,10 +124,10 @@ impl Report {
             line("outputs valid, first to last device", range(&spread), "t")?;
         }
         if let Some(spread) = seen.host_phase_error {
-            line("host phase error", range(&spread), "t")?;
+            line("frames against their phase", range(&spread.span()), "t")?;
         }
         if let Some(spread) = counted.host_phase_error {
-            line("host phase error", range(&spread), "m")?;
+            line("frames against their phase", range(&spread.span()), "m")?;
         }
         if let Some(ppb) = counted.reference_rate_ppb {
             let ppm = format!("{:+.2} ppm", ppb as f64 / 1000.0);
@@ -126,6 +141,7 @@ impl Report {
         let tightest = self
             .devices
             .iter()
+            .filter(|device| device.mode != SyncMode::FreeRun.name())
             .flat_map(|device| device.plan.iter().map(move |line| (device, line)))
             .min_by_key(|(_, line)| line.slack_ns);
         if let Some(phase) = plan.sync0_phase_ns {
@@ -143,7 +159,13 @@ impl Report {
 
     fn write_notes(&self, out: &mut String) -> fmt::Result {
         let mut notes = Vec::new();
-        for device in &self.devices {
+        if let Some(reference) = self.segment.main_device.reference {
+            notes.push(format!(
+                "SubDevice {reference} is the reference clock: its own SYNC0 edges do not spread, they lie \
+                 where its 10 ns ticks do"
+            ));
+        }
+        for device in self.devices.iter().take(MOST_DEVICES) {
             if !device.mode_reason.is_empty() {
                 notes.push(format!("SubDevice {}: {}", device.position, device.mode_reason));
             }
@@ -166,7 +188,8 @@ impl Report {
         }
         writeln!(
             out,
-            "\n {QUIET}[t] measured in true time  [r] read from the device  [m] MainDevice's clock and counts  [p] plan{QUIET:#}"
+            "\n {QUIET}0x1C32: 0B SM event missed, 0C cycle time too small, 0D shift time too short, 20 sync error\n \
+             [t] measured in true time  [r] read from the device  [m] MainDevice's clock and counts  [p] plan{QUIET:#}"
         )
     }
 }
@@ -204,14 +227,14 @@ fn micros_or_ms(ns: i64) -> String {
     format!("{:.1} ms", ns as f64 / 1e6)
 }
 
-fn range(spread: &Spread) -> String {
+fn range(span: &Span) -> String {
     let us = |ns: f64| format!("{:.3}", ns / 1000.0);
     format!(
         "mean {} us, {} to {} us, sd {} us",
-        us(spread.mean_ns),
-        us(spread.min_ns),
-        us(spread.max_ns),
-        us(spread.standard_deviation_ns)
+        us(span.mean_ns),
+        us(span.min_ns),
+        us(span.max_ns),
+        us(span.standard_deviation_ns)
     )
 }
 
@@ -223,7 +246,7 @@ fn cut(text: &str, columns: usize) -> String {
 }
 
 /// Breaks at spaces; a word longer than the width stays whole.
-fn wrap(text: &str, width: usize) -> Vec<String> {
+pub(crate) fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
         match lines.last_mut() {

@@ -61,7 +61,7 @@ fn defaults() {
     let device = &segment.subdevices[0];
     assert_eq!((device.mode, device.shift), (None, None));
     assert_eq!((device.cable, device.clock), (Length::metres(10), Ppb(0)));
-    assert_eq!(device.name, "beckhoff_el2502-0010 1");
+    assert_eq!(device.name, "beckhoff_el2502-0010 0");
     let short = SegmentFile::parse("s.toml", &text.replace("250us", "100us")).unwrap();
     assert_eq!(short.host.jitter, Nanos::micros(10));
 }
@@ -363,8 +363,8 @@ fn names_are_not_given_twice() {
         "7:8 the name \"x\" is already taken in line 2; expected another"
     );
     assert_eq!(
-        refused(&two("name = \"kollmorgen_akd2g 2\"", "")).0,
-        "5:1 the name \"kollmorgen_akd2g 2\" is already taken in line 2; expected another"
+        refused(&two("name = \"kollmorgen_akd2g 1\"", "")).0,
+        "5:1 the name \"kollmorgen_akd2g 1\" is already taken in line 2; expected another"
     );
     SegmentFile::parse("s.toml", &two("", "")).unwrap();
 }

@@ -5,12 +5,14 @@
 
 pub mod host_phase;
 pub mod missed_events;
+pub mod outputs_delay;
 pub mod outputs_valid;
 pub mod sync0_error;
 pub mod sync_margin;
 
 pub use host_phase::HostPhase;
 pub use missed_events::MissedEvents;
+pub use outputs_delay::OutputsDelay;
 pub use outputs_valid::OutputsValid;
 pub use sync_margin::SyncMargin;
 pub use sync0_error::Sync0Error;

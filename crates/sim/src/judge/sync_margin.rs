@@ -10,6 +10,8 @@ use crate::statistics::Statistics;
 pub struct SyncMargin {
     sm2: Option<Time<Device>>,
     ready: Option<Time<Device>>,
+    /// A SYNC0 that found copying under way.
+    overtaken: Option<Time<Device>>,
     distance: Statistics,
     margin: Statistics,
     unready: u64,
@@ -23,17 +25,24 @@ impl SyncMargin {
 
     /// Outputs are copied and calculated.
     pub fn ready(&mut self, at: Time<Device>) {
-        self.ready = Some(at);
+        match self.overtaken.take() {
+            Some(sync0) => self.margin.push((sync0 - at).0 * 1000),
+            None => self.ready = Some(at),
+        }
     }
 
     /// SYNC0 acts.
     pub fn sync0(&mut self, at: Time<Device>) {
-        if let Some(sm2) = self.sm2.take() {
+        let sm2 = self.sm2.take();
+        if let Some(sm2) = sm2 {
             self.distance.push((at - sm2).0 * 1000);
         }
         match self.ready.take() {
             Some(ready) => self.margin.push((at - ready).0 * 1000),
-            None => self.unready += 1,
+            None => {
+                self.unready += 1;
+                self.overtaken = sm2.map(|_| at);
+            }
         }
     }
 
@@ -41,7 +50,8 @@ impl SyncMargin {
     pub fn distance(&self) -> &Statistics {
         &self.distance
     }
-    /// From the end of calc and copy to SYNC0: the slack that was left, never negative.
+    /// From the end of calc and copy to SYNC0: the slack that was left; negative where SYNC0 came first.
+    /// A SYNC0 without any SM2 event is in [`SyncMargin::unready`] only.
     pub fn margin(&self) -> &Statistics {
         &self.margin
     }
@@ -56,7 +66,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sync0_without_ready_outputs_is_counted_not_measured() {
+    fn a_sync0_that_overtakes_the_copying_has_a_negative_margin() {
+        let mut judge = SyncMargin::default();
+        judge.sm2(Time::new(100));
+        judge.sync0(Time::new(160));
+        judge.ready(Time::new(161));
+        assert_eq!((judge.margin().count(), judge.margin().least()), (1, -1_000));
+        judge.sync0(Time::new(1160));
+        assert_eq!((judge.margin().count(), judge.unready()), (1, 2));
+    }
+
+    #[test]
+    fn a_sync0_without_ready_outputs_is_counted() {
         let mut judge = SyncMargin::default();
         judge.sm2(Time::new(100));
         judge.ready(Time::new(160));

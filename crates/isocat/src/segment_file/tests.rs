@@ -250,7 +250,7 @@ fn quantities_need_units_and_sense() {
         ("host = 3", "1:8 host: expected a table, found the number 3"),
         (
             "host.jitter = \"1ms\"",
-            "1:15 jitter = \"1ms\" is out of range; expected 0 ns to 999.999 \
+            "1:15 jitter = \"1ms\" is out of range; expected 0 ns to 499.999 \
                                    us",
         ),
         (

@@ -17,7 +17,10 @@ pub(crate) struct Units {
     pub system_time: bool,
     /// The SYNC unit.
     pub sync: bool,
-    latch: bool,
+    /// The latch unit.
+    pub latch: bool,
+    /// Register 0x0936.
+    latch_mode: bool,
     enhanced: bool,
     wide: bool,
 }
@@ -38,6 +41,7 @@ impl Units {
             system_time: sync || latch,
             sync,
             latch,
+            latch_mode: (sync || latch) && chip.receive_time_latch_mode,
             enhanced: chip.has(features::ENHANCED_SYNC_ACTIVATION),
             wide: chip.counts_64_bit(),
         }
@@ -61,6 +65,7 @@ impl Units {
             Unit::WideSync => (self.sync && self.wide, run.end),
             Unit::EnhancedSync => (self.sync && self.enhanced, run.end),
             Unit::Latch => (self.latch, run.end),
+            Unit::LatchMode => (self.latch_mode, run.end),
         };
         if present { (end, Some(run.gate)) } else { (run.end, None) }
     }
@@ -87,6 +92,7 @@ enum Unit {
     WideSync,
     EnhancedSync,
     Latch,
+    LatchMode,
 }
 
 /// What a write depends on.
@@ -117,7 +123,7 @@ const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
 }
 
 /// What both sides can read.
-pub(crate) static READABLE: [Run; 36] = [
+pub(crate) static READABLE: [Run; 37] = [
     run(0x0000, 0x0014, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
     run(0x0030, 0x0032, Unit::Always, Gate::Open),
@@ -143,6 +149,7 @@ pub(crate) static READABLE: [Run; 36] = [
     run(0x0800, 0x0880, Unit::Sm, Gate::Open),
     run(0x0900, 0x0910, Unit::ReceiveTimes, Gate::Open),
     run(0x0910, 0x0936, Unit::SystemTime, Gate::Open),
+    run(0x0936, 0x0937, Unit::LatchMode, Gate::Open),
     run(0x0980, 0x0981, Unit::SystemTime, Gate::Open),
     run(0x0981, 0x0984, Unit::Sync, Gate::Open),
     run(0x0984, 0x0985, Unit::EnhancedSync, Gate::Open),
@@ -157,7 +164,7 @@ pub(crate) static READABLE: [Run; 36] = [
 ];
 
 /// What ECAT can write.
-pub(crate) static ECAT_WRITABLE: [Run; 35] = [
+pub(crate) static ECAT_WRITABLE: [Run; 36] = [
     run(0x0010, 0x0012, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
     run(0x0030, 0x0032, Unit::Always, Gate::Open),
@@ -184,6 +191,7 @@ pub(crate) static ECAT_WRITABLE: [Run; 35] = [
     run(0x0928, 0x092C, Unit::SystemTime, Gate::Open),
     run(0x0930, 0x0932, Unit::SystemTime, Gate::Open),
     run(0x0934, 0x0936, Unit::SystemTime, Gate::Open),
+    run(0x0936, 0x0937, Unit::LatchMode, Gate::Open),
     run(0x0980, 0x0981, Unit::SystemTime, Gate::Open),
     run(0x0981, 0x0982, Unit::Sync, Gate::SyncOwner),
     run(0x0990, 0x0994, Unit::Sync, Gate::SyncStart),

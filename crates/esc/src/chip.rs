@@ -26,6 +26,8 @@ pub struct Chip {
     pub features: u16,
     /// Which DC units exist beside the receive times.
     pub dc_units: DcUnits,
+    /// Register 0x0936 exists: receive times of ports 1-3 can be latched for frames that enter there.
+    pub receive_time_latch_mode: bool,
     /// Reset value of DL control, register 0x0100.
     pub dl_control: u32,
     /// Bytes that one EEPROM read gives, 4 or 8.
@@ -134,6 +136,7 @@ pub static ET1200: Chip = Chip {
     port_descriptor: 0x4A,
     features: 0x01FC,
     dc_units: DcUnits::ByEeprom,
+    receive_time_latch_mode: true,
     dl_control: 0x00C7_F001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0x0010,
@@ -212,6 +215,7 @@ const COMMON: Chip = Chip {
     port_descriptor: 0,
     features: 0,
     dc_units: DcUnits::ByEeprom,
+    receive_time_latch_mode: false,
     dl_control: 0x0007_C001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0,

@@ -9,6 +9,8 @@ use crate::access::Units;
 use crate::al::Al;
 use crate::chip::Chip;
 use crate::dc::DcUnit;
+use crate::dc::drift_loop::DriftModel;
+use crate::dc::latch::LatchInput;
 use crate::dc::sync::Output;
 use crate::dl::{self, Ports};
 use crate::eeprom::{self, Eeprom};
@@ -24,6 +26,7 @@ use crate::watchdog::Watchdog;
 ///
 /// - ECAT side: [`process`](Self::process), [`receive_at_port`](Self::receive_at_port),
 ///   [`set_port`](Self::set_port), [`count_error`](Self::count_error);
+/// - pins: [`set_latch_input`](Self::set_latch_input), [`sync_signals`](Self::sync_signals);
 /// - own events: [`next_event`](Self::next_event), [`step`](Self::step);
 /// - PDI side: [`pdi`](Self::pdi);
 /// - looking in from outside, without any side effect: [`register`](Self::register),
@@ -50,7 +53,6 @@ pub struct Esc<M> {
     /// Progress of the reset sequence from ECAT and from the PDI.
     pub(crate) reset_progress: [u8; 2],
     pub(crate) pdi_watchdog: Watchdog,
-    pub(crate) pdi_system_time: u64,
     pub(crate) ports: Ports,
     pub(crate) watchdog: Watchdog,
     /// DL status changed and ECAT has not read it since.
@@ -67,6 +69,8 @@ pub(crate) struct Flight {
     pub end: Time<Device>,
     /// ECAT events that it acknowledged by reading.
     pub acknowledged: u16,
+    /// Latch times that it read, see `dc::latch::times`.
+    pub latch_times: u8,
     /// It wrote a write enable register: 0x0020, 0x0030.
     pub enabled: [bool; 2],
     /// PDI control bytes that the PDI wrote meanwhile, and for which SyncManagers.
@@ -80,6 +84,7 @@ impl Flight {
         start: Time::ZERO,
         end: Time::NEVER,
         acknowledged: 0,
+        latch_times: 0,
         enabled: [false; 2],
         pdi_control: [0; 16],
         pdi_control_written: 0,
@@ -100,6 +105,11 @@ pub enum EscEvent {
     Sync0,
     /// SYNC1 became active.
     Sync1,
+    /// The latch unit stored the time of an edge.
+    Latched {
+        /// It newly set bit 1 of the AL event request (0x0220), whatever its mask.
+        al_event: bool,
+    },
     /// The process data watchdog expired.
     WatchdogExpired,
     /// The PDI watchdog expired.
@@ -143,7 +153,6 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             flight: Flight::NONE,
             reset_progress: [0; 2],
             pdi_watchdog: Watchdog::new(register::WATCHDOG_TIME_PDI),
-            pdi_system_time: 0,
             ports: Ports::new(),
             watchdog: Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA),
             dl_changed: false,
@@ -155,7 +164,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// The same ESC with its local time at `local` at device time zero.
     pub fn with_local_time(mut self, local: Time<Local>) -> Self {
-        self.dc = DcUnit::new(self.chip, local.count(), Time::ZERO);
+        self.dc.restart(self.chip, local.count(), Time::ZERO);
+        self
+    }
+
+    /// The same ESC with another model of how a received system time becomes a speed.
+    pub fn with_drift_model(mut self, model: &'static dyn DriftModel) -> Self {
+        self.dc.set_model(model);
         self
     }
 
@@ -187,7 +202,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.reset_progress = [0; 2];
         self.watchdog = Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA);
         self.pdi_watchdog = Watchdog::new(register::WATCHDOG_TIME_PDI);
-        self.dc = DcUnit::new(chip, local, now);
+        self.dc.restart(chip, local, now);
         self.dc.reset_registers(registers);
         self.eeprom = Eeprom::new(chip, self.image.as_ref().len());
         self.load_configuration();
@@ -216,8 +231,21 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// A frame that wrote 0x0900 (see [`Processed::latch_ports`](crate::Processed)) arrived, with its
     /// first preamble bit, at this port: on its way in, or coming back from the branch behind the port.
+    ///
+    /// On an ESC in reverse mode (0x0936) ports 1-3 show what arrived there before the frame reached the
+    /// EPU; arrivals of earlier frames may then be reported too, and are kept for the next such frame.
     pub fn receive_at_port(&mut self, port: PortNumber, at: Time<Device>) {
         self.dc.receive_at_port(port, at, &mut self.registers);
+    }
+
+    /// The pin of a latch input has this level from `at` on; pins are low at first. The unit samples it
+    /// at the first tick at or after `at`: see [`EscEvent::Latched`]. An ESC without latch unit ignores
+    /// it.
+    pub fn set_latch_input(&mut self, input: LatchInput, level: bool, at: Time<Device>) {
+        if self.units.latch {
+            self.settle(at);
+            self.dc.set_latch_input(input, level, at, &self.registers);
+        }
     }
 
     /// A cable was plugged or unplugged. A port that the chip has not is ignored.
@@ -274,6 +302,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.al.events()
             | self.sync_managers.al_events()
             | self.dc.sync.al_events(now, &self.registers)
+            | self.dc.latch.al_events(&self.registers)
     }
 
     /// A register's value in force, without the side effects of a read. Times that run (0x0910,
@@ -318,6 +347,11 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.dc.first_reaching(system, from)
     }
 
+    /// Whether the signals SYNC0 and SYNC1 are active at `now`.
+    pub fn sync_signals(&self, now: Time<Device>) -> [bool; 2] {
+        self.dc.sync.levels(now)
+    }
+
     /// Whether the SYNC unit is active (0x0981 bit 0).
     pub fn sync_active(&self) -> bool {
         self.dc.sync.is_active()
@@ -334,7 +368,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// The ECAT event request (0x0210).
     pub(crate) fn ecat_events(&self) -> u16 {
-        u16::from(self.dl_changed) << 2 | self.al.ecat_events() | self.sync_managers.ecat_events()
+        u16::from(self.dl_changed) << 2
+            | self.al.ecat_events()
+            | self.sync_managers.ecat_events()
+            | self.dc.latch.ecat_events(&self.registers)
     }
 
     /// Starts a reset sequence or goes on with it; `side` 0 is ECAT, 1 the PDI.
@@ -360,6 +397,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let mut earliest = (self.flight.end, Due::FrameEnd);
         for other in [
             (self.dc.sync.due(), Due::Sync),
+            (self.dc.latch.due(), Due::Latch),
             (self.watchdog.due(), Due::Watchdog),
             (self.pdi_watchdog.due(), Due::PdiWatchdog),
             (self.eeprom.due(), Due::Eeprom),
@@ -379,6 +417,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 Output::Sync0 => EscEvent::Sync0,
                 Output::Sync1 => EscEvent::Sync1,
             }),
+            Due::Latch => {
+                let before = self.dc.latch.al_events(&self.registers);
+                let stored = self.dc.sample_latches(&self.registers);
+                let al_event = self.dc.latch.al_events(&self.registers) != before;
+                stored.then_some(EscEvent::Latched { al_event })
+            }
             Due::Watchdog => {
                 self.watchdog.expire();
                 self.al.set_watchdog_event(true);
@@ -437,6 +481,8 @@ enum Due {
     FrameEnd,
     /// When a SYNC pulse is due.
     Sync,
+    /// When a latch input is sampled with a new level.
+    Latch,
     /// When the process data watchdog expires.
     Watchdog,
     /// When the PDI watchdog expires.

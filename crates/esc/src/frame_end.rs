@@ -7,7 +7,7 @@ use isocat_wire::register;
 use isocat_wire::time::Device;
 
 use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, EscEvent, Flight};
-use crate::sync_manager::SM_LEN;
+use crate::sync_manager::{SM_LEN, Side};
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// The frame in flight was good and is over: buffers change hands, registers come into force.
@@ -19,6 +19,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             self.trigger_watchdog(now);
         }
         self.acknowledge_ecat(flight.acknowledged);
+        self.dc.latch.acknowledge(Side::Ecat, flight.latch_times, &self.registers);
         for number in 0..16 {
             if flight.pdi_control_written & 1 << number != 0 {
                 let value = flight.pdi_control[number];

@@ -6,7 +6,7 @@
 //! (`memory`) until the frame has ended well; then (`frame_end`) the units take it over: AL (`al`), data link (`dl`),
 //! EEPROM, watchdogs, DC.
 //!
-//! Between frames the ESC lives by its own events: the end of a frame, SYNC0 and SYNC1, watchdogs,
+//! Between frames the ESC lives by its own events: the end of a frame, SYNC0 and SYNC1, latch inputs, watchdogs,
 //! EEPROM. Nothing runs tick by tick. [`Esc::next_event`] says when something is due and [`Esc::step`]
 //! lets it happen. The local CPU's door is [`Pdi`]; [`Esc::pdi`] opens it.
 //!
@@ -50,6 +50,8 @@ mod tests;
 mod watchdog;
 
 pub use chip::{Chip, ET1100, ET1200, IP_CORE_32, LAN9252, XMC4800};
+pub use dc::drift_loop::{DRIFT_FRACTION, DriftInput, DriftModel, ProportionalIntegral};
+pub use dc::latch::LatchInput;
 pub use esc::{Esc, EscEvent, PortError};
 pub use pdi::{EscPdi, Pdi, PdiExt};
 pub use process::Processed;

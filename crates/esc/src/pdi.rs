@@ -8,6 +8,7 @@ use isocat_wire::register;
 use isocat_wire::time::Device;
 
 use crate::access::{Gate, PDI_WRITABLE, READABLE};
+use crate::dc::latch;
 use crate::dc::sync::Output;
 use crate::dl;
 use crate::eeprom::Eeprom;
@@ -99,15 +100,8 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         if overlaps(0x0440, 0x0442) {
             esc.show_watchdog();
         }
-        if overlaps(0x0910, 0x0918) && esc.units.system_time {
-            // The upper bytes belong to the moment in which the first one was read.
-            if range.start <= 0x0910 {
-                esc.pdi_system_time = esc.dc.narrow(esc.dc.system(now));
-            }
-            esc.registers.store(register::SYSTEM_TIME, esc.pdi_system_time);
-        }
-        if overlaps(0x0984, 0x09A0) && esc.units.sync {
-            esc.dc.show_sync(now, &mut esc.registers);
+        if overlaps(0x0910, 0x09D0) && esc.units.system_time {
+            esc.dc.show(Side::Pdi, range, now, &mut esc.registers);
         }
     }
 
@@ -128,6 +122,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 }
             }
         }
+        esc.dc.latch.acknowledge(Side::Pdi, latch::times(range), &esc.registers);
         if range.contains(&register::SYNC0_STATUS.address) {
             esc.dc.sync.acknowledge(Output::Sync0);
         }
@@ -170,7 +165,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
     fn write_registers(&mut self, address: u16, data: &[u8]) {
         let end = address + data.len() as u16;
         let mut at = address;
-        let (mut control, mut activated, mut started) = (None, false, false);
+        let (mut control, mut activated, mut started, mut latches) = (None, false, false, false);
         while at < end {
             let (stop, gate) = self.esc.units.run(&PDI_WRITABLE, at);
             let stop = stop.min(end);
@@ -184,6 +179,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                     0x0503 => control = Some(control.unwrap_or(0) | u16::from(value) << 8),
                     0x0981 => activated = true,
                     0x0990..0x0998 => started = true,
+                    0x09A8 | 0x09A9 => latches = true,
                     _ => {}
                 }
                 self.write_byte(byte, value);
@@ -194,6 +190,9 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         if let Some(control) = control {
             esc.eeprom.command(control, self.now, esc.chip);
             esc.eeprom.show(&mut esc.registers);
+        }
+        if latches {
+            esc.dc.latch.configure(&esc.registers);
         }
         if activated || started {
             esc.dc.activate(self.now, started, &mut esc.registers);

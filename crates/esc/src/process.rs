@@ -11,6 +11,7 @@ use isocat_wire::{Command, Time};
 
 use crate::access::{ECAT_WRITABLE, Gate, READABLE};
 use crate::dc::clock::ceil;
+use crate::dc::latch;
 use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc};
 use crate::fmmu::Target;
 use crate::sync_manager::{Direction, Side};
@@ -49,6 +50,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         self.flight.start = start;
         self.flight.acknowledged = 0;
+        self.flight.latch_times = 0;
         self.flight.enabled = [false; 2];
         let mut latch_ports = false;
         let payload = &mut frame[offset..];
@@ -92,10 +94,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             return Processed::default();
         }
         let events = self.flight.acknowledged & self.ecat_events();
-        if !self.shadow.is_empty() || self.sync_managers.is_closing() || events != 0 {
+        let latch_read = self.flight.latch_times != 0;
+        if !self.shadow.is_empty() || self.sync_managers.is_closing() || events != 0 || latch_read {
             self.flight.acknowledged = events;
             // What the end of a frame causes, it causes on a tick.
             self.flight.end = ceil(end);
+        }
+        if latch_ports {
+            self.dc.latch_ports(start, &mut self.registers);
         }
         Processed { latch_ports, destroyed: false }
     }
@@ -369,11 +375,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if overlaps(0x0440, 0x0442) {
             self.show_watchdog();
         }
-        if overlaps(0x0910, 0x0918) && self.units.system_time {
-            self.dc.show_to_ecat(start, &mut self.registers);
-        }
-        if overlaps(0x0984, 0x09A0) && self.units.sync {
-            self.dc.show_sync(start, &mut self.registers);
+        if overlaps(0x0910, 0x09D0) && self.units.system_time {
+            self.dc.show(Side::Ecat, &range, start, &mut self.registers);
+            self.flight.latch_times |= latch::times(&range);
         }
     }
 

@@ -1,17 +1,10 @@
 //! The drift loop: how a received system time becomes a speed.
 //!
-//! Published are the registers, the two filters and what a speed counter difference means for the
-//! speed (see `clock`). How a time difference becomes a speed counter difference is not published.
-//! This file is one model of it, to be replaced as a whole when better is known: a proportional and
-//! integral controller in which the mean of the applied difference is the integral part,
-//!
-//! ```text
-//! applied = clamp(mean - GAIN * filtered difference)
-//! mean   += (applied - mean) / 2^(speed counter filter depth)
-//! ```
-//!
-//! so that with the usual filter depth of 12 about 15000 received times are needed to settle, as
-//! MainDevices are advised to send, and so that the integral cannot wind up.
+//! Published are the registers, the two filters, the limits of the speed counter difference and what it
+//! means for the speed (see `clock`): all that is in [`DriftLoop`]. How a time difference becomes a
+//! speed counter difference is not published: that is one function, [`DriftModel::steer`], and can be
+//! replaced by [`Esc::with_drift_model`](crate::Esc::with_drift_model). The model in use unless told
+//! otherwise is [`ProportionalIntegral`].
 
 use isocat_wire::dc::SystemTimeDifference;
 use isocat_wire::time::Nanos;
@@ -27,23 +20,87 @@ pub(crate) const TIME_FILTER_DEPTH: u8 = 4;
 /// Reset value of register 0x0935.
 pub(crate) const SPEED_FILTER_DEPTH: u8 = 12;
 
+/// The unpublished part of the drift loop.
+pub trait DriftModel: Sync {
+    /// The speed counter difference wanted from now on, with [`DRIFT_FRACTION`] fraction bits; positive
+    /// makes the clock faster. Called once for each received system time. The loop clamps what it gives
+    /// to what register 0x0932 can hold.
+    fn steer(&self, input: &DriftInput) -> i64;
+}
+
+/// What a [`DriftModel`] knows when a system time was received.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct DriftInput {
+    /// Local copy less received time, ns: positive when the local copy is ahead.
+    pub difference: i32,
+    /// The same after the filter of register 0x0934, with [`DRIFT_FRACTION`] fraction bits.
+    pub filtered: i64,
+    /// Register 0x0930, within 0x0080..=0x3FFF.
+    pub start: u16,
+    /// The speed counter difference in force, with [`DRIFT_FRACTION`] fraction bits.
+    pub applied: i64,
+    /// Its mean after the filter of register 0x0935, with [`DRIFT_FRACTION`] fraction bits.
+    pub mean: i64,
+}
+
+/// Fraction bits of the drift loop's filters.
+pub const DRIFT_FRACTION: u32 = 20;
+
+/// A proportional and integral controller in which the mean of the applied difference is the integral
+/// part:
+///
+/// ```text
+/// applied = clamp(mean - gain * clamp(filtered difference))
+/// mean   += (applied - mean) / 2^(speed counter filter depth)        (the filter of register 0x0935)
+/// ```
+///
+/// With the usual filter depth of 12 about 15000 received times are needed to settle, as MainDevices
+/// are advised to send; the integral cannot wind up, since it follows what is applied.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct ProportionalIntegral {
+    /// Speed counter difference for each ns of time difference, from a speed counter start of 0x1000
+    /// on; below, where a unit is worth more, in proportion to the start. Larger locks faster and
+    /// follows the 10 ns grain of received times more.
+    pub gain: u16,
+    /// Largest time difference that steers, ns.
+    pub limit: u16,
+}
+
+impl ProportionalIntegral {
+    /// The model in use unless told otherwise. A gain of 4 corrects a difference with a time constant
+    /// of about 20 ms at the reset value of 0x0930, and is stable at one received time a millisecond
+    /// over the whole range of 0x0930 (a constant gain is not below about 0x0400). At 1000 ns the
+    /// gain asks for the whole range of 0x0932 at that reset value, so that more would make no
+    /// difference there.
+    pub const DEFAULT: Self = Self { gain: 4, limit: 1_000 };
+}
+
+impl DriftModel for ProportionalIntegral {
+    fn steer(&self, input: &DriftInput) -> i64 {
+        let limit = i64::from(self.limit) << DRIFT_FRACTION;
+        let steering = input.filtered.clamp(-limit, limit);
+        let share = i64::from(input.start.min(START));
+        input.mean - i64::from(self.gain) * (steering * share / i64::from(START))
+    }
+}
+
 /// The state of the loop. Filters hold fixed-point numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DriftLoop {
-    /// Filtered time difference as register 0x092C shows it, ns.
-    difference: i64,
-    /// Filtered time difference as it steers, ns, limited.
-    steering: i64,
+    /// Time difference as register 0x092C shows it, ns, if there was one since the reset.
+    shown: Option<i64>,
+    /// Filtered time difference, ns.
+    filtered: i64,
     /// Mean speed counter difference.
     mean: i64,
-    /// Speed counter difference applied to the clock.
-    applied: i16,
+    /// Speed counter difference that the clock has, but for the fraction.
+    applied: i64,
 }
 
 impl DriftLoop {
     /// At rest.
     pub const fn new() -> Self {
-        Self { difference: 0, steering: 0, mean: 0, applied: 0 }
+        Self { shown: None, filtered: 0, mean: 0, applied: 0 }
     }
 
     /// A system time was received: the local copy is `difference` ns ahead of it, in 32 bits.
@@ -53,26 +110,23 @@ impl DriftLoop {
         received: u32,
         start: u16,
         (time_depth, speed_depth): (u8, u8),
+        model: &dyn DriftModel,
     ) {
-        let sample = i64::from(difference) << FRACTION;
-        if received == 0 || difference.unsigned_abs() > PLAUSIBLE {
-            // No measurement: a write meant to reset, a datagram that has not passed the reference
-            // clock yet, or an offset not set yet. It is shown, not followed.
-            self.difference = sample;
+        let sample = i64::from(difference) << DRIFT_FRACTION;
+        if received == 0 {
+            // A write that is meant to reset, or a datagram that has not passed the reference clock:
+            // it is shown, not followed.
+            self.shown = Some(sample);
             return;
         }
-        let depth = time_depth & 0x0F;
-        if self.difference.unsigned_abs() >> FRACTION > u64::from(PLAUSIBLE) {
-            self.difference = sample;
-        }
-        self.difference += (sample - self.difference) >> depth;
-        let limited = i64::from(difference.clamp(-LIMIT, LIMIT)) << FRACTION;
-        self.steering += (limited - self.steering) >> depth;
-
-        let range = i64::from(start.clamp(START_MIN, START_MAX) - 0x7F) << FRACTION;
-        let applied = (self.mean - GAIN * self.steering).clamp(-range, range);
-        self.mean += (applied - self.mean) >> (speed_depth & 0x0F);
-        self.applied = round(applied) as i16;
+        self.filtered += (sample - self.filtered) >> (time_depth & 0x0F);
+        self.shown = Some(self.filtered);
+        let start = start.clamp(START_MIN, START_MAX);
+        let Self { filtered, mean, applied, .. } = *self;
+        let wanted = model.steer(&DriftInput { difference, filtered, start, applied, mean });
+        let range = i64::from(start - 0x7F) << DRIFT_FRACTION;
+        self.applied = wanted.clamp(-range, range);
+        self.mean += (self.applied - self.mean) >> (speed_depth & 0x0F);
     }
 
     /// Register 0x0930 was written: everything starts anew.
@@ -80,17 +134,21 @@ impl DriftLoop {
         *self = Self::new();
     }
 
-    /// Register 0x0934 was written: the time difference starts anew, the speed stays.
+    /// Register 0x0934 was written on a newer core: the time difference starts anew, the speed stays.
     pub fn reset_time_filter(&mut self) {
-        (self.difference, self.steering) = (0, 0);
+        (self.shown, self.filtered) = (None, 0);
+    }
+
+    /// Register 0x0935 was written on a newer core: the mean speed starts anew.
+    pub fn reset_speed_filter(&mut self) {
+        (self.mean, self.applied) = (0, 0);
     }
 
     /// Register 0x092C.
     pub fn difference(&self) -> SystemTimeDifference {
-        if self.difference == 0 {
-            return SystemTimeDifference::default();
-        }
-        SystemTimeDifference::from_nanos(Nanos(round(self.difference)))
+        self.shown.map_or(SystemTimeDifference::default(), |shown| {
+            SystemTimeDifference::from_nanos(Nanos(round(shown)))
+        })
     }
 
     /// Register 0x0932.
@@ -100,23 +158,11 @@ impl DriftLoop {
 
     /// The speed counter difference in force.
     pub const fn applied(&self) -> i16 {
-        self.applied
+        round(self.applied) as i16
     }
 }
 
 /// To the nearest whole number.
 const fn round(fixed: i64) -> i64 {
-    (fixed + (1 << (FRACTION - 1))) >> FRACTION
+    (fixed + (1 << (DRIFT_FRACTION - 1))) >> DRIFT_FRACTION
 }
-
-/// Fraction bits of the filters.
-const FRACTION: u32 = 20;
-/// Speed counter difference for each ns of time difference. Larger locks faster and follows the 10 ns
-/// grain of received times more; at the reset value of 0x0930, 4 corrects a difference with a time
-/// constant of about 20 ms.
-const GAIN: i64 = 4;
-/// Largest time difference that steers, ns: 4 times it is the largest speed counter difference at the
-/// reset value of 0x0930.
-const LIMIT: i32 = 1000;
-/// Largest time difference taken for a measurement, ns (16 ms).
-const PLAUSIBLE: u32 = 1 << 24;

@@ -42,6 +42,8 @@ pub(crate) struct SyncUnit {
     /// The start time as written; while the unit runs, its register shows the next pulse.
     start: u64,
     implausible: bool,
+    /// Register 0x0981 as it was taken over last.
+    enabled: u8,
     /// Debug pulses that wait, and since when.
     debug: u8,
     debug_at: Time<Device>,
@@ -54,17 +56,17 @@ struct Train {
     next: Option<u64>,
     /// The instant of it.
     due: Time<Device>,
+    /// System time of the last one, given out or not.
+    last: Option<u64>,
     /// The first pulse of an enabled output is still to come.
     pending: bool,
-    /// The first pulse, given out or not, has passed.
-    started: bool,
     /// When the signal falls: never, until acknowledged.
     until: Time<Device>,
 }
 
 impl Train {
     const REST: Self =
-        Self { next: None, due: Time::NEVER, pending: false, started: false, until: Time::ZERO };
+        Self { next: None, last: None, due: Time::NEVER, pending: false, until: Time::ZERO };
 
     /// A pulse begins; whether that is an edge. Length 0: until acknowledged.
     fn raise(&mut self, now: Time<Device>, length: u16) -> bool {
@@ -90,6 +92,7 @@ impl SyncUnit {
             sync1: Train::REST,
             start: 0,
             implausible: false,
+            enabled: 0,
             debug: 0,
             debug_at: Time::NEVER,
         }
@@ -113,12 +116,17 @@ impl SyncUnit {
         let active = bits & SyncActivation::ACTIVE != 0;
         if active && !self.active {
             self.start(&at, bits, registers);
-        } else if !active && self.active {
+        } else if active {
+            // An output that is enabled late waits for its first pulse as well.
+            let enabled = bits & !self.enabled;
+            self.sync0.pending |= enabled & SyncActivation::SYNC0 != 0;
+            self.sync1.pending |= enabled & SyncActivation::SYNC1 != 0;
+        } else if self.active {
             (self.sync0, self.sync1) = (Train::REST, Train::REST);
             self.implausible = false;
             registers.store(register::SYNC_START_TIME, self.start);
         }
-        self.active = active;
+        (self.active, self.enabled) = (active, bits);
     }
 
     fn start(&mut self, at: &Start, bits: u8, registers: &Registers) {
@@ -151,7 +159,7 @@ impl SyncUnit {
             if behind > 0 && self.sync0.due > now {
                 // A start that was jumped over comes again when the counter has gone round.
                 let round = if wide { 0 } else { 1 << 32 };
-                let step = if self.sync0.started && cycle > 0 { cycle } else { round };
+                let step = if self.sync0.last.is_some() && cycle > 0 { cycle } else { round };
                 self.sync0.next = (step > 0)
                     .then(|| next.wrapping_add((behind as u64).div_ceil(step).wrapping_mul(step)));
             }
@@ -196,13 +204,13 @@ impl SyncUnit {
                     _ => true,
                 });
         if !sync0_first {
-            self.sync1.next = None;
+            self.sync1.last = self.sync1.next.take();
             self.sync1.pending = false;
             let edge = bits.sync1() && self.sync1.raise(now, length);
             return edge.then_some(Output::Sync1);
         }
         let target = next0?;
-        (self.sync0.pending, self.sync0.started) = (false, true);
+        (self.sync0.pending, self.sync0.last) = (false, Some(target));
         if self.sync1.next.is_none() && bits.sync1() {
             let delay = registers.load(register::SYNC1_CYCLE);
             self.sync1.next = Some(target.wrapping_add(u64::from(delay)));
@@ -259,8 +267,8 @@ impl SyncUnit {
         events
     }
 
-    /// Writes the registers that the unit shows.
-    pub fn show(&self, now: Time<Device>, wide: bool, registers: &mut Registers) {
+    /// Brings the status registers up to date.
+    pub fn show(&self, now: Time<Device>, registers: &mut Registers) {
         let status = u8::from(self.sync0.pending)
             | u8::from(self.sync1.pending) << 1
             | u8::from(self.implausible) << 2;
@@ -269,22 +277,25 @@ impl SyncUnit {
         let state = |train: &Train| u8::from(acknowledge_mode && now < train.until);
         registers.store(register::SYNC0_STATUS, state(&self.sync0));
         registers.store(register::SYNC1_STATUS, state(&self.sync1));
-        let narrow = |time: u64| if wide { time } else { time & 0xFFFF_FFFF };
-        if let Some(next) = self.sync0.next {
-            registers.store(register::SYNC_START_TIME, narrow(next));
-        }
-        let armed_by_next = self
-            .sync0
-            .next
-            .filter(|_| self.sync1_on(registers))
-            .map(|next| next.wrapping_add(u64::from(registers.load(register::SYNC1_CYCLE))));
-        if let Some(next) = self.sync1.next.or(armed_by_next) {
-            registers.store(register::SYNC1_NEXT, narrow(next));
-        }
     }
 
-    fn sync1_on(&self, registers: &Registers) -> bool {
-        self.active && registers.load(register::SYNC_ACTIVATION).sync1()
+    /// System times of the next pulses, in 64 bits: what 0x0990 and 0x0998 read. When no more will
+    /// come, those of the last.
+    pub fn next_pulses(&self, registers: &Registers) -> (Option<u64>, Option<u64>) {
+        if !self.active {
+            return (None, None);
+        }
+        let sync0 = self.sync0.next.or(self.sync0.last);
+        let sync1_on = registers.load(register::SYNC_ACTIVATION).sync1();
+        let delay = u64::from(registers.load(register::SYNC1_CYCLE));
+        // The next SYNC0 arms a SYNC1 that does not wait already.
+        let armed = self.sync0.next.filter(|_| sync1_on).map(|next| next.wrapping_add(delay));
+        (sync0, self.sync1.next.or(armed).or(self.sync1.last))
+    }
+
+    /// Levels of the signals SYNC0 and SYNC1.
+    pub fn levels(&self, now: Time<Device>) -> [bool; 2] {
+        [now < self.sync0.until, now < self.sync1.until]
     }
 
     /// Whether 0x0981 bit 0 is in force.

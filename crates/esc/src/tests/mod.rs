@@ -4,6 +4,7 @@
 mod clocks;
 mod events;
 mod faults;
+mod latch;
 mod mailbox;
 mod process_data;
 mod registers;

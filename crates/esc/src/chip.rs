@@ -190,7 +190,7 @@ pub static IP_CORE_32: Chip = IP_CORE_BASE;
 pub static IP_CORE_32_EMULATED: Chip =
     Chip { name: "IP core, 32-bit DC, EEPROM emulated", eeprom_emulated: true, ..IP_CORE_BASE };
 
-const IP_CORE_BASE: Chip = Chip {
+pub(crate) const IP_CORE_BASE: Chip = Chip {
     name: "IP core, 32-bit DC",
     kind: 0x04,
     revision: 0x02,

@@ -1,7 +1,7 @@
 //! Commands, working counters, shadow registers, the EEPROM and other registers.
 
 use super::*;
-use crate::{ET1100, ET1200, IP_CORE_32, LAN9252, XMC4800};
+use crate::{ET1100, ET1100_MII, ET1200, IP_CORE_32, LAN9252, XMC4800};
 use isocat_wire::{AlControl, AlState, AlStatus, AlStatusCode};
 
 #[test]
@@ -208,6 +208,79 @@ fn write_protection() {
     bench.frame(true, &[enable, lock]);
     assert_eq!(bench.fpwr(0x1000, &[1, 0]), 0);
     assert_eq!(bench.frame(true, &[(Command::Fpwr, station(0x0030), &[0]), write])[1].1, 0);
+}
+
+/// The write enables last until the next frame arrives, whatever it is.
+#[test]
+fn write_enables_can_be_read_between_frames() {
+    let mut bench = Bench::new(&ET1100);
+    for enable in [register::REGISTER_WRITE_ENABLE, register::ESC_WRITE_ENABLE] {
+        bench.write(enable, 1);
+        assert_eq!(bench.pdi_read(enable), 1);
+        assert_eq!(bench.read(enable), 0);
+        assert_eq!(bench.pdi_read(enable), 0);
+    }
+    // Each enables its own protection only.
+    bench.write(register::ESC_WRITE_PROTECTION, 1);
+    let write = (Command::Fpwr, station(0x1000), &[1][..]);
+    for (enable, counted) in [(0x0020, 0), (0x0030, 1)] {
+        let enable = (Command::Fpwr, station(enable), &[0][..]);
+        assert_eq!(bench.frame(true, &[enable, write])[1].1, counted);
+        assert_eq!(bench.frame(true, &[write, enable])[0].1, 0, "too late");
+    }
+    // Reads and the PDI are free.
+    assert_eq!(bench.fprd(0x1000, 1).1, 1);
+    bench.pdi().write(0x1000, &[7]);
+    assert_eq!(bench.fprd(0x1000, 1).0, [7]);
+}
+
+/// Which optional registers a chip has: unimplemented ones do not count.
+#[test]
+fn registers_by_chip() {
+    let optional = [0x0108, 0x0138, 0x0510, 0x0516, 0x0910, 0x0984, 0x0E00, 0x0E02, 0x0E0F, 0x0E10];
+    for (chip, exist) in [
+        (&ET1100, [0, 0, 1, 0, 1, 0, 1, 0, 0, 0]),
+        (&ET1100_MII, [0, 0, 1, 0, 1, 0, 1, 0, 0, 0]),
+        (&ET1200, [0, 0, 1, 0, 1, 1, 1, 0, 0, 0]),
+        (&IP_CORE_32, [1, 1, 1, 1, 1, 1, 1, 1, 1, 0]),
+        (&LAN9252, [1, 1, 1, 1, 1, 1, 1, 1, 1, 0]),
+        (&XMC4800, [1, 1, 1, 1, 1, 1, 1, 1, 1, 0]),
+    ] {
+        let mut bench = Bench::new(chip);
+        let found = optional.map(|address| bench.fprd(address, 1).1);
+        assert_eq!(found, exist, "{}", chip.name);
+        assert_eq!(bench.bwr(0x0E00, &[1]), 0, "read-only");
+    }
+}
+
+/// Product and vendor numbers are the profile's.
+#[test]
+fn product_and_vendor() {
+    static CHIP: Chip = Chip {
+        chip_specific: &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16],
+        ..crate::chip::IP_CORE_BASE
+    };
+    let mut bench = Bench::new(&CHIP);
+    let numbers: Vec<u8> = (1..=16).collect();
+    assert_eq!(bench.fprd(0x0E00, 16), (numbers.clone(), 1));
+    assert_eq!(bench.pdi_bytes(0x0E00, 16), numbers);
+}
+
+/// From the PDI's side: the same three letters, each in an access of its own.
+#[test]
+fn the_pdi_resets_too() {
+    let mut bench = Bench::new(&LAN9252);
+    bench.pdi().store(register::ESC_RESET_PDI, b'R');
+    bench.pdi().store(register::ESC_RESET_PDI, b'R');
+    bench.pdi().store(register::ESC_RESET_PDI, b'E');
+    assert_eq!(bench.pdi_read(register::ESC_RESET_PDI), 2);
+    assert_eq!(bench.fpwr(0x0041, b"S"), 0, "ECAT has a register of its own");
+    bench.write(register::ESC_RESET_ECAT, b'S');
+    assert_eq!(bench.pdi_read(register::ESC_RESET_PDI), 2);
+    bench.pdi().store(register::ESC_RESET_PDI, b'S');
+    bench.run_to(bench.now);
+    assert!(matches!(bench.take_events()[..], [.., (_, EscEvent::Reset)]));
+    assert_eq!(bench.esc.register(register::STATION_ADDRESS), 0);
 }
 
 #[test]

@@ -3,9 +3,9 @@
 //! Tables of runs in the order of their addresses: a run that exists reads, reserved bytes in it read
 //! 0; bytes outside all runs answer to nobody. What depends on the state of the chip is a [`Gate`].
 
-use isocat_wire::register::features;
+use isocat_wire::register::{CHIP_SPECIFIC, features};
 
-use crate::chip::{Chip, DcUnits};
+use crate::chip::{Chip, DcUnits, MiiManagement};
 
 /// Which units this ESC has, after its EEPROM was loaded.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -23,6 +23,12 @@ pub(crate) struct Units {
     latch_mode: bool,
     enhanced: bool,
     wide: bool,
+    /// Register 0x0108.
+    pub physical_offset: bool,
+    /// Registers 0x0138, 0x0139.
+    pub led_override: bool,
+    mii_end: u16,
+    specific_end: u16,
 }
 
 impl Units {
@@ -44,6 +50,14 @@ impl Units {
             latch_mode: (sync || latch) && chip.receive_time_latch_mode,
             enhanced: chip.has(features::ENHANCED_SYNC_ACTIVATION),
             wide: chip.counts_64_bit(),
+            physical_offset: chip.physical_offset,
+            led_override: chip.led_override,
+            mii_end: match chip.mii {
+                MiiManagement::None => 0x0510,
+                MiiManagement::Ecat => 0x0516,
+                MiiManagement::Shared => 0x051C,
+            },
+            specific_end: CHIP_SPECIFIC + chip.chip_specific.len().min(256) as u16,
         }
     }
 
@@ -66,6 +80,10 @@ impl Units {
             Unit::EnhancedSync => (self.sync && self.enhanced, run.end),
             Unit::Latch => (self.latch, run.end),
             Unit::LatchMode => (self.latch_mode, run.end),
+            Unit::PhysicalOffset => (self.physical_offset, run.end),
+            Unit::LedOverride => (self.led_override, run.end),
+            Unit::Mii => (address < self.mii_end, run.end.min(self.mii_end)),
+            Unit::Specific => (address < self.specific_end, run.end.min(self.specific_end)),
         };
         if present { (end, Some(run.gate)) } else { (run.end, None) }
     }
@@ -93,6 +111,10 @@ enum Unit {
     EnhancedSync,
     Latch,
     LatchMode,
+    PhysicalOffset,
+    LedOverride,
+    Mii,
+    Specific,
 }
 
 /// What a write depends on.
@@ -116,6 +138,10 @@ pub(crate) enum Gate {
     SyncStart,
     /// The owner of the latch unit.
     Latch,
+    /// MII management: owner, and not busy.
+    Mii,
+    /// ECAT takes MII management for itself, or takes it back.
+    MiiTake,
 }
 
 const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
@@ -123,16 +149,17 @@ const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
 }
 
 /// What both sides can read.
-pub(crate) static READABLE: [Run; 37] = [
+pub(crate) static READABLE: [Run; 40] = [
     run(0x0000, 0x0014, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
     run(0x0030, 0x0032, Unit::Always, Gate::Open),
     run(0x0040, 0x0042, Unit::Always, Gate::Open),
     run(0x0100, 0x0104, Unit::Always, Gate::Open),
+    run(0x0108, 0x010A, Unit::PhysicalOffset, Gate::Open),
     run(0x0110, 0x0112, Unit::Always, Gate::Open),
     run(0x0120, 0x0122, Unit::Always, Gate::Open),
     run(0x0130, 0x0136, Unit::Always, Gate::Open),
-    run(0x0138, 0x013A, Unit::Always, Gate::Open),
+    run(0x0138, 0x013A, Unit::LedOverride, Gate::Open),
     run(0x0140, 0x0142, Unit::Always, Gate::Open),
     run(0x014E, 0x0154, Unit::Always, Gate::Open),
     run(0x0200, 0x0202, Unit::Always, Gate::Open),
@@ -145,6 +172,7 @@ pub(crate) static READABLE: [Run; 37] = [
     run(0x0420, 0x0422, Unit::Always, Gate::Open),
     run(0x0440, 0x0444, Unit::Always, Gate::Open),
     run(0x0500, 0x0510, Unit::Always, Gate::Open),
+    run(0x0510, 0x051C, Unit::Mii, Gate::Open),
     run(0x0600, 0x0700, Unit::Fmmu, Gate::Open),
     run(0x0800, 0x0880, Unit::Sm, Gate::Open),
     run(0x0900, 0x0910, Unit::ReceiveTimes, Gate::Open),
@@ -158,20 +186,22 @@ pub(crate) static READABLE: [Run; 37] = [
     run(0x09AE, 0x09D0, Unit::Latch, Gate::Open),
     run(0x09F0, 0x09F4, Unit::SystemTime, Gate::Open),
     run(0x09F8, 0x0A00, Unit::SystemTime, Gate::Open),
+    run(0x0E00, 0x0F00, Unit::Specific, Gate::Open),
     run(0x0F00, 0x0F04, Unit::Always, Gate::Open),
     run(0x0F10, 0x0F20, Unit::Always, Gate::Open),
     run(0x0F80, 0x1000, Unit::Always, Gate::Open),
 ];
 
 /// What ECAT can write.
-pub(crate) static ECAT_WRITABLE: [Run; 36] = [
+pub(crate) static ECAT_WRITABLE: [Run; 40] = [
     run(0x0010, 0x0012, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
     run(0x0030, 0x0032, Unit::Always, Gate::Open),
     run(0x0040, 0x0041, Unit::Always, Gate::Open),
     run(0x0100, 0x0104, Unit::Always, Gate::Open),
+    run(0x0108, 0x010A, Unit::PhysicalOffset, Gate::Open),
     run(0x0120, 0x0122, Unit::Always, Gate::AlControl),
-    run(0x0138, 0x013A, Unit::Always, Gate::Open),
+    run(0x0138, 0x013A, Unit::LedOverride, Gate::Open),
     run(0x0200, 0x0202, Unit::Always, Gate::Open),
     run(0x0300, 0x030E, Unit::Always, Gate::Open),
     run(0x0310, 0x0314, Unit::Always, Gate::Open),
@@ -181,6 +211,9 @@ pub(crate) static ECAT_WRITABLE: [Run; 36] = [
     run(0x0442, 0x0444, Unit::Always, Gate::Open),
     run(0x0500, 0x0501, Unit::Always, Gate::Open),
     run(0x0502, 0x0510, Unit::Always, Gate::Eeprom),
+    run(0x0510, 0x0516, Unit::Mii, Gate::Mii),
+    run(0x0516, 0x0518, Unit::Mii, Gate::MiiTake),
+    run(0x0518, 0x051C, Unit::Mii, Gate::Open),
     run(0x0600, 0x0700, Unit::Fmmu, Gate::Open),
     run(0x0800, 0x0880, Unit::Sm, Gate::SyncManager),
     run(0x0900, 0x0904, Unit::ReceiveTimes, Gate::Open),
@@ -204,15 +237,17 @@ pub(crate) static ECAT_WRITABLE: [Run; 36] = [
 ];
 
 /// What the PDI can write.
-pub(crate) static PDI_WRITABLE: [Run; 15] = [
+pub(crate) static PDI_WRITABLE: [Run; 17] = [
     run(0x0012, 0x0014, Unit::Always, Gate::Open),
     run(0x0041, 0x0042, Unit::Always, Gate::Open),
     run(0x0130, 0x0132, Unit::Always, Gate::AlStatus),
     run(0x0134, 0x0136, Unit::Always, Gate::Open),
-    run(0x0138, 0x013A, Unit::Always, Gate::Open),
+    run(0x0138, 0x013A, Unit::LedOverride, Gate::Open),
     run(0x0204, 0x0208, Unit::Always, Gate::Open),
     run(0x0501, 0x0502, Unit::Always, Gate::EepromTake),
     run(0x0502, 0x0510, Unit::Always, Gate::Eeprom),
+    run(0x0510, 0x0516, Unit::Mii, Gate::Mii),
+    run(0x0517, 0x0518, Unit::Mii, Gate::MiiTake),
     run(0x0800, 0x0880, Unit::Sm, Gate::SyncManager),
     run(0x0981, 0x0982, Unit::Sync, Gate::SyncOwner),
     run(0x0990, 0x0994, Unit::Sync, Gate::SyncStart),
@@ -258,5 +293,11 @@ mod tests {
         assert!(narrow.run(&READABLE, 0x0914).1.is_some());
         assert!(narrow.run(&ECAT_WRITABLE, 0x0914).1.is_none());
         assert_eq!(narrow.run(&READABLE, 0x0FFF), (0x1000, Some(Gate::Open)));
+        // Registers of the chip's own, as many as it has.
+        assert_eq!(narrow.run(&READABLE, 0x0E00), (0x0E10, Some(Gate::Open)));
+        assert_eq!(narrow.run(&READABLE, 0x0E10), (0x0F00, None));
+        assert_eq!(units.run(&READABLE, 0x0E01), (0x0F00, None));
+        assert_eq!(units.run(&READABLE, 0x0515), (0x0516, Some(Gate::Open)));
+        assert_eq!(units.run(&READABLE, 0x0516), (0x051C, None));
     }
 }

@@ -4,6 +4,7 @@ use isocat_wire::register::{self, al_event};
 use isocat_wire::{AlControl, AlState, AlStatus};
 
 use crate::esc::ECAT_AL_STATUS;
+use crate::led;
 use crate::memory::Registers;
 
 /// The state of the handshake.
@@ -50,9 +51,10 @@ impl Al {
     pub fn request(&mut self, registers: &mut Registers) {
         if self.emulation {
             let AlControl(control) = registers.load(register::AL_CONTROL);
-            let status = AlStatus(control & 0xFF);
-            self.status_changed |= registers.load(register::AL_STATUS) != status;
+            let (before, status) = (registers.load(register::AL_STATUS), AlStatus(control & 0xFF));
+            self.status_changed |= before != status;
             registers.store(register::AL_STATUS, status);
+            led::state_changed(before, status, registers);
         } else {
             self.requested = true;
         }
@@ -63,9 +65,10 @@ impl Al {
         self.requested = false;
     }
 
-    /// The PDI has written AL status.
-    pub fn change_status(&mut self) {
+    /// The PDI has written AL status, which was `before`.
+    pub fn change_status(&mut self, before: AlStatus, registers: &mut Registers) {
         self.status_changed = true;
+        led::state_changed(before, registers.load(register::AL_STATUS), registers);
     }
 
     /// ECAT has read AL status.

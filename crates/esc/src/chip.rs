@@ -37,8 +37,26 @@ pub struct Chip {
     /// How long an EEPROM read keeps the interface busy. Setting: short, so that bring-up in virtual
     /// time is not all EEPROM; a real I2C read of 8 bytes at 100 kHz takes about 1 ms.
     pub eeprom_read_time: Nanos,
-    /// How long an EEPROM write keeps the interface busy. Setting: short; real parts burn some ms.
+    /// How long an EEPROM write keeps the interface busy. Setting: the transfer on the I2C bus.
     pub eeprom_write_time: Nanos,
+    /// How long the EEPROM then burns and acknowledges no command (0x0502 bit 13). Setting: the
+    /// longest time that the usual parts state.
+    pub eeprom_burn_time: Nanos,
+    /// The PDI emulates the EEPROM: commands go to it by AL event bit 5, a read gives four bytes. What
+    /// the image holds is then no more than the configuration that the core was generated with.
+    pub eeprom_emulated: bool,
+    /// Register 0x0108, the offset between the read and the write address of a read-write command.
+    pub physical_offset: bool,
+    /// Registers 0x0138 and 0x0139, which override the RUN and ERR LEDs.
+    pub led_override: bool,
+    /// Register 0x014E bit 0: what reading acknowledges elsewhere, the PDI acknowledges by writing. A
+    /// choice of whoever generates a core or configures the PDI.
+    pub acknowledge_by_write: bool,
+    /// MII management.
+    pub mii: MiiManagement,
+    /// What the registers from 0x0E00 on hold, 256 bytes at most: on an ASIC the values of its
+    /// configuration pins (all low unless a board says otherwise), on a core product and vendor number.
+    pub chip_specific: &'static [u8],
     /// From a port's receive stamp through the EPU to the transmitter of the next port, without PHYs.
     pub processing_delay: Picos,
     /// From a port's receive stamp to the transmitter of the next port, past the EPU, without PHYs.
@@ -55,6 +73,17 @@ pub enum DcUnits {
     ByEeprom,
     /// All units exist whatever the EEPROM says.
     Always,
+}
+
+/// The registers of MII management that exist.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum MiiManagement {
+    /// None: no PHYs, or nobody talks to them.
+    None,
+    /// 0x0510-0x0515: ECAT alone talks to the PHYs.
+    Ecat,
+    /// 0x0510-0x051B: ECAT and PDI share it, and the ESC itself watches the links.
+    Shared,
 }
 
 /// What a port is built for, register 0x0007.
@@ -107,7 +136,9 @@ impl Chip {
 
 /// Beckhoff ET1100: 8 FMMUs, 8 SyncManagers, 8 KiB, DC with 64 bits, without the enhanced SYNC
 /// activation. Ports as on a bus coupler: MII, EBUS, MII.
-pub static ET1100: Chip = Chip {
+pub static ET1100: Chip = ET1100_BASE;
+
+const ET1100_BASE: Chip = Chip {
     name: "ET1100",
     kind: 0x11,
     revision: 0x00,
@@ -121,7 +152,17 @@ pub static ET1100: Chip = Chip {
     dl_control: 0x00C7_C001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0,
+    mii: MiiManagement::Ecat,
+    chip_specific: &[0; 2],
     ..COMMON
+};
+
+/// An ET1100 as in a drive: ports 0 and 1 are MII, there are no others.
+pub static ET1100_MII: Chip = Chip {
+    name: "ET1100, two MII ports",
+    port_descriptor: 0x0F,
+    dl_control: 0x00C7_F001,
+    ..ET1100_BASE
 };
 
 /// Beckhoff ET1200: 3 FMMUs, 4 SyncManagers, 1 KiB, two EBUS ports.
@@ -140,11 +181,19 @@ pub static ET1200: Chip = Chip {
     dl_control: 0x00C7_F001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0x0010,
+    mii: MiiManagement::Ecat,
+    chip_specific: &[0; 1],
     ..COMMON
 };
 
 /// An IP core as built into a drive: 3 FMMUs, 4 SyncManagers, 4 KiB, DC with 32 bits.
-pub static IP_CORE_32: Chip = Chip {
+pub static IP_CORE_32: Chip = IP_CORE_BASE;
+
+/// The same core in a drive whose CPU emulates the EEPROM.
+pub static IP_CORE_32_EMULATED: Chip =
+    Chip { name: "IP core, 32-bit DC, EEPROM emulated", eeprom_emulated: true, ..IP_CORE_BASE };
+
+pub(crate) const IP_CORE_BASE: Chip = Chip {
     name: "IP core, 32-bit DC",
     kind: 0x04,
     revision: 0x02,
@@ -158,7 +207,7 @@ pub static IP_CORE_32: Chip = Chip {
     dl_control: 0x0007_F001,
     eeprom_read_len: 4,
     eeprom_status_reserved: 0,
-    ..COMMON
+    ..CORE
 };
 
 /// Microchip LAN9252: 3 FMMUs, 4 SyncManagers, 4 KiB, two ports with built-in PHYs. Its build number
@@ -177,7 +226,7 @@ pub static LAN9252: Chip = Chip {
     dl_control: 0x0007_F001,
     eeprom_read_len: 4,
     eeprom_status_reserved: 0,
-    ..COMMON
+    ..CORE
 };
 
 /// Infineon XMC4800: 8 FMMUs, 8 SyncManagers, 8 KiB, two MII ports. On the chip the CPU emulates the
@@ -196,6 +245,16 @@ pub static XMC4800: Chip = Chip {
     dl_control: 0x0007_C001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0,
+    ..CORE
+};
+
+/// What chips around an IP core have beside the ASICs' registers. Which of the options a vendor chose is
+/// not published everywhere; a profile may say otherwise.
+const CORE: Chip = Chip {
+    physical_offset: true,
+    led_override: true,
+    mii: MiiManagement::Shared,
+    chip_specific: &[0; 16],
     ..COMMON
 };
 
@@ -221,6 +280,13 @@ const COMMON: Chip = Chip {
     eeprom_status_reserved: 0,
     eeprom_read_time: Nanos(20_000),
     eeprom_write_time: Nanos(200_000),
+    eeprom_burn_time: Nanos(5_000_000),
+    eeprom_emulated: false,
+    physical_offset: false,
+    led_override: false,
+    acknowledge_by_write: false,
+    mii: MiiManagement::None,
+    chip_specific: &[],
     processing_delay: Picos(155_000),
     forwarding_delay: Picos(135_000),
     phy_delay: Picos(280_000),

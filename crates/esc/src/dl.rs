@@ -31,9 +31,21 @@ impl Ports {
         lost
     }
 
-    /// Sets loops and DL status after a change of links or of DL control; `reopen`: the loop settings
-    /// were written. Returns whether DL status has changed.
-    pub fn update(&mut self, chip: &Chip, registers: &mut Registers, reopen: bool) -> bool {
+    /// The links at the ports.
+    pub const fn links(&self) -> [bool; 4] {
+        self.link
+    }
+
+    /// Whether a loop that closed by itself waits for a good frame to open again.
+    pub fn waits_for_frame(&self, port: PortNumber, registers: &Registers) -> bool {
+        let p = port.index();
+        self.link[p] && self.closed[p] && self.mode(p, registers) == AUTO_CLOSE
+    }
+
+    /// Sets loops and DL status after a change of links or of DL control. `reopen`: the ports whose
+    /// loops may open again after they closed by themselves, a bit each. Returns whether DL status has
+    /// changed.
+    pub fn update(&mut self, chip: &Chip, registers: &mut Registers, reopen: u8) -> bool {
         let before = registers.load(register::DL_STATUS);
         let mut status = before;
         for port in PortNumber::ALL {
@@ -42,7 +54,7 @@ impl Ports {
             self.closed[p] = !chip.has_port(port)
                 || match self.mode(p, registers) {
                     AUTO => !link,
-                    AUTO_CLOSE => !link || self.closed[p] && !reopen,
+                    AUTO_CLOSE => !link || self.closed[p] && reopen & 1 << p == 0,
                     OPEN => false,
                     _ => true,
                 };
@@ -96,6 +108,8 @@ pub(crate) fn set_status(registers: &mut Registers, bit: u16, set: bool) {
     registers.store(register::DL_STATUS, DlStatus(status));
 }
 
+/// The loops of all ports may open again: their settings were written.
+pub(crate) const ALL_PORTS: u8 = 0x0F;
 /// Loop settings, two bits a port in 0x0101.
 const AUTO: u8 = 0;
 const AUTO_CLOSE: u8 = 1;

@@ -2,7 +2,7 @@
 
 use isocat_wire::Time;
 use isocat_wire::eeprom::EepromStatus;
-use isocat_wire::register;
+use isocat_wire::register::{self, al_event};
 use isocat_wire::sii::{self, word};
 use isocat_wire::time::Device;
 
@@ -19,23 +19,34 @@ pub(crate) struct Eeprom {
     errors: u16,
     /// Status bits that never change.
     fixed: u16,
+    /// Until when the memory burns what was written and acknowledges nothing.
+    burns: Time<Device>,
+    /// The PDI emulates it.
+    emulated: bool,
 }
 
 impl Eeprom {
     /// An idle interface to an image of `len` bytes.
     pub const fn new(chip: &Chip, len: usize) -> Self {
         let mut fixed = chip.eeprom_status_reserved;
-        if chip.eeprom_read_len == 8 {
+        if chip.eeprom_emulated {
+            fixed |= EepromStatus::EMULATED;
+        } else if chip.eeprom_read_len == 8 {
             fixed |= EepromStatus::READS_8_BYTES;
         }
-        if len > 2048 {
+        if len > 2048 && !chip.eeprom_emulated {
             fixed |= EepromStatus::TWO_ADDRESS_BYTES;
         }
-        Self { job: None, errors: 0, fixed }
+        let emulated = chip.eeprom_emulated;
+        Self { job: None, errors: 0, fixed, burns: Time::ZERO, emulated }
     }
 
-    /// Whether `side` may write 0x0502-0x050F now.
+    /// Whether `side` may write 0x0502-0x050F now. Who emulates the memory answers its commands, whoever
+    /// gave them.
     pub fn may_write(&self, side: Side, registers: &Registers) -> bool {
+        if self.is_waiting() {
+            return side == Side::Pdi;
+        }
         let configuration = registers.load(register::EEPROM_CONFIGURATION);
         let taken = registers.load(register::EEPROM_PDI_ACCESS) & 1 != 0;
         let owner = match side {
@@ -50,14 +61,16 @@ impl Eeprom {
         registers.load(register::EEPROM_CONFIGURATION) & 0b11 == 0b01
     }
 
-    /// A control word was written to 0x0502.
-    pub fn command(&mut self, control: u16, now: Time<Device>, chip: &Chip) {
+    /// A control word was written to 0x0502. ECAT has to enable each write; the PDI needs not.
+    pub fn command(&mut self, side: Side, control: u16, now: Time<Device>, chip: &Chip) {
         self.errors &= !(EepromStatus::COMMAND_ERROR | EepromStatus::WRITE_ENABLE_ERROR);
         let command = control & EepromStatus::COMMAND;
         let time = match command {
             0 => return,
             EepromStatus::READ | EepromStatus::RELOAD => chip.eeprom_read_time,
-            EepromStatus::WRITE if control & EepromStatus::WRITE_ENABLE == 0 => {
+            EepromStatus::WRITE
+                if side == Side::Ecat && control & EepromStatus::WRITE_ENABLE == 0 =>
+            {
                 self.errors |= EepromStatus::WRITE_ENABLE_ERROR;
                 return;
             }
@@ -67,7 +80,26 @@ impl Eeprom {
                 return;
             }
         };
-        self.job = Some((command, now + time));
+        self.job = Some((command, if self.emulated { Time::NEVER } else { now + time }));
+    }
+
+    /// The PDI, which emulates the memory, answers the command under way with this control word: it
+    /// repeats the command and adds what went wrong. Another command is no answer.
+    pub fn answer(&mut self, control: u16) {
+        if self.job.is_some_and(|(command, _)| command == control & EepromStatus::COMMAND) {
+            self.job = None;
+            self.errors |= control & (EepromStatus::CHECKSUM_ERROR | EepromStatus::COMMAND_ERROR);
+        }
+    }
+
+    /// A command waits for the PDI, which emulates the memory.
+    pub const fn is_waiting(&self) -> bool {
+        self.emulated && self.job.is_some()
+    }
+
+    /// Its bit of the AL event request.
+    pub const fn al_events(&self) -> u32 {
+        if self.is_waiting() { al_event::EEPROM } else { 0 }
     }
 
     /// When the command under way is done.
@@ -77,7 +109,11 @@ impl Eeprom {
 
     /// The command under way is done. Returns whether the configuration area was loaded.
     pub fn finish(&mut self, image: &mut [u8], chip: &Chip, registers: &mut Registers) -> bool {
-        let Some((command, _)) = self.job.take() else { return false };
+        let Some((command, now)) = self.job.take() else { return false };
+        if now < self.burns {
+            self.errors |= EepromStatus::COMMAND_ERROR;
+            return false;
+        }
         let address = u64::from(registers.load(register::EEPROM_ADDRESS)) * 2;
         let from = usize::try_from(address).unwrap_or(usize::MAX);
         match command {
@@ -95,6 +131,7 @@ impl Eeprom {
                 if let Some(cells) = image.get_mut(from..from.saturating_add(2)) {
                     cells.copy_from_slice(&data[..2]);
                 }
+                self.burns = now + chip.eeprom_burn_time;
             }
             _ => return self.load(image, registers),
         }
@@ -120,7 +157,13 @@ impl Eeprom {
     /// Writes register 0x0502.
     pub fn show(&self, registers: &mut Registers) {
         let job = self.job.map_or(0, |(command, _)| command | EepromStatus::BUSY);
-        registers.store(register::EEPROM_STATUS, EepromStatus(self.fixed | self.errors | job));
+        // The PDI may always write.
+        let enabled = match registers.load(register::EEPROM_PDI_ACCESS) & 1 {
+            0 => 0,
+            _ => EepromStatus::WRITE_ENABLE,
+        };
+        let status = self.fixed | self.errors | job | enabled;
+        registers.store(register::EEPROM_STATUS, EepromStatus(status));
     }
 }
 

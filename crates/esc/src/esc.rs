@@ -1,7 +1,7 @@
 //! One ESC: its parts, its events in the order of time, and the end of a frame.
 
 use isocat_wire::dl::DlStatus;
-use isocat_wire::register::{self, Register, Value, al_event};
+use isocat_wire::register::{self, CHIP_SPECIFIC, Register, Value, al_event};
 use isocat_wire::time::{Dc, Device, Local};
 use isocat_wire::{AlStatus, PortNumber, Time};
 
@@ -12,10 +12,12 @@ use crate::dc::DcUnit;
 use crate::dc::drift_loop::DriftModel;
 use crate::dc::latch::LatchInput;
 use crate::dc::sync::Output;
-use crate::dl::{self, Ports};
+use crate::dl::{self, ALL_PORTS, Ports};
 use crate::eeprom::{self, Eeprom};
 use crate::fmmu::Fmmus;
+use crate::led;
 use crate::memory::{Registers, Shadow};
+use crate::mii::Mii;
 use crate::pdi::EscPdi;
 use crate::sync_manager::SyncManagers;
 use crate::watchdog::Watchdog;
@@ -25,13 +27,15 @@ use crate::watchdog::Watchdog;
 /// `M` holds the EEPROM image and the process RAM: a `Vec<u8>`, a boxed slice, a `&mut [u8]`.
 ///
 /// - ECAT side: [`process`](Self::process), [`receive_at_port`](Self::receive_at_port),
-///   [`set_port`](Self::set_port), [`count_error`](Self::count_error);
+///   [`hear_frame`](Self::hear_frame), [`set_port`](Self::set_port),
+///   [`count_error`](Self::count_error);
 /// - pins: [`set_latch_input`](Self::set_latch_input), [`sync_signals`](Self::sync_signals);
 /// - own events: [`next_event`](Self::next_event), [`step`](Self::step);
 /// - PDI side: [`pdi`](Self::pdi);
 /// - looking in from outside, without any side effect: [`register`](Self::register),
 ///   [`dl_status`](Self::dl_status), [`local_time`](Self::local_time), [`system_time`](Self::system_time),
-///   [`first_reaching`](Self::first_reaching).
+///   [`first_reaching`](Self::first_reaching), [`registers`](Self::registers), [`ram`](Self::ram),
+///   [`interrupt`](Self::interrupt).
 ///
 /// **Time** is an argument everywhere and must not go back. Before anything is done at an instant,
 /// `step` has to be called with it until it returns `None`, so that what fell due before has happened.
@@ -48,6 +52,7 @@ pub struct Esc<M> {
     pub(crate) fmmus: Fmmus,
     pub(crate) al: Al,
     pub(crate) eeprom: Eeprom,
+    pub(crate) mii: Mii,
     pub(crate) dc: DcUnit,
     pub(crate) flight: Flight,
     /// Progress of the reset sequence from ECAT and from the PDI.
@@ -139,13 +144,18 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let mut registers = Registers::new();
         let mut esc = Self {
             chip,
-            sync_managers: SyncManagers::new(chip.sm_count, &mut registers),
+            sync_managers: SyncManagers::new(
+                chip.sm_count,
+                chip.acknowledge_by_write,
+                &mut registers,
+            ),
             registers,
             shadow: Shadow::new(),
             units: Units::new(chip, 0),
             fmmus: Fmmus::new(chip.fmmu_count),
             al: Al::new(),
             eeprom: Eeprom::new(chip, eeprom.as_ref().len()),
+            mii: Mii::new(chip),
             dc: DcUnit::new(chip, 0, Time::ZERO),
             ram_len: 0,
             ram,
@@ -195,7 +205,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         registers.store(register::WATCHDOG_TIME_PROCESS_DATA, WATCHDOG_TIME);
         self.al = Al::new();
         self.al.reset_registers(registers);
-        self.sync_managers = SyncManagers::new(chip.sm_count, registers);
+        self.sync_managers = SyncManagers::new(chip.sm_count, chip.acknowledge_by_write, registers);
         self.fmmus = Fmmus::new(chip.fmmu_count);
         self.shadow.clear();
         self.flight = Flight::NONE;
@@ -214,7 +224,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             dl::set_status(registers, DlStatus::ENHANCED_LINK, area[1] & 0xF2 != 0);
         }
         self.eeprom.show(&mut self.registers);
-        self.ports.update(chip, &mut self.registers, true);
+        let own = chip.chip_specific;
+        let end = CHIP_SPECIFIC + own.len().min(256) as u16;
+        self.registers.bytes_mut(CHIP_SPECIFIC..end).copy_from_slice(&own[..own.len().min(256)]);
+        self.ports.update(chip, &mut self.registers, ALL_PORTS);
+        self.mii = Mii::new(chip);
+        self.mii.show(chip, self.ports.links(), &mut self.registers);
         self.dl_changed = false;
     }
 
@@ -223,7 +238,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let registers = &mut self.registers;
         let loaded = self.eeprom.load(self.image.as_ref(), registers);
         dl::set_status(registers, DlStatus::PDI_OPERATIONAL, loaded);
-        let information = if loaded { PDI_INFORMATION_LOADED } else { 0 };
+        let mut information = if loaded { PDI_INFORMATION_LOADED } else { 0 };
+        if self.chip.acknowledge_by_write {
+            information |= PDI_INFORMATION_ACKNOWLEDGE_BY_WRITE;
+        }
         registers.store(register::PDI_INFORMATION, information);
         self.units = Units::new(self.chip, registers.load(register::ESC_CONFIGURATION));
         self.al.set_emulation(registers);
@@ -253,10 +271,21 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if self.ports.set_link(port, link, &self.registers) {
             count(&mut self.registers, 0x0310 + port.index() as u16);
         }
-        self.dl_changed |= self.ports.update(self.chip, &mut self.registers, false);
+        self.dl_changed |= self.ports.update(self.chip, &mut self.registers, 0);
+        self.mii.show(self.chip, self.ports.links(), &mut self.registers);
     }
 
-    /// A port saw a fault.
+    /// A good frame arrived at a port whose loop may be closed: one that closed by itself and is set to
+    /// stay so ("auto-close") opens for the frames that follow. Returns whether it did.
+    pub fn hear_frame(&mut self, port: PortNumber) -> bool {
+        let waits = self.ports.waits_for_frame(port, &self.registers);
+        if waits {
+            self.dl_changed |= self.ports.update(self.chip, &mut self.registers, 1 << port.index());
+        }
+        waits
+    }
+
+    /// A port saw a fault. The EPU counts by itself what it gets to process (0x030C).
     pub fn count_error(&mut self, port: PortNumber, error: PortError) {
         let port = port.index() as u16;
         let counter = match error {
@@ -299,10 +328,20 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// The AL event request (0x0220) at `now`.
     pub fn al_events(&self, now: Time<Device>) -> u32 {
-        self.al.events()
-            | self.sync_managers.al_events()
+        self.own_al_events()
             | self.dc.sync.al_events(now, &self.registers)
             | self.dc.latch.al_events(&self.registers)
+    }
+
+    /// Whether the interrupt line to the local CPU is active: an AL event that its mask (0x0204) lets
+    /// through. The mask does not touch the request.
+    pub fn interrupt(&self, now: Time<Device>) -> bool {
+        self.al_events(now) & self.register(register::AL_EVENT_MASK) != 0
+    }
+
+    /// The AL events that frames and the PDI cause.
+    pub(crate) fn own_al_events(&self) -> u32 {
+        self.al.events() | self.sync_managers.al_events() | self.eeprom.al_events()
     }
 
     /// A register's value in force, without the side effects of a read. Times that run (0x0910,
@@ -324,6 +363,16 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// What kind of ESC it is.
     pub fn chip(&self) -> &'static Chip {
         self.chip
+    }
+
+    /// Registers and user RAM, 0x0000-0x0FFF, as they are in force; see [`Self::register`].
+    pub fn registers(&self) -> &[u8] {
+        self.registers.bytes(0..register::PROCESS_RAM)
+    }
+
+    /// Process RAM from 0x1000 on, all buffers of SyncManagers included.
+    pub fn ram(&self) -> &[u8] {
+        &self.ram.as_ref()[..self.ram_len]
     }
 
     /// The EEPROM image with everything written to it.
@@ -383,6 +432,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         } else {
             u8::from(RESET_SEQUENCE[0] == written)
         };
+        // Frames or accesses in between that leave the register alone do not break the sequence.
         let complete = usize::from(self.reset_progress[side]) == RESET_SEQUENCE.len();
         if complete {
             self.start(now, 0);
@@ -401,6 +451,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             (self.watchdog.due(), Due::Watchdog),
             (self.pdi_watchdog.due(), Due::PdiWatchdog),
             (self.eeprom.due(), Due::Eeprom),
+            (self.mii.due(), Due::Mii),
             (self.ports.due(), Due::Loops),
         ] {
             if other.0 < earliest.0 {
@@ -426,12 +477,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             Due::Watchdog => {
                 self.watchdog.expire();
                 self.al.set_watchdog_event(true);
+                led::take_error_led_back(&mut self.registers);
                 count(&mut self.registers, register::WATCHDOG_COUNTER_PROCESS_DATA.address);
                 Some(EscEvent::WatchdogExpired)
             }
             Due::PdiWatchdog => {
                 self.pdi_watchdog.expire();
                 dl::set_status(&mut self.registers, DlStatus::PDI_WATCHDOG, false);
+                led::take_error_led_back(&mut self.registers);
                 count(&mut self.registers, register::WATCHDOG_COUNTER_PDI.address);
                 Some(EscEvent::PdiWatchdogExpired)
             }
@@ -443,9 +496,15 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 self.eeprom.show(&mut self.registers);
                 Some(EscEvent::EepromDone)
             }
+            Due::Mii => {
+                let links = self.ports.links();
+                self.mii.finish(self.chip, links, &mut self.registers);
+                self.mii.show(self.chip, links, &mut self.registers);
+                None
+            }
             Due::Loops => {
                 self.ports.end_temporary(&mut self.registers);
-                let changed = self.ports.update(self.chip, &mut self.registers, true);
+                let changed = self.ports.update(self.chip, &mut self.registers, ALL_PORTS);
                 self.dl_changed |= changed;
                 changed.then_some(EscEvent::Ports)
             }
@@ -454,8 +513,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// The process data watchdog's status register, 0x0440.
     pub(crate) fn show_watchdog(&mut self) {
-        let fine = self.watchdog.is_fine(&self.registers);
+        let fine = self.watchdog.is_fine();
         self.registers.store(register::WATCHDOG_STATUS, u16::from(fine));
+    }
+
+    /// Notes the local time of something that happened to a buffer, in 0x09F0, 0x09F8 or 0x09FC.
+    pub(crate) fn latch_buffer_time(&mut self, time: Register<u32>, at: Time<Device>) {
+        let local = self.dc.local_time(at).count();
+        self.registers.store(time, local as u32);
     }
 
     /// Whether process RAM answers: the EEPROM was loaded.
@@ -489,6 +554,8 @@ enum Due {
     PdiWatchdog,
     /// When the EEPROM command is done.
     Eeprom,
+    /// When the command to a PHY is done.
+    Mii,
     /// When temporary loop settings end.
     Loops,
 }
@@ -515,3 +582,5 @@ const WATCHDOG_TIME: u16 = 1000;
 const ALIAS_WORD: usize = 4;
 /// Register 0x014E: the configuration area is loaded, the PDI is active.
 const PDI_INFORMATION_LOADED: u16 = 0x0006;
+/// Register 0x014E: see [`Chip::acknowledge_by_write`].
+const PDI_INFORMATION_ACKNOWLEDGE_BY_WRITE: u16 = 0x0001;

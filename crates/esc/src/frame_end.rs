@@ -3,10 +3,14 @@
 use core::ops::Range;
 
 use isocat_wire::Time;
+use isocat_wire::dl::DlStatus;
 use isocat_wire::register;
 use isocat_wire::time::Device;
 
+use crate::dl::{self, ALL_PORTS};
 use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, EscEvent, Flight};
+use crate::led;
+use crate::mii::Mii;
 use crate::sync_manager::{SM_LEN, Side};
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
@@ -14,9 +18,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     pub(crate) fn end_frame(&mut self) -> EscEvent {
         let flight = core::mem::replace(&mut self.flight, Flight::NONE);
         let now = flight.end;
-        let before = self.al.events() | self.sync_managers.al_events();
-        if self.sync_managers.end_good_frame(&mut self.registers) {
+        let before = self.own_al_events();
+        let exchanged = self.sync_managers.end_good_frame(&mut self.registers);
+        if exchanged.watchdog {
             self.trigger_watchdog(now);
+        }
+        if exchanged.latch {
+            self.latch_buffer_time(register::ECAT_BUFFER_CHANGE_TIME, flight.start);
         }
         self.acknowledge_ecat(flight.acknowledged);
         self.dc.latch.acknowledge(Side::Ecat, flight.latch_times, &self.registers);
@@ -29,7 +37,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if !self.shadow.is_empty() {
             self.commit(flight.start, now);
         }
-        let after = self.al.events() | self.sync_managers.al_events();
+        let after = self.own_al_events();
         EscEvent::FrameEnd { al_events: after & !before }
     }
 
@@ -56,9 +64,15 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 if loops || shadow.byte(DL_CONTROL.start).is_some() {
                     self.ports.control(loops_before, now, registers);
                 }
-                if self.ports.update(self.chip, registers, loops) {
+                let reopen = if loops { ALL_PORTS } else { 0 };
+                if self.ports.update(self.chip, registers, reopen) {
                     self.dl_changed = true;
                     self.overdue = Some((now, EscEvent::Ports));
+                }
+            }
+            for led in [register::RUN_LED.address, register::ERR_LED.address] {
+                if let Some(value) = shadow.byte(led) {
+                    led::write(led, value, registers);
                 }
             }
         }
@@ -73,8 +87,11 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             if shadow.touches(WATCHDOG_COUNTERS) {
                 registers.clear(WATCHDOG_COUNTERS);
             }
-            self.watchdog.configure(registers);
-            self.pdi_watchdog.configure(registers);
+            self.watchdog.configure(now, registers);
+            self.pdi_watchdog.configure(now, registers);
+            if self.pdi_watchdog.is_off() {
+                dl::set_status(registers, DlStatus::PDI_WATCHDOG, true);
+            }
         }
         if shadow.touches_page(0x0500) {
             let configuration = registers.load(register::EEPROM_CONFIGURATION);
@@ -87,8 +104,19 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 .map(|address| shadow.byte(address));
             if control != [None; 2] {
                 let control = u16::from_le_bytes(control.map(|byte| byte.unwrap_or(0)));
-                self.eeprom.command(control, now, self.chip);
-                self.eeprom.show(registers);
+                self.eeprom.command(Side::Ecat, control, now, self.chip);
+            }
+            self.eeprom.show(registers);
+            if shadow.touches(MII) {
+                if let Some(value) = shadow.byte(register::MII_PDI_ACCESS.address) {
+                    Mii::force(value, registers);
+                }
+                let control = [MII.start, MII.start + 1].map(|address| shadow.byte(address));
+                if control != [None; 2] {
+                    let control = u16::from_le_bytes(control.map(|byte| byte.unwrap_or(0)));
+                    self.mii.command(Side::Ecat, control, now);
+                }
+                self.mii.show(self.chip, self.ports.links(), registers);
             }
         }
         if shadow.touches_page(0x0600) {
@@ -122,10 +150,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 fn has_own_effect(address: u16) -> bool {
     matches!(
         address,
-        0x0020 | 0x0030 | 0x0040 // acts within the frame
+        0x0040 // the sequence it belongs to
+            | 0x0138 | 0x0139
             | 0x0300..0x0314
             | 0x0442..0x0444 // clear
-            | 0x0502..0x0504 // a command
+            | 0x0502..0x0504 | 0x0510..0x0512 // a command
+            | 0x0517..0x051C // taken by force; set by the links
             | 0x0900..0x0904
             | 0x0910..0x0918 // the clock keeps its own time
     )
@@ -134,6 +164,7 @@ fn has_own_effect(address: u16) -> bool {
 const AL_CONTROL: Range<u16> = 0x0120..0x0122;
 const DL_CONTROL: Range<u16> = 0x0100..0x0104;
 const WATCHDOG_COUNTERS: Range<u16> = 0x0442..0x0444;
+const MII: Range<u16> = 0x0510..0x0518;
 const EEPROM_CONTROL: Range<u16> = 0x0502..0x0504;
 /// Register 0x0500 bit 1: take the EEPROM from the PDI by force.
 const EEPROM_FORCED: u8 = 1 << 1;

@@ -4,7 +4,7 @@
 //! memory through the register rules of each side (`access`), through FMMUs if they are logical, and
 //! through SyncManagers if they lie in process RAM. What a frame writes to registers waits in a shadow
 //! (`memory`) until the frame has ended well; then (`frame_end`) the units take it over: AL (`al`), data link (`dl`),
-//! EEPROM, watchdogs, DC.
+//! EEPROM, MII management (`mii`), LEDs, watchdogs, DC.
 //!
 //! Between frames the ESC lives by its own events: the end of a frame, SYNC0 and SYNC1, latch inputs, watchdogs,
 //! EEPROM. Nothing runs tick by tick. [`Esc::next_event`] says when something is due and [`Esc::step`]
@@ -41,7 +41,9 @@ mod eeprom;
 mod esc;
 mod fmmu;
 mod frame_end;
+mod led;
 mod memory;
+mod mii;
 pub mod pdi;
 mod process;
 mod sync_manager;
@@ -49,7 +51,9 @@ mod sync_manager;
 mod tests;
 mod watchdog;
 
-pub use chip::{Chip, ET1100, ET1200, IP_CORE_32, LAN9252, XMC4800};
+pub use chip::{
+    Chip, ET1100, ET1100_MII, ET1200, IP_CORE_32, IP_CORE_32_EMULATED, LAN9252, XMC4800,
+};
 pub use dc::drift_loop::{DRIFT_FRACTION, DriftInput, DriftModel, ProportionalIntegral};
 pub use dc::latch::LatchInput;
 pub use esc::{Esc, EscEvent, PortError};

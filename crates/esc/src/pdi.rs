@@ -13,14 +13,18 @@ use crate::dc::sync::Output;
 use crate::dl;
 use crate::eeprom::Eeprom;
 use crate::esc::Esc;
+use crate::led;
+use crate::mii::Mii;
 use crate::process::split;
-use crate::sync_manager::{Direction, Side};
+use crate::sync_manager::{Access, Direction, Side};
 
 /// The ESC as the local CPU sees it: the software ESC, or a driver of a chip.
 ///
 /// An access has the side effects that the chip gives it: reading AL control releases it for the next
 /// request, reading the first byte of a SyncManager's buffer opens it, reading or writing its last
-/// byte closes it. Whole buffers are therefore best accessed with one call.
+/// byte closes it. Whole buffers are therefore best accessed with one call. A chip that acknowledges by
+/// writing (0x014E bit 0) wants a write of any value instead: to the register, or to the last byte of
+/// the buffer that was read.
 ///
 /// A driver whose bus can fail keeps the fault and hands it out by a method of its own; towards the
 /// stack a failed read gives zeros, which no state of an ESC looks like.
@@ -86,6 +90,8 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
             Gate::SyncOwner => owner_is_pdi(0),
             Gate::SyncStart => owner_is_pdi(0) && !self.esc.dc.sync.is_active(),
             Gate::Latch => owner_is_pdi(if address & 1 == 0 { 4 } else { 5 }),
+            Gate::Mii => self.esc.mii.may_write(Side::Pdi, registers),
+            Gate::MiiTake => true,
             Gate::AlControl => false,
         }
     }
@@ -105,7 +111,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
     }
 
-    /// What reading these registers acknowledges.
+    /// What reading these registers acknowledges, or writing them if the chip is made so.
     fn acknowledge(&mut self, range: &Range<u16>) {
         let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
         let esc = &mut *self.esc;
@@ -139,16 +145,27 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 esc.advance_reset(1, value, self.now);
             }
             0x0130 | 0x0131 => {
+                let before = esc.al_status();
                 esc.registers.set_byte(address, value);
-                esc.al.change_status();
+                esc.al.change_status(before, &mut esc.registers);
             }
+            0x0138 | 0x0139 => led::write(address, value, &mut esc.registers),
             0x0501 => {
                 let take = value & 1;
                 if take == 0 || Eeprom::may_take(&esc.registers) {
                     esc.registers.set_byte(address, take);
+                    esc.eeprom.show(&mut esc.registers);
                 }
             }
-            0x0502 | 0x0503 => {}
+            0x0502 | 0x0503 | 0x0510 | 0x0511 => {}
+            0x0517 => {
+                let take = value & 1;
+                if take == 0 || Mii::may_take(&esc.registers) {
+                    let kept = esc.registers.byte(address) & !1;
+                    esc.registers.set_byte(address, kept | take);
+                    esc.mii.show(esc.chip, esc.ports.links(), &mut esc.registers);
+                }
+            }
             0x0800..0x0880 => {
                 let number = usize::from(address - 0x0800) / 8;
                 if esc.flight.end == Time::NEVER {
@@ -162,10 +179,24 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
     }
 
+    /// Registers 0x09F8 and 0x09FC.
+    fn latch_buffer_times(&mut self, outcome: Access) {
+        if outcome.started {
+            self.esc.latch_buffer_time(register::PDI_BUFFER_START_TIME, self.now);
+        }
+        if outcome.changed {
+            self.esc.latch_buffer_time(register::PDI_BUFFER_CHANGE_TIME, self.now);
+        }
+    }
+
     fn write_registers(&mut self, address: u16, data: &[u8]) {
         let end = address + data.len() as u16;
         let mut at = address;
-        let (mut control, mut activated, mut started, mut latches) = (None, false, false, false);
+        let (mut control, mut mii) = (None, None);
+        let (mut activated, mut started, mut latches) = (false, false, false);
+        if self.esc.chip.acknowledge_by_write {
+            self.acknowledge(&(address..end));
+        }
         while at < end {
             let (stop, gate) = self.esc.units.run(&PDI_WRITABLE, at);
             let stop = stop.min(end);
@@ -177,6 +208,8 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 match byte {
                     0x0502 => control = Some(u16::from(value)),
                     0x0503 => control = Some(control.unwrap_or(0) | u16::from(value) << 8),
+                    0x0510 => mii = Some(u16::from(value)),
+                    0x0511 => mii = Some(mii.unwrap_or(0) | u16::from(value) << 8),
                     0x0981 => activated = true,
                     0x0990..0x0998 => started = true,
                     0x09A8 | 0x09A9 => latches = true,
@@ -188,11 +221,19 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
         let esc = &mut *self.esc;
         if let Some(control) = control {
-            esc.eeprom.command(control, self.now, esc.chip);
+            if esc.eeprom.is_waiting() {
+                esc.eeprom.answer(control);
+            } else {
+                esc.eeprom.command(Side::Pdi, control, self.now, esc.chip);
+            }
             esc.eeprom.show(&mut esc.registers);
         }
         if latches {
             esc.dc.latch.configure(&esc.registers);
+        }
+        if let Some(control) = mii {
+            esc.mii.command(Side::Pdi, control, self.now);
+            esc.mii.show(esc.chip, esc.ports.links(), &mut esc.registers);
         }
         if activated || started {
             esc.dc.activate(self.now, started, &mut esc.registers);
@@ -218,16 +259,19 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
                 }
                 at = stop;
             }
-            self.acknowledge(&range);
+            if !self.esc.chip.acknowledge_by_write {
+                self.acknowledge(&range);
+            }
         }
         if ram > 0 && self.esc.is_operational() {
             let data = &mut data[registers..registers + ram];
             let first = address.max(register::PROCESS_RAM);
             let way = (Side::Pdi, Direction::Read);
             let memory = (&mut self.esc.ram.as_mut()[..self.esc.ram_len], &mut self.esc.registers);
-            self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
+            let outcome = self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
                 data[at].copy_from_slice(memory);
             });
+            self.latch_buffer_times(outcome);
         }
     }
 
@@ -246,6 +290,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
             });
             if outcome.watchdog {
                 self.esc.trigger_watchdog(self.now);
+            }
+            self.latch_buffer_times(outcome);
+            if self.esc.chip.acknowledge_by_write {
+                let Esc { sync_managers, registers, .. } = &mut *self.esc;
+                let outcome = sync_managers.release_by_write(first, ram, registers);
+                self.latch_buffer_times(outcome);
             }
         }
     }

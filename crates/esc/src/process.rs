@@ -4,7 +4,7 @@ use core::ops::Range;
 
 use isocat_wire::datagram::Layouts;
 use isocat_wire::fmmu::Fmmu;
-use isocat_wire::frame::{LOCALLY_ADMINISTERED, payload_offset};
+use isocat_wire::frame::{FrameError, LOCALLY_ADMINISTERED, envelope};
 use isocat_wire::register::{self, PROCESS_RAM, SHADOW_END};
 use isocat_wire::time::Device;
 use isocat_wire::{Command, Time};
@@ -12,7 +12,7 @@ use isocat_wire::{Command, Time};
 use crate::access::{ECAT_WRITABLE, Gate, READABLE};
 use crate::dc::clock::ceil;
 use crate::dc::latch;
-use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc};
+use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, count};
 use crate::fmmu::Target;
 use crate::sync_manager::{Direction, Side};
 
@@ -21,7 +21,8 @@ use crate::sync_manager::{Direction, Side};
 pub struct Processed {
     /// The frame wrote 0x0900: report its arrival at each port by [`Esc::receive_at_port`].
     pub latch_ports: bool,
-    /// The frame circulated behind a broken ring and is destroyed here: it is not sent on.
+    /// The frame ends here and is not sent on: it circulated behind a broken ring, or it is none of
+    /// EtherCAT and DL control bit 0 forbids others.
     pub destroyed: bool,
 }
 
@@ -31,7 +32,11 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     ///
     /// All datagrams are answered in place. Bytes written to RAM are there at once; what is written to
     /// registers and SyncManager buffers comes into force at `end`, if the frame is good: see
-    /// [`Esc::step`]. Bytes that are no frame of datagrams pass untouched.
+    /// [`Esc::step`]. EtherCAT frames without datagrams pass untouched.
+    ///
+    /// A bad frame leaves registers and SyncManagers as they were; the EPU counts it (0x030C), as it
+    /// does a chain of datagrams that is cut off. The counters of the ports are the caller's, who knows
+    /// where the fault came from: [`Esc::count_error`].
     pub fn process(
         &mut self,
         frame: &mut [u8],
@@ -41,30 +46,51 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     ) -> Processed {
         // Frames pass one after the other: the last one is over, whatever its end was said to be.
         self.settle(Time::NEVER);
-        let Ok(offset) = payload_offset(frame) else { return Processed::default() };
+        self.forget_write_enables();
+        let marks = self.registers.byte(register::DL_CONTROL.address) & 1 != 0;
+        let envelope = match envelope(frame) {
+            Ok(envelope) => envelope,
+            Err(FrameError::Kind(_)) => return Processed::default(),
+            Err(_) => return Processed { destroyed: marks, ..Processed::default() },
+        };
+        let offset = envelope.datagrams;
         if self.stops_circulating() && mark_circulating(&mut frame[offset..]) {
             return Processed { destroyed: true, ..Processed::default() };
         }
-        if self.registers.byte(register::DL_CONTROL.address) & 1 != 0 {
+        if marks {
             frame[6] |= LOCALLY_ADMINISTERED;
         }
+        if let Some(at) = envelope.udp_checksum {
+            frame[at..at + 2].fill(0);
+        }
+        self.sync_managers.begin_frame();
         self.flight.start = start;
         self.flight.acknowledged = 0;
         self.flight.latch_times = 0;
         self.flight.enabled = [false; 2];
         let mut latch_ports = false;
+        // All datagrams of a frame show the events that there were when it arrived.
+        let irq = match self.registers.load(register::ECAT_EVENT_MASK) {
+            0 => 0,
+            mask => mask & self.ecat_events(),
+        };
         let payload = &mut frame[offset..];
         let mut layouts = Layouts::new();
-        while let Some(Ok(layout)) = layouts.next(payload) {
+        while let Some(layout) = layouts.next(payload) {
+            let Ok(layout) = layout else {
+                if good {
+                    count(&mut self.registers, register::EPU_ERRORS.address);
+                }
+                break;
+            };
             let header = layout.header;
             let Ok(command) = header.command() else { continue };
             if command == Command::Nop {
                 continue;
             }
             let start = layout.start;
-            let mask = self.registers.load(register::ECAT_EVENT_MASK);
-            if mask != 0 {
-                let irq = header.irq | mask & self.ecat_events();
+            if irq != 0 {
+                let irq = header.irq | irq;
                 payload[start + 8..start + 10].copy_from_slice(&irq.to_le_bytes());
             }
             if command.increments_position() {
@@ -90,7 +116,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if !good {
             self.shadow.clear();
-            self.sync_managers.end_bad_frame();
+            self.sync_managers.end_bad_frame(&mut self.registers);
+            count(&mut self.registers, register::EPU_ERRORS.address);
             return Processed::default();
         }
         let events = self.flight.acknowledged & self.ecat_events();
@@ -204,12 +231,18 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.ecat_read(address, data.len(), |memory, at| data[at].copy_from_slice(memory))
     }
 
-    /// Reads the old content and writes the data as received.
+    /// Reads the old content and writes the data as received, 0x0108 bytes further on if the chip has
+    /// this register. Then what is written may be read by the same datagram: byte by byte, as it comes.
     fn exchange(&mut self, address: u16, data: &mut [u8], merge: impl Fn(&mut u8, u8)) -> u16 {
         let (mut read, mut written) = (false, false);
+        let further = match self.units.physical_offset {
+            true => self.registers.load(register::PHYSICAL_OFFSET),
+            false => 0,
+        };
         let mut received = [0; 32];
-        for (number, chunk) in data.chunks_mut(received.len()).enumerate() {
-            let Ok(address) = u16::try_from(usize::from(address) + number * received.len()) else {
+        let step = if further == 0 { received.len() } else { 1 };
+        for (number, chunk) in data.chunks_mut(step).enumerate() {
+            let Ok(address) = u16::try_from(usize::from(address) + number * step) else {
                 break;
             };
             let received = &mut received[..chunk.len()];
@@ -219,7 +252,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                     merge(byte, *memory);
                 }
             });
-            written |= self.ecat_write(address, received, 0xFF);
+            written |= self.ecat_write(address.wrapping_add(further), received, 0xFF);
         }
         u16::from(read) + 2 * u16::from(written)
     }
@@ -340,8 +373,17 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 Gate::SyncOwner => owner_is_ecat(0),
                 Gate::SyncStart => owner_is_ecat(0) && !self.dc.sync.is_active(),
                 Gate::Latch => owner_is_ecat(if address & 1 == 0 { 4 } else { 5 }),
+                Gate::Mii => self.mii.may_write(Side::Ecat, &self.registers),
+                Gate::MiiTake => true,
                 Gate::AlStatus | Gate::EepromTake => false,
             }
+    }
+
+    /// The write enables of the last frame end with the arrival of this one.
+    fn forget_write_enables(&mut self) {
+        for enable in [register::REGISTER_WRITE_ENABLE, register::ESC_WRITE_ENABLE] {
+            self.registers.store(enable, 0);
+        }
     }
 
     /// Write protection, registers 0x0020-0x0031.

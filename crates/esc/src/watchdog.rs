@@ -6,39 +6,57 @@ use isocat_wire::time::{Device, Nanos};
 use crate::memory::Registers;
 use isocat_wire::register::{self, Register};
 
-/// One watchdog. It is at rest until its first restart.
+/// One watchdog.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Watchdog {
     time: Register<u16>,
-    restarted: Option<Time<Device>>,
+    state: State,
     due: Time<Device>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum State {
+    /// What it watches has not happened since power-on: it does not run yet.
+    Rest,
+    /// Runs since its last restart.
+    Running(Time<Device>),
+    /// Expired, and not restarted since.
+    Expired,
+    /// Its time is zero.
+    Off,
 }
 
 impl Watchdog {
     /// At rest; `time` is the register of its time.
     pub const fn new(time: Register<u16>) -> Self {
-        Self { time, restarted: None, due: Time::NEVER }
+        Self { time, state: State::Rest, due: Time::NEVER }
     }
 
     /// What it watches has happened.
     pub fn restart(&mut self, now: Time<Device>, registers: &Registers) {
-        self.restarted = Some(now);
-        self.configure(registers);
+        self.state = State::Running(now);
+        self.configure(now, registers);
     }
 
-    /// Divider or time have changed: a running watchdog counts them from its last restart.
-    pub fn configure(&mut self, registers: &Registers) {
+    /// Divider or time have changed. A running watchdog counts them from its last restart, and expires
+    /// at once if that is over; one that was off runs from now on. Time zero forgets an expiry.
+    pub fn configure(&mut self, now: Time<Device>, registers: &Registers) {
         let units = i64::from(registers.load(self.time));
         let unit = (i64::from(registers.load(register::WATCHDOG_DIVIDER)) + 2) * 40;
-        self.due = match self.restarted {
-            Some(at) if units > 0 => at + Nanos(unit * units),
+        self.state = match self.state {
+            _ if units == 0 => State::Off,
+            State::Off => State::Running(now),
+            state => state,
+        };
+        self.due = match self.state {
+            State::Running(since) => (since + Nanos(unit * units)).max(now),
             _ => Time::NEVER,
         };
     }
 
     /// It expires now.
     pub fn expire(&mut self) {
-        (self.restarted, self.due) = (None, Time::NEVER);
+        (self.state, self.due) = (State::Expired, Time::NEVER);
     }
 
     /// When it expires.
@@ -47,7 +65,12 @@ impl Watchdog {
     }
 
     /// Restarted in time, or switched off.
-    pub fn is_fine(&self, registers: &Registers) -> bool {
-        self.restarted.is_some() || registers.load(self.time) == 0
+    pub const fn is_fine(&self) -> bool {
+        matches!(self.state, State::Running(_) | State::Off)
+    }
+
+    /// Switched off by a time of zero.
+    pub const fn is_off(&self) -> bool {
+        matches!(self.state, State::Off)
     }
 }

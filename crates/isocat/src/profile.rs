@@ -333,8 +333,9 @@ pub fn built_in_text(id: &str) -> Option<&'static str> {
 }
 
 /// The ESCs that profiles can name; a profile that names another is refused.
-pub const CHIPS: [(&str, &Chip); 5] = [
+pub const CHIPS: [(&str, &Chip); 6] = [
     ("ET1100", &chip::ET1100),
+    ("ET1100_MII", &chip::ET1100_MII),
     ("ET1200", &chip::ET1200),
     ("IP_CORE_32", &chip::IP_CORE_32),
     ("LAN9252", &chip::LAN9252),

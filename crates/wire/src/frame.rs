@@ -7,6 +7,10 @@ use crate::datagram::{self, Address, Header};
 
 /// EtherType of EtherCAT, big-endian on the wire.
 pub const ETHERTYPE: u16 = 0x88A4;
+/// EtherType of IPv4, in which the UDP variant travels.
+pub const ETHERTYPE_IPV4: u16 = 0x0800;
+/// UDP port of EtherCAT, in the destination of the UDP variant.
+pub const UDP_PORT: u16 = 0x88A4;
 /// EtherType of a VLAN tag.
 pub const ETHERTYPE_VLAN: u16 = 0x8100;
 /// Bytes of the Ethernet header without VLAN tag.
@@ -63,6 +67,13 @@ pub enum FrameError {
     },
     /// Another protocol.
     EtherType(u16),
+    /// An IPv4 packet, but not UDP to the port of EtherCAT.
+    NotOurPort {
+        /// Protocol in the IPv4 header, 17 for UDP.
+        protocol: u8,
+        /// What stands in the place of the UDP destination port.
+        port: u16,
+    },
     /// An EtherCAT frame without datagrams.
     Kind(u8),
     /// The EtherCAT header promises more bytes than there are.
@@ -81,6 +92,11 @@ impl fmt::Display for FrameError {
             FrameError::EtherType(found) => {
                 write!(f, "EtherType {found:#06x}, expected {ETHERTYPE:#06x}")
             }
+            FrameError::NotOurPort { protocol, port } => write!(
+                f,
+                "IPv4 protocol {protocol} to port {port:#06x}, expected {PROTOCOL_UDP} (UDP) to \
+                 {UDP_PORT:#06x}"
+            ),
             FrameError::Kind(found) => write!(f, "EtherCAT type {found}, expected 1 (datagrams)"),
             FrameError::Length { promised, found } => {
                 write!(f, "EtherCAT header promises {promised} bytes, the frame has {found}")
@@ -89,9 +105,25 @@ impl fmt::Display for FrameError {
     }
 }
 
-/// Where the datagrams of a frame start: behind the Ethernet header, a VLAN tag if there is one, and
-/// the EtherCAT header.
+/// Where a frame keeps what an ESC works on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Envelope {
+    /// Offset of the first datagram.
+    pub datagrams: usize,
+    /// Offset of the UDP checksum, in the UDP variant. An ESC changes the contents on the fly and so
+    /// clears it: zero means "not computed".
+    pub udp_checksum: Option<usize>,
+}
+
+/// Where the datagrams of a frame start: behind the Ethernet header, a VLAN tag if there is one, IPv4
+/// and UDP headers if it is the UDP variant, and the EtherCAT header.
 pub fn payload_offset(frame: &[u8]) -> Result<usize, FrameError> {
+    envelope(frame).map(|envelope| envelope.datagrams)
+}
+
+/// Looks for datagrams in a frame as an ESC does: of the UDP variant it checks the protocol and the
+/// destination port only, at the places they have behind an IPv4 header without options.
+pub fn envelope(frame: &[u8]) -> Result<Envelope, FrameError> {
     let short = FrameError::Short { len: frame.len() };
     let word =
         |at: usize| frame.get(at..).and_then(|rest| rest.first_chunk::<2>()).copied().ok_or(short);
@@ -101,15 +133,32 @@ pub fn payload_offset(frame: &[u8]) -> Result<usize, FrameError> {
         at += 4;
         ethertype = u16::from_be_bytes(word(at)?);
     }
-    if ethertype != ETHERTYPE {
+    let mut udp_checksum = None;
+    at += 2;
+    if ethertype == ETHERTYPE_IPV4 {
+        let udp = at + IPV4_HEADER_LEN;
+        let [_, protocol] = word(at + IPV4_PROTOCOL - 1)?;
+        let port = u16::from_be_bytes(word(udp + 2)?);
+        if protocol != PROTOCOL_UDP || port != UDP_PORT {
+            return Err(FrameError::NotOurPort { protocol, port });
+        }
+        udp_checksum = Some(udp + 6);
+        at = udp + UDP_HEADER_LEN;
+    } else if ethertype != ETHERTYPE {
         return Err(FrameError::EtherType(ethertype));
     }
-    let header = EthercatHeader::parse(word(at + 2)?);
+    let header = EthercatHeader::parse(word(at)?);
     if header.kind != EthercatHeader::DATAGRAMS {
         return Err(FrameError::Kind(header.kind));
     }
-    Ok(at + 2 + ETHERCAT_HEADER_LEN)
+    Ok(Envelope { datagrams: at + ETHERCAT_HEADER_LEN, udp_checksum })
 }
+
+const IPV4_HEADER_LEN: usize = 20;
+/// Offset of the protocol in an IPv4 header.
+const IPV4_PROTOCOL: usize = 9;
+const PROTOCOL_UDP: u8 = 17;
+const UDP_HEADER_LEN: usize = 8;
 
 /// The bytes of all datagrams of a frame, by the length in its EtherCAT header.
 pub fn payload(frame: &[u8]) -> Result<&[u8], FrameError> {
@@ -257,6 +306,34 @@ mod tests {
         frame[14..16].copy_from_slice(&[0x0D, 0x10]);
         assert_eq!(payload(&frame).map(<[u8]>::len), Ok(13));
         assert_eq!(payload(&frame[..15]), Err(FrameError::Short { len: 15 }));
+    }
+
+    /// IPv4 and UDP headers as a MainDevice on a routed network sends them.
+    #[test]
+    fn the_udp_variant() {
+        let mut frame = [0; 74];
+        frame[12..14].copy_from_slice(&[0x08, 0x00]);
+        frame[14] = 0x45;
+        frame[23] = 17;
+        frame[36..38].copy_from_slice(&[0x88, 0xA4]);
+        frame[42..44].copy_from_slice(&[0x0D, 0x10]);
+        let found = Envelope { datagrams: 44, udp_checksum: Some(40) };
+        assert_eq!(envelope(&frame), Ok(found));
+        for (at, value, error) in [
+            (23, 6, FrameError::NotOurPort { protocol: 6, port: 0x88A4 }),
+            (37, 0xA5, FrameError::NotOurPort { protocol: 17, port: 0x88A5 }),
+            (43, 0x40, FrameError::Kind(4)),
+        ] {
+            let mut other = frame;
+            other[at] = value;
+            assert_eq!(envelope(&other), Err(error));
+        }
+        assert_eq!(envelope(&frame[..43]), Err(FrameError::Short { len: 43 }));
+        // Behind a VLAN tag all moves by four bytes.
+        let mut tagged = [0; 78];
+        tagged[12..14].copy_from_slice(&[0x81, 0x00]);
+        tagged[16..].copy_from_slice(&frame[12..]);
+        assert_eq!(envelope(&tagged), Ok(Envelope { datagrams: 48, udp_checksum: Some(44) }));
     }
 
     #[test]

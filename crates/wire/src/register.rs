@@ -222,6 +222,18 @@ registers! {
     0x0508 EEPROM_DATA: u64;
     /// MII management control and status.
     0x0510 MII_STATUS: u16;
+    /// MII PHY address, bits 4:0.
+    0x0512 MII_PHY_ADDRESS: u8;
+    /// MII PHY register, bits 4:0.
+    0x0513 MII_PHY_REGISTER: u8;
+    /// MII PHY data.
+    0x0514 MII_DATA: u16;
+    /// MII management ECAT access state: bit 0, ECAT alone.
+    0x0516 MII_ECAT_ACCESS: u8;
+    /// MII management PDI access state: bit 0, the PDI has it; bit 1, taken back by ECAT.
+    0x0517 MII_PDI_ACCESS: u8;
+    /// PHY status of ports 0 to 3, a byte a port.
+    0x0518 PHY_STATUS: u32;
     /// FMMU 0; see [`fmmu`].
     0x0600 FMMU_0: Fmmu;
     /// SyncManager 0; see [`sync_manager`].
@@ -298,6 +310,8 @@ registers! {
     0x09FC PDI_BUFFER_CHANGE_TIME: u32;
 }
 
+/// First of the chip's own registers: power-on values, product and vendor numbers.
+pub const CHIP_SPECIFIC: u16 = 0x0E00;
 /// First address behind the registers with shadow buffers.
 pub const SHADOW_END: u16 = 0x0F80;
 /// First address of the process RAM.

@@ -54,6 +54,10 @@ impl SyncManager {
     pub const ENABLE: u8 = 0x01;
     /// Activate bit 1: repeat request, toggled by the MainDevice.
     pub const REPEAT: u8 = 0x02;
+    /// Activate bit 6: note the time when ECAT exchanges a buffer (0x09F0).
+    pub const LATCH_ECAT: u8 = 0x40;
+    /// Activate bit 7: note the time when the PDI opens (0x09F8) or exchanges (0x09FC) a buffer.
+    pub const LATCH_PDI: u8 = 0x80;
 
     /// A configuration as a MainDevice writes it.
     pub const fn new(start: u16, length: u16, control: u8, enable: bool) -> Self {

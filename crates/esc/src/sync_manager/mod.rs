@@ -38,6 +38,19 @@ pub(crate) struct Access {
     pub any: bool,
     /// A buffer that triggers the watchdog was completed.
     pub watchdog: bool,
+    /// A buffer was opened by the PDI, and its SyncManager notes when (0x09F8).
+    pub started: bool,
+    /// A buffer changed hands by the PDI, and its SyncManager notes when (0x09FC).
+    pub changed: bool,
+}
+
+/// What the end of a good frame brought.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Exchanged {
+    /// A buffer that triggers the watchdog was completed.
+    pub watchdog: bool,
+    /// A SyncManager that notes the time (0x09F0) exchanged its buffer.
+    pub latch: bool,
 }
 
 /// All SyncManagers of an ESC.
@@ -50,13 +63,27 @@ pub(crate) struct SyncManagers {
     closing: u16,
     /// Units whose activation ECAT wrote and the PDI has not read since.
     changed: u16,
+    /// Units that the frame in flight touched, and what they were before it.
+    touched: u16,
+    before: [Unit; 16],
+    /// What the PDI reads, it releases by writing its last byte: register 0x014E bit 0.
+    release_by_write: bool,
 }
 
 impl SyncManagers {
     /// `count` SyncManagers at rest; their registers get their reset values.
-    pub fn new(count: u8, registers: &mut Registers) -> Self {
+    pub fn new(count: u8, release_by_write: bool, registers: &mut Registers) -> Self {
         let count = usize::from(count.min(16));
-        let units = Self { units: [Unit::REST; 16], count, guarding: 0, closing: 0, changed: 0 };
+        let units = Self {
+            units: [Unit::REST; 16],
+            count,
+            guarding: 0,
+            closing: 0,
+            changed: 0,
+            touched: 0,
+            before: [Unit::REST; 16],
+            release_by_write,
+        };
         for number in 0..count {
             units.show(number, registers);
         }
@@ -122,22 +149,55 @@ impl SyncManagers {
         self.closing != 0
     }
 
-    /// The frame in flight was good: buffers that ECAT closed change hands. Returns whether the
-    /// watchdog is triggered.
-    pub fn end_good_frame(&mut self, registers: &mut Registers) -> bool {
-        let mut watchdog = false;
-        for number in bits(core::mem::take(&mut self.closing)) {
-            watchdog |= self.units[number].complete(Side::Ecat);
-            self.show(number, registers);
-        }
-        watchdog
+    /// A frame arrives: what it touches will be remembered.
+    pub const fn begin_frame(&mut self) {
+        self.touched = 0;
     }
 
-    /// The frame in flight was bad: what ECAT closed in it stays open.
-    pub fn end_bad_frame(&mut self) {
+    /// The frame in flight was good: buffers that ECAT closed change hands.
+    pub fn end_good_frame(&mut self, registers: &mut Registers) -> Exchanged {
+        let mut exchanged = Exchanged::default();
         for number in bits(core::mem::take(&mut self.closing)) {
-            self.units[number].ecat_open = true;
+            let unit = &mut self.units[number];
+            exchanged.watchdog |= unit.complete(Side::Ecat);
+            exchanged.latch |= unit.config.activate & SyncManager::LATCH_ECAT != 0;
+            self.show(number, registers);
         }
+        exchanged
+    }
+
+    /// The frame in flight was bad: all is as it was before it.
+    pub fn end_bad_frame(&mut self, registers: &mut Registers) {
+        self.closing = 0;
+        for number in bits(core::mem::take(&mut self.touched)) {
+            self.units[number] = self.before[number];
+            self.show(number, registers);
+        }
+    }
+
+    /// The PDI writes `len` bytes from `address` on: buffers that it reads and whose last byte is among
+    /// them are released, if it acknowledges by writing.
+    pub fn release_by_write(
+        &mut self,
+        address: u16,
+        len: usize,
+        registers: &mut Registers,
+    ) -> Access {
+        let mut outcome = Access::default();
+        let first = usize::from(address);
+        for number in bits(self.guarding) {
+            let unit = &mut self.units[number];
+            let last = unit.end() - 1;
+            if self.release_by_write
+                && unit.is_open_for_reading()
+                && (first..first + len).contains(&last)
+            {
+                unit.complete(Side::Pdi);
+                outcome.changed |= unit.config.activate & SyncManager::LATCH_PDI != 0;
+                self.show(number, registers);
+            }
+        }
+        outcome
     }
 
     /// Takes over the registers of one SyncManager after ECAT wrote them.
@@ -223,15 +283,26 @@ impl SyncManagers {
         outcome: &mut Access,
     ) -> Option<usize> {
         let unit = &mut self.units[number];
+        if side == Side::Ecat && self.touched & 1 << number == 0 {
+            self.touched |= 1 << number;
+            self.before[number] = *unit;
+        }
         let offset = part.start - usize::from(unit.config.start);
         let place = unit.admit(side, direction, offset)?;
+        let latch = side == Side::Pdi && unit.config.activate & SyncManager::LATCH_PDI != 0;
+        outcome.started |= latch && offset == 0;
+        let held = self.release_by_write && direction == Direction::Read;
         if part.end == unit.end() {
             match side {
                 Side::Ecat => {
                     unit.ecat_open = false;
                     self.closing |= 1 << number;
                 }
-                Side::Pdi => outcome.watchdog |= unit.complete(side),
+                Side::Pdi if held && unit.config.length > 1 => {}
+                Side::Pdi => {
+                    outcome.watchdog |= unit.complete(side);
+                    outcome.changed |= latch;
+                }
             }
         } else if offset == 0 && side == Side::Ecat {
             self.closing &= !(1 << number);

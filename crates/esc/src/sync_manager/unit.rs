@@ -135,6 +135,11 @@ impl Unit {
         Some(start + offset + usize::from(buffer) * usize::from(self.config.length))
     }
 
+    /// The PDI has opened a buffer to read it.
+    pub fn is_open_for_reading(&self) -> bool {
+        self.pdi_open && self.direction_of(Side::Pdi) == Direction::Read
+    }
+
     /// The buffer that `side` closed changes hands. Returns whether the watchdog is triggered.
     pub fn complete(&mut self, side: Side) -> bool {
         self.set_open(side, false);

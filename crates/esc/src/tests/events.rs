@@ -51,6 +51,20 @@ fn loops_by_order() {
     assert_eq!(open(&bench), [true, false, true, false]);
     bench.fpwr(0x0101, &[0x04]);
     assert_eq!(open(&bench), [true, true, true, false]);
+    // Or until a good frame is heard at the port, which does so at no port that was closed by order.
+    bench.esc.set_port(PortNumber::P1, false);
+    assert!(!bench.esc.hear_frame(PortNumber::P1), "no link, no frame");
+    bench.esc.set_port(PortNumber::P1, true);
+    assert_eq!(open(&bench), [true, false, true, false]);
+    bench.read(register::DL_STATUS);
+    assert!(!bench.esc.hear_frame(PortNumber::P2), "open already");
+    assert!(bench.esc.hear_frame(PortNumber::P1));
+    assert_eq!(open(&bench), [true, true, true, false]);
+    assert_eq!(bench.read(register::ECAT_EVENT_REQUEST) & 4, 4, "DL status has changed");
+    bench.fpwr(0x0101, &[0x0C]);
+    assert!(!bench.esc.hear_frame(PortNumber::P1));
+    assert_eq!(open(&bench), [true, false, true, false]);
+    bench.fpwr(0x0101, &[0x04]);
     // Lost links count at automatic ports only.
     bench.bwr(0x0310, &[0]);
     bench.esc.set_port(PortNumber::P1, false);
@@ -107,6 +121,25 @@ fn error_counters_saturate_and_clear_by_groups() {
     assert_eq!(bench.fprd(0x0302, 1).0, [0xFF]);
     bench.bwr(0x0300, &[0x77]);
     assert_eq!(bench.fprd(0x0300, 12).0, [0; 12]);
+}
+
+/// Register 0x0204 decides what interrupts the CPU, and no more.
+#[test]
+fn the_interrupt_line() {
+    let mut bench = Bench::new(&LAN9252);
+    let line = |bench: &Bench| bench.esc.interrupt(device(bench.now));
+    assert_eq!(bench.read(register::AL_EVENT_MASK), 0x00FF_FF0F);
+    assert!(!line(&bench));
+    bench.bwr(0x0120, &[2, 0]);
+    assert!(line(&bench));
+    bench.pdi().store(register::AL_EVENT_MASK, 0x00FF_FF0E);
+    assert!(!line(&bench));
+    assert_eq!(bench.pdi_read(register::AL_EVENT_REQUEST), 1, "the request does not care");
+    bench.fpwr(0x0800, &[0x00, 0x10, 4, 0, 0x26, 0, 1, 0]);
+    assert!(!line(&bench), "SM activation is masked at reset");
+    bench.pdi().store(register::AL_EVENT_MASK, 0x0000_0010);
+    assert!(line(&bench));
+    assert_eq!(bench.fpwr(0x0204, &[0; 4]), 0, "the mask is the PDI's");
 }
 
 /// A broken ring: port 0 closed by itself.

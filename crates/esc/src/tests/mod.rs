@@ -1,14 +1,20 @@
 //! The ESC as seen from both its sides. Numbers of vectors are those of the project's list of captures
 //! from real chips.
 
+mod acknowledge;
 mod clocks;
+mod eeprom;
 mod events;
-mod faults;
+mod frames;
 mod latch;
+mod leds;
 mod mailbox;
+mod mii;
 mod process_data;
 mod registers;
+mod sync_managers;
 mod sync_signals;
+mod watchdogs;
 
 use std::vec;
 use std::vec::Vec;

@@ -1,7 +1,7 @@
 //! Commands, working counters, shadow registers, the EEPROM and other registers.
 
 use super::*;
-use crate::{ET1100, ET1200, IP_CORE_32, LAN9252, XMC4800};
+use crate::{ET1100, ET1100_MII, ET1200, IP_CORE_32, LAN9252, XMC4800};
 use isocat_wire::{AlControl, AlState, AlStatus, AlStatusCode};
 
 #[test]
@@ -193,102 +193,6 @@ fn device_emulation() {
     assert_eq!(bench.pdi().events(), 0);
 }
 
-/// Vectors 12 and 13.
-#[test]
-fn eeprom_reads() {
-    for (chip, busy, idle) in [(&ET1100, 0x8140, 0x0040), (&ET1200, 0x8150, 0x0050)] {
-        let mut bench = Bench::new(chip);
-        assert_eq!(bench.fpwr(0x0502, &[0x00, 0x01, 0x08, 0, 0, 0]), 1);
-        assert_eq!(bench.read(register::EEPROM_STATUS).0, busy);
-        assert_eq!(bench.fpwr(0x0502, &[0x00, 0x01, 0x09, 0, 0, 0]), 0, "busy");
-        bench.run_to(bench.now + 20_000);
-        assert!(matches!(bench.take_events()[..], [(_, EscEvent::EepromDone)]));
-        assert_eq!(
-            bench.fprd(0x0502, 14),
-            (vec![idle as u8, 0, 8, 0, 0, 0, 2, 0, 0, 0, 0x52, 0x2C, 0x4C, 0x04], 1)
-        );
-        // Beyond the end: erased cells.
-        bench.fpwr(0x0502, &[0x80, 0x01, 0x7F, 0]);
-        bench.run_to(bench.now + 20_000);
-        assert_eq!(bench.fprd(0x0508, 4).0, [0, 0, 0xFF, 0xFF]);
-        bench.fpwr(0x0502, &[0x00, 0x01, 0xFF, 0xFF, 0xFF, 0xFF]);
-        bench.run_to(bench.now + 20_000);
-        assert_eq!(bench.read(register::EEPROM_DATA), u64::MAX);
-    }
-    // Four bytes a read.
-    let mut bench = Bench::new(&IP_CORE_32);
-    bench.fpwr(0x0502, &[0x00, 0x01, 0x08, 0, 0, 0]);
-    bench.run_to(bench.now + 20_000);
-    assert_eq!(bench.fprd(0x0502, 14).0, [0, 0, 8, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
-}
-
-#[test]
-fn eeprom_is_busy_for_its_time_exactly() {
-    let mut bench = Bench::new(&ET1100);
-    bench.fpwr(0x0502, &[0x00, 0x01, 0x08, 0, 0, 0]);
-    let done = bench.now + 20_000;
-    bench.run_to(done - 1);
-    assert!(bench.esc.register(register::EEPROM_STATUS).busy());
-    bench.run_to(done);
-    assert!(!bench.esc.register(register::EEPROM_STATUS).busy());
-}
-
-#[test]
-fn eeprom_writes_need_the_enable_bit_and_the_ownership() {
-    let mut bench = Bench::new(&ET1100);
-    bench.fpwr(0x0508, &[0xCD, 0xAB]);
-    bench.fpwr(0x0502, &[0x00, 0x02, 0x40, 0, 0, 0]);
-    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x4040);
-    // One frame with the command first and the data last is one command.
-    bench.fpwr(0x0502, &[0x01, 0x02, 0x40, 0, 0, 0, 0x34, 0x12]);
-    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x8240);
-    bench.run_to(bench.now + 200_000);
-    assert_eq!(bench.esc.eeprom()[0x80..0x82], [0x34, 0x12]);
-    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0040);
-    // An unknown command; the command 000 clears the error.
-    bench.fpwr(0x0502, &[0x00, 0x03]);
-    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x2040);
-    bench.fpwr(0x0502, &[0x00, 0x00]);
-    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0040);
-    // Offered to the PDI: nobody's until it takes it.
-    bench.write(register::EEPROM_CONFIGURATION, 1);
-    assert_eq!(bench.fpwr(0x0502, &[0x00, 0x01, 8, 0, 0, 0]), 0);
-    bench.pdi().write(0x0502, &[0x00, 0x01, 8, 0, 0, 0]);
-    assert!(!bench.read(register::EEPROM_STATUS).busy());
-    bench.pdi().store(register::EEPROM_PDI_ACCESS, 1);
-    bench.pdi().write(0x0502, &[0x00, 0x01, 8, 0, 0, 0]);
-    assert!(bench.read(register::EEPROM_STATUS).busy());
-    bench.run_to(bench.now + 20_000);
-    assert_eq!(bench.pdi_read(register::EEPROM_DATA) as u32, 2);
-    // Taken back by force.
-    bench.write(register::EEPROM_CONFIGURATION, 2);
-    assert_eq!(bench.read(register::EEPROM_PDI_ACCESS), 0);
-    bench.write(register::EEPROM_CONFIGURATION, 0);
-    assert_eq!(bench.fpwr(0x0502, &[0x00, 0x01, 8, 0, 0, 0]), 1);
-}
-
-#[test]
-fn a_wrong_checksum_leaves_the_defaults() {
-    let mut wrong = image(SII);
-    wrong[14] ^= 1;
-    let mut bench = Bench::new(&ET1100);
-    bench.esc = Esc::new(&ET1100, wrong, vec![0; 8192]);
-    bench.write(register::STATION_ADDRESS, 0x1001);
-    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x1840);
-    assert_eq!(bench.read(register::PDI_CONTROL), 0);
-    assert_eq!(bench.fprd(0x1000, 2).1, 0, "no process RAM without a configuration");
-    // Mend it over the wire and reload.
-    bench.fpwr(0x0502, &[0x01, 0x02, 7, 0, 0, 0, sii::checksum(&SII), 0]);
-    bench.run_to(bench.now + 200_000);
-    bench.fpwr(0x0502, &[0x00, 0x04]);
-    bench.run_to(bench.now + 20_000);
-    assert_eq!(bench.read(register::EEPROM_STATUS).0, 0x0040);
-    assert_eq!(bench.read(register::PDI_CONTROL), 0x80);
-    assert_eq!(bench.read(register::STATION_ALIAS), 0, "the alias is loaded at power-on only");
-    assert_eq!(bench.fprd(0x1000, 2).1, 1);
-    assert_eq!(bench.read(register::SYNC_PULSE_LENGTH), 0x2710);
-}
-
 #[test]
 fn write_protection() {
     let mut bench = Bench::new(&ET1100);
@@ -304,6 +208,79 @@ fn write_protection() {
     bench.frame(true, &[enable, lock]);
     assert_eq!(bench.fpwr(0x1000, &[1, 0]), 0);
     assert_eq!(bench.frame(true, &[(Command::Fpwr, station(0x0030), &[0]), write])[1].1, 0);
+}
+
+/// The write enables last until the next frame arrives, whatever it is.
+#[test]
+fn write_enables_can_be_read_between_frames() {
+    let mut bench = Bench::new(&ET1100);
+    for enable in [register::REGISTER_WRITE_ENABLE, register::ESC_WRITE_ENABLE] {
+        bench.write(enable, 1);
+        assert_eq!(bench.pdi_read(enable), 1);
+        assert_eq!(bench.read(enable), 0);
+        assert_eq!(bench.pdi_read(enable), 0);
+    }
+    // Each enables its own protection only.
+    bench.write(register::ESC_WRITE_PROTECTION, 1);
+    let write = (Command::Fpwr, station(0x1000), &[1][..]);
+    for (enable, counted) in [(0x0020, 0), (0x0030, 1)] {
+        let enable = (Command::Fpwr, station(enable), &[0][..]);
+        assert_eq!(bench.frame(true, &[enable, write])[1].1, counted);
+        assert_eq!(bench.frame(true, &[write, enable])[0].1, 0, "too late");
+    }
+    // Reads and the PDI are free.
+    assert_eq!(bench.fprd(0x1000, 1).1, 1);
+    bench.pdi().write(0x1000, &[7]);
+    assert_eq!(bench.fprd(0x1000, 1).0, [7]);
+}
+
+/// Which optional registers a chip has: unimplemented ones do not count.
+#[test]
+fn registers_by_chip() {
+    let optional = [0x0108, 0x0138, 0x0510, 0x0516, 0x0910, 0x0984, 0x0E00, 0x0E02, 0x0E0F, 0x0E10];
+    for (chip, exist) in [
+        (&ET1100, [0, 0, 1, 0, 1, 0, 1, 0, 0, 0]),
+        (&ET1100_MII, [0, 0, 1, 0, 1, 0, 1, 0, 0, 0]),
+        (&ET1200, [0, 0, 1, 0, 1, 1, 1, 0, 0, 0]),
+        (&IP_CORE_32, [1, 1, 1, 1, 1, 1, 1, 1, 1, 0]),
+        (&LAN9252, [1, 1, 1, 1, 1, 1, 1, 1, 1, 0]),
+        (&XMC4800, [1, 1, 1, 1, 1, 1, 1, 1, 1, 0]),
+    ] {
+        let mut bench = Bench::new(chip);
+        let found = optional.map(|address| bench.fprd(address, 1).1);
+        assert_eq!(found, exist, "{}", chip.name);
+        assert_eq!(bench.bwr(0x0E00, &[1]), 0, "read-only");
+    }
+}
+
+/// Product and vendor numbers are the profile's.
+#[test]
+fn product_and_vendor() {
+    static CHIP: Chip = Chip {
+        chip_specific: &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16],
+        ..crate::chip::IP_CORE_BASE
+    };
+    let mut bench = Bench::new(&CHIP);
+    let numbers: Vec<u8> = (1..=16).collect();
+    assert_eq!(bench.fprd(0x0E00, 16), (numbers.clone(), 1));
+    assert_eq!(bench.pdi_bytes(0x0E00, 16), numbers);
+}
+
+/// From the PDI's side: the same three letters, each in an access of its own.
+#[test]
+fn the_pdi_resets_too() {
+    let mut bench = Bench::new(&LAN9252);
+    bench.pdi().store(register::ESC_RESET_PDI, b'R');
+    bench.pdi().store(register::ESC_RESET_PDI, b'R');
+    bench.pdi().store(register::ESC_RESET_PDI, b'E');
+    assert_eq!(bench.pdi_read(register::ESC_RESET_PDI), 2);
+    assert_eq!(bench.fpwr(0x0041, b"S"), 0, "ECAT has a register of its own");
+    bench.write(register::ESC_RESET_ECAT, b'S');
+    assert_eq!(bench.pdi_read(register::ESC_RESET_PDI), 2);
+    bench.pdi().store(register::ESC_RESET_PDI, b'S');
+    bench.run_to(bench.now);
+    assert!(matches!(bench.take_events()[..], [.., (_, EscEvent::Reset)]));
+    assert_eq!(bench.esc.register(register::STATION_ADDRESS), 0);
 }
 
 #[test]

@@ -1,0 +1,306 @@
+//! The common rules of SyncManagers and FMMUs, one by one.
+
+use super::*;
+use crate::{ET1100, LAN9252};
+use isocat_wire::fmmu::Fmmu;
+use isocat_wire::sync_manager::SyncManager;
+
+fn configure(bench: &mut Bench, number: usize, start: u16, length: u16, control: u8) {
+    let manager = SyncManager::new(start, length, control, true);
+    let address = register::sync_manager(number).address;
+    assert_eq!(bench.fpwr(address, &manager.to_bytes()), 1);
+    bench.pdi_bytes(address, 8);
+}
+
+fn wkc(answers: Vec<(Vec<u8>, u16)>) -> Vec<u16> {
+    answers.into_iter().map(|(_, wkc)| wkc).collect()
+}
+
+#[test]
+fn a_buffer_is_filled_over_several_frames() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 0, 0x1000, 8, SyncManager::MAILBOX_OUT);
+    let status = |bench: &mut Bench| bench.read(register::sm_status(0));
+    assert_eq!(bench.fpwr(0x1002, &[9]), 0, "an inner byte of a closed buffer");
+    assert_eq!(bench.fpwr(0x1000, &[1]), 1);
+    assert_eq!(status(&mut bench), SyncManager::STATUS_WRITING);
+    assert_eq!(bench.fpwr(0x1004, &[5, 6]), 1);
+    assert_eq!(bench.fpwr(0x1002, &[3]), 1, "in any order");
+    // The first byte again: from the beginning.
+    assert_eq!(bench.fpwr(0x1000, &[0x11]), 1);
+    assert_eq!(status(&mut bench), SyncManager::STATUS_WRITING);
+    assert_eq!(bench.fpwr(0x1007, &[8]), 1);
+    assert_eq!(status(&mut bench), 0x09);
+    assert_eq!(bench.fpwr(0x1004, &[0]), 0);
+    assert_eq!(bench.pdi_bytes(0x1000, 8), [0x11, 0, 3, 0, 5, 6, 0, 8]);
+}
+
+/// Opened and closed, opened again and not closed, in one frame: it stays open.
+#[test]
+fn the_first_byte_restarts_also_within_a_frame() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 0, 0x1000, 4, SyncManager::MAILBOX_OUT);
+    let whole = (Command::Fpwr, station(0x1000), &[1; 4][..]);
+    let first = (Command::Fpwr, station(0x1000), &[2][..]);
+    assert_eq!(wkc(bench.frame(true, &[whole, first])), [1, 1]);
+    assert_eq!(bench.read(register::sm_status(0)), SyncManager::STATUS_WRITING);
+    assert_eq!(bench.fpwr(0x1003, &[3]), 1);
+    assert_eq!(bench.pdi_bytes(0x1000, 4), [2, 1, 1, 3]);
+}
+
+/// A bad frame leaves status and buffers, opened or not, as they were.
+#[test]
+fn a_bad_frame_is_as_if_it_had_not_been() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 0, 0x1000, 4, SyncManager::MAILBOX_OUT);
+    configure(&mut bench, 1, 0x1080, 4, SyncManager::MAILBOX_IN);
+    configure(&mut bench, 2, 0x1100, 4, SyncManager::INPUTS);
+    bench.fpwr(0x1000, &[1; 2]);
+    bench.pdi().write(0x1080, &[2; 4]);
+    for value in [3, 4] {
+        bench.pdi().write(0x1100, &[value; 4]);
+    }
+    let before = bench.esc.registers().to_vec();
+    let events = bench.pdi().events();
+    let list = [
+        (Command::Fpwr, station(0x1000), &[9; 4][..]),
+        (Command::Fprd, station(0x1080), &[0; 4][..]),
+        (Command::Fprd, station(0x1100), &[0; 4][..]),
+        (Command::Fprd, station(0x1080), &[0; 1][..]),
+    ];
+    assert_eq!(wkc(bench.frame(false, &list)), [1, 1, 1, 1]);
+    assert_eq!(bench.esc.registers()[0x0800..0x0880], before[0x0800..0x0880]);
+    assert_eq!(bench.pdi().events(), events);
+    // The outputs that were half written are completed, the others read.
+    assert_eq!(bench.fpwr(0x1002, &[1; 2]), 1);
+    assert_eq!(bench.pdi_bytes(0x1002, 2), [0; 2]);
+    assert_eq!(bench.fprd(0x1080, 4), (vec![2; 4], 1));
+    assert_eq!(bench.fprd(0x1100, 4), (vec![4; 4], 1));
+}
+
+#[test]
+fn the_configuration_is_locked_from_before_the_frame() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 0, 0x1000, 4, SyncManager::MAILBOX_OUT);
+    // Switched off in the same frame: too late for this frame.
+    let off = (Command::Fpwr, station(0x0806), &[0][..]);
+    let start = (Command::Fpwr, station(0x0800), &[0x00, 0x12][..]);
+    assert_eq!(wkc(bench.frame(true, &[off, start])), [1, 0]);
+    assert_eq!(bench.read(register::SM_0).start, 0x1000);
+    assert_eq!(wkc(bench.frame(true, &[start])), [1]);
+    // Status and PDI control are nobody's on the wire.
+    assert_eq!((bench.fpwr(0x0805, &[0xFF]), bench.fpwr(0x0807, &[0xFF])), (0, 0));
+    // Switched on and configured in two datagrams of one frame.
+    let on = (Command::Fpwr, station(0x0806), &[1][..]);
+    let rest = (Command::Fpwr, station(0x0802), &[2, 0, 0x26][..]);
+    assert_eq!(wkc(bench.frame(true, &[on, rest])), [1, 1]);
+    assert_eq!(bench.fpwr(0x1200, &[1, 2]), 1);
+    assert_eq!(bench.read(register::sm_status(0)), 0x09);
+    // Off and on again, it is empty.
+    bench.fpwr(0x0806, &[0]);
+    assert_eq!(bench.read(register::sm_status(0)), 0x00);
+    bench.fpwr(0x0806, &[1]);
+    assert_eq!(bench.fpwr(0x1200, &[3, 4]), 1);
+}
+
+#[test]
+fn one_byte_has_no_handshake() {
+    for control in [SyncManager::MAILBOX_OUT, SyncManager::OUTPUTS] {
+        let mut bench = Bench::new(&ET1100);
+        configure(&mut bench, 0, 0x1000, 1, control);
+        for value in [1, 2] {
+            assert_eq!(bench.fpwr(0x1000, &[value]), 1, "never full");
+            assert_eq!(bench.pdi().events(), register::al_event::sync_manager(0));
+        }
+        assert_eq!(bench.pdi_bytes(0x1000, 1), [2]);
+        assert_eq!(bench.pdi().events(), 0);
+        assert_eq!(bench.pdi_bytes(0x1000, 1), [2], "never empty");
+        assert_eq!(bench.fpwr(0x1001, &[7; 2]), 1, "one byte reserves one byte");
+        // The direction holds.
+        assert_eq!(bench.fprd(0x1000, 1).1, 0);
+        bench.pdi().write(0x1000, &[9]);
+        assert_eq!(bench.pdi_bytes(0x1000, 1), [2]);
+    }
+}
+
+#[test]
+fn no_byte_guards_nothing() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 0, 0x1000, 0, SyncManager::MAILBOX_OUT);
+    assert_eq!(bench.fpwr(0x1000, &[1; 4]), 1);
+    assert_eq!(bench.fprd(0x1000, 4), (vec![1; 4], 1));
+    assert_eq!(bench.pdi().events(), 0);
+}
+
+/// Where areas overlap, the SyncManager with the lower number has the byte.
+#[test]
+fn overlapping_areas() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 0, 0x1000, 4, SyncManager::MAILBOX_OUT);
+    configure(&mut bench, 1, 0x1002, 4, SyncManager::MAILBOX_IN);
+    assert_eq!(bench.fpwr(0x1000, &[1, 2, 3, 4]), 1);
+    assert_eq!(bench.read(register::sm_status(0)), 0x09);
+    assert_eq!(bench.read(register::sm_status(1)), 0x00);
+    assert_eq!(bench.pdi_bytes(0x1000, 4), [1, 2, 3, 4]);
+    // SM1's first byte is SM0's: it never opens.
+    bench.pdi().write(0x1002, &[5; 4]);
+    assert_eq!(bench.fprd(0x1004, 2).1, 0);
+}
+
+/// Free memory, two areas and free memory again in one datagram: whoever may, takes part.
+#[test]
+fn one_access_over_several_areas() {
+    let mut bench = Bench::new(&LAN9252);
+    configure(&mut bench, 0, 0x1010, 4, SyncManager::MAILBOX_OUT);
+    configure(&mut bench, 1, 0x1014, 4, SyncManager::MAILBOX_IN);
+    let data: Vec<u8> = (1..=16).collect();
+    assert_eq!(bench.fpwr(0x100C, &data), 1);
+    assert_eq!(bench.pdi_bytes(0x1010, 4), [5, 6, 7, 8]);
+    assert_eq!(bench.send(Command::Fprd, station(0x100C), &[0xEE; 16]), {
+        let mut expected = vec![0xEE; 16];
+        expected[..4].copy_from_slice(&[1, 2, 3, 4]);
+        expected[12..].copy_from_slice(&[13, 14, 15, 16]);
+        (expected, 1)
+    });
+}
+
+#[test]
+fn repeat_gives_the_last_mailbox_again() {
+    let mut bench = Bench::new(&LAN9252);
+    configure(&mut bench, 1, 0x1080, 4, SyncManager::MAILBOX_IN);
+    bench.pdi().write(0x1080, &[1; 4]);
+    assert_eq!(bench.fprd(0x1080, 4).1, 1);
+    bench.pdi().write(0x1080, &[2; 4]);
+    // The answer of the read was lost: the MainDevice toggles the request.
+    assert_eq!(bench.fpwr(0x080D, &[0, 3]), 1);
+    assert_eq!(bench.last_al_events(), register::al_event::SM_ACTIVATION);
+    assert_eq!(bench.pdi_read(register::sm_activate(1)), 3);
+    // A newer mailbox sits there: away with it, the last one again, then acknowledge.
+    let control = register::sm_pdi_control(1);
+    bench.pdi().store(control, 1);
+    bench.pdi().store(control, 0);
+    bench.pdi().write(0x1080, &[1; 4]);
+    bench.pdi().store(control, 2);
+    assert_eq!(bench.read(control), 2);
+    assert_eq!(bench.fprd(0x1080, 4), (vec![1; 4], 1));
+}
+
+/// Deactivated by the PDI: locked for both sides, its events gone, and empty afterwards.
+#[test]
+fn deactivated_areas_are_locked() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 2, 0x1100, 4, SyncManager::OUTPUTS);
+    bench.fpwr(0x1100, &[1; 4]);
+    let event = register::al_event::sync_manager(2);
+    assert_eq!(bench.pdi().events(), event);
+    let control = register::sm_pdi_control(2);
+    bench.pdi().store(control, 1);
+    assert_eq!(bench.pdi().events(), 0);
+    assert_eq!(bench.fpwr(0x1100, &[2; 4]), 0);
+    assert_eq!(bench.pdi_bytes(0x1100, 4), [0; 4]);
+    bench.pdi().store(control, 0);
+    assert_eq!(bench.pdi_bytes(0x1100, 4), [0; 4], "nothing was written since");
+    assert_eq!(bench.fpwr(0x1100, &[3; 4]), 1);
+    assert_eq!(bench.pdi().events(), event);
+    assert_eq!(bench.pdi_bytes(0x1100, 4), [3; 4]);
+}
+
+#[test]
+fn several_fmmus_in_one_datagram_count_once() {
+    let mut bench = Bench::new(&ET1100);
+    for (number, logical, physical) in [(0, 0x100, 0x1100), (1, 0x104, 0x1200), (2, 0x108, 0x080D)]
+    {
+        let len = if number == 2 { 1 } else { 2 };
+        let fmmu = Fmmu::bytes(logical, len, physical, Fmmu::READ);
+        bench.fpwr(register::fmmu(number).address, &fmmu.to_bytes());
+    }
+    bench.fpwr(register::fmmu(3).address, &Fmmu::bytes(0x100, 9, 0x1300, Fmmu::WRITE).to_bytes());
+    bench.fpwr(0x1100, &[1, 2]);
+    bench.fpwr(0x1200, &[3, 4]);
+    let image = Address::Logical(0x100);
+    let (data, wkc) = bench.send(Command::Lrd, image, &[0xEE; 9]);
+    assert_eq!((&data[..], wkc), (&[1, 2, 0xEE, 0xEE, 3, 4, 0xEE, 0xEE, 0x30][..], 1));
+    let (_, wkc) = bench.send(Command::Lrw, image, &[7; 9]);
+    assert_eq!(wkc, 3);
+    assert_eq!(bench.fprd(0x1300, 9).0, [7; 9]);
+    // Between two of them nobody is at home.
+    assert_eq!(bench.send(Command::Lrd, Address::Logical(0x102), &[5; 2]), (vec![5; 2], 0));
+}
+
+/// A process image in two datagrams: the first opens the buffer, the second closes it.
+#[test]
+fn a_datagram_may_cover_a_part_of_an_area() {
+    let mut bench = Bench::new(&ET1100);
+    configure(&mut bench, 2, 0x1100, 4, SyncManager::OUTPUTS);
+    bench.fpwr(0x0600, &Fmmu::bytes(0x200, 4, 0x1100, Fmmu::WRITE).to_bytes());
+    let head = (Command::Lwr, Address::Logical(0x200), &[1, 2][..]);
+    let tail = (Command::Lwr, Address::Logical(0x202), &[3, 4][..]);
+    assert_eq!(wkc(bench.frame(true, &[tail])), [0], "not open");
+    assert_eq!(wkc(bench.frame(true, &[head, tail])), [1, 1]);
+    assert_eq!(bench.pdi_bytes(0x1100, 4), [1, 2, 3, 4]);
+}
+
+/// FMMUs onto registers obey the rules of registers.
+#[test]
+fn a_fmmu_onto_registers() {
+    let mut bench = Bench::new(&ET1100);
+    bench.fpwr(0x0600, &Fmmu::bytes(0x300, 2, 0x0400, Fmmu::WRITE).to_bytes());
+    bench.fpwr(0x0610, &Fmmu::bytes(0x300, 2, 0x0400, Fmmu::READ).to_bytes());
+    bench.fpwr(0x0620, &Fmmu::bytes(0x310, 2, 0x0000, Fmmu::WRITE).to_bytes());
+    bench.fpwr(0x0630, &Fmmu::bytes(0x320, 2, 0x0A00, Fmmu::READ).to_bytes());
+    let image = Address::Logical(0x300);
+    assert_eq!(bench.send(Command::Lrw, image, &[0x34, 0x12]), (vec![0xC2, 0x09], 3));
+    assert_eq!(bench.read(register::WATCHDOG_DIVIDER), 0x1234);
+    bench.frame(false, &[(Command::Lwr, image, &[0, 0])]);
+    assert_eq!(bench.read(register::WATCHDOG_DIVIDER), 0x1234);
+    assert_eq!(bench.send(Command::Lwr, Address::Logical(0x310), &[1, 2]).1, 0, "read-only");
+    assert_eq!(bench.send(Command::Lrd, Address::Logical(0x320), &[1, 2]), (vec![1, 2], 0));
+}
+
+/// Registers 0x09F0, 0x09F8, 0x09FC: local times of buffer changes, where SyncManagers ask for them.
+#[test]
+fn buffer_change_times() {
+    let mut bench = Bench::new(&ET1100);
+    let times = |bench: &Bench| {
+        [
+            bench.esc.register(register::ECAT_BUFFER_CHANGE_TIME),
+            bench.esc.register(register::PDI_BUFFER_START_TIME),
+            bench.esc.register(register::PDI_BUFFER_CHANGE_TIME),
+        ]
+    };
+    configure(&mut bench, 2, 0x1100, 4, SyncManager::OUTPUTS);
+    bench.fpwr(0x1100, &[1; 4]);
+    bench.pdi_bytes(0x1100, 4);
+    assert_eq!(times(&bench), [0; 3], "nobody asked");
+    // ECAT: the arrival of the frame that closes, not of the one that opens.
+    assert_eq!(bench.fpwr(0x0816, &[SyncManager::ENABLE | SyncManager::LATCH_ECAT]), 1);
+    assert_eq!(bench.fpwr(0x1100, &[2; 2]), 1);
+    assert_eq!(times(&bench), [0; 3]);
+    bench.run_to(bench.now + 1_237);
+    let local = |bench: &Bench| bench.esc.local_time(device(bench.now)).count() as u32;
+    let ecat = local(&bench);
+    bench.frame(false, &[(Command::Fpwr, station(0x1102), &[2; 2])]);
+    assert_eq!(times(&bench), [0; 3], "a bad frame changes no buffer");
+    let ecat = ecat + duration_ns(60) as u32;
+    assert_eq!(bench.fpwr(0x1102, &[2; 2]), 1);
+    // It arrived between two ticks, and its end waits for the next one.
+    assert_eq!(times(&bench), [0; 3]);
+    bench.run_to(bench.now.next_multiple_of(10));
+    assert_eq!(times(&bench), [ecat, 0, 0]);
+    bench.pdi_bytes(0x1100, 4);
+    assert_eq!(times(&bench), [ecat, 0, 0]);
+    // PDI: opening and closing.
+    bench.fpwr(0x0816, &[SyncManager::ENABLE | SyncManager::LATCH_PDI]);
+    bench.fpwr(0x1100, &[3; 4]);
+    bench.run_to(bench.now + 555);
+    let start = local(&bench);
+    bench.pdi_bytes(0x1100, 1);
+    assert_eq!(times(&bench), [ecat, start, 0]);
+    bench.run_to(bench.now + 5_000);
+    bench.pdi_bytes(0x1101, 2);
+    assert_eq!(times(&bench), [ecat, start, 0]);
+    bench.pdi_bytes(0x1103, 1);
+    assert_eq!(times(&bench), [ecat, start, local(&bench)]);
+    assert_eq!(bench.fprd(0x09F0, 4).0, ecat.to_le_bytes());
+    assert_eq!(bench.bwr(0x09F0, &[0; 16]), 0, "read-only");
+}

@@ -1,0 +1,9 @@
+//! An ESC between arbitrary frames and arbitrary accesses of the PDI: what must hold is in the checking
+//! code of the crate's own tests.
+#![no_main]
+
+#[path = "../../crates/esc/tests/checking/mod.rs"]
+#[allow(dead_code, reason = "each target tells one kind of story")]
+mod checking;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| checking::pdi_sequence(bytes));

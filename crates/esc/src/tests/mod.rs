@@ -2,12 +2,14 @@
 //! from real chips.
 
 mod clocks;
+mod drift_loop;
 mod events;
 mod faults;
 mod latch;
 mod mailbox;
 mod process_data;
 mod registers;
+mod sync_edges;
 mod sync_signals;
 
 use std::vec;

@@ -339,7 +339,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.al_events(now) & self.register(register::AL_EVENT_MASK) != 0
     }
 
-    /// The AL events that frames and the PDI cause.
+    /// The AL events that frames and the PDI cause, the latch unit's apart.
     pub(crate) fn own_al_events(&self) -> u32 {
         self.al.events() | self.sync_managers.al_events() | self.eeprom.al_events()
     }

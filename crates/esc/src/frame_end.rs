@@ -18,7 +18,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     pub(crate) fn end_frame(&mut self) -> EscEvent {
         let flight = core::mem::replace(&mut self.flight, Flight::NONE);
         let now = flight.end;
-        let before = self.own_al_events();
+        let before = self.lasting_al_events();
         let exchanged = self.sync_managers.end_good_frame(&mut self.registers);
         if exchanged.watchdog {
             self.trigger_watchdog(now);
@@ -37,8 +37,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if !self.shadow.is_empty() {
             self.commit(flight.start, now);
         }
-        let after = self.own_al_events();
+        let after = self.lasting_al_events();
         EscEvent::FrameEnd { al_events: after & !before }
+    }
+
+    /// The AL events that stay until they are acknowledged.
+    fn lasting_al_events(&self) -> u32 {
+        self.own_al_events() | self.dc.latch.al_events(&self.registers)
     }
 
     /// Brings what the frame wrote to registers into force.

@@ -145,6 +145,22 @@ fn single_events_wait_for_their_owner() {
     }
 }
 
+/// A stored edge announces itself to the new owner when the unit changes hands.
+#[test]
+fn an_edge_goes_with_its_unit() {
+    let mut bench = Bench::new(&LAN9252);
+    bench.write(register::LATCH1_CONTROL, 1);
+    bench.pin(LatchInput::Latch1, true, 1_000_000);
+    bench.run_to(1_000_100);
+    assert_eq!((bench.ecat_request(), bench.pdi().events() & LATCH), (1, 0));
+    // Unit 0 has nothing to tell.
+    bench.fpwr(0x0980, &[0x10]);
+    assert_eq!(bench.last_al_events(), 0);
+    bench.fpwr(0x0980, &[0x20]);
+    assert_eq!(bench.last_al_events(), LATCH);
+    assert_eq!((bench.ecat_request(), bench.pdi().events() & LATCH), (0, LATCH));
+}
+
 /// Single on one edge, continuous on the other.
 #[test]
 fn each_edge_has_its_mode() {

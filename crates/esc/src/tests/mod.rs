@@ -3,6 +3,7 @@
 
 mod acknowledge;
 mod clocks;
+mod drift_loop;
 mod eeprom;
 mod events;
 mod frames;
@@ -12,6 +13,7 @@ mod mailbox;
 mod mii;
 mod process_data;
 mod registers;
+mod sync_edges;
 mod sync_managers;
 mod sync_signals;
 mod watchdogs;

@@ -52,6 +52,16 @@ impl Ports {
         status != before
     }
 
+    /// A good frame was received at this port; returns whether its loop has opened. Only one that closed
+    /// by itself and waits for this does.
+    pub fn reopen(&mut self, port: PortNumber, chip: &Chip, registers: &mut Registers) -> bool {
+        let p = port.index();
+        if self.closed[p] && self.link[p] && self.mode(p, registers) == AUTO_CLOSE {
+            self.closed[p] = false;
+        }
+        self.update(chip, registers, false)
+    }
+
     /// DL control was written; `before` is byte 0x0101 before that. A temporary setting is noted.
     pub fn control(&mut self, before: u8, now: Time<Device>, registers: &Registers) {
         let temporary = registers.load(register::DL_CONTROL) & TEMPORARY != 0;

@@ -228,6 +228,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.dl_changed |= self.ports.update(self.chip, &mut self.registers, false);
     }
 
+    /// A good frame arrived at a closed port, which does not take it. A loop that closed by itself and
+    /// waits (auto close) opens for the next one.
+    pub fn receive_at_closed_port(&mut self, port: PortNumber) {
+        self.dl_changed |= self.ports.reopen(port, self.chip, &mut self.registers);
+    }
+
     /// A port saw a fault.
     pub fn count_error(&mut self, port: PortNumber, error: PortError) {
         let port = port.index() as u16;

@@ -3,7 +3,7 @@
 
 use isocat_maindevice::{Config, DeviceConfig};
 use isocat_sim::random::Stream;
-use isocat_sim::{Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
+use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
@@ -89,14 +89,16 @@ impl Scenario {
         let local_time = Stream::new(self.seed, "power-on", position as u64).up_to(MOST_LOCAL_TIME);
         Connection {
             parent: position.checked_sub(1).map(|parent| (parent, PortNumber::P1)),
-            cable_mm: device.cable.0 as u64,
+            port: PortNumber::P0,
+            cable: Cable::of_length(device.cable.0 as u64),
+            phys: None,
             device: DeviceSetup {
                 chip: profile.esc(),
                 sii: profile.sii.clone(),
                 description: profile.description,
                 application: application(profile),
                 cpu: cpu(profile),
-                clock_ppb: device.clock.0,
+                clock: ClockModel::constant(device.clock.0),
                 local_time: Time::new(local_time),
             },
         }

@@ -43,6 +43,8 @@ pub(crate) struct Disturbances {
     changes: Vec<(usize, Time<True>, bool)>,
     /// What no ESC has noticed yet, in the order of time.
     notices: Vec<Notice>,
+    /// Breaks too short for any ESC to notice: from, to.
+    unnoticed: Vec<(Time<True>, Time<True>)>,
     errors: Vec<BitError>,
 }
 
@@ -62,6 +64,9 @@ impl Disturbances {
         self.notices.retain(|notice| notice.cable != cable || notice.at <= at);
         if self.notices.len() < pending {
             // It was too short for the ESCs to notice.
+            if plugged {
+                self.unnoticed.push((since, at));
+            }
             return;
         }
         let (properties, ends) = wiring.cable(cable);
@@ -79,10 +84,13 @@ impl Disturbances {
         self.errors.push(error);
     }
 
-    /// Whether a frame that is on its way until `end` finds everything as the ESCs believe it is.
-    pub fn are_quiet(&self, end: Time<True>) -> bool {
+    /// Whether a frame that is on its way from `start` to `end` finds everything as the ESCs believe it
+    /// is.
+    pub fn are_quiet(&self, start: Time<True>, end: Time<True>) -> bool {
         let calm = |notice: &Notice| if notice.link { notice.at > end } else { notice.since > end };
-        self.notices.iter().all(calm) && self.errors.iter().all(|error| error.at > end)
+        self.notices.iter().all(calm)
+            && self.unnoticed.iter().all(|(from, to)| *from > end || *to <= start)
+            && self.errors.iter().all(|error| error.at > end)
     }
 
     /// Whether a signal comes through from its first bit at `from` to its last at `to`. What ends at the

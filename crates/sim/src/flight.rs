@@ -117,6 +117,7 @@ impl Segment {
         let begin: Time<DeviceClock> = device.oscillator().read(at);
         if first {
             device.advance(begin, watch);
+            self.stale |= device.ports_changed();
         }
         if !flight.good {
             let error = if flight.marked { PortError::Forwarded } else { PortError::InvalidFrame };

@@ -1,7 +1,9 @@
 //! The segment: SubDevices in their tree, and frames passing through them.
 
 use isocat_wire::address::PortNumber;
+use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
+use isocat_wire::{Command, frame};
 
 use crate::cable::{Cable, Phy};
 use crate::device::{Device, DeviceSetup};
@@ -51,6 +53,8 @@ pub struct Segment {
     pub(crate) paths: [Path; 2],
     /// Loops have changed since.
     pub(crate) stale: bool,
+    /// A frame may have written what changes loops, and some may still be about to.
+    unsettled: bool,
     pub(crate) latched: Vec<bool>,
     /// Which SubDevices the frame that is followed has met, and its arrivals.
     pub(crate) met: Vec<bool>,
@@ -112,6 +116,7 @@ impl Segment {
             disturbances: Disturbances::default(),
             paths: [Path::default(), Path::default()],
             stale: true,
+            unsettled: false,
             latched: vec![false; count],
             met: vec![false; count],
             trail: Vec::new(),
@@ -199,11 +204,18 @@ impl Segment {
         watch: &mut impl FnMut(Observation),
     ) -> Result<Returned, Lost> {
         self.settle(start, watch);
+        self.unsettled |= may_change_loops(bytes);
         let duration = duration(bytes.len());
         let path = &self.paths[from as usize];
         let last_bit = start + path.round_trip + duration;
         let port = match path.end {
-            Some(port) if path.processed_first && self.disturbances.are_quiet(last_bit) => port,
+            Some(port)
+                if path.processed_first
+                    && !self.unsettled
+                    && self.disturbances.are_quiet(start, last_bit) =>
+            {
+                port
+            }
             _ => return self.fly(Flight::new(bytes, start), from, watch),
         };
         let mut any_latched = false;
@@ -255,6 +267,10 @@ impl Segment {
         while let Some(notice) = self.disturbances.take_notice(start, None) {
             self.notice(notice, true, watch);
         }
+        if self.unsettled && !self.devices.iter().any(|device| device.esc.loops_pending()) {
+            self.unsettled = false;
+            self.stale = true;
+        }
         if self.stale {
             self.refresh();
         }
@@ -304,6 +320,25 @@ impl Segment {
         self.stale = false;
     }
 }
+
+/// Whether a frame writes DL control or resets ESCs. Frames are followed port by port from then on,
+/// until all loops have settled; what is written there through an FMMU is found at the next visit.
+fn may_change_loops(bytes: &[u8]) -> bool {
+    let Ok(payload) = frame::payload(bytes) else { return false };
+    datagrams(payload).map_while(Result::ok).any(|datagram| {
+        let header = datagram.header;
+        let writes = header.command().is_ok_and(|command| {
+            use Command::*;
+            matches!(command, Apwr | Aprw | Fpwr | Fprw | Bwr | Brw | Armw | Frmw)
+        });
+        let first = usize::from(header.ado());
+        let written = first..first + datagram.data.len();
+        writes && LOOPS.iter().any(|range| range.start < written.end && written.start < range.end)
+    })
+}
+
+/// Registers that change loops: ESC reset, DL control.
+const LOOPS: [std::ops::Range<usize>; 2] = [0x0040..0x0041, 0x0100..0x0104];
 
 /// The order in which frames are processed by SubDevices that hang together like this: for each the
 /// parent and its port, and the own port upstream. It is the order of their positions.

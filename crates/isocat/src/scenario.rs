@@ -7,7 +7,6 @@ use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
-use isocat_wire::PortNumber;
 use isocat_wire::time::{Nanos, Time};
 
 use crate::profile::{ApplicationKind, Profile};
@@ -88,9 +87,10 @@ impl Scenario {
         // Counters start anywhere, as devices that were switched on at different times have them.
         let local_time = Stream::new(self.seed, "power-on", position as u64).up_to(MOST_LOCAL_TIME);
         Connection {
-            parent: position.checked_sub(1).map(|parent| (parent, PortNumber::P1)),
-            port: PortNumber::P0,
-            cable: Cable::of_length(device.cable.0 as u64),
+            parent: device.place.upstream,
+            port: device.place.port,
+            cable: Cable::with_speed(device.cable.0 as u64, device.cable_delay.0)
+                .with_asymmetry(device.cable_asymmetry.into()),
             phys: None,
             device: DeviceSetup {
                 chip: profile.esc(),
@@ -98,7 +98,7 @@ impl Scenario {
                 description: profile.description,
                 application: application(profile),
                 cpu: cpu(profile),
-                clock: ClockModel::constant(device.clock.0),
+                clock: ClockModel { deviation_ppb: device.clock.0, ..device.clock_shape },
                 local_time: Time::new(local_time),
             },
         }

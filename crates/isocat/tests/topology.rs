@@ -57,7 +57,7 @@ fn a_pulled_cable_shows_in_the_working_counter_until_it_is_back() {
     // Datagrams (two a cycle) whose working counter is wrong, frames that do not come back, in so much time.
     let run_for = |world: &mut World<Motion, NoTap>, milliseconds: i64| {
         let (before, end) =
-            (world.main().statistics().clone(), world.now() + Nanos::millis(milliseconds).into());
+            (world.main().statistics(), world.now() + Nanos::millis(milliseconds).into());
         while world.step(end) {
             while world.poll_event().is_some() {}
         }

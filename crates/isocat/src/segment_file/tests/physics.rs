@@ -11,7 +11,10 @@ fn file(devices: &[&str]) -> String {
     format!("cycle = \"1ms\"\n{}", devices.iter().map(device).collect::<String>())
 }
 
-fn names(devices: &[&str]) -> Vec<(String, Option<(usize, PortNumber)>, PortNumber)> {
+/// Name, port upstream and own port.
+type Hanging = (String, Option<(usize, PortNumber)>, PortNumber);
+
+fn names(devices: &[&str]) -> Vec<Hanging> {
     let segment = SegmentFile::parse("s.toml", &file(devices)).unwrap();
     let place = |d: SubDevice| (d.name, d.place.upstream, d.place.port);
     segment.subdevices.into_iter().map(place).collect()

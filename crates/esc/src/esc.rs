@@ -285,6 +285,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         waits
     }
 
+    /// Whether loops are going to change: by the end of the frame in flight or of a temporary setting.
+    pub fn loops_pending(&self) -> bool {
+        let written = [0x0040..0x0041, 0x0100..0x0104];
+        self.ports.due() != Time::NEVER
+            || self.flight.end != Time::NEVER
+                && written.into_iter().any(|range| self.shadow.touches(range))
+    }
+
     /// A port saw a fault. The EPU counts by itself what it gets to process (0x030C).
     pub fn count_error(&mut self, port: PortNumber, error: PortError) {
         let port = port.index() as u16;

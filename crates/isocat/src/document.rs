@@ -7,7 +7,7 @@ use isocat_wire::time::Nanos;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::quantity::{Length, Ppb, QuantityError, parse_duration};
+use crate::quantity::{DelayPerMetre, Length, Ppb, QuantityError, parse_duration};
 
 /// What is wrong in a file, and where. Prints in one line, or two with a hint.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -321,6 +321,14 @@ impl<'a> Value<'a> {
     /// A length within a range.
     pub fn length(&self, range: RangeInclusive<Length>) -> Result<Length, FileError> {
         self.quantity(str::parse, range, "a length with its unit, such as \"10m\"")
+    }
+
+    /// A delay per metre within a range.
+    pub fn delay_per_metre(
+        &self,
+        range: RangeInclusive<DelayPerMetre>,
+    ) -> Result<DelayPerMetre, FileError> {
+        self.quantity(str::parse, range, "a cable delay with its unit, such as \"5ns/m\"")
     }
 
     /// A rate within a range.

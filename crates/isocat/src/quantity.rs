@@ -1,6 +1,6 @@
-//! Numbers with a unit, as files and options write them: durations, lengths, rates.
+//! Numbers with a unit, as files and options write them: durations, lengths, cable delays, rates.
 //!
-//! Everything is an exact integer of its smallest unit (ns, mm, ppb). Decimals are welcome as long as
+//! Everything is an exact integer of its smallest unit (ns, mm, ps/m, ppb). Decimals are welcome as long as
 //! they come out even: `62.5us` is 62 500 ns, `0.3ns` is refused.
 
 use std::fmt;
@@ -35,6 +35,24 @@ impl FromStr for Length {
 impl fmt::Display for Length {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(&decimal(self.0, 1_000, "m"))
+    }
+}
+
+/// How long a signal takes on a cable, in ps per metre. Written `5ns/m`, `5.3ns/m`, `4950ps/m`.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
+pub struct DelayPerMetre(pub i64);
+
+impl FromStr for DelayPerMetre {
+    type Err = QuantityError;
+    fn from_str(text: &str) -> Result<Self, QuantityError> {
+        parse(text, &DELAY_PER_METRE).map(Self)
+    }
+}
+
+/// In ns per metre: `5 ns/m`, `5.3 ns/m`.
+impl fmt::Display for DelayPerMetre {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&decimal(self.0, 1_000, "ns/m"))
     }
 }
 
@@ -196,6 +214,8 @@ const DURATION: Kind = Kind {
 };
 const LENGTH: Kind =
     Kind { noun: "length", example: "10m", units: &[("mm", 1), ("cm", 10), ("m", 1_000)] };
+const DELAY_PER_METRE: Kind =
+    Kind { noun: "cable delay", example: "5ns/m", units: &[("ps/m", 1), ("ns/m", 1_000)] };
 const RATE: Kind =
     Kind { noun: "clock rate", example: "-35ppm", units: &[("ppb", 1), ("ppm", 1_000)] };
 
@@ -270,6 +290,11 @@ mod tests {
             let length: Length = text.parse().unwrap();
             assert_eq!((length, length.to_string()), (Length(mm), printed.to_owned()));
             assert_eq!(printed.parse(), Ok(length));
+        }
+        for (text, ps, printed) in [("5ns/m", 5_000, "5 ns/m"), ("4950ps/m", 4_950, "4.95 ns/m")] {
+            let delay: DelayPerMetre = text.parse().unwrap();
+            assert_eq!((delay, delay.to_string()), (DelayPerMetre(ps), printed.to_owned()));
+            assert_eq!(printed.parse(), Ok(delay));
         }
         for (text, ppb, printed) in [
             ("-35ppm", -35_000, "-35 ppm"),

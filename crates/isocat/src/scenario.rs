@@ -3,11 +3,10 @@
 
 use isocat_maindevice::{Config, DeviceConfig};
 use isocat_sim::random::Stream;
-use isocat_sim::{Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
+use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
-use isocat_wire::PortNumber;
 use isocat_wire::time::{Nanos, Time};
 
 use crate::profile::{ApplicationKind, Profile};
@@ -88,15 +87,18 @@ impl Scenario {
         // Counters start anywhere, as devices that were switched on at different times have them.
         let local_time = Stream::new(self.seed, "power-on", position as u64).up_to(MOST_LOCAL_TIME);
         Connection {
-            parent: position.checked_sub(1).map(|parent| (parent, PortNumber::P1)),
-            cable_mm: device.cable.0 as u64,
+            parent: device.place.upstream,
+            port: device.place.port,
+            cable: Cable::with_speed(device.cable.0 as u64, device.cable_delay.0)
+                .with_asymmetry(device.cable_asymmetry.into()),
+            phys: None,
             device: DeviceSetup {
                 chip: profile.esc(),
                 sii: profile.sii.clone(),
                 description: profile.description,
                 application: application(profile),
                 cpu: cpu(profile),
-                clock_ppb: device.clock.0,
+                clock: ClockModel { deviation_ppb: device.clock.0, ..device.clock_shape },
                 local_time: Time::new(local_time),
             },
         }

@@ -8,6 +8,11 @@
 //! mode = "dc-sync0"             # default: the best that the device and the cycle allow
 //! cable = "10m"
 //! clock = "-35ppm"
+//!
+//! [[subdevice]]                 # behind the one above, unless it says otherwise
+//! device = "kollmorgen_akd2g"
+//! connect = "1:1"               # a device above, by name or place, and its port
+//! clock_ramp = { by = "+5ppm", from = "2s", over = "60s" }
 //! ```
 //!
 //! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
@@ -15,16 +20,22 @@
 
 use std::path::Path;
 
+use isocat_sim::ClockModel;
+use isocat_sim::cable::PICOS_PER_MILLIMETRE;
 use isocat_sync::{SyncMode, object};
-use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
+use isocat_wire::{ObjectAddress, PortNumber};
 
 use crate::document::{Source, Table, Value};
 use crate::profile::{self, Overrides, Profile};
-use crate::quantity::{Length, Ppb};
+use crate::quantity::{DelayPerMetre, Length, Ppb};
 
+mod clock;
 #[cfg(test)]
 mod tests;
+mod tree;
+
+pub use tree::Place;
 
 pub use crate::document::{FileError, name_hint};
 
@@ -44,7 +55,7 @@ pub struct SegmentFile {
     pub shift: Option<Nanos>,
     /// The MainDevice's machine.
     pub host: Host,
-    /// The devices in the order of the line.
+    /// The devices in the order of their positions: the one in which frames are processed.
     pub subdevices: Vec<SubDevice>,
 }
 
@@ -73,10 +84,20 @@ pub struct SubDevice {
     pub profile: &'static Profile,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
+    /// Where it hangs. Keys `connect` and `port`; default: behind the device above it.
+    pub place: Place,
     /// Cable that leads to it. Key `cable`, 10 mm to 2 km; default 10 m.
     pub cable: Length,
+    /// How long signals take on that cable. Key `cable_delay`, 3.3 to 10 ns/m; default 5 ns/m.
+    pub cable_delay: DelayPerMetre,
+    /// How much longer the way out takes on that cable than the way back; the mean stays. Key
+    /// `cable_asymmetry`, up to twice the cable's delay; default 0 ns.
+    pub cable_asymmetry: Nanos,
     /// How fast its clock runs. Key `clock`, within 1000 ppm; default 0 ppm.
     pub clock: Ppb,
+    /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`; default:
+    /// not at all. Its constant part is [`SubDevice::clock`].
+    pub clock_shape: ClockModel,
     /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
     /// device's own.
     pub shift: Option<Nanos>,
@@ -117,8 +138,9 @@ impl SegmentFile {
             return Err(first.error(message));
         }
         let mut subdevices = Vec::with_capacity(tables.len());
+        let mut ports = tree::Ports::default();
         for (position, table) in (0..).zip(tables) {
-            let device = subdevice(source, table, position, cycle)?;
+            let mut device = subdevice(source, table, position, cycle)?;
             let name = &device.name;
             if let Some(namesake) = subdevices.iter().find(|other: &&SubDevice| other.name == *name)
             {
@@ -130,8 +152,10 @@ impl SegmentFile {
                     .value("name")
                     .map_or_else(|| table.error(&message), |v| v.error(&message)));
             }
+            device.place = ports.place(table, &subdevices, device.profile)?;
             subdevices.push(device);
         }
+        let subdevices = tree::sort(subdevices);
         Ok(Self { path: path.to_owned(), cycle, duration, seed, shift, host, subdevices })
     }
 
@@ -181,8 +205,15 @@ fn subdevice(
         "device",
         "name",
         "mode",
+        "connect",
+        "port",
         "cable",
+        "cable_delay",
+        "cable_asymmetry",
         "clock",
+        "clock_ramp",
+        "clock_step",
+        "clock_walk",
         "shift",
         "calc_copy",
         "copy_time",
@@ -225,6 +256,14 @@ fn subdevice(
             profile.supported_types()
         )));
     }
+    let cable = match table.value("cable") {
+        Some(value) => value.length(Length(10)..=Length::metres(2_000))?,
+        None => Length::metres(10),
+    };
+    let cable_delay = match table.value("cable_delay") {
+        Some(value) => value.delay_per_metre(LEAST_DELAY..=DelayPerMetre(10_000))?,
+        None => DelayPerMetre(1_000 * PICOS_PER_MILLIMETRE),
+    };
     Ok(SubDevice {
         name: match table.value("name") {
             Some(value) => value.name("a name in quotes")?.to_owned(),
@@ -232,14 +271,22 @@ fn subdevice(
         },
         profile,
         mode,
-        cable: match table.value("cable") {
-            Some(value) => value.length(Length(10)..=Length::metres(2_000))?,
-            None => Length::metres(10),
+        // Only the devices above can tell.
+        place: Place { upstream: None, port: PortNumber::P0 },
+        cable,
+        cable_delay,
+        cable_asymmetry: match table.value("cable_asymmetry") {
+            Some(value) => {
+                let most = Nanos(2 * cable.0 * cable_delay.0 / 1_000_000);
+                value.duration(-most..=most)?
+            }
+            None => Nanos::ZERO,
         },
         clock: match table.value("clock") {
             Some(value) => value.rate(-MOST_DRIFT..=MOST_DRIFT)?,
             None => Ppb(0),
         },
+        clock_shape: clock::shape(table)?,
         shift,
         line: table.error("").line,
     })
@@ -302,6 +349,8 @@ const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);
 const LONGEST_RUN: Nanos = Nanos::millis(24 * 3_600 * 1_000);
 /// Ten times what the worst crystal of a SubDevice may have.
 const MOST_DRIFT: Ppb = Ppb::ppm(1_000);
+/// Nothing is faster than light.
+const LEAST_DELAY: DelayPerMetre = DelayPerMetre(3_300);
 const MOST_JITTER: Nanos = Nanos::millis(10);
 /// Station addresses are 16 bits.
 const MOST_DEVICES: usize = 65_535;

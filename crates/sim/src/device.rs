@@ -8,7 +8,7 @@ use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::cpu::{Action, Cpu, CpuModel};
 use crate::observation::{Observation, Observed};
-use crate::oscillator::Oscillator;
+use crate::oscillator::{ClockModel, Oscillator};
 use crate::random::Stream;
 
 /// Everything a SubDevice of a run is made of.
@@ -23,8 +23,8 @@ pub struct DeviceSetup {
     pub application: Box<dyn Application + Send>,
     /// How fast its CPU is.
     pub cpu: CpuModel,
-    /// Deviation of its oscillator, ppb.
-    pub clock_ppb: i64,
+    /// How its oscillator deviates from true time.
+    pub clock: ClockModel,
     /// What its local time shows at power-on.
     pub local_time: Time<Local>,
 }
@@ -41,6 +41,7 @@ pub struct Device {
     position: usize,
     state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
     missed: u64,
+    ports_changed: bool,
 }
 
 impl Device {
@@ -54,13 +55,25 @@ impl Device {
         let mut cpu = Cpu::new(setup.cpu, Stream::new(seed, "cpu", position as u64));
         cpu.wake(Time::ZERO);
         let state = (stack.state(), stack.status_code());
-        let oscillator = Oscillator::new(setup.clock_ppb);
-        Self { esc, stack, oscillator, cpu, position, state, missed: 0 }
+        let oscillator =
+            Oscillator::of(&setup.clock, &mut Stream::new(seed, "clock walk", position as u64));
+        Self { esc, stack, oscillator, cpu, position, state, missed: 0, ports_changed: false }
     }
 
     /// Its oscillator.
-    pub fn oscillator(&self) -> Oscillator {
-        self.oscillator
+    pub fn oscillator(&self) -> &Oscillator {
+        &self.oscillator
+    }
+
+    /// Whether loops of its ESC may have changed by themselves since the last
+    /// [`clear_ports_changed`](Self::clear_ports_changed).
+    pub(crate) fn ports_changed(&self) -> bool {
+        self.ports_changed
+    }
+
+    /// The loops of its ESC have been looked at.
+    pub(crate) fn clear_ports_changed(&mut self) {
+        self.ports_changed = false;
     }
 
     /// The ESC's system time at a point of true time, in ps: the counter's value at its last tick, and
@@ -132,7 +145,10 @@ impl Device {
             }
             EscEvent::Sync0 => self.event(at, Event::Sync0, Observed::Sync0, watch),
             EscEvent::Sync1 => self.event(at, Event::Sync1, Observed::Sync1, watch),
-            _ => self.cpu.wake(at),
+            event => {
+                self.ports_changed |= matches!(event, EscEvent::Ports | EscEvent::Reset);
+                self.cpu.wake(at);
+            }
         }
     }
 

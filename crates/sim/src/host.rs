@@ -85,7 +85,8 @@ mod tests {
         let mut host = HostMachine::new(HostModel { clock_ppb: 12_000, ..Default::default() }, 1);
         for ms in 1..1000 {
             let wanted = Time::new(ms * 1_000_000);
-            let late = host.clock.read::<Host>(host.wake_up(wanted)) - wanted;
+            let woken = host.wake_up(wanted);
+            let late = host.clock.read::<Host>(woken) - wanted;
             assert!((0..=20_000).contains(&late.0), "{late}");
         }
     }

@@ -1,9 +1,11 @@
 //! An EtherCAT segment in deterministic virtual time: both sides meet, and judges watch.
 //!
-//! From the physics up: an [`oscillator`] makes a clock of its own out of true time; [`path`] says when
-//! a frame reaches which port; [`random`] is the one source of chance. A [`device`] is an ESC, a stack,
-//! an application and a [`cpu`] on one oscillator, a [`segment`] is devices on cables, a [`host`] is the
-//! machine that the MainDevice runs on. [`world`] lets MainDevice and segment meet in true time.
+//! From the physics up: an [`oscillator`] makes a clock of its own out of true time; [`cable`] and
+//! [`wiring`] say what is connected to what and how far away, [`path`] when a frame reaches which port;
+//! [`random`] is the one source of chance. A [`device`] is an ESC, a stack, an application and a [`cpu`]
+//! on one oscillator, a [`segment`] is devices on cables that may be pulled and plugged while frames are
+//! under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
+//! segment meet in true time.
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`bench`](crate::bench): they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call;
@@ -14,8 +16,11 @@
 #![forbid(unsafe_code)]
 
 pub mod bench;
+pub mod cable;
 pub mod cpu;
 pub mod device;
+mod disturbance;
+mod flight;
 pub mod host;
 pub mod judge;
 pub mod motion;
@@ -26,13 +31,18 @@ pub mod random;
 pub mod run;
 pub mod segment;
 pub mod statistics;
+pub mod wiring;
 pub mod world;
 
+pub use cable::{Cable, Direction, Phy};
 pub use cpu::CpuModel;
 pub use device::DeviceSetup;
+pub use disturbance::BitError;
 pub use host::HostModel;
 pub use motion::Motion;
+pub use oscillator::ClockModel;
 pub use run::{Outcome, Run};
-pub use segment::Connection;
+pub use segment::{Connection, Lost, Returned, Segment};
 pub use statistics::Statistics;
+pub use wiring::MainPort;
 pub use world::{Control, Setup, Tap, World};

@@ -1,75 +1,327 @@
 //! Oscillators: what a clock of its own counts while true time passes.
+//!
+//! An [`Oscillator`] is made of a [`ClockModel`]: a constant deviation, a temperature ramp, a step, a
+//! bounded random walk. All of them change the *rate*, at known points of true time; between two of
+//! them the count is a straight line. The sum of the straight pieces is held in whole units of
+//! 2⁻⁶⁴ ns, so that it is exact: nothing drifts, and nothing is stepped. The pieces of ramp and step are
+//! a short list; the walk is one table that repeats, forward and back. So reading and its inverse are
+//! closed forms: a search in either, then one multiplication or division.
 
-use std::cmp::Ordering;
+use isocat_wire::time::{Nanos, Scale, Time, True};
 
-use isocat_wire::time::{Picos, Scale, Time, True};
+use crate::random::Stream;
 
-/// An oscillator with a constant deviation from true time, counting nanoseconds from zero.
-///
-/// Its rate is held in 2⁻⁶⁴ ns per ps, so that the deviation is exact to 10⁻¹⁶ and no error
-/// accumulates: readings are a closed form of true time, and so is the inverse.
+#[cfg(test)]
+mod tests;
+
+/// How a clock deviates from true time. Points of true time count from the beginning of the run.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct ClockModel {
+    /// Constant deviation, ppb; positive is fast.
+    pub deviation_ppb: i64,
+    /// A slow change, as of temperature.
+    pub ramp: Option<Ramp>,
+    /// A sudden change, as of a shock or a supply that switches.
+    pub step: Option<Step>,
+    /// Wandering without a cause that could be named.
+    pub walk: Option<Walk>,
+}
+
+/// A deviation that grows evenly. It does so in [`RAMP_PIECES`] stairs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Ramp {
+    /// By how much in all, ppb.
+    pub by_ppb: i64,
+    /// True time at which it begins, 0 or more.
+    pub from: Nanos,
+    /// How long it takes, above zero.
+    pub over: Nanos,
+}
+
+/// A deviation that changes at once.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Step {
+    /// By how much, ppb.
+    pub by_ppb: i64,
+    /// True time at which, 0 or more.
+    pub at: Nanos,
+}
+
+/// A deviation that wanders: each interval it changes by up to `step_ppb` either way, and never
+/// leaves `bound_ppb`. After [`WALK_PIECES`] intervals it goes the same way back, and so on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Walk {
+    /// Largest change from one interval to the next, ppb.
+    pub step_ppb: i64,
+    /// Length of an interval of true time, above zero.
+    pub every: Nanos,
+    /// Farthest that it goes from where it began, ppb.
+    pub bound_ppb: i64,
+}
+
+/// Stairs of a ramp. Each is a straight line; 64 make the error of the count against an even ramp less
+/// than `by` × `over` / 1024: 10 ns for 1 ppm in 10 s.
+pub const RAMP_PIECES: i64 = 64;
+/// Intervals of a random walk until it turns back: enough that no run of cycles meets the turn by
+/// accident, few enough to keep a table of them (24 KiB a device that wanders).
+pub const WALK_PIECES: usize = 1024;
+/// The farthest that all parts of a model together may go, ppb: beyond 1 % nothing is a clock.
+pub const MOST_DEVIATION_PPB: i64 = 10_000_000;
+
+impl ClockModel {
+    /// A clock that runs fast by `deviation_ppb` parts per billion (slow, if negative).
+    pub const fn constant(deviation_ppb: i64) -> Self {
+        Self { deviation_ppb, ramp: None, step: None, walk: None }
+    }
+
+    /// The farthest that it can be from true time, ppb.
+    pub fn most_deviation_ppb(&self) -> i64 {
+        let parts = [
+            self.ramp.map_or(0, |ramp| ramp.by_ppb),
+            self.step.map_or(0, |step| step.by_ppb),
+            self.walk.map_or(0, |walk| walk.bound_ppb),
+        ];
+        parts.iter().fold(self.deviation_ppb.saturating_abs(), |sum, part| {
+            sum.saturating_add(part.saturating_abs())
+        })
+    }
+}
+
+/// An oscillator that counts nanoseconds from zero at true time zero.
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Oscillator {
+    /// The rate of the first piece, 2⁻⁶⁴ ns per ps.
+    rate: u64,
+    /// What goes on after the first piece or beside it; most clocks have nothing.
+    shape: Option<Box<Shape>>,
+}
+
+#[derive(Clone, PartialEq, Eq, Debug)]
+struct Shape {
+    /// Ascending by `start`; the first starts at zero.
+    pieces: Vec<Piece>,
+    walk: Option<Wander>,
+}
+
+/// A straight piece, beside the walk.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Piece {
+    /// ps of true time.
+    start: u64,
+    /// The count there, the walk's part included, 2⁻⁶⁴ ns.
+    count: u128,
+    /// 2⁻⁶⁴ ns per ps.
     rate: u64,
 }
 
 impl Oscillator {
     /// An oscillator that runs fast by `deviation_ppb` parts per billion (slow, if negative).
-    /// Panics beyond ±1 %, where nothing is a clock any more.
+    /// Panics beyond [`MOST_DEVIATION_PPB`].
     pub fn new(deviation_ppb: i64) -> Self {
-        assert!(deviation_ppb.abs() <= 10_000_000, "an oscillator deviates by less than 1 %");
-        let parts = u128::from((1_000_000_000 + deviation_ppb) as u64);
-        Self { rate: ((parts << 64) / 1_000_000_000_000) as u64 }
+        assert!(deviation_ppb.abs() <= MOST_DEVIATION_PPB, "an oscillator deviates by at most 1 %");
+        Self { rate: rate(deviation_ppb), shape: None }
+    }
+
+    /// The oscillator of a model; `chance` is where a walk goes. Panics on a model that goes farther than
+    /// [`MOST_DEVIATION_PPB`], or whose times are negative (for lengths: zero): a mistake of the caller.
+    pub fn of(model: &ClockModel, chance: &mut Stream) -> Self {
+        let most = model.most_deviation_ppb();
+        assert!(most <= MOST_DEVIATION_PPB, "an oscillator deviates by at most 1 %: {most} ppb");
+        if (model.ramp, model.step, model.walk) == (None, None, None) {
+            return Self::new(model.deviation_ppb);
+        }
+        let walk = model.walk.map(|walk| Wander::new(&walk, chance));
+        let mut pieces: Vec<Piece> = Vec::new();
+        for (start, deviation_ppb) in changes(model) {
+            let rate = rate(deviation_ppb);
+            let count = match pieces.last() {
+                None => 0,
+                Some(last) => {
+                    let wandered = wandered(&walk, start) - wandered(&walk, last.start);
+                    let straight = u128::from(start - last.start) * u128::from(last.rate);
+                    (last.count + straight).wrapping_add_signed(wandered)
+                }
+            };
+            pieces.push(Piece { start, count, rate });
+        }
+        Self { rate: pieces[0].rate, shape: Some(Box::new(Shape { pieces, walk })) }
     }
 
     /// What it counts at a point of true time: whole ns, rounded down.
-    pub fn read<S: Scale>(self, at: Time<True>) -> Time<S> {
-        Time::new(((u128::from(at.count()) * u128::from(self.rate)) >> 64) as u64)
+    pub fn read<S: Scale>(&self, at: Time<True>) -> Time<S> {
+        let at = at.count();
+        let count = match &self.shape {
+            None => u128::from(at) * u128::from(self.rate),
+            Some(shape) => shape.count(at),
+        };
+        Time::new((count >> 64) as u64)
     }
 
     /// The first point of true time at which it counts `reading`; never, if that is beyond all time.
-    pub fn when<S: Scale>(self, reading: Time<S>) -> Time<True> {
-        let scaled = u128::from(reading.count()) << 64;
-        let at = scaled.div_ceil(u128::from(self.rate));
-        u64::try_from(at).map_or(Time::NEVER, Time::new)
-    }
-
-    /// True time that passes while it counts `ns`, rounded to the nearest ps.
-    pub fn span(self, ns: u64) -> Picos {
-        let scaled = u128::from(ns) << 64;
-        Picos(((scaled + u128::from(self.rate / 2)) / u128::from(self.rate)) as i64)
-    }
-
-    /// Compares the speed of two oscillators.
-    pub fn cmp_speed(self, other: Self) -> Ordering {
-        self.rate.cmp(&other.rate)
+    pub fn when<S: Scale>(&self, reading: Time<S>) -> Time<True> {
+        let count = u128::from(reading.count()) << 64;
+        let at = match &self.shape {
+            None => Some(count.div_ceil(u128::from(self.rate))),
+            Some(shape) => shape.when(count),
+        };
+        at.and_then(|at| u64::try_from(at).ok()).map_or(Time::NEVER, Time::new)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use isocat_wire::time::Device;
-
-    #[test]
-    fn ten_seconds_at_48_ppm_gain_480_us() {
-        let read = |ppb| Oscillator::new(ppb).read::<Device>(Time::new(10_000_000_000_000)).count();
-        assert_eq!(read(0), 9_999_999_999 + 1 - 1);
-        assert_eq!(read(48_000).abs_diff(10_000_480_000), 1);
-        assert_eq!(read(-35_000).abs_diff(9_999_650_000), 1);
+impl Shape {
+    /// The exact count at `at`, 2⁻⁶⁴ ns.
+    fn count(&self, at: u64) -> u128 {
+        let piece = self.pieces[self.pieces.partition_point(|piece| piece.start <= at) - 1];
+        let straight = u128::from(at - piece.start) * u128::from(piece.rate);
+        let wandered = wandered(&self.walk, at) - wandered(&self.walk, piece.start);
+        (piece.count + straight).wrapping_add_signed(wandered)
     }
 
-    #[test]
-    fn the_inverse_is_the_first_instant() {
-        for ppb in [-100_000, -35_001, 0, 1, 48_000, 100_000] {
-            let oscillator = Oscillator::new(ppb);
-            for reading in [1, 10, 123_456_789, 4_294_967_296, 3_600_000_000_000] {
-                let at = oscillator.when::<Device>(Time::new(reading));
-                assert_eq!(oscillator.read::<Device>(at).count(), reading, "{ppb} ppb");
-                let before = Time::new(at.count() - 1);
-                assert_eq!(oscillator.read::<Device>(before).count(), reading - 1, "{ppb} ppb");
-            }
+    /// The first point at which the exact count is `count` or more.
+    fn when(&self, count: u128) -> Option<u128> {
+        // The count at the start of the first piece is zero, and nothing comes before it.
+        let number = self.pieces.partition_point(|piece| piece.count < count).max(1) - 1;
+        let piece = self.pieces[number];
+        let left = count.saturating_sub(piece.count);
+        let start = u128::from(piece.start);
+        match &self.walk {
+            None => Some(start + left.div_ceil(u128::from(piece.rate))),
+            Some(walk) => walk.when(piece, left),
         }
-        assert_eq!(Oscillator::new(0).when::<Device>(Time::NEVER), Time::NEVER);
     }
 }
+
+/// The table of a random walk.
+#[derive(Clone, PartialEq, Eq, Debug)]
+struct Wander {
+    /// Length of an interval, ps.
+    every: u64,
+    /// Deviation in each interval of the way there, 2⁻⁶⁴ ns per ps.
+    rates: Vec<i64>,
+    /// What it makes of the count up to the beginning of each interval, and to the end of the last.
+    sums: Vec<i128>,
+}
+
+impl Wander {
+    fn new(walk: &Walk, chance: &mut Stream) -> Self {
+        assert!(walk.every > Nanos::ZERO, "a walk needs time: every {}", walk.every);
+        let every = picos(walk.every);
+        let (step, bound) = (walk.step_ppb.abs(), walk.bound_ppb.abs());
+        let mut deviation = 0;
+        let mut sums = vec![0];
+        let rates = (0..WALK_PIECES).map(|_| {
+            let change = chance.up_to(2 * step.unsigned_abs()) as i64 - step;
+            deviation = (deviation + change).clamp(-bound, bound);
+            let rate = rate_offset(deviation);
+            let sum = sums[sums.len() - 1] + i128::from(rate) * i128::from(every);
+            sums.push(sum);
+            rate
+        });
+        let rates = rates.collect();
+        Self { every, rates, sums }
+    }
+
+    /// Intervals until it is where it was, and goes the same way again.
+    const PERIOD: u64 = 2 * WALK_PIECES as u64;
+
+    /// Deviation in the interval with this number, and its sum up to there.
+    fn interval(&self, number: u64) -> (i64, i128) {
+        let (rounds, within) = (number / Self::PERIOD, (number % Self::PERIOD) as usize);
+        let there = self.sums[WALK_PIECES];
+        let before = i128::from(rounds) * 2 * there;
+        if within < WALK_PIECES {
+            return (self.rates[within], before + self.sums[within]);
+        }
+        let back = 2 * WALK_PIECES - within;
+        (self.rates[back - 1], before + 2 * there - self.sums[back])
+    }
+
+    /// What it makes of the count up to `at`.
+    fn sum(&self, at: u64) -> i128 {
+        let (rate, sum) = self.interval(at / self.every);
+        sum + i128::from(rate) * i128::from(at % self.every)
+    }
+
+    /// The first point, in a straight `piece` and beyond it, at which the count has grown by `left`
+    /// since the start of the piece.
+    fn when(&self, piece: Piece, left: u128) -> Option<u128> {
+        let start_sum = self.sum(piece.start);
+        // The count at the beginning of an interval, since the start of the piece.
+        let grown = |number: u64| {
+            let (_, sum) = self.interval(number);
+            let since = i128::from(number) * i128::from(self.every) - i128::from(piece.start);
+            since * i128::from(piece.rate) + sum - start_sum
+        };
+        let left = i128::try_from(left).ok()?;
+        // All clocks are within 1 %: the interval can be at most 2 % off a first guess.
+        let first = piece.start / self.every;
+        let most = left / i128::from(piece.rate / 100 * 97) / i128::from(self.every) + 2;
+        let (mut low, mut high) = (first, first + u64::try_from(most).ok()?);
+        while high - low > 1 {
+            let middle = low + (high - low) / 2;
+            if grown(middle) < left { low = middle } else { high = middle }
+        }
+        let (rate, _) = self.interval(low);
+        let (from, before) = match low {
+            low if low == first => (u128::from(piece.start), 0),
+            low => (u128::from(low) * u128::from(self.every), grown(low)),
+        };
+        let rate = u128::from(piece.rate.wrapping_add_signed(rate));
+        Some(from + ((left - before).max(0) as u128).div_ceil(rate))
+    }
+}
+
+fn wandered(walk: &Option<Wander>, at: u64) -> i128 {
+    walk.as_ref().map_or(0, |walk| walk.sum(at))
+}
+
+/// Where ramp and step change the deviation: points of true time, ascending, and the deviation from
+/// there on.
+fn changes(model: &ClockModel) -> Vec<(u64, i64)> {
+    let mut changes = vec![(0, model.deviation_ppb)];
+    if let Some(Ramp { by_ppb, from, over }) = model.ramp {
+        assert!(over > Nanos::ZERO, "a ramp needs time: over {over}");
+        let (from, over) = (picos(from), picos(over));
+        for stair in 1..=RAMP_PIECES {
+            // Half a stair early: the stairs lie around the even ramp, not below it.
+            let part = i128::from(2 * stair - 1) * i128::from(over) / i128::from(2 * RAMP_PIECES);
+            let gained = |stair| (i128::from(by_ppb) * i128::from(stair)) / i128::from(RAMP_PIECES);
+            changes.push((
+                from.saturating_add(part as u64),
+                (gained(stair) - gained(stair - 1)) as i64,
+            ));
+        }
+    }
+    if let Some(step) = model.step {
+        changes.push((picos(step.at), step.by_ppb));
+    }
+    changes.sort_by_key(|(at, _)| *at);
+    let mut deviation = 0;
+    for (_, by) in &mut changes {
+        deviation += *by;
+        *by = deviation;
+    }
+    // Of several changes at one point the last holds the sum.
+    changes.reverse();
+    changes.dedup_by_key(|(at, _)| *at);
+    changes.reverse();
+    changes
+}
+
+/// The rate of a clock that deviates by `ppb`, 2⁻⁶⁴ ns per ps: exact to 10⁻¹⁶.
+fn rate(ppb: i64) -> u64 {
+    ((u128::from((1_000_000_000 + ppb) as u64) << 64) / PARTS) as u64
+}
+
+/// What `ppb` more or less make of a rate.
+fn rate_offset(ppb: i64) -> i64 {
+    (i128::from(ppb) << 64).div_euclid(PARTS as i128) as i64
+}
+
+fn picos(time: Nanos) -> u64 {
+    assert!(time >= Nanos::ZERO, "points of true time count from the beginning: {time}");
+    time.0 as u64 * 1000
+}
+
+/// ps in a thousandth of a second times ppb.
+const PARTS: u128 = 1_000_000_000_000;

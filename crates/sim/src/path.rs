@@ -1,26 +1,78 @@
 //! The way of a frame through the segment: which ESC port it reaches how long after it was sent.
 //!
-//! A frame enters an ESC at port 0, passes its processing unit and leaves through its open ports in
-//! the order 3, 1, 2, each time coming back; then it leaves through port 0. Cables cost their length,
-//! the processing unit its processing delay, every further port its forwarding delay.
+//! In an ESC a frame goes round the ports in the order 0 → EPU → 3 → 1 → 2 → 0, beginning with the one
+//! it arrives at; closed ports are skipped, at an open one it leaves and comes back there. So only what
+//! arrives at port 0, or is turned around by the closed loop of port 0, passes the EPU; a frame that
+//! enters at port 1 goes 1 → 2 → 0 first. What the ESCs say about their loops decides, and not what
+//! is plugged in.
+//!
+//! A stay in an ESC costs its processing delay if the frame passes the EPU on the way to the next open
+//! port, else its forwarding delay, however many closed ports it skips.
 
-use isocat_wire::address::PortNumber;
+use isocat_wire::PortNumber;
+use isocat_wire::dl::DlStatus;
 use isocat_wire::time::Picos;
 
-/// Signal speed on a cable: 5 ns per metre.
-pub const PICOS_PER_MILLIMETRE: i64 = 5;
+use crate::wiring::{End, MainPort, Wiring};
 
-/// One SubDevice in the tree, as far as frames feel it. Parents stand before their children.
+#[cfg(test)]
+mod tests;
+
+/// Which ports of an ESC are closed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Place {
-    /// The SubDevice upstream and its port; `None` hangs on the MainDevice.
-    pub parent: Option<(usize, PortNumber)>,
-    /// From the port upstream to the arrival at port 0, and back: cable and PHYs.
-    pub link: Picos,
-    /// From the arrival at port 0 to the departure at the first open port.
-    pub processing: Picos,
-    /// From the return at a port to the departure at the next one.
-    pub forwarding: Picos,
+pub struct Loops([bool; 4]);
+
+/// What happens to a frame that an open port receives.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Turn {
+    /// It passes the EPU before it leaves.
+    pub processed: bool,
+    /// The port at which it leaves.
+    pub exit: PortNumber,
+}
+
+impl Loops {
+    /// Only these ports are open.
+    pub fn open(ports: &[PortNumber]) -> Self {
+        Self::from_closed(PortNumber::ALL.map(|port| !ports.contains(&port)))
+    }
+
+    /// What DL status says.
+    pub fn of(status: DlStatus) -> Self {
+        Self::from_closed(PortNumber::ALL.map(|port| status.loop_closed(port)))
+    }
+
+    /// With all ports closed, port 0 is treated as open.
+    fn from_closed(mut closed: [bool; 4]) -> Self {
+        closed[0] &= closed != [true; 4];
+        Self(closed)
+    }
+
+    /// Whether frames turn around at this port instead of leaving.
+    pub fn closed(&self, port: PortNumber) -> bool {
+        self.0[port.index()]
+    }
+
+    /// What happens to a frame that arrives at an open port.
+    pub fn turn(&self, port: PortNumber) -> Turn {
+        let mut processed = port == PortNumber::P0;
+        let mut at = next(port);
+        while self.closed(at) && at != port {
+            processed |= at == PortNumber::P0;
+            at = next(at);
+        }
+        Turn { processed, exit: at }
+    }
+}
+
+/// The port that comes next on the way round.
+fn next(port: PortNumber) -> PortNumber {
+    match port {
+        PortNumber::P0 => PortNumber::P3,
+        PortNumber::P3 => PortNumber::P1,
+        PortNumber::P1 => PortNumber::P2,
+        PortNumber::P2 => PortNumber::P0,
+    }
 }
 
 /// One arrival of a frame at a port.
@@ -28,7 +80,7 @@ pub struct Place {
 pub struct Arrival {
     /// The SubDevice.
     pub device: usize,
-    /// The port. Port 0 means that the frame enters and is processed.
+    /// The port.
     pub port: PortNumber,
     /// Since the first bit left the MainDevice.
     pub after: Picos,
@@ -37,115 +89,59 @@ pub struct Arrival {
 /// All arrivals of one frame, in the order of time, and its way back.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Path {
-    /// Arrivals at the processing units, in processing order.
+    /// Arrivals after which the frame passes the processing unit, in processing order.
     pub entries: Vec<Arrival>,
-    /// Arrivals back at ports 3, 1, 2.
+    /// All other arrivals.
     pub returns: Vec<Arrival>,
     /// From the first bit's departure at the MainDevice to its return.
     pub round_trip: Picos,
+    /// Where it comes back; `None` if it does not: no cable at the port, a port that sends into nothing,
+    /// a way that goes round for ever.
+    pub end: Option<MainPort>,
+    /// Every SubDevice on the way processes the frame when it first meets it. Not so if cables are
+    /// swapped or the frame comes from the other end of a ring.
+    pub processed_first: bool,
 }
 
 impl Path {
-    /// The way through these SubDevices. A child on a port that does not exist for frames (port 0 of
-    /// its parent), or before its parent, is a mistake of the caller and panics.
-    pub fn new(places: &[Place]) -> Self {
-        for (i, place) in places.iter().enumerate() {
-            if let Some((parent, port)) = place.parent {
-                assert!(parent < i, "place {i} stands before its parent {parent}");
-                assert!(port != PortNumber::P0, "place {i} hangs on the upstream port of {parent}");
-            }
-        }
-        let mut path = Path::default();
+    /// The way of a frame that leaves the MainDevice at `from`. `loops` tells which ports of a SubDevice
+    /// are closed.
+    pub fn new(wiring: &Wiring, loops: impl Fn(usize) -> Loops, from: MainPort) -> Self {
+        let mut path = Path { processed_first: true, ..Path::default() };
+        let mut processed = vec![false; wiring.devices()];
+        let mut end = End::Main(from);
         let mut at = Picos::ZERO;
-        // The SubDevices on the MainDevice's own port: one at most, but an empty segment is legal.
-        if let Some(first) = places.iter().position(|place| place.parent.is_none()) {
-            at = path.walk(places, first, places[first].link);
-            at += places[first].link;
-        }
-        path.round_trip = at;
-        path
-    }
-
-    /// Sends the frame into `device`, which its first bit reaches at `at`; gives the time at which it
-    /// leaves through port 0. Walks with a stack of its own: a segment may be 65535 deep.
-    fn walk(&mut self, places: &[Place], device: usize, at: Picos) -> Picos {
-        struct Visit {
-            device: usize,
-            next: usize,
-            entered_through: PortNumber,
-        }
-        let mut children = vec![[None; 4]; places.len()];
-        for (i, place) in places.iter().enumerate() {
-            if let Some((parent, port)) = place.parent {
-                children[parent][port.index()] = Some(i);
-            }
-        }
-        let mut at = at;
-        self.entries.push(Arrival { device, port: PortNumber::P0, after: at });
-        at += places[device].processing;
-        let mut stack = vec![Visit { device, next: 1, entered_through: PortNumber::P0 }];
-        while let Some(top) = stack.last_mut() {
-            let Some(&port) = PortNumber::PROCESSING_ORDER.get(top.next) else {
-                let left = stack.pop().expect("the loop looks at the top");
-                if let Some(parent) = stack.last() {
-                    at += places[left.device].link;
-                    let port = left.entered_through;
-                    self.returns.push(Arrival { device: parent.device, port, after: at });
-                    at += places[parent.device].forwarding;
+        // No port is arrived at twice, unless the way goes round for ever.
+        let mut most = 4 * wiring.devices() + 1;
+        while let Some(hop) = wiring.hop(end) {
+            at += hop.delay;
+            let (device, port) = match hop.to {
+                End::Main(port) => {
+                    path.round_trip = at;
+                    path.end = Some(port);
+                    break;
                 }
-                continue;
+                End::Port(device, port) => (device, port),
             };
-            top.next += 1;
-            if let Some(child) = children[top.device][port.index()] {
-                at += places[child].link;
-                self.entries.push(Arrival { device: child, port: PortNumber::P0, after: at });
-                at += places[child].processing;
-                stack.push(Visit { device: child, next: 1, entered_through: port });
+            let loops = loops(device);
+            most -= 1;
+            if loops.closed(port) || most == 0 {
+                break;
             }
+            let turn = loops.turn(port);
+            let arrival = Arrival { device, port, after: at };
+            let stay = wiring.stay(device);
+            if turn.processed {
+                path.entries.push(arrival);
+                processed[device] = true;
+                at += stay.processing;
+            } else {
+                path.returns.push(arrival);
+                path.processed_first &= processed[device];
+                at += stay.forwarding;
+            }
+            end = End::Port(device, turn.exit);
         }
-        at
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use PortNumber::*;
-
-    fn place(parent: Option<(usize, PortNumber)>, metres: i64) -> Place {
-        let (processing, forwarding) = (Picos(300_000), Picos(200_000));
-        Place { parent, link: Picos(metres * 1000 * PICOS_PER_MILLIMETRE), processing, forwarding }
-    }
-
-    fn after(arrivals: &[Arrival]) -> Vec<(usize, PortNumber, i64)> {
-        arrivals.iter().map(|a| (a.device, a.port, a.after.0 / 1000)).collect()
-    }
-
-    #[test]
-    fn a_line_there_and_back() {
-        let path = Path::new(&[place(None, 10), place(Some((0, P1)), 20)]);
-        assert_eq!(after(&path.entries), [(0, P0, 50), (1, P0, 50 + 300 + 100)]);
-        assert_eq!(after(&path.returns), [(0, P1, 450 + 300 + 100)]);
-        assert_eq!(path.round_trip, Picos((850 + 200 + 50) * 1000));
-    }
-
-    #[test]
-    fn a_fork_is_walked_in_port_order_not_in_list_order() {
-        let path = Path::new(&[
-            place(None, 0),
-            place(Some((0, P1)), 0),
-            place(Some((0, P3)), 0),
-            place(Some((2, P1)), 0),
-        ]);
-        let visited: Vec<_> = path.entries.iter().map(|a| a.device).collect();
-        assert_eq!(visited, [0, 2, 3, 1]);
-        // 300 in 0, 300 in 2, 300 in 3, back at 2, 200 there, back at 0, 200 there, 300 in 1.
-        assert_eq!(after(&path.returns), [(2, P1, 900), (0, P3, 1100), (0, P1, 1600)],);
-        assert_eq!(path.round_trip, Picos(1_800_000));
-    }
-
-    #[test]
-    fn an_empty_segment_returns_at_once() {
-        assert_eq!(Path::new(&[]), Path::default());
+        path
     }
 }

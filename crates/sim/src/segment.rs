@@ -1,48 +1,147 @@
 //! The segment: SubDevices in their tree, and frames passing through them.
 
 use isocat_wire::address::PortNumber;
-use isocat_wire::frame;
+use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
+use isocat_wire::{Command, frame};
 
+use crate::cable::{Cable, Phy};
 use crate::device::{Device, DeviceSetup};
+use crate::disturbance::{BitError, Disturbances, Notice};
+use crate::flight::{Flight, duration};
 use crate::observation::Observation;
-use crate::path::{PICOS_PER_MILLIMETRE, Path, Place};
+use crate::path::{Arrival, Loops, Path};
+use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
 /// Where a SubDevice hangs, and what it is.
 pub struct Connection {
-    /// The SubDevice upstream (its index in the list) and its port; `None` hangs on the MainDevice.
+    /// The SubDevice upstream (its index in the list) and its port; `None` hangs on the MainDevice's
+    /// primary port.
     pub parent: Option<(usize, PortNumber)>,
-    /// Length of the cable upstream, mm.
-    pub cable_mm: u64,
+    /// The port of its own that the cable upstream is plugged into. Port 0 is right; any other is a
+    /// swapped cable, which frames pass in reverse.
+    pub port: PortNumber,
+    /// The cable upstream.
+    pub cable: Cable,
+    /// The PHYs of its ports; `None`: as its chip has them.
+    pub phys: Option<[Phy; 4]>,
     /// The SubDevice.
     pub device: DeviceSetup,
 }
 
-/// All SubDevices behind one MainDevice port.
+impl Connection {
+    /// A SubDevice behind a port of another (or of the MainDevice), plugged in at its port 0.
+    pub fn new(parent: Option<(usize, PortNumber)>, cable: Cable, device: DeviceSetup) -> Self {
+        Self { parent, port: PortNumber::P0, cable, phys: None, device }
+    }
+}
+
+/// All SubDevices behind one MainDevice port, or in a ring between two.
+///
+/// Cables are numbered as the SubDevices that they lead to; those laid later
+/// ([`Segment::close_ring`]) follow.
+///
+/// - Frames: [`pass`](Self::pass), [`pass_from`](Self::pass_from);
+/// - what happens to cables: [`unplug`](Self::unplug), [`plug`](Self::plug),
+///   [`disturb`](Self::disturb), each at a point of true time that no frame has passed yet;
+/// - what SubDevices do by themselves: [`advance`](Self::advance).
 pub struct Segment {
-    devices: Vec<Device>,
-    path: Path,
-    latched: Vec<bool>,
+    pub(crate) devices: Vec<Device>,
+    pub(crate) wiring: Wiring,
+    pub(crate) disturbances: Disturbances,
+    /// The way of frames from each MainDevice port, as of the last look at the loops.
+    pub(crate) paths: [Path; 2],
+    /// Loops have changed since.
+    pub(crate) stale: bool,
+    /// A frame may have written what changes loops, and some may still be about to.
+    unsettled: bool,
+    pub(crate) latched: Vec<bool>,
+    /// Which SubDevices the frame that is followed has met, and its arrivals.
+    pub(crate) met: Vec<bool>,
+    pub(crate) trail: Vec<Arrival>,
+}
+
+/// A frame that has come back.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Returned {
+    /// Where.
+    pub port: MainPort,
+    /// When its first bit is back.
+    pub first_bit: Time<True>,
+    /// When its last bit is back.
+    pub last_bit: Time<True>,
+    /// Whether its check sequence is right.
+    pub good: bool,
+}
+
+/// Why a frame does not come back.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Lost {
+    /// An open port has no cable.
+    NoCable(End),
+    /// A cable was pulled before the last bit was through.
+    Unplugged {
+        /// The cable.
+        cable: usize,
+    },
+    /// A closed port does not take it.
+    Closed {
+        /// The SubDevice.
+        device: usize,
+        /// The port.
+        port: PortNumber,
+    },
+    /// An ESC destroyed it: it came by for the second time, or is none of EtherCAT.
+    Destroyed {
+        /// The SubDevice.
+        device: usize,
+    },
+    /// It goes round for ever.
+    Circulates,
 }
 
 impl Segment {
-    /// Switches all SubDevices on at true time zero, cables connected.
+    /// Switches all SubDevices on at true time zero, cables connected. Panics if cables do not go
+    /// together: two at one port, or one at a port that the chip has not.
     pub fn new(connections: Vec<Connection>, seed: u64) -> Self {
-        let places: Vec<Place> = connections.iter().map(|c| place(&connections, c)).collect();
-        let path = Path::new(&places);
-        let mut devices: Vec<Device> = connections
+        let wiring = wire(&connections);
+        let devices: Vec<Device> = connections
             .into_iter()
             .enumerate()
             .map(|(position, connection)| Device::new(position, connection.device, seed))
             .collect();
-        for (i, place) in places.iter().enumerate() {
-            devices[i].esc.set_port(PortNumber::P0, true);
-            if let Some((parent, port)) = place.parent {
-                devices[parent].esc.set_port(port, true);
-            }
+        let count = devices.len();
+        let mut segment = Self {
+            devices,
+            disturbances: Disturbances::default(),
+            paths: [Path::default(), Path::default()],
+            stale: true,
+            unsettled: false,
+            latched: vec![false; count],
+            met: vec![false; count],
+            trail: Vec::new(),
+            wiring,
+        };
+        for cable in 0..segment.wiring.cables() {
+            segment.link_up(cable);
         }
-        let latched = vec![false; devices.len()];
-        Self { devices, path, latched }
+        segment.refresh();
+        segment
+    }
+
+    /// Connects a free port of a SubDevice, the last one as a rule, with the MainDevice's secondary port.
+    /// Gives the number of the cable.
+    pub fn close_ring(
+        &mut self,
+        device: usize,
+        port: PortNumber,
+        cable: Cable,
+    ) -> Result<usize, PortTaken> {
+        let (from, to) = (End::Port(device, port), End::Main(MainPort::Secondary));
+        let number = self.wiring.connect(from, to, cable)?;
+        self.link_up(number);
+        self.refresh();
+        Ok(number)
     }
 
     /// The SubDevices, in the order of the connections.
@@ -55,36 +154,93 @@ impl Segment {
         &mut self.devices[index]
     }
 
-    /// The way of frames.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// Cables and delays.
+    pub fn wiring(&self) -> &Wiring {
+        &self.wiring
     }
 
-    /// Sends a frame through all SubDevices, whose first bit leaves the MainDevice at `start`. They
-    /// answer in place. Gives the time at which its last bit is back.
+    /// The way of frames from the primary port, as of the last frame that set out.
+    pub fn path(&self) -> &Path {
+        self.path_from(MainPort::Primary)
+    }
+
+    /// The way of frames from a port, as of the last frame that set out.
+    pub fn path_from(&self, port: MainPort) -> &Path {
+        &self.paths[port as usize]
+    }
+
+    /// Pulls a cable. Panics if it was changed later than `at`, or does not exist.
+    pub fn unplug(&mut self, cable: usize, at: Time<True>) {
+        self.disturbances.change(&self.wiring, cable, at, false);
+    }
+
+    /// Plugs a cable in again. Panics if it was changed later than `at`, or does not exist.
+    pub fn plug(&mut self, cable: usize, at: Time<True>) {
+        self.disturbances.change(&self.wiring, cable, at, true);
+    }
+
+    /// Lets a bit tip over on a cable.
+    pub fn disturb(&mut self, error: BitError) {
+        self.disturbances.disturb(error);
+    }
+
+    /// Sends a frame through the SubDevices from the primary port; see [`Segment::pass_from`].
     pub fn pass(
         &mut self,
         bytes: &mut [u8],
         start: Time<True>,
         watch: &mut impl FnMut(Observation),
-    ) -> Time<True> {
-        let duration = Picos(frame::duration_ns(bytes.len()) as i64 * 1000);
+    ) -> Result<Returned, Lost> {
+        self.pass_from(MainPort::Primary, bytes, start, watch)
+    }
+
+    /// Sends a frame through the SubDevices, whose first bit leaves a port of the MainDevice at `start`.
+    /// They answer in place. Tells where and when it comes back.
+    pub fn pass_from(
+        &mut self,
+        from: MainPort,
+        bytes: &mut [u8],
+        start: Time<True>,
+        watch: &mut impl FnMut(Observation),
+    ) -> Result<Returned, Lost> {
+        self.settle(start, watch);
+        self.unsettled |= may_change_loops(bytes);
+        let duration = duration(bytes.len());
+        let path = &self.paths[from as usize];
+        let last_bit = start + path.round_trip + duration;
+        let port = match path.end {
+            Some(port)
+                if path.processed_first
+                    && !self.unsettled
+                    && self.disturbances.are_quiet(start, last_bit) =>
+            {
+                port
+            }
+            _ => return self.fly(Flight::new(bytes, start), from, watch),
+        };
         let mut any_latched = false;
-        for entry in &self.path.entries {
+        for (number, entry) in path.entries.iter().enumerate() {
             let device = &mut self.devices[entry.device];
             let at = start + entry.after;
             let clock = device.oscillator();
             let (begin, end): (Time<DeviceClock>, _) = (clock.read(at), clock.read(at + duration));
             device.advance(begin, watch);
+            if device.ports_changed() {
+                self.stale = true;
+                return self.fly_from(Flight::new(bytes, start), (from, number), watch);
+            }
             let processed = device.esc.process(bytes, begin, end, true);
             self.latched[entry.device] = processed.latch_ports;
             if processed.latch_ports {
                 any_latched = true;
                 device.esc.receive_at_port(entry.port, begin);
             }
+            if processed.destroyed {
+                return Err(Lost::Destroyed { device: entry.device });
+            }
         }
         if any_latched {
-            for back in &self.path.returns {
+            for back in &path.returns {
                 if self.latched[back.device] {
                     let device = &mut self.devices[back.device];
                     let at = device.oscillator().read(start + back.after);
@@ -92,31 +248,144 @@ impl Segment {
                 }
             }
         }
-        start + self.path.round_trip + duration
+        Ok(Returned { port, first_bit: start + path.round_trip, last_bit, good: true })
     }
 
     /// Lets everything happen that happens up to `at` by itself.
     pub fn advance(&mut self, at: Time<True>, watch: &mut impl FnMut(Observation)) {
+        while let Some(notice) = self.disturbances.take_notice(at, None) {
+            self.notice(notice, true, watch);
+        }
         for device in &mut self.devices {
             let limit = device.oscillator().read(at);
             device.advance(limit, watch);
         }
     }
+
+    /// Before a frame sets out: links that have changed by then, and the ways that they make.
+    fn settle(&mut self, start: Time<True>, watch: &mut impl FnMut(Observation)) {
+        while let Some(notice) = self.disturbances.take_notice(start, None) {
+            self.notice(notice, true, watch);
+        }
+        if self.unsettled && !self.devices.iter().any(|device| device.esc.loops_pending()) {
+            self.unsettled = false;
+            self.stale = true;
+        }
+        if self.stale {
+            self.refresh();
+        }
+    }
+
+    /// An ESC notices that a link has come or gone. What it did before, it did with the old one, if it
+    /// may be `advance`d: no frame that comes earlier will be told of later.
+    pub(crate) fn notice(
+        &mut self,
+        notice: Notice,
+        advance: bool,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let device = &mut self.devices[notice.device];
+        if advance {
+            let at = device.oscillator().read(notice.at);
+            device.advance(at, watch);
+        }
+        device.esc.set_port(notice.port, notice.link);
+        self.stale = true;
+    }
+
+    /// Both ends of a cable have a link from the beginning.
+    fn link_up(&mut self, cable: usize) {
+        for end in self.wiring.cable(cable).1 {
+            if let End::Port(device, port) = end {
+                let esc = &mut self.devices[device].esc;
+                let name = esc.chip().name;
+                assert!(
+                    esc.chip().has_port(port),
+                    "{name} (SubDevice {device}) has no port {port}"
+                );
+                esc.set_port(port, true);
+            }
+        }
+    }
+
+    /// Computes the ways of frames anew.
+    fn refresh(&mut self) {
+        for device in &mut self.devices {
+            device.clear_ports_changed();
+        }
+        let devices = &self.devices;
+        let loops = |device: usize| Loops::of(devices[device].esc.dl_status());
+        self.paths = [MainPort::Primary, MainPort::Secondary]
+            .map(|port| Path::new(&self.wiring, loops, port));
+        self.stale = false;
+    }
 }
 
-/// How frames feel a connection: cable, the PHYs at its ends, and the ESC.
-fn place(all: &[Connection], connection: &Connection) -> Place {
-    let chip = connection.device.chip;
-    let upstream = match connection.parent {
-        Some((parent, port)) => all[parent].device.chip.port_delay(port),
-        // The MainDevice's own controller belongs to its host.
-        None => Picos::ZERO,
+/// Whether a frame writes DL control or resets ESCs. Frames are followed port by port from then on,
+/// until all loops have settled; what is written there through an FMMU is found at the next visit.
+fn may_change_loops(bytes: &[u8]) -> bool {
+    let Ok(payload) = frame::payload(bytes) else { return false };
+    datagrams(payload).map_while(Result::ok).any(|datagram| {
+        let header = datagram.header;
+        let writes = header.command().is_ok_and(|command| {
+            use Command::*;
+            matches!(command, Apwr | Aprw | Fpwr | Fprw | Bwr | Brw | Armw | Frmw)
+        });
+        let first = usize::from(header.ado());
+        let written = first..first + datagram.data.len();
+        writes && LOOPS.iter().any(|range| range.start < written.end && written.start < range.end)
+    })
+}
+
+/// Registers that change loops: ESC reset, DL control.
+const LOOPS: [std::ops::Range<usize>; 2] = [0x0040..0x0041, 0x0100..0x0104];
+
+/// The order in which frames are processed by SubDevices that hang together like this: for each the
+/// parent and its port, and the own port upstream. It is the order of their positions.
+pub fn processing_order(links: &[(Option<(usize, PortNumber)>, PortNumber)]) -> Vec<usize> {
+    let stay = Stay { processing: Picos(1), forwarding: Picos(1), phys: [Phy::default(); 4] };
+    let mut wiring = Wiring::new(vec![stay; links.len()]);
+    for (device, (parent, port)) in links.iter().enumerate() {
+        lay(&mut wiring, *parent, (device, *port), Cable::default());
+    }
+    let loops = |device| {
+        let wired = |port: &PortNumber| wiring.hop(End::Port(device, *port)).is_some();
+        let open: Vec<_> = PortNumber::ALL.into_iter().filter(wired).collect();
+        Loops::open(&open)
     };
-    let cable = Picos(connection.cable_mm as i64 * PICOS_PER_MILLIMETRE);
-    Place {
-        parent: connection.parent,
-        link: upstream + cable + chip.port_delay(PortNumber::P0),
-        processing: chip.processing_delay,
-        forwarding: chip.forwarding_delay,
+    let path = Path::new(&wiring, loops, MainPort::Primary);
+    path.entries.iter().map(|entry| entry.device).collect()
+}
+
+fn wire(connections: &[Connection]) -> Wiring {
+    let stay = |connection: &Connection| {
+        let stay = Stay::of(connection.device.chip);
+        Stay { phys: connection.phys.unwrap_or(stay.phys), ..stay }
+    };
+    let mut wiring = Wiring::new(connections.iter().map(stay).collect());
+    for (device, connection) in connections.iter().enumerate() {
+        lay(&mut wiring, connection.parent, (device, connection.port), connection.cable);
+    }
+    wiring
+}
+
+fn lay(
+    wiring: &mut Wiring,
+    parent: Option<(usize, PortNumber)>,
+    (device, port): (usize, PortNumber),
+    cable: Cable,
+) {
+    let from = match parent {
+        Some((parent, port)) => {
+            assert!(
+                parent < wiring.devices(),
+                "SubDevice {device} hangs on {parent}, which is none"
+            );
+            End::Port(parent, port)
+        }
+        None => End::Main(MainPort::Primary),
+    };
+    if let Err(PortTaken(end)) = wiring.connect(from, End::Port(device, port), cable) {
+        panic!("SubDevice {device} hangs on {from:?}, but {end:?} has a cable already");
     }
 }

@@ -9,7 +9,7 @@ use isocat_wire::time::{Host, Time, True};
 use crate::bench::Bench;
 use crate::host::{HostMachine, HostModel};
 use crate::observation::Observation;
-use crate::segment::{Connection, Segment};
+use crate::segment::{Connection, Returned, Segment};
 
 /// What a run is made of.
 pub struct Setup {
@@ -107,6 +107,10 @@ impl<C: Control, T: Tap> World<C, T> {
     pub fn segment(&self) -> &Segment {
         &self.segment
     }
+    /// The segment, to pull its cables.
+    pub fn segment_mut(&mut self) -> &mut Segment {
+        &mut self.segment
+    }
     /// The MainDevice's application.
     pub fn control(&self) -> &C {
         &self.control
@@ -184,12 +188,17 @@ impl<C: Control, T: Tap> World<C, T> {
                 tap.frame(start, true, &bytes);
             }
             let observations = &mut self.observations;
-            let last_bit = self.segment.pass(&mut bytes, start, &mut |o| observations.push(o));
+            let fate = self.segment.pass(&mut bytes, start, &mut |o| observations.push(o));
             self.bench.frame(&self.segment, &bytes, start);
             self.judge();
-            let first_bit = start + self.segment.path().round_trip;
-            let delivered = self.host.receive(last_bit);
-            self.returning.push_back(Returning { first_bit, delivered, bytes });
+            match fate {
+                Ok(Returned { first_bit, last_bit, good: true, .. }) => {
+                    let delivered = self.host.receive(last_bit);
+                    self.returning.push_back(Returning { first_bit, delivered, bytes });
+                }
+                // What does not come back, or comes back damaged, no program ever sees.
+                _ => self.spare.push(bytes),
+            }
         }
     }
 

@@ -2,6 +2,8 @@
 
 use super::*;
 
+mod physics;
+
 /// The error of a text, as `line:column message` and hint.
 fn refused(text: &str) -> (String, Option<String>) {
     let error = SegmentFile::parse("s.toml", text).unwrap_err();

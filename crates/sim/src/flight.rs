@@ -1,0 +1,217 @@
+//! The flight of a single frame, port by port: for frames that meet something on their way.
+//!
+//! Most frames find the segment as the last one left it, and take the way that was computed once
+//! ([`Path`](crate::path::Path)). A frame that sets out while a cable is pulled or plugged, that is hit
+//! by a bit error, that comes from the other end of a ring, or that finds loops changed, is followed
+//! here: at each port the ESC is asked where it goes next.
+//!
+//! Frames are followed one after the other, each to its end. Where a link goes while several frames
+//! are on their way, the later ones may find the change earlier by what the first one was ahead of them.
+
+use isocat_esc::PortError;
+use isocat_wire::PortNumber;
+use isocat_wire::frame;
+use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
+
+use crate::observation::Observation;
+use crate::path::{Arrival, Loops};
+use crate::segment::{Lost, Returned, Segment};
+use crate::wiring::{End, Hop, MainPort};
+
+/// A frame on its way.
+pub(crate) struct Flight<'a> {
+    bytes: &'a mut [u8],
+    /// When its first bit left the MainDevice.
+    start: Time<True>,
+    /// From the first bit to the last.
+    duration: Picos,
+    good: bool,
+    /// An ESC has marked it as bad.
+    marked: bool,
+}
+
+impl<'a> Flight<'a> {
+    /// A frame whose first bit leaves at `start`.
+    pub fn new(bytes: &'a mut [u8], start: Time<True>) -> Self {
+        let duration = duration(bytes.len());
+        Self { bytes, start, duration, good: true, marked: false }
+    }
+}
+
+impl Segment {
+    /// Sends a frame off at a port of the MainDevice and follows it to its end.
+    pub(crate) fn fly(
+        &mut self,
+        mut flight: Flight<'_>,
+        from: MainPort,
+        watch: &mut impl FnMut(Observation),
+    ) -> Result<Returned, Lost> {
+        self.begin_trail();
+        let fate = match self.leave(&mut flight, End::Main(from), Picos::ZERO) {
+            Ok((hop, after)) => self.follow(&mut flight, hop.to, after, watch),
+            Err(lost) => Err(lost),
+        };
+        self.latch_trail(flight.start);
+        fate
+    }
+
+    /// Follows a frame that has taken its computed way from a port up to the entry with this number.
+    pub(crate) fn fly_from(
+        &mut self,
+        mut flight: Flight<'_>,
+        (from, entry): (MainPort, usize),
+        watch: &mut impl FnMut(Observation),
+    ) -> Result<Returned, Lost> {
+        self.begin_trail();
+        let path = &self.paths[from as usize];
+        let at = path.entries[entry];
+        self.trail.extend(&path.entries[..entry]);
+        self.trail.extend(path.returns.iter().filter(|arrival| arrival.after < at.after));
+        for arrival in &self.trail {
+            self.met[arrival.device] = true;
+        }
+        let fate = self.follow(&mut flight, End::Port(at.device, at.port), at.after, watch);
+        self.latch_trail(flight.start);
+        fate
+    }
+
+    fn follow(
+        &mut self,
+        flight: &mut Flight<'_>,
+        mut end: End,
+        mut after: Picos,
+        watch: &mut impl FnMut(Observation),
+    ) -> Result<Returned, Lost> {
+        // As many rounds as the circulating bit needs; then somebody has closed port 0 by hand.
+        for _ in 0..3 * (4 * self.devices().len() + 1) {
+            let (device, port) = match end {
+                End::Main(port) => {
+                    let first_bit = flight.start + after;
+                    let last_bit = first_bit + flight.duration;
+                    return Ok(Returned { port, first_bit, last_bit, good: flight.good });
+                }
+                End::Port(device, port) => (device, port),
+            };
+            after = self.visit(flight, Arrival { device, port, after }, watch)?;
+            let exit = self.loops(device).turn(port).exit;
+            let (hop, arrives) = self.leave(flight, End::Port(device, exit), after)?;
+            (end, after) = (hop.to, arrives);
+        }
+        Err(Lost::Circulates)
+    }
+
+    /// A frame arrives at a port; gives the time of its departure.
+    fn visit(
+        &mut self,
+        flight: &mut Flight<'_>,
+        arrival: Arrival,
+        watch: &mut impl FnMut(Observation),
+    ) -> Result<Picos, Lost> {
+        let Arrival { device: number, port, after } = arrival;
+        let at = flight.start + after;
+        let first = !std::mem::replace(&mut self.met[number], true);
+        while let Some(notice) = self.disturbances.take_notice(at, Some(number)) {
+            self.notice(notice, first, watch);
+        }
+        let device = &mut self.devices[number];
+        let begin: Time<DeviceClock> = device.oscillator().read(at);
+        if first {
+            device.advance(begin, watch);
+            self.stale |= device.ports_changed();
+        }
+        if !flight.good {
+            let error = if flight.marked { PortError::Forwarded } else { PortError::InvalidFrame };
+            device.esc.count_error(port, error);
+            flight.marked = true;
+        }
+        let loops = Loops::of(device.esc.dl_status());
+        if loops.closed(port) {
+            if flight.good {
+                device.esc.hear_frame(port);
+                self.stale = true;
+            }
+            return Err(Lost::Closed { device: number, port });
+        }
+        self.trail.push(arrival);
+        let turn = loops.turn(port);
+        let stay = self.wiring.stay(number);
+        if !turn.processed {
+            return Ok(after + stay.forwarding);
+        }
+        let departure = after + stay.processing;
+        let end = device.oscillator().read(at + flight.duration);
+        device.advance(begin, watch);
+        let processed = device.esc.process(flight.bytes, begin, end, flight.good);
+        self.latched[number] |= processed.latch_ports;
+        if processed.destroyed { Err(Lost::Destroyed { device: number }) } else { Ok(departure) }
+    }
+
+    /// A frame sets out at one end of a cable; gives the hop and the time of its arrival.
+    fn leave(
+        &mut self,
+        flight: &mut Flight<'_>,
+        end: End,
+        after: Picos,
+    ) -> Result<(Hop, Picos), Lost> {
+        let hop = self.wiring.hop(end).ok_or(Lost::NoCable(end))?;
+        let (from, arrives) = (flight.start + after, after + hop.delay);
+        let last_bit = flight.start + arrives + flight.duration;
+        if !self.disturbances.carries(hop.cable, from, last_bit) {
+            return Err(Lost::Unplugged { cable: hop.cable });
+        }
+        if let Some(error) = self.disturbances.take_error(hop.cable, hop.direction, from) {
+            let bit = error.bit % (8 * flight.bytes.len().max(1));
+            if let Some(byte) = flight.bytes.get_mut(bit / 8) {
+                *byte ^= 1 << (bit % 8);
+            }
+            flight.good = false;
+        }
+        Ok((hop, arrives))
+    }
+
+    fn begin_trail(&mut self) {
+        self.trail.clear();
+        self.met.fill(false);
+    }
+
+    /// ESCs whose receive times were written keep the arrivals of this frame.
+    fn latch_trail(&mut self, start: Time<True>) {
+        for arrival in &self.trail {
+            if self.latched[arrival.device] {
+                let device = &mut self.devices[arrival.device];
+                let at = device.oscillator().read(start + arrival.after);
+                device.esc.receive_at_port(arrival.port, at);
+            }
+        }
+        for arrival in &self.trail {
+            self.latched[arrival.device] = false;
+        }
+    }
+
+    fn loops(&self, device: usize) -> Loops {
+        Loops::of(self.devices[device].esc.dl_status())
+    }
+}
+
+/// How long a frame of `len` bytes lasts, from its first preamble bit to its last FCS bit.
+pub(crate) fn duration(len: usize) -> Picos {
+    Picos(frame::duration_ns(len) as i64 * 1000)
+}
+
+impl std::fmt::Display for Lost {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let place = |port: PortNumber, device: usize| format!("port {port} of SubDevice {device}");
+        match *self {
+            Lost::NoCable(End::Main(port)) => write!(f, "no cable at the {port:?} port"),
+            Lost::NoCable(End::Port(device, port)) => {
+                write!(f, "no cable at {}, which is open", place(port, device))
+            }
+            Lost::Unplugged { cable } => write!(f, "cable {cable} is pulled"),
+            Lost::Closed { device, port } => write!(f, "{} is closed", place(port, device)),
+            Lost::Destroyed { device } => write!(f, "SubDevice {device} destroyed it"),
+            Lost::Circulates => write!(f, "it circulates for ever"),
+        }
+    }
+}
+
+impl std::error::Error for Lost {}

@@ -5,7 +5,7 @@ use core::ops::Range;
 use isocat_wire::datagram::Layouts;
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::frame::{FrameError, LOCALLY_ADMINISTERED, envelope};
-use isocat_wire::register::{self, PROCESS_RAM, SHADOW_END};
+use isocat_wire::register::{self, PROCESS_RAM, SHADOW_END, features};
 use isocat_wire::time::Device;
 use isocat_wire::{Command, Time};
 
@@ -167,6 +167,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// A logical datagram; its working counter increment. Writes go first: they take the data as
     /// received, also where this ESC replaces it by its own.
     fn logical(&mut self, command: Command, address: u32, data: &mut [u8]) -> u16 {
+        if command == Command::Lrw && self.chip.has(features::NO_LRW) {
+            return 0;
+        }
         let mut count = 0;
         let len = data.len();
         if command != Command::Lrd {
@@ -234,6 +237,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Reads the old content and writes the data as received, 0x0108 bytes further on if the chip has
     /// this register. Then what is written may be read by the same datagram: byte by byte, as it comes.
     fn exchange(&mut self, address: u16, data: &mut [u8], merge: impl Fn(&mut u8, u8)) -> u16 {
+        if self.chip.has(features::NO_READ_WRITE) {
+            return 0;
+        }
         let (mut read, mut written) = (false, false);
         let further = match self.units.physical_offset {
             true => self.registers.load(register::PHYSICAL_OFFSET),

@@ -111,6 +111,29 @@ fn unknown_commands_pass_untouched() {
     }
 }
 
+/// Commands that the feature bits of a chip exclude: not answered, but positions are counted.
+#[test]
+fn commands_that_a_chip_does_not_have() {
+    use isocat_wire::register::features::{NO_LRW, NO_READ_WRITE};
+    static CHIP: Chip =
+        Chip { features: 0x01CC | NO_LRW | NO_READ_WRITE, ..crate::chip::IP_CORE_BASE };
+    let mut bench = Bench::new(&CHIP);
+    bench.fpwr(0x0600, &isocat_wire::fmmu::Fmmu::bytes(0, 2, 0x1000, 3).to_bytes());
+    let image = Address::Logical(0);
+    let position = Address::Position(AutoIncrementAddress(0), 0x1000);
+    for (command, address) in [
+        (Command::Lrw, image),
+        (Command::Aprw, position),
+        (Command::Fprw, station(0x1000)),
+        (Command::Brw, Address::Broadcast(0x1000)),
+    ] {
+        assert_eq!(bench.send(command, address, &[7, 7]), (vec![7, 7], 0), "{command}");
+    }
+    assert_eq!(bench.send(Command::Lrd, image, &[7, 7]), (vec![0, 0], 1), "and nothing written");
+    assert_eq!(bench.send(Command::Lwr, image, &[1, 2]).1, 1);
+    assert_eq!(bench.fprd(0x1000, 2).0, [1, 2]);
+}
+
 /// All datagrams of a frame show the events that there were at its arrival.
 #[test]
 fn the_irq_field_is_sampled_once_a_frame() {

@@ -181,7 +181,6 @@ fn tell(story: &[u8], pdi: u8) {
             }
         }
     }
-    drop(esc);
     assert_eq!(ram[len..], FENCE, "written behind the memory");
 }
 

@@ -306,7 +306,7 @@ fn names_that_are_not_there() {
     assert_eq!(
         refused_with_hint("\"ET1100\"", "\"ET110\""),
         "p.toml:13:8: unknown chip \"ET110\"\n  did you mean \"ET1100\"? expected one of: ET1100, \
-         ET1200, IP_CORE_32, LAN9252, XMC4800"
+         ET1100_MII, ET1200, IP_CORE_32, LAN9252, XMC4800"
     );
     assert_eq!(
         refused_with_hint("[times]", "[tiems]"),

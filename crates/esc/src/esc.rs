@@ -57,6 +57,8 @@ pub struct Esc<M> {
     pub(crate) dl_changed: bool,
     /// What happened beside the event just reported.
     pub(crate) overdue: Option<(Time<Device>, EscEvent)>,
+    /// Counts what may have changed [`Esc::reach`].
+    pub(crate) reach_version: u32,
 }
 
 /// The frame in flight.
@@ -148,6 +150,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             watchdog: Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA),
             dl_changed: false,
             overdue: None,
+            reach_version: 0,
         };
         esc.start(Time::ZERO, 0);
         esc
@@ -162,6 +165,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Everything from the beginning, but links and RAM.
     fn start(&mut self, now: Time<Device>, local: u64) {
         let chip = self.chip;
+        self.reach_version = self.reach_version.wrapping_add(1);
         self.registers = Registers::new();
         let registers = &mut self.registers;
         self.ram_len = self.ram.as_ref().len().min(usize::from(chip.ram_kib) * 1024);
@@ -226,6 +230,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             count(&mut self.registers, 0x0310 + port.index() as u16);
         }
         self.dl_changed |= self.ports.update(self.chip, &mut self.registers, false);
+        self.reach_version = self.reach_version.wrapping_add(1);
     }
 
     /// A port saw a fault.
@@ -403,6 +408,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 self.ports.end_temporary(&mut self.registers);
                 let changed = self.ports.update(self.chip, &mut self.registers, true);
                 self.dl_changed |= changed;
+                self.reach_version = self.reach_version.wrapping_add(1);
                 changed.then_some(EscEvent::Ports)
             }
         }

@@ -35,6 +35,11 @@ impl Fmmus {
         }
     }
 
+    /// First logical byte that any of them maps, and the one behind the last; equal if none maps any.
+    pub const fn hull(&self) -> (u32, u64) {
+        if self.active == 0 { (0, 0) } else { self.hull }
+    }
+
     /// What a datagram of `len` bytes at `logical` hits for this kind of access
     /// ([`Fmmu::READ`] or [`Fmmu::WRITE`]); `None` for most datagrams of a big segment.
     pub fn hits(&self, registers: &Registers, kind: u8, logical: u32, len: usize) -> Option<Hits> {

@@ -7,6 +7,7 @@ use isocat_wire::register;
 use isocat_wire::time::Device;
 
 use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, EscEvent, Flight};
+use crate::reach::PAGES;
 use crate::sync_manager::SM_LEN;
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
@@ -104,6 +105,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if shadow.touches_page(0x0900) {
             self.dc.end_frame((start, now), shadow, registers);
+        }
+        if PAGES.iter().any(|page| shadow.touches_page(*page)) {
+            self.reach_version = self.reach_version.wrapping_add(1);
         }
         shadow.clear();
     }

@@ -44,6 +44,7 @@ mod frame_end;
 mod memory;
 pub mod pdi;
 mod process;
+mod reach;
 mod sync_manager;
 #[cfg(test)]
 mod tests;
@@ -52,4 +53,5 @@ mod watchdog;
 pub use chip::{Chip, ET1100, ET1200, IP_CORE_32, LAN9252, XMC4800};
 pub use esc::{Esc, EscEvent, PortError};
 pub use pdi::{EscPdi, Pdi, PdiExt};
-pub use process::Processed;
+pub use process::{Passing, Processed};
+pub use reach::Reach;

@@ -24,6 +24,21 @@ pub struct Processed {
     pub destroyed: bool,
 }
 
+/// A datagram as it passes an ESC, parsed by the caller.
+#[derive(PartialEq, Eq, Debug)]
+pub struct Passing<'a> {
+    /// What it asks.
+    pub command: Command,
+    /// ADP in the low half and ADO in the high half, or a logical address: as it arrives.
+    pub address: u32,
+    /// The IRQ field; the ESC adds its events.
+    pub irq: u16,
+    /// The working counter; the ESC counts it up.
+    pub wkc: u16,
+    /// The data; the ESC answers in place.
+    pub data: &'a mut [u8],
+}
+
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Passes a frame (without its check sequence) through the EPU: its first preamble bit arrives at
     /// `start`, the last bit of its check sequence at `end`, and the sequence is `good` or not.
@@ -38,66 +53,104 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         end: Time<Device>,
         good: bool,
     ) -> Processed {
-        // Frames pass one after the other: the last one is over, whatever its end was said to be.
-        self.settle(Time::NEVER);
-        let Ok(offset) = payload_offset(frame) else { return Processed::default() };
+        let Ok(offset) = payload_offset(frame) else {
+            self.settle(Time::NEVER);
+            return Processed::default();
+        };
         if self.stops_circulating() && mark_circulating(&mut frame[offset..]) {
+            self.settle(Time::NEVER);
             return Processed { destroyed: true, ..Processed::default() };
         }
-        if self.registers.byte(register::DL_CONTROL.address) & 1 != 0 {
+        if self.marks_frames() {
             frame[6] |= LOCALLY_ADMINISTERED;
         }
-        self.flight.start = start;
-        self.flight.acknowledged = 0;
-        self.flight.enabled = [false; 2];
+        self.begin_frame(start);
         let mut latch_ports = false;
         let payload = &mut frame[offset..];
         let mut layouts = Layouts::new();
         while let Some(Ok(layout)) = layouts.next(payload) {
             let header = layout.header;
             let Ok(command) = header.command() else { continue };
-            if command == Command::Nop {
-                continue;
-            }
             let start = layout.start;
-            let mask = self.registers.load(register::ECAT_EVENT_MASK);
-            if mask != 0 {
-                let irq = header.irq | mask & self.ecat_events();
-                payload[start + 8..start + 10].copy_from_slice(&irq.to_le_bytes());
-            }
+            let (data, wkc) =
+                payload[layout.data()..layout.end()].split_at_mut(layout.wkc() - layout.data());
+            let mut passing = Passing {
+                command,
+                address: header.address,
+                irq: header.irq,
+                wkc: u16::from_le_bytes([wkc[0], wkc[1]]),
+                data,
+            };
+            latch_ports |= self.datagram(&mut passing);
+            let (irq, count) = (passing.irq, passing.wkc);
+            wkc.copy_from_slice(&count.to_le_bytes());
             if command.increments_position() {
                 let adp = header.adp().wrapping_add(1);
                 payload[start + 2..start + 4].copy_from_slice(&adp.to_le_bytes());
             }
-            let (data, wkc) =
-                payload[layout.data()..layout.end()].split_at_mut(layout.wkc() - layout.data());
-            let count = if command.is_logical() {
-                self.logical(command, header.address, data)
-            } else {
-                self.physical(command, header.adp(), header.ado(), data)
-            };
-            if count > 0 {
-                let sum = u16::from_le_bytes([wkc[0], wkc[1]]).wrapping_add(count);
-                wkc.copy_from_slice(&sum.to_le_bytes());
-                let receive_time = usize::from(register::RECEIVE_TIME_0.address);
-                let first = usize::from(header.ado());
-                latch_ports |= matches!(command, Command::Bwr | Command::Fpwr)
-                    && first < receive_time + 4
-                    && first + data.len() > receive_time;
-            }
+            payload[start + 8..start + 10].copy_from_slice(&irq.to_le_bytes());
         }
+        self.close_frame(end, good);
+        Processed { latch_ports: latch_ports && good, destroyed: false }
+    }
+
+    /// A frame arrives at `start`. [`process`](Self::process) in pieces, for a caller that has parsed the
+    /// frame once for many ESCs: `begin_frame`, [`datagram`](Self::datagram) for each of its datagrams in
+    /// their order, [`close_frame`](Self::close_frame). What [`Reach`] excludes may be left out. The
+    /// caller counts auto-increment addresses, and sees to [`Reach::marks_frames`] and
+    /// [`Reach::stops_circulating`].
+    pub fn begin_frame(&mut self, start: Time<Device>) {
+        // Frames pass one after the other: the last one is over, whatever its end was said to be.
+        self.settle(Time::NEVER);
+        self.flight.start = start;
+        self.flight.acknowledged = 0;
+        self.flight.enabled = [false; 2];
+    }
+
+    /// A datagram of the frame that has begun is answered in place. Returns whether it latches the ports'
+    /// receive times, if the frame is good: see [`Processed::latch_ports`].
+    pub fn datagram(&mut self, passing: &mut Passing<'_>) -> bool {
+        let Passing { command, address, .. } = *passing;
+        if command == Command::Nop {
+            return false;
+        }
+        let mask = self.registers.load(register::ECAT_EVENT_MASK);
+        if mask != 0 {
+            passing.irq |= mask & self.ecat_events();
+        }
+        let data = &mut *passing.data;
+        let (adp, ado) = (address as u16, (address >> 16) as u16);
+        let count = if command.is_logical() {
+            self.logical(command, address, data)
+        } else {
+            self.physical(command, adp, ado, data)
+        };
+        passing.wkc = passing.wkc.wrapping_add(count);
+        let receive_time = usize::from(register::RECEIVE_TIME_0.address);
+        let first = usize::from(ado);
+        count > 0
+            && matches!(command, Command::Bwr | Command::Fpwr)
+            && first < receive_time + 4
+            && first + data.len() > receive_time
+    }
+
+    /// The last bit of the frame's check sequence, which is `good` or not, arrives at `end`: what it
+    /// wrote waits until then.
+    pub fn close_frame(&mut self, end: Time<Device>, good: bool) {
         if !good {
             self.shadow.clear();
             self.sync_managers.end_bad_frame();
-            return Processed::default();
+            return;
         }
-        let events = self.flight.acknowledged & self.ecat_events();
+        let mut events = self.flight.acknowledged;
+        if events != 0 {
+            events &= self.ecat_events();
+        }
         if !self.shadow.is_empty() || self.sync_managers.is_closing() || events != 0 {
             self.flight.acknowledged = events;
             // What the end of a frame causes, it causes on a tick.
             self.flight.end = ceil(end);
         }
-        Processed { latch_ports, destroyed: false }
     }
 
     /// A datagram addressed by position, by station or to everybody; its working counter increment.

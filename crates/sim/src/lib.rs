@@ -13,6 +13,7 @@
 //! frame reaches it: cost is per event, never per tick.
 #![forbid(unsafe_code)]
 
+mod audience;
 pub mod bench;
 pub mod cpu;
 pub mod device;

@@ -20,11 +20,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             self.trigger_watchdog(now);
         }
         self.acknowledge_ecat(flight.acknowledged);
-        for number in 0..16 {
-            if flight.pdi_control_written & 1 << number != 0 {
-                let value = flight.pdi_control[number];
-                self.sync_managers.write_pdi_control(number, value, &mut self.registers);
-            }
+        let mut written = flight.pdi_control_written;
+        while written != 0 {
+            let number = written.trailing_zeros() as usize;
+            written &= written - 1;
+            let value = flight.pdi_control[number];
+            self.sync_managers.write_pdi_control(number, value, &mut self.registers);
         }
         if !self.shadow.is_empty() {
             self.commit(flight.start, now);

@@ -72,6 +72,15 @@ impl Shadow {
         self.lines |= 1 << line;
     }
 
+    /// Writes whole bytes, all of them in one line of 16 registers.
+    pub fn put_in_line(&mut self, address: u16, data: &[u8]) {
+        let Some(line) = line_of(address) else { return };
+        let at = usize::from(address & 15);
+        self.bytes[16 * line + at..][..data.len()].copy_from_slice(data);
+        self.written[line] |= (((1u32 << data.len()) - 1) << at) as u16;
+        self.lines |= 1 << line;
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         let mut lines = self.lines;
@@ -96,10 +105,17 @@ impl Shadow {
 
     /// Whether any byte of the range was written.
     pub fn touches(&self, range: Range<u16>) -> bool {
-        if self.is_empty() {
-            return false;
+        // By lines: a mask of the bytes asked for against those written.
+        let mut at = range.start;
+        while at < range.end && !self.is_empty() {
+            let end = (at | 15).saturating_add(1).min(range.end);
+            let mask = (((1u32 << (end - at)) - 1) << (at & 15)) as u16;
+            if line_of(at).is_some_and(|line| self.written[line] & mask != 0) {
+                return true;
+            }
+            at = end;
         }
-        range.clone().any(|address| self.byte(address).is_some())
+        false
     }
 
     /// Whether anything was written in the page of 256 registers that holds `address`.
@@ -119,9 +135,15 @@ impl Shadow {
         })
         .flat_map(move |line| {
             let first = FIRST[line];
-            (0..16u16)
-                .filter(move |at| self.written[line] & 1 << at != 0)
-                .map(move |at| (first + at, self.bytes[16 * line + usize::from(at)]))
+            let mut written = self.written[line];
+            core::iter::from_fn(move || {
+                (written != 0).then(|| {
+                    let at = written.trailing_zeros() as u16;
+                    written &= written - 1;
+                    at
+                })
+            })
+            .map(move |at| (first + at, self.bytes[16 * line + usize::from(at)]))
         })
     }
 }
@@ -195,5 +217,11 @@ mod tests {
         assert!(shadow.touches_page(0x0F00) && !shadow.touches_page(0x0800));
         shadow.clear();
         assert!(shadow.is_empty() && shadow.byte(0x0010).is_none());
+        shadow.put_in_line(0x0910, &[1, 2, 3, 4]);
+        assert_eq!(shadow.byte(0x0913).zip(shadow.byte(0x0910)), Some((4, 1)));
+        assert!(shadow.touches(0x0913..0x0914) && !shadow.touches(0x0914..0x0918));
+        assert!(!shadow.touches(0x0900..0x0910) && shadow.touches(0x0900..0x0911));
+        shadow.put_in_line(0x0920, &[9; 16]);
+        assert!(shadow.byte(0x091F).is_none() && shadow.byte(0x092F) == Some(9));
     }
 }

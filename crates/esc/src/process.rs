@@ -340,7 +340,16 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         while at < end {
             let (stop, gate) = self.units.run(&ECAT_WRITABLE, at);
             let stop = stop.min(end);
-            if let Some(gate) = gate {
+            let whole = mask == 0xFF
+                && gate == Some(Gate::Open)
+                && (at ^ (stop - 1)) & 0xFFF0 == 0
+                && (WRITE_ENABLES..SHADOW_END).contains(&at);
+            if whole && !self.is_protected(at) {
+                // No byte of it depends on the state of the chip.
+                let from = usize::from(at - address);
+                self.shadow.put_in_line(at, &data[from..from + usize::from(stop - at)]);
+                any = true;
+            } else if let Some(gate) = gate {
                 for address_of_byte in at..stop {
                     if !self.ecat_may_write(gate, address_of_byte) {
                         continue;
@@ -464,5 +473,7 @@ fn bits_of(mask: u8, data_bit: i64) -> impl Iterator<Item = (u8, usize)> {
         .filter_map(move |bit| usize::try_from(data_bit + i64::from(bit)).ok().map(|at| (bit, at)))
 }
 
+/// Behind the registers that enable writing, which act within the frame.
+const WRITE_ENABLES: u16 = 0x0040;
 /// First register that a SyncManager of a device without CPU may guard.
 const DIGITAL_OUTPUTS: u16 = 0x0F00;

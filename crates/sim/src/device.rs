@@ -1,7 +1,7 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
 use isocat_esc::{Chip, Esc, EscEvent};
-use isocat_subdevice::{Application, Description, Event, SubDevice};
+use isocat_subdevice::{Application, Description, Event, Step, SubDevice};
 use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, ObjectAddress};
@@ -32,6 +32,10 @@ pub struct DeviceSetup {
 /// A SubDevice in true time. It lives through its own events up to the instants at which the segment
 /// calls; between two frames nothing else can touch it.
 pub struct Device {
+    /// Nothing happens by itself before: see [`Self::touched`].
+    quiet_until: Time<DeviceClock>,
+    /// When the stack wants to be called.
+    timeout: Time<DeviceClock>,
     /// Its ESC.
     pub esc: Esc<Vec<u8>>,
     /// Its stack.
@@ -55,7 +59,9 @@ impl Device {
         cpu.wake(Time::ZERO);
         let state = (stack.state(), stack.status_code());
         let oscillator = Oscillator::new(setup.clock_ppb);
-        Self { esc, stack, oscillator, cpu, position, state, missed: 0 }
+        let quiet_until = Time::ZERO;
+        let timeout = stack.next_timeout().unwrap_or(Time::NEVER);
+        Self { quiet_until, timeout, esc, stack, oscillator, cpu, position, state, missed: 0 }
     }
 
     /// Its oscillator.
@@ -73,20 +79,41 @@ impl Device {
     }
 
     /// Lets everything happen that happens up to and including `limit`.
+    #[inline]
     pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        if self.quiet_until <= limit {
+            self.live(limit, watch);
+        }
+    }
+
+    /// Its ESC has seen a frame: something may be due earlier than it was.
+    pub fn touched(&mut self) {
+        self.quiet_until = self.quiet_until.min(self.esc.next_event());
+    }
+
+    /// ESC or stack may have been changed from outside: everything is looked at anew.
+    pub fn disturbed(&mut self) {
+        self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+        self.quiet_until = Time::ZERO;
+    }
+
+    fn live(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         loop {
-            let timer = self.stack.next_timeout().unwrap_or(Time::NEVER);
-            let at = self.cpu.next().min(self.esc.next_event()).min(timer);
+            let (cpu, esc) = (self.cpu.next(), self.esc.next_event());
+            let at = cpu.min(esc).min(self.timeout);
             if at > limit {
+                self.quiet_until = at;
                 return;
             }
             // What ends at an instant has ended before SYNC0 of that instant looks.
-            if self.cpu.next() == at {
+            if cpu == at {
                 self.act(watch);
-            } else if let Some((at, event)) = self.esc.step(at) {
+            } else if let Some((at, event)) =
+                if esc == at { self.esc.step(at) } else { None }
+            {
                 self.esc_event(at, event, watch);
-            } else {
-                self.timeout(at, watch);
+            } else if self.timeout == at {
+                self.call_back(at, watch);
             }
         }
     }
@@ -101,6 +128,10 @@ impl Device {
             }
             Action::Finish(step) => {
                 self.stack.finish(at, step, &mut pdi);
+                if step == Step::MapOutputs {
+                    // The only step whose end may move what the stack waits for.
+                    self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+                }
                 Observed::Finished(step)
             }
             Action::Poll => {
@@ -149,7 +180,7 @@ impl Device {
         self.look(at, watch);
     }
 
-    fn timeout(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    fn call_back(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         let mut pdi = self.esc.pdi(at);
         let steps = self.stack.handle_event(at, Event::Timer, &mut pdi);
         self.stack.poll(at, &mut pdi);
@@ -157,8 +188,9 @@ impl Device {
         self.look(at, watch);
     }
 
-    /// Reports what the stack has changed.
+    /// Looks what the stack has changed, and reports it.
     fn look(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
         let missed = self.stack.sync().missed_events_total();
         if missed != self.missed {
             self.missed = missed;
@@ -178,8 +210,7 @@ impl Device {
         event: Observed,
         watch: &mut impl FnMut(Observation),
     ) {
-        let at = self.oscillator.when(device_at);
-        watch(Observation { device: self.position, at, device_at, event });
+        watch(Observation { device: self.position, device_at, event });
     }
 }
 

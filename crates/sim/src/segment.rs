@@ -121,6 +121,7 @@ impl Segment {
             let entry = self.path.entries[place];
             let device = &mut self.devices[entry.device];
             let begin = device.oscillator().read(start + entry.after);
+            device.disturbed();
             device.advance(begin, watch);
             let esc = &mut device.esc;
             esc.begin_frame(begin);
@@ -168,8 +169,9 @@ impl Segment {
         if esc.reach_is_changing() {
             self.audience.disturb(place);
         }
+        device.touched();
         if latch {
-            esc.receive_at_port(entry.port, begin);
+            device.esc.receive_at_port(entry.port, begin);
             self.latched[entry.device] = true;
             self.any_latched = true;
         }
@@ -193,8 +195,9 @@ impl Segment {
         if esc.reach_is_changing() {
             self.audience.disturb(place);
         }
+        device.touched();
         if processed.latch_ports {
-            esc.receive_at_port(entry.port, begin);
+            device.esc.receive_at_port(entry.port, begin);
             self.latched[entry.device] = true;
             self.any_latched = true;
         }
@@ -242,6 +245,7 @@ impl Segment {
     /// Lets everything happen that happens up to `at` by itself.
     pub fn advance(&mut self, at: Time<True>, watch: &mut impl FnMut(Observation)) {
         for device in &mut self.devices {
+            device.disturbed();
             let limit = device.oscillator().read(at);
             device.advance(limit, watch);
         }

@@ -127,6 +127,10 @@ impl Line {
             line.exchange(false);
         }
         line.assert_state(AlState::Op);
+        // Outputs go through to the inputs of all, in whatever cycle each of them reached OP.
+        for _ in 0..8 {
+            line.exchange(false);
+        }
         line.exchange(true);
         line
     }

@@ -191,6 +191,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.reset_progress = [0; 2];
         self.watchdog = Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA);
         self.pdi_watchdog = Watchdog::new(register::WATCHDOG_TIME_PDI);
+        self.watchdog.configure(registers);
+        self.pdi_watchdog.configure(registers);
         self.dc = DcUnit::new(chip, local, now);
         self.dc.reset_registers(registers);
         self.eeprom = Eeprom::new(chip, self.image.as_ref().len());
@@ -248,7 +250,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     pub fn next_event(&self) -> Time<Device> {
         match self.overdue {
             Some((at, _)) => at,
-            None => self.earliest().0,
+            // The time of `earliest`, which is asked for much more often than what is due then.
+            None => (self.flight.end.min(self.dc.sync.due()))
+                .min(self.watchdog.due().min(self.pdi_watchdog.due()))
+                .min(self.eeprom.due().min(self.ports.due())),
         }
     }
 
@@ -432,7 +437,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// A buffer that triggers the watchdog was completed.
     pub(crate) fn trigger_watchdog(&mut self, now: Time<Device>) {
-        self.watchdog.restart(now, &self.registers);
+        self.watchdog.restart(now);
     }
 }
 

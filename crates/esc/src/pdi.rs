@@ -68,8 +68,10 @@ pub struct EscPdi<'a, M> {
 
 impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
     pub(crate) fn new(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
-        esc.pdi_watchdog.restart(now, &esc.registers);
-        dl::set_status(&mut esc.registers, DlStatus::PDI_WATCHDOG, true);
+        esc.pdi_watchdog.restart(now);
+        if esc.dl_status().0 & DlStatus::PDI_WATCHDOG == 0 {
+            dl::set_status(&mut esc.registers, DlStatus::PDI_WATCHDOG, true);
+        }
         Self { esc, now }
     }
 

@@ -190,7 +190,16 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let mut count = 0;
         let len = data.len();
         if command != Command::Lrd {
-            if let Some(hits) = self.fmmus.hits(&self.registers, Fmmu::WRITE, address, len) {
+            let found = match self.fmmus.alone(Fmmu::WRITE, address, len) {
+                Ok(target) => {
+                    let any =
+                        target.is_some_and(|(to, at)| self.ecat_write(to, &data[at], 0xFF));
+                    count += u16::from(any) << u16::from(command == Command::Lrw);
+                    None
+                }
+                Err(_) => self.fmmus.hits(&self.registers, Fmmu::WRITE, address, len),
+            };
+            if let Some(hits) = found {
                 let mut any = false;
                 hits.targets(address, len, |target| any |= self.write_target(&target, data));
                 count += if !any {
@@ -203,7 +212,16 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             }
         }
         if command != Command::Lwr {
-            if let Some(hits) = self.fmmus.hits(&self.registers, Fmmu::READ, address, len) {
+            let found = match self.fmmus.alone(Fmmu::READ, address, len) {
+                Ok(target) => {
+                    let any =
+                        target.is_some_and(|(from, at)| self.read_into(from, &mut data[at]));
+                    count += u16::from(any);
+                    None
+                }
+                Err(_) => self.fmmus.hits(&self.registers, Fmmu::READ, address, len),
+            };
+            if let Some(hits) = found {
                 let mut any = false;
                 hits.targets(address, len, |target| any |= self.read_target(&target, data));
                 count += u16::from(any);

@@ -11,27 +11,30 @@ use isocat_wire::register::{self, Register};
 pub(crate) struct Watchdog {
     time: Register<u16>,
     restarted: Option<Time<Device>>,
+    /// From a restart to the end, as the registers say; `None` is switched off.
+    span: Option<Nanos>,
     due: Time<Device>,
 }
 
 impl Watchdog {
-    /// At rest; `time` is the register of its time.
+    /// At rest; `time` is the register of its time. It does not watch before [`Self::configure`].
     pub const fn new(time: Register<u16>) -> Self {
-        Self { time, restarted: None, due: Time::NEVER }
+        Self { time, restarted: None, span: None, due: Time::NEVER }
     }
 
     /// What it watches has happened.
-    pub fn restart(&mut self, now: Time<Device>, registers: &Registers) {
+    pub fn restart(&mut self, now: Time<Device>) {
         self.restarted = Some(now);
-        self.configure(registers);
+        self.due = self.span.map_or(Time::NEVER, |span| now + span);
     }
 
     /// Divider or time have changed: a running watchdog counts them from its last restart.
     pub fn configure(&mut self, registers: &Registers) {
         let units = i64::from(registers.load(self.time));
         let unit = (i64::from(registers.load(register::WATCHDOG_DIVIDER)) + 2) * 40;
-        self.due = match self.restarted {
-            Some(at) if units > 0 => at + Nanos(unit * units),
+        self.span = (units > 0).then_some(Nanos(unit * units));
+        self.due = match (self.restarted, self.span) {
+            (Some(at), Some(span)) => at + span,
             _ => Time::NEVER,
         };
     }

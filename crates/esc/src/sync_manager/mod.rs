@@ -46,6 +46,8 @@ pub(crate) struct SyncManagers {
     count: usize,
     /// Units that guard memory: enabled and with a length.
     guarding: u16,
+    /// Those of them whose area no other unit touches.
+    alone: u16,
     /// Units whose buffer ECAT closed in the frame in flight.
     closing: u16,
     /// Units whose activation ECAT wrote and the PDI has not read since.
@@ -56,7 +58,7 @@ impl SyncManagers {
     /// `count` SyncManagers at rest; their registers get their reset values.
     pub fn new(count: u8, registers: &mut Registers) -> Self {
         let count = usize::from(count.min(16));
-        let units = Self { units: [Unit::REST; 16], count, guarding: 0, closing: 0, changed: 0 };
+        let units = Self { units: [Unit::REST; 16], count, guarding: 0, alone: 0, closing: 0, changed: 0 };
         for number in 0..count {
             units.show(number, registers);
         }
@@ -76,6 +78,17 @@ impl SyncManagers {
         let mut outcome = Access::default();
         let first = usize::from(address);
         let end = first + len;
+        if let Some(number) = self.whole(first, end) {
+            // Process data as a rule: one whole buffer, nothing to be cut.
+            let way = (side, direction);
+            let place = self.guarded(way, registers, number, first..end, &mut outcome);
+            if let Some(bytes) = place.and_then(|place| run(ram, place, len)) {
+                let len = bytes.len();
+                each(bytes, 0..len);
+                outcome.any = true;
+            }
+            return outcome;
+        }
         let mut at = first;
         while at < end {
             let stop = self.boundary(at, end);
@@ -86,15 +99,11 @@ impl SyncManagers {
                     self.guarded((side, direction), registers, number, at..stop, &mut outcome)
                 }
             };
-            if let Some(place) = place {
-                let from = place.wrapping_sub(PROCESS_RAM);
-                let end = from.saturating_add(stop - at).min(ram.len());
-                if let Some(bytes) = ram.get_mut(from..end).filter(|bytes| !bytes.is_empty()) {
-                    let from = at - first;
-                    let to = from + bytes.len();
-                    each(bytes, from..to);
-                    outcome.any = true;
-                }
+            if let Some(bytes) = place.and_then(|place| run(ram, place, stop - at)) {
+                let from = at - first;
+                let to = from + bytes.len();
+                each(bytes, from..to);
+                outcome.any = true;
             }
             at = stop;
         }
@@ -240,6 +249,30 @@ impl SyncManagers {
         Some(place)
     }
 
+    /// The unit that guards just these addresses and shares none of them with another.
+    fn whole(&self, first: usize, end: usize) -> Option<usize> {
+        let found = bits(self.alone).find(|number| {
+            usize::from(self.units[*number].config.start) == first
+        })?;
+        (self.units[found].end() == end).then_some(found)
+    }
+
+    /// Finds the units whose areas no other unit's buffers touch.
+    fn find_alone(&mut self) {
+        self.alone = 0;
+        for number in bits(self.guarding) {
+            let unit = &self.units[number];
+            let (start, end) = (usize::from(unit.config.start), unit.end());
+            let shared = bits(self.guarding & !(1 << number)).any(|other| {
+                let other = &self.units[other];
+                start < other.reserved_end() && usize::from(other.config.start) < end
+            });
+            if !shared {
+                self.alone |= 1 << number;
+            }
+        }
+    }
+
     /// What lies at `address`.
     fn at(&self, address: usize) -> Place {
         let mut place = Place::Free;
@@ -279,12 +312,20 @@ impl SyncManagers {
             self.guarding &= !bit;
             self.closing &= !bit;
         }
+        self.find_alone();
         self.show(number, registers);
     }
 
     fn show(&self, number: usize, registers: &mut Registers) {
         registers.set_byte(sync_manager(number).address + 5, self.units[number].status());
     }
+}
+
+/// The bytes of `ram` from address `place` on that exist, of `len`; none is `None`.
+fn run(ram: &mut [u8], place: usize, len: usize) -> Option<&mut [u8]> {
+    let from = place.wrapping_sub(PROCESS_RAM);
+    let end = from.saturating_add(len).min(ram.len());
+    ram.get_mut(from..end).filter(|bytes| !bytes.is_empty())
 }
 
 /// What lies at an address.

@@ -37,8 +37,10 @@ pub struct Esc<M> {
     pub(crate) registers: Registers,
     pub(crate) shadow: Shadow,
     pub(crate) ram: M,
-    /// Bytes of `ram` that exist for both sides.
+    /// Bytes of process RAM that exist for both sides.
     pub(crate) ram_len: usize,
+    /// Makes `ram` longer, where it grows with its use.
+    grow: Option<fn(&mut M, usize)>,
     pub(crate) image: M,
     pub(crate) units: Units,
     pub(crate) sync_managers: SyncManagers,
@@ -139,7 +141,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             al: Al::new(),
             eeprom: Eeprom::new(chip, eeprom.as_ref().len()),
             dc: DcUnit::new(chip, 0, Time::ZERO),
-            ram_len: 0,
+            ram_len: ram.as_ref().len().min(usize::from(chip.ram_kib) * 1024),
+            grow: None,
             ram,
             image: eeprom,
             flight: Flight::NONE,
@@ -156,6 +159,26 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         esc
     }
 
+    /// The same ESC with all the RAM of its chip, of which only what is used takes memory: `grow` makes the
+    /// `ram` given so far at least so many bytes long, with zeros. It is called when an access first reaches
+    /// beyond.
+    pub fn with_growing_ram(mut self, grow: fn(&mut M, usize)) -> Self {
+        self.ram_len = usize::from(self.chip.ram_kib) * 1024;
+        self.registers.store(register::RAM_SIZE, self.chip.ram_kib);
+        self.grow = Some(grow);
+        self
+    }
+
+    /// Before an access to `len` bytes of process RAM from `address` on: RAM is there as far as it goes.
+    pub(crate) fn reach_ram(&mut self, address: u16, len: usize) {
+        let Some(grow) = self.grow else { return };
+        let end = (usize::from(address) + len).max(self.sync_managers.reserved_end());
+        let needed = end.saturating_sub(usize::from(register::PROCESS_RAM)).min(self.ram_len);
+        if self.ram.as_ref().len() < needed {
+            grow(&mut self.ram, needed.next_multiple_of(RAM_GRAIN).min(self.ram_len));
+        }
+    }
+
     /// The same ESC with its local time at `local` at device time zero.
     pub fn with_local_time(mut self, local: Time<Local>) -> Self {
         self.dc = DcUnit::new(self.chip, local.count(), Time::ZERO);
@@ -168,7 +191,6 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.reach_version = self.reach_version.wrapping_add(1);
         self.registers = Registers::new();
         let registers = &mut self.registers;
-        self.ram_len = self.ram.as_ref().len().min(usize::from(chip.ram_kib) * 1024);
         registers.store(register::TYPE, chip.kind);
         registers.store(register::REVISION, chip.revision);
         registers.store(register::BUILD, chip.build);
@@ -402,7 +424,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 Some(EscEvent::PdiWatchdogExpired)
             }
             Due::Eeprom => {
-                let image = self.image.as_mut();
+                let image = &mut self.image;
                 if self.eeprom.finish(image, self.chip, &mut self.registers) {
                     self.load_configuration();
                 }
@@ -457,6 +479,9 @@ enum Due {
     /// When temporary loop settings end.
     Loops,
 }
+
+/// RAM grows by this many bytes.
+const RAM_GRAIN: usize = 256;
 
 /// Adds one to a counter that stays at 0xFF.
 pub(crate) fn count(registers: &mut Registers, address: u16) {

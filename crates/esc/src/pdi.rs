@@ -227,7 +227,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
             let data = &mut data[registers..registers + ram];
             let first = address.max(register::PROCESS_RAM);
             let way = (Side::Pdi, Direction::Read);
-            let memory = (&mut self.esc.ram.as_mut()[..self.esc.ram_len], &mut self.esc.registers);
+            self.esc.reach_ram(first, ram);
+            let end = self.esc.ram_len.min(self.esc.ram.as_ref().len());
+            let memory = (&mut self.esc.ram.as_mut()[..end], &mut self.esc.registers);
             self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
                 data[at].copy_from_slice(memory);
             });
@@ -243,7 +245,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
             let data = &data[registers..registers + ram];
             let first = address.max(register::PROCESS_RAM);
             let way = (Side::Pdi, Direction::Write);
-            let memory = (&mut self.esc.ram.as_mut()[..self.esc.ram_len], &mut self.esc.registers);
+            self.esc.reach_ram(first, ram);
+            let end = self.esc.ram_len.min(self.esc.ram.as_ref().len());
+            let memory = (&mut self.esc.ram.as_mut()[..end], &mut self.esc.registers);
             let outcome = self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
                 memory.copy_from_slice(&data[at]);
             });

@@ -315,7 +315,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if ram > 0 && self.is_operational() {
             let first = address.max(PROCESS_RAM);
-            let memory = (&mut self.ram.as_mut()[..self.ram_len], &mut self.registers);
+            self.reach_ram(first, ram);
+            let end = self.ram_len.min(self.ram.as_ref().len());
+            let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
             let way = (Side::Ecat, Direction::Read);
             let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
                 each(memory, at.start + registers..at.end + registers);
@@ -335,7 +337,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if ram > 0 && self.is_operational() && !self.is_protected(PROCESS_RAM) {
             let first = address.max(PROCESS_RAM);
             let data = &data[registers..registers + ram];
-            let memory = (&mut self.ram.as_mut()[..self.ram_len], &mut self.registers);
+            self.reach_ram(first, ram);
+            let end = self.ram_len.min(self.ram.as_ref().len());
+            let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
             let way = (Side::Ecat, Direction::Write);
             let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
                 if mask == 0xFF {

@@ -92,7 +92,7 @@ impl Scenario {
             cable_mm: device.cable.0 as u64,
             device: DeviceSetup {
                 chip: profile.esc(),
-                sii: profile.sii.clone(),
+                sii: profile.sii.clone().into(),
                 description: profile.description,
                 application: application(profile),
                 cpu: cpu(profile),

@@ -101,13 +101,14 @@ impl Cpu {
         if steps.is_empty() {
             return;
         }
-        let synchronized = !steps.iter().any(|(step, _)| step == Step::MapOutputs);
+        let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
+        let synchronized = !steps.as_slice().iter().any(of);
         // The copy time of the outputs is the longest that the device needs: nothing is added to it.
         let late =
             if synchronized { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
         let at = at + Nanos(late as i64);
         let mut free = at;
-        for (i, (step, delay)) in steps.iter().enumerate() {
+        for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
             let of_hardware = matches!(step, Step::OutputsValid | Step::LatchInputs);
             let due = at + delay;
             let begin =
@@ -133,9 +134,12 @@ impl Cpu {
             self.done = 0;
         }
         // Most come last: steps are started in the order in which they are due.
-        let waiting = &self.agenda[self.done..];
-        let later = waiting.iter().rev().take_while(|(other, _)| *other > at).count();
-        self.agenda.insert(self.agenda.len() - later, (at, action));
+        self.agenda.push((at, action));
+        let mut place = self.agenda.len() - 1;
+        while place > self.done && self.agenda[place - 1].0 > at {
+            self.agenda.swap(place - 1, place);
+            place -= 1;
+        }
     }
 }
 

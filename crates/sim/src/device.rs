@@ -1,5 +1,7 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
+use std::sync::Arc;
+
 use isocat_esc::{Chip, Esc, EscEvent};
 use isocat_subdevice::{Application, Description, Event, Step, SubDevice};
 use isocat_wire::register::al_event;
@@ -10,13 +12,14 @@ use crate::cpu::{Action, Cpu, CpuModel};
 use crate::observation::{Observation, Observed};
 use crate::oscillator::Oscillator;
 use crate::random::Stream;
+use crate::storage::Storage;
 
 /// Everything a SubDevice of a run is made of.
 pub struct DeviceSetup {
     /// Its ESC.
     pub chip: &'static Chip,
-    /// Image of its EEPROM.
-    pub sii: Vec<u8>,
+    /// Image of its EEPROM: one for all devices of a kind, copied when a device writes to its own.
+    pub sii: Arc<[u8]>,
     /// What its stack must know.
     pub description: &'static Description,
     /// Its application.
@@ -37,7 +40,7 @@ pub struct Device {
     /// When the stack wants to be called.
     timeout: Time<DeviceClock>,
     /// Its ESC.
-    pub esc: Esc<Vec<u8>>,
+    pub esc: Esc<Storage>,
     /// Its stack.
     pub stack: SubDevice<BoxedApplication, Vec<u8>>,
     oscillator: Oscillator,
@@ -50,8 +53,9 @@ pub struct Device {
 impl Device {
     /// Switches a SubDevice on at true time zero.
     pub fn new(position: usize, setup: DeviceSetup, seed: u64) -> Self {
-        let ram = vec![0; setup.chip.ram_kib as usize * 1024];
-        let esc = Esc::new(setup.chip, setup.sii, ram).with_local_time(setup.local_time);
+        let esc = Esc::new(setup.chip, Storage::shared(setup.sii), Storage::empty())
+            .with_growing_ram(Storage::grow)
+            .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
         let application = BoxedApplication(setup.application);
         let stack = SubDevice::new(setup.description, store, application);

@@ -27,6 +27,7 @@ pub mod random;
 pub mod run;
 pub mod segment;
 pub mod statistics;
+pub mod storage;
 pub mod world;
 
 pub use cpu::CpuModel;

@@ -48,6 +48,8 @@ pub(crate) struct SyncManagers {
     guarding: u16,
     /// Those of them whose area no other unit touches.
     alone: u16,
+    /// The address behind the last buffer of all.
+    reserved_end: usize,
     /// Units whose buffer ECAT closed in the frame in flight.
     closing: u16,
     /// Units whose activation ECAT wrote and the PDI has not read since.
@@ -58,7 +60,7 @@ impl SyncManagers {
     /// `count` SyncManagers at rest; their registers get their reset values.
     pub fn new(count: u8, registers: &mut Registers) -> Self {
         let count = usize::from(count.min(16));
-        let units = Self { units: [Unit::REST; 16], count, guarding: 0, alone: 0, closing: 0, changed: 0 };
+        let units = Self { units: [Unit::REST; 16], count, guarding: 0, alone: 0, reserved_end: 0, closing: 0, changed: 0 };
         for number in 0..count {
             units.show(number, registers);
         }
@@ -124,6 +126,11 @@ impl SyncManagers {
                 self.closing |= 1 << number;
             }
         }
+    }
+
+    /// The address behind the last buffer of all; 0 if there is none.
+    pub const fn reserved_end(&self) -> usize {
+        self.reserved_end
     }
 
     /// Whether something waits for the end of the frame.
@@ -257,12 +264,13 @@ impl SyncManagers {
         (self.units[found].end() == end).then_some(found)
     }
 
-    /// Finds the units whose areas no other unit's buffers touch.
+    /// Finds the units whose areas no other unit's buffers touch, and where the last buffer ends.
     fn find_alone(&mut self) {
-        self.alone = 0;
+        (self.alone, self.reserved_end) = (0, 0);
         for number in bits(self.guarding) {
             let unit = &self.units[number];
             let (start, end) = (usize::from(unit.config.start), unit.end());
+            self.reserved_end = self.reserved_end.max(unit.reserved_end());
             let shared = bits(self.guarding & !(1 << number)).any(|other| {
                 let other = &self.units[other];
                 start < other.reserved_end() && usize::from(other.config.start) < end

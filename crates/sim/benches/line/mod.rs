@@ -61,7 +61,7 @@ static DESCRIPTION: Description = Description {
 
 /// The line's connections. Clocks deviate by up to 20 ppm either way.
 pub fn connections(count: usize) -> Vec<Connection> {
-    let sii = sii();
+    let sii: std::sync::Arc<[u8]> = sii().into();
     let device = |position: usize| DeviceSetup {
         chip: &LAN9252,
         sii: sii.clone(),

@@ -29,7 +29,12 @@ struct Single {
 impl Fmmus {
     /// `count` FMMUs, none active.
     pub const fn new(count: u8) -> Self {
-        Self { count: if count > 16 { 16 } else { count as usize }, active: 0, hull: (0, 0), single: [None; 2] }
+        Self {
+            count: if count > 16 { 16 } else { count as usize },
+            active: 0,
+            hull: (0, 0),
+            single: [None; 2],
+        }
     }
 
     /// Takes over the registers after ECAT wrote them.

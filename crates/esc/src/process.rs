@@ -192,8 +192,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if command != Command::Lrd {
             let found = match self.fmmus.alone(Fmmu::WRITE, address, len) {
                 Ok(target) => {
-                    let any =
-                        target.is_some_and(|(to, at)| self.ecat_write(to, &data[at], 0xFF));
+                    let any = target.is_some_and(|(to, at)| self.ecat_write(to, &data[at], 0xFF));
                     count += u16::from(any) << u16::from(command == Command::Lrw);
                     None
                 }
@@ -214,8 +213,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if command != Command::Lwr {
             let found = match self.fmmus.alone(Fmmu::READ, address, len) {
                 Ok(target) => {
-                    let any =
-                        target.is_some_and(|(from, at)| self.read_into(from, &mut data[at]));
+                    let any = target.is_some_and(|(from, at)| self.read_into(from, &mut data[at]));
                     count += u16::from(any);
                     None
                 }

@@ -98,12 +98,9 @@ mod tests {
     #[test]
     fn edges_of_the_logical_range() {
         let reach = Reach { logical: (0x100, 0x104), ..Reach::default() };
-        for (address, len, expected) in [
-            (0xFF, 1, false),
-            (0xFF, 2, true),
-            (0x103, 1, true),
-            (0x104, 1, false),
-        ] {
+        for (address, len, expected) in
+            [(0xFF, 1, false), (0xFF, 2, true), (0x103, 1, true), (0x104, 1, false)]
+        {
             assert_eq!(reach.concerns(Command::Lrw, address, len), expected, "{address:#x} {len}");
         }
         let last = Reach { logical: (u32::MAX, u32::MAX), ..Reach::default() };

@@ -112,9 +112,7 @@ impl Device {
             // What ends at an instant has ended before SYNC0 of that instant looks.
             if cpu == at {
                 self.act(watch);
-            } else if let Some((at, event)) =
-                if esc == at { self.esc.step(at) } else { None }
-            {
+            } else if let Some((at, event)) = if esc == at { self.esc.step(at) } else { None } {
                 self.esc_event(at, event, watch);
             } else if self.timeout == at {
                 self.call_back(at, watch);

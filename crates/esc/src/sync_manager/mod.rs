@@ -60,7 +60,15 @@ impl SyncManagers {
     /// `count` SyncManagers at rest; their registers get their reset values.
     pub fn new(count: u8, registers: &mut Registers) -> Self {
         let count = usize::from(count.min(16));
-        let units = Self { units: [Unit::REST; 16], count, guarding: 0, alone: 0, reserved_end: 0, closing: 0, changed: 0 };
+        let units = Self {
+            units: [Unit::REST; 16],
+            count,
+            guarding: 0,
+            alone: 0,
+            reserved_end: 0,
+            closing: 0,
+            changed: 0,
+        };
         for number in 0..count {
             units.show(number, registers);
         }
@@ -258,9 +266,8 @@ impl SyncManagers {
 
     /// The unit that guards just these addresses and shares none of them with another.
     fn whole(&self, first: usize, end: usize) -> Option<usize> {
-        let found = bits(self.alone).find(|number| {
-            usize::from(self.units[*number].config.start) == first
-        })?;
+        let found = bits(self.alone)
+            .find(|number| usize::from(self.units[*number].config.start) == first)?;
         (self.units[found].end() == end).then_some(found)
     }
 

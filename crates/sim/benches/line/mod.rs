@@ -21,9 +21,7 @@ use isocat_wire::dc::SyncActivation;
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::frame::{self, FrameWriter};
 use isocat_wire::register::{self, Register, Value, sync_manager};
-use isocat_wire::sii::{
-    Header, PdoEntryRecord, PdoRecord, SmRecord, Writer, category, sm_type,
-};
+use isocat_wire::sii::{Header, PdoEntryRecord, PdoRecord, SmRecord, Writer, category, sm_type};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlControl, AlState, AutoIncrementAddress, Command, PortNumber, StationAddress};

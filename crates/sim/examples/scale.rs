@@ -4,7 +4,7 @@
 //! the MainDevice runs the line; without it frames are made beforehand and only the segment works.
 
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 #[path = "../benches/line/mod.rs"]
 mod line;
@@ -53,13 +53,11 @@ fn main() -> ExitCode {
     ExitCode::SUCCESS
 }
 
-/// Processor time of this thread, so that other programs do not count; where the system does not tell, the
-/// time on the wall.
+/// Processor time of this thread, as Linux tells it, so that other programs do not count; elsewhere 0.
 fn processor_time() -> Duration {
-    static BEGAN: std::sync::LazyLock<Instant> = std::sync::LazyLock::new(Instant::now);
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let running = text.split_whitespace().next().and_then(|ns| ns.parse().ok());
-    running.map_or_else(|| BEGAN.elapsed(), Duration::from_nanos)
+    Duration::from_nanos(running.unwrap_or(0))
 }
 
 /// Resident memory of this process, bytes; 0 where the system does not tell.

@@ -180,7 +180,7 @@ fn every_frame_comes_back_the_same() {
                         _ => false,
                     };
                     if interrupt {
-                        drop(esc.pdi(at));
+                        let _door = esc.pdi(at);
                     }
                 }
                 let processed = esc.process(&mut theirs, read(at), read(at + duration), true);

@@ -62,8 +62,12 @@ impl Units {
     }
 
     /// The run that `address` lies in or that comes next: its end, and its gate if `address` is in it.
-    pub fn run(&self, table: &'static [Run], address: u16) -> (u16, Option<Gate>) {
-        let at = table.partition_point(|run| run.end <= address);
+    pub fn run(&self, table: &'static Table, address: u16) -> (u16, Option<Gate>) {
+        let Table { runs: table, pages } = table;
+        // A page of 256 registers has few runs, so the search begins at its first one.
+        let first = pages[usize::from(address >> 8) & 15];
+        let passed = table.get(usize::from(first)..).unwrap_or(&[]);
+        let at = usize::from(first) + passed.iter().take_while(|run| run.end <= address).count();
         let Some(run) = table.get(at) else { return (0x1000, None) };
         if address < run.start {
             return (run.start, None);
@@ -86,6 +90,29 @@ impl Units {
             Unit::Specific => (address < self.specific_end, run.end.min(self.specific_end)),
         };
         if present { (end, Some(run.gate)) } else { (run.end, None) }
+    }
+}
+
+/// Runs in the order of their addresses, and for each page of 256 registers the first that ends in it or
+/// behind it.
+pub(crate) struct Table {
+    runs: &'static [Run],
+    pages: [u8; 16],
+}
+
+impl Table {
+    const fn new(runs: &'static [Run]) -> Self {
+        let mut pages = [0; 16];
+        let mut page = 0;
+        while page < 16 {
+            let mut at = 0;
+            while at < runs.len() && runs[at].end <= (page as u16) << 8 {
+                at += 1;
+            }
+            pages[page] = at as u8;
+            page += 1;
+        }
+        Self { runs, pages }
     }
 }
 
@@ -149,7 +176,7 @@ const fn run(start: u16, end: u16, unit: Unit, gate: Gate) -> Run {
 }
 
 /// What both sides can read.
-pub(crate) static READABLE: [Run; 40] = [
+pub(crate) static READABLE: Table = Table::new(&[
     run(0x0000, 0x0014, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
     run(0x0030, 0x0032, Unit::Always, Gate::Open),
@@ -190,10 +217,10 @@ pub(crate) static READABLE: [Run; 40] = [
     run(0x0F00, 0x0F04, Unit::Always, Gate::Open),
     run(0x0F10, 0x0F20, Unit::Always, Gate::Open),
     run(0x0F80, 0x1000, Unit::Always, Gate::Open),
-];
+]);
 
 /// What ECAT can write.
-pub(crate) static ECAT_WRITABLE: [Run; 40] = [
+pub(crate) static ECAT_WRITABLE: Table = Table::new(&[
     run(0x0010, 0x0012, Unit::Always, Gate::Open),
     run(0x0020, 0x0022, Unit::Always, Gate::Open),
     run(0x0030, 0x0032, Unit::Always, Gate::Open),
@@ -234,10 +261,10 @@ pub(crate) static ECAT_WRITABLE: [Run; 40] = [
     run(0x0F00, 0x0F04, Unit::Always, Gate::Open),
     run(0x0F10, 0x0F18, Unit::Always, Gate::Open),
     run(0x0F80, 0x1000, Unit::Always, Gate::Open),
-];
+]);
 
 /// What the PDI can write.
-pub(crate) static PDI_WRITABLE: [Run; 17] = [
+pub(crate) static PDI_WRITABLE: Table = Table::new(&[
     run(0x0012, 0x0014, Unit::Always, Gate::Open),
     run(0x0041, 0x0042, Unit::Always, Gate::Open),
     run(0x0130, 0x0132, Unit::Always, Gate::AlStatus),
@@ -255,7 +282,7 @@ pub(crate) static PDI_WRITABLE: [Run; 17] = [
     run(0x09A0, 0x09A8, Unit::Sync, Gate::SyncOwner),
     run(0x09A8, 0x09AA, Unit::Latch, Gate::Latch),
     run(0x0F80, 0x1000, Unit::Always, Gate::Open),
-];
+]);
 
 #[cfg(test)]
 mod tests {
@@ -264,7 +291,7 @@ mod tests {
 
     #[test]
     fn runs_are_in_order() {
-        for table in [&READABLE[..], &ECAT_WRITABLE, &PDI_WRITABLE] {
+        for table in [&READABLE, &ECAT_WRITABLE, &PDI_WRITABLE].map(|table| table.runs) {
             for run in table {
                 assert!(run.start < run.end);
             }

@@ -108,7 +108,13 @@ impl Eeprom {
     }
 
     /// The command under way is done. Returns whether the configuration area was loaded.
-    pub fn finish(&mut self, image: &mut [u8], chip: &Chip, registers: &mut Registers) -> bool {
+    /// The image is borrowed for writing only where it is written: it may be shared.
+    pub fn finish<I: AsRef<[u8]> + AsMut<[u8]>>(
+        &mut self,
+        image: &mut I,
+        chip: &Chip,
+        registers: &mut Registers,
+    ) -> bool {
         let Some((command, now)) = self.job.take() else { return false };
         if now < self.burns {
             self.errors |= EepromStatus::COMMAND_ERROR;
@@ -122,18 +128,19 @@ impl Eeprom {
                 let len = usize::from(chip.eeprom_read_len).min(data.len());
                 for (at, byte) in data[..len].iter_mut().enumerate() {
                     // An erased cell, also beyond the end.
+                    let image = image.as_ref();
                     *byte = image.get(from.saturating_add(at)).copied().unwrap_or(0xFF);
                 }
                 registers.store(register::EEPROM_DATA, u64::from_le_bytes(data));
             }
             EepromStatus::WRITE => {
                 let data = registers.load(register::EEPROM_DATA).to_le_bytes();
-                if let Some(cells) = image.get_mut(from..from.saturating_add(2)) {
+                if let Some(cells) = image.as_mut().get_mut(from..from.saturating_add(2)) {
                     cells.copy_from_slice(&data[..2]);
                 }
                 self.burns = now + chip.eeprom_burn_time;
             }
-            _ => return self.load(image, registers),
+            _ => return self.load(image.as_ref(), registers),
         }
         false
     }

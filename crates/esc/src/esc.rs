@@ -44,8 +44,10 @@ pub struct Esc<M> {
     pub(crate) registers: Registers,
     pub(crate) shadow: Shadow,
     pub(crate) ram: M,
-    /// Bytes of `ram` that exist for both sides.
+    /// Bytes of process RAM that exist for both sides.
     pub(crate) ram_len: usize,
+    /// Makes `ram` longer, where it grows with its use.
+    grow: Option<fn(&mut M, usize)>,
     pub(crate) image: M,
     pub(crate) units: Units,
     pub(crate) sync_managers: SyncManagers,
@@ -64,6 +66,8 @@ pub struct Esc<M> {
     pub(crate) dl_changed: bool,
     /// What happened beside the event just reported.
     pub(crate) overdue: Option<(Time<Device>, EscEvent)>,
+    /// Counts what may have changed [`Esc::reach`].
+    pub(crate) reach_version: u32,
 }
 
 /// The frame in flight.
@@ -78,6 +82,10 @@ pub(crate) struct Flight {
     pub latch_times: u8,
     /// It wrote a write enable register: 0x0020, 0x0030.
     pub enabled: [bool; 2],
+    /// What every datagram shows in its IRQ field.
+    pub irq: u16,
+    /// It latches receive times.
+    pub latches: bool,
     /// PDI control bytes that the PDI wrote meanwhile, and for which SyncManagers.
     pub pdi_control: [u8; 16],
     pub pdi_control_written: u16,
@@ -91,6 +99,8 @@ impl Flight {
         acknowledged: 0,
         latch_times: 0,
         enabled: [false; 2],
+        irq: 0,
+        latches: false,
         pdi_control: [0; 16],
         pdi_control_written: 0,
     };
@@ -157,7 +167,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             eeprom: Eeprom::new(chip, eeprom.as_ref().len()),
             mii: Mii::new(chip),
             dc: DcUnit::new(chip, 0, Time::ZERO),
-            ram_len: 0,
+            ram_len: ram.as_ref().len().min(usize::from(chip.ram_kib) * 1024),
+            grow: None,
             ram,
             image: eeprom,
             flight: Flight::NONE,
@@ -167,9 +178,30 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             watchdog: Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA),
             dl_changed: false,
             overdue: None,
+            reach_version: 0,
         };
         esc.start(Time::ZERO, 0);
         esc
+    }
+
+    /// The same ESC with all the RAM of its chip, of which only what is used takes memory: `grow` makes the
+    /// `ram` given so far at least so many bytes long, with zeros. It is called when an access first reaches
+    /// beyond.
+    pub fn with_growing_ram(mut self, grow: fn(&mut M, usize)) -> Self {
+        self.ram_len = usize::from(self.chip.ram_kib) * 1024;
+        self.registers.store(register::RAM_SIZE, self.chip.ram_kib);
+        self.grow = Some(grow);
+        self
+    }
+
+    /// Before an access to `len` bytes of process RAM from `address` on: RAM is there as far as it goes.
+    pub(crate) fn reach_ram(&mut self, address: u16, len: usize) {
+        let Some(grow) = self.grow else { return };
+        let end = (usize::from(address) + len).max(self.sync_managers.reserved_end());
+        let needed = end.saturating_sub(usize::from(register::PROCESS_RAM)).min(self.ram_len);
+        if self.ram.as_ref().len() < needed {
+            grow(&mut self.ram, needed.next_multiple_of(RAM_GRAIN).min(self.ram_len));
+        }
     }
 
     /// The same ESC with its local time at `local` at device time zero.
@@ -187,9 +219,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Everything from the beginning, but links and RAM.
     fn start(&mut self, now: Time<Device>, local: u64) {
         let chip = self.chip;
+        self.reach_version = self.reach_version.wrapping_add(1);
         self.registers = Registers::new();
         let registers = &mut self.registers;
-        self.ram_len = self.ram.as_ref().len().min(usize::from(chip.ram_kib) * 1024);
         registers.store(register::TYPE, chip.kind);
         registers.store(register::REVISION, chip.revision);
         registers.store(register::BUILD, chip.build);
@@ -212,6 +244,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.reset_progress = [0; 2];
         self.watchdog = Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA);
         self.pdi_watchdog = Watchdog::new(register::WATCHDOG_TIME_PDI);
+        self.watchdog.configure(now, registers);
+        self.pdi_watchdog.configure(now, registers);
         self.dc.restart(chip, local, now);
         self.dc.reset_registers(registers);
         self.eeprom = Eeprom::new(chip, self.image.as_ref().len());
@@ -273,6 +307,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         self.dl_changed |= self.ports.update(self.chip, &mut self.registers, 0);
         self.mii.show(self.chip, self.ports.links(), &mut self.registers);
+        self.reach_version = self.reach_version.wrapping_add(1);
     }
 
     /// A good frame arrived at a port whose loop may be closed: one that closed by itself and is set to
@@ -308,7 +343,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     pub fn next_event(&self) -> Time<Device> {
         match self.overdue {
             Some((at, _)) => at,
-            None => self.earliest().0,
+            // The time of `earliest`, which is asked for much more often than what is due then.
+            None => (self.flight.end.min(self.dc.sync.due()))
+                .min(self.watchdog.due().min(self.pdi_watchdog.due()))
+                .min(self.eeprom.due().min(self.ports.due())),
         }
     }
 
@@ -374,8 +412,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Registers and user RAM, 0x0000-0x0FFF, as they are in force; see [`Self::register`].
-    pub fn registers(&self) -> &[u8] {
-        self.registers.bytes(0..register::PROCESS_RAM)
+    pub fn registers(&self) -> [u8; register::PROCESS_RAM as usize] {
+        core::array::from_fn(|address| self.registers.byte(address as u16))
     }
 
     /// Process RAM from 0x1000 on, all buffers of SyncManagers included.
@@ -497,7 +535,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 Some(EscEvent::PdiWatchdogExpired)
             }
             Due::Eeprom => {
-                let image = self.image.as_mut();
+                let image = &mut self.image;
                 if self.eeprom.finish(image, self.chip, &mut self.registers) {
                     self.load_configuration();
                 }
@@ -514,6 +552,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 self.ports.end_temporary(&mut self.registers);
                 let changed = self.ports.update(self.chip, &mut self.registers, ALL_PORTS);
                 self.dl_changed |= changed;
+                self.reach_version = self.reach_version.wrapping_add(1);
                 changed.then_some(EscEvent::Ports)
             }
         }
@@ -543,7 +582,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// A buffer that triggers the watchdog was completed.
     pub(crate) fn trigger_watchdog(&mut self, now: Time<Device>) {
-        self.watchdog.restart(now, &self.registers);
+        self.watchdog.restart(now);
     }
 }
 
@@ -567,6 +606,9 @@ enum Due {
     /// When temporary loop settings end.
     Loops,
 }
+
+/// RAM grows by this many bytes.
+const RAM_GRAIN: usize = 256;
 
 /// Adds one to a counter that stays at 0xFF.
 pub(crate) fn count(registers: &mut Registers, address: u16) {

@@ -14,12 +14,27 @@ pub(crate) struct Fmmus {
     active: u16,
     /// First logical byte that any of them maps, and the one behind the last.
     hull: (u32, u64),
+    /// The common case, one FMMU for reading and one for writing, both of whole bytes: each of them.
+    single: [Option<Single>; 2],
+}
+
+/// A FMMU of whole bytes that is the only one for its kind of access.
+#[derive(Clone, Copy, Debug)]
+struct Single {
+    logical: u32,
+    length: u16,
+    physical: u16,
 }
 
 impl Fmmus {
     /// `count` FMMUs, none active.
     pub const fn new(count: u8) -> Self {
-        Self { count: if count > 16 { 16 } else { count as usize }, active: 0, hull: (0, 0) }
+        Self {
+            count: if count > 16 { 16 } else { count as usize },
+            active: 0,
+            hull: (0, 0),
+            single: [None; 2],
+        }
     }
 
     /// Takes over the registers after ECAT wrote them.
@@ -33,6 +48,48 @@ impl Fmmus {
                 self.hull.1 = self.hull.1.max(logical_end(&fmmu));
             }
         }
+        self.single = [self.only(registers, Fmmu::READ), self.only(registers, Fmmu::WRITE)];
+    }
+
+    /// The only FMMU of a kind, if it maps whole bytes and stays within both address spaces.
+    fn only(&self, registers: &Registers, kind: u8) -> Option<Single> {
+        let numbers = (0..self.count).filter(|number| self.active & 1 << number != 0);
+        let mut all =
+            numbers.map(|n| registers.load(register::fmmu(n))).filter(|fmmu| fmmu.kind & kind != 0);
+        let (fmmu, other) = (all.next()?, all.next());
+        let inside = logical_end(&fmmu) <= u64::from(u32::MAX)
+            && u32::from(fmmu.physical_start) + u32::from(fmmu.length) <= 0x1_0000;
+        (other.is_none() && fmmu.is_bytewise() && inside).then_some(Single {
+            logical: fmmu.logical_start,
+            length: fmmu.length,
+            physical: fmmu.physical_start,
+        })
+    }
+
+    /// Where the datagram's bytes lie if one FMMU decides it alone: memory address, and which bytes.
+    /// `Err`: ask [`Self::hits`]. `Ok(None)`: nowhere.
+    pub fn alone(
+        &self,
+        kind: u8,
+        logical: u32,
+        len: usize,
+    ) -> Result<Option<(u16, Range<usize>)>, Complicated> {
+        let Some(single) = self.single[usize::from(kind != Fmmu::READ)] else {
+            return Err(Complicated);
+        };
+        let (start, first) = (u64::from(single.logical), u64::from(logical));
+        let from = start.max(first);
+        let end = (start + u64::from(single.length)).min(first + len as u64);
+        if from >= end {
+            return Ok(None);
+        }
+        let address = single.physical + (from - start) as u16;
+        Ok(Some((address, (from - first) as usize..(end - first) as usize)))
+    }
+
+    /// First logical byte that any of them maps, and the one behind the last; equal if none maps any.
+    pub const fn hull(&self) -> (u32, u64) {
+        if self.active == 0 { (0, 0) } else { self.hull }
     }
 
     /// What a datagram of `len` bytes at `logical` hits for this kind of access
@@ -56,6 +113,9 @@ impl Fmmus {
         (hits.len > 0).then_some(hits)
     }
 }
+
+/// More than one FMMU may map a byte, or only bits of it.
+pub(crate) struct Complicated;
 
 /// The FMMUs that a datagram hits, in the order of their numbers.
 pub(crate) struct Hits {
@@ -155,6 +215,7 @@ mod tests {
         let mut all = Fmmus::new(8);
         all.configure(&registers);
         let mut found = Vec::new();
+        let short = all.alone(Fmmu::READ, logical, len);
         if let Some(hits) = all.hits(&registers, Fmmu::READ, logical, len) {
             hits.targets(logical, len, |target| match target {
                 Target::Bytes { address, data } => {
@@ -164,6 +225,13 @@ mod tests {
                 }
                 Target::Bits { address, mask, data_bit } => found.push((address, mask, data_bit)),
             });
+        }
+        // The short way says the same wherever it says anything.
+        if let Ok(alone) = short {
+            let bytes = alone.into_iter().flat_map(|(address, data)| {
+                data.enumerate().map(move |(n, at)| (address + n as u16, 0xFF, at as i64 * 8))
+            });
+            assert_eq!(bytes.collect::<Vec<_>>(), found);
         }
         found
     }
@@ -203,6 +271,8 @@ mod tests {
         assert_eq!(targets(&[fmmu], 0x102, 8), [(0x1002, 0xFF, 0), (0x1003, 0xFF, 8)]);
         assert_eq!(targets(&[fmmu], 0xFE, 3), [(0x1000, 0xFF, 16)]);
         assert_eq!(targets(&[fmmu], 0x104, 1), []);
+        assert_eq!(targets(&[fmmu], 0x103, 1), [(0x1003, 0xFF, 0)]);
+        assert_eq!(targets(&[fmmu], 0xFF, 1), []);
         assert_eq!(targets(&[Fmmu { activate: 0, ..fmmu }], 0x100, 1), []);
         assert_eq!(targets(&[Fmmu { kind: Fmmu::WRITE, ..fmmu }], 0x100, 1), []);
     }

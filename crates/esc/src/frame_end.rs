@@ -11,6 +11,7 @@ use crate::dl::{self, ALL_PORTS};
 use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, EscEvent, Flight};
 use crate::led;
 use crate::mii::Mii;
+use crate::reach::PAGES;
 use crate::sync_manager::{SM_LEN, Side};
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
@@ -28,11 +29,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         self.acknowledge_ecat(flight.acknowledged);
         self.dc.latch.acknowledge(Side::Ecat, flight.latch_times, &self.registers);
-        for number in 0..16 {
-            if flight.pdi_control_written & 1 << number != 0 {
-                let value = flight.pdi_control[number];
-                self.sync_managers.write_pdi_control(number, value, &mut self.registers);
-            }
+        let mut written = flight.pdi_control_written;
+        while written != 0 {
+            let number = written.trailing_zeros() as usize;
+            written &= written - 1;
+            let value = flight.pdi_control[number];
+            self.sync_managers.write_pdi_control(number, value, &mut self.registers);
         }
         if !self.shadow.is_empty() {
             self.commit(flight.start, now);
@@ -138,6 +140,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if shadow.touches_page(0x0900) {
             self.dc.end_frame((start, now), shadow, registers);
+        }
+        if PAGES.iter().any(|page| shadow.touches_page(*page)) {
+            self.reach_version = self.reach_version.wrapping_add(1);
         }
         shadow.clear();
     }

@@ -46,6 +46,7 @@ mod memory;
 mod mii;
 pub mod pdi;
 mod process;
+mod reach;
 mod sync_manager;
 #[cfg(test)]
 mod tests;
@@ -58,4 +59,5 @@ pub use dc::drift_loop::{DRIFT_FRACTION, DriftInput, DriftModel, ProportionalInt
 pub use dc::latch::LatchInput;
 pub use esc::{Esc, EscEvent, PortError};
 pub use pdi::{EscPdi, Pdi, PdiExt};
-pub use process::Processed;
+pub use process::{Passing, Processed};
+pub use reach::Reach;

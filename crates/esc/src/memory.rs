@@ -6,41 +6,85 @@ use isocat_wire::Register;
 use isocat_wire::register::{PROCESS_RAM, Value};
 
 /// Registers and user RAM, 0x0000-0x0FFF, as they are in force.
-pub(crate) struct Registers([u8; PROCESS_RAM as usize]);
+///
+/// Only those blocks of 128 have a place in which an ESC has registers; the others read 0 and take
+/// nothing, as registers that do not exist.
+pub(crate) struct Registers([u8; BLOCK * (BLOCKS.len() + 1)]);
 
 impl Registers {
     /// All zero.
     pub const fn new() -> Self {
-        Self([0; PROCESS_RAM as usize])
+        Self([0; BLOCK * (BLOCKS.len() + 1)])
     }
     /// Puts a value in force.
     pub fn store<T: Value>(&mut self, register: Register<T>, value: T) {
-        register.store(&mut self.0, value);
+        let from = place(register.address);
+        self.0[from..from + T::LEN].copy_from_slice(value.to_bytes().as_ref());
+        self.keep_nowhere(register.address);
     }
     /// Puts one byte in force.
     pub fn set_byte(&mut self, address: u16, value: u8) {
-        self.0[usize::from(address)] = value;
+        self.0[place(address)] = value;
+        self.keep_nowhere(address);
     }
     /// Zeroes a range.
     pub fn clear(&mut self, range: Range<u16>) {
         self.bytes_mut(range).fill(0);
     }
-    /// A range for writing.
+    /// A range for writing, within registers that follow each other.
     pub fn bytes_mut(&mut self, range: Range<u16>) -> &mut [u8] {
-        &mut self.0[usize::from(range.start)..usize::from(range.end)]
+        let (from, len) = (place(range.start), usize::from(range.end - range.start));
+        &mut self.0[from..from + len]
     }
     /// The value in force.
     pub fn load<T: Value>(&self, register: Register<T>) -> T {
-        register.load(&self.0)
+        let from = place(register.address);
+        let mut bytes = T::Bytes::default();
+        bytes.as_mut().copy_from_slice(&self.0[from..from + T::LEN]);
+        T::from_bytes(bytes)
     }
     /// One byte in force.
     pub fn byte(&self, address: u16) -> u8 {
-        self.0[usize::from(address)]
+        self.0[place(address)]
     }
-    /// A range for reading.
+    /// A range for reading, within registers that follow each other.
     pub fn bytes(&self, range: Range<u16>) -> &[u8] {
-        &self.0[usize::from(range.start)..usize::from(range.end)]
+        let (from, len) = (place(range.start), usize::from(range.end - range.start));
+        &self.0[from..from + len]
     }
+
+    fn keep_nowhere(&mut self, address: u16) {
+        if usize::from(PLACES[block(address)]) == BLOCKS.len() {
+            self.0[BLOCK * BLOCKS.len()..].fill(0);
+        }
+    }
+}
+
+const BLOCK: usize = 128;
+
+/// The blocks that have registers, by the first address. What follows without a gap is one run.
+const BLOCKS: [u16; 19] = [
+    0x0000, 0x0080, 0x0100, 0x0180, 0x0200, 0x0300, 0x0400, 0x0480, 0x0500, 0x0580, 0x0600, 0x0680,
+    0x0800, 0x0900, 0x0980, 0x0E00, 0x0E80, 0x0F00, 0x0F80,
+];
+
+/// Place of each block of the address space; the place behind the last is nowhere.
+const PLACES: [u8; PROCESS_RAM as usize / BLOCK] = {
+    let mut places = [BLOCKS.len() as u8; PROCESS_RAM as usize / BLOCK];
+    let mut place = 0;
+    while place < BLOCKS.len() {
+        places[BLOCKS[place] as usize / BLOCK] = place as u8;
+        place += 1;
+    }
+    places
+};
+
+const fn block(address: u16) -> usize {
+    address as usize / BLOCK % PLACES.len()
+}
+
+const fn place(address: u16) -> usize {
+    PLACES[block(address)] as usize * BLOCK + address as usize % BLOCK
 }
 
 /// Bytes that the frame in flight has written to registers.
@@ -72,6 +116,15 @@ impl Shadow {
         self.lines |= 1 << line;
     }
 
+    /// Writes whole bytes, all of them in one line of 16 registers.
+    pub fn put_in_line(&mut self, address: u16, data: &[u8]) {
+        let Some(line) = line_of(address) else { return };
+        let at = usize::from(address & 15);
+        self.bytes[16 * line + at..][..data.len()].copy_from_slice(data);
+        self.written[line] |= (((1u32 << data.len()) - 1) << at) as u16;
+        self.lines |= 1 << line;
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         let mut lines = self.lines;
@@ -96,10 +149,17 @@ impl Shadow {
 
     /// Whether any byte of the range was written.
     pub fn touches(&self, range: Range<u16>) -> bool {
-        if self.is_empty() {
-            return false;
+        // By lines: a mask of the bytes asked for against those written.
+        let mut at = range.start;
+        while at < range.end && !self.is_empty() {
+            let end = (at | 15).saturating_add(1).min(range.end);
+            let mask = (((1u32 << (end - at)) - 1) << (at & 15)) as u16;
+            if line_of(at).is_some_and(|line| self.written[line] & mask != 0) {
+                return true;
+            }
+            at = end;
         }
-        range.clone().any(|address| self.byte(address).is_some())
+        false
     }
 
     /// Whether anything was written in the page of 256 registers that holds `address`.
@@ -119,9 +179,15 @@ impl Shadow {
         })
         .flat_map(move |line| {
             let first = FIRST[line];
-            (0..16u16)
-                .filter(move |at| self.written[line] & 1 << at != 0)
-                .map(move |at| (first + at, self.bytes[16 * line + usize::from(at)]))
+            let mut written = self.written[line];
+            core::iter::from_fn(move || {
+                (written != 0).then(|| {
+                    let at = written.trailing_zeros() as u16;
+                    written &= written - 1;
+                    at
+                })
+            })
+            .map(move |at| (first + at, self.bytes[16 * line + usize::from(at)]))
         })
     }
 }
@@ -183,6 +249,23 @@ mod tests {
     }
 
     #[test]
+    fn registers_without_a_place_read_zero() {
+        let mut registers = Registers::new();
+        for address in 0..PROCESS_RAM {
+            registers.set_byte(address, address as u8 ^ (address >> 8) as u8 | 1);
+        }
+        for address in 0..PROCESS_RAM {
+            let has_place = BLOCKS.contains(&(address & !127));
+            let expected = address as u8 ^ (address >> 8) as u8 | 1;
+            let expected = if has_place { expected } else { 0 };
+            assert_eq!(registers.byte(address), expected, "{address:#06x}");
+        }
+        // What ECAT may write has a place.
+        assert!(FIRST.iter().all(|first| BLOCKS.contains(&(first & !127))));
+        assert_eq!(registers.bytes(0x0600..0x0700).len(), 256);
+    }
+
+    #[test]
     fn later_writes_win_and_masked_writes_merge() {
         let mut registers = Registers::new();
         registers.set_byte(0x0F00, 0b1000_0000);
@@ -195,5 +278,11 @@ mod tests {
         assert!(shadow.touches_page(0x0F00) && !shadow.touches_page(0x0800));
         shadow.clear();
         assert!(shadow.is_empty() && shadow.byte(0x0010).is_none());
+        shadow.put_in_line(0x0910, &[1, 2, 3, 4]);
+        assert_eq!(shadow.byte(0x0913).zip(shadow.byte(0x0910)), Some((4, 1)));
+        assert!(shadow.touches(0x0913..0x0914) && !shadow.touches(0x0914..0x0918));
+        assert!(!shadow.touches(0x0900..0x0910) && shadow.touches(0x0900..0x0911));
+        shadow.put_in_line(0x0920, &[9; 16]);
+        assert!(shadow.byte(0x091F).is_none() && shadow.byte(0x092F) == Some(9));
     }
 }

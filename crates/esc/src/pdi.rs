@@ -73,8 +73,10 @@ pub struct EscPdi<'a, M> {
 
 impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
     pub(crate) fn new(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
-        esc.pdi_watchdog.restart(now, &esc.registers);
-        dl::set_status(&mut esc.registers, DlStatus::PDI_WATCHDOG, true);
+        esc.pdi_watchdog.restart(now);
+        if esc.dl_status().0 & DlStatus::PDI_WATCHDOG == 0 {
+            dl::set_status(&mut esc.registers, DlStatus::PDI_WATCHDOG, true);
+        }
         Self { esc, now }
     }
 
@@ -267,7 +269,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
             let data = &mut data[registers..registers + ram];
             let first = address.max(register::PROCESS_RAM);
             let way = (Side::Pdi, Direction::Read);
-            let memory = (&mut self.esc.ram.as_mut()[..self.esc.ram_len], &mut self.esc.registers);
+            self.esc.reach_ram(first, ram);
+            let end = self.esc.ram_len.min(self.esc.ram.as_ref().len());
+            let memory = (&mut self.esc.ram.as_mut()[..end], &mut self.esc.registers);
             let outcome = self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
                 data[at].copy_from_slice(memory);
             });
@@ -284,7 +288,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
             let data = &data[registers..registers + ram];
             let first = address.max(register::PROCESS_RAM);
             let way = (Side::Pdi, Direction::Write);
-            let memory = (&mut self.esc.ram.as_mut()[..self.esc.ram_len], &mut self.esc.registers);
+            self.esc.reach_ram(first, ram);
+            let end = self.esc.ram_len.min(self.esc.ram.as_ref().len());
+            let memory = (&mut self.esc.ram.as_mut()[..end], &mut self.esc.registers);
             let outcome = self.esc.sync_managers.access(way, memory, first, ram, |memory, at| {
                 memory.copy_from_slice(&data[at]);
             });

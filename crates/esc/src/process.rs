@@ -26,6 +26,21 @@ pub struct Processed {
     pub destroyed: bool,
 }
 
+/// A datagram as it passes an ESC, parsed by the caller.
+#[derive(PartialEq, Eq, Debug)]
+pub struct Passing<'a> {
+    /// What it asks.
+    pub command: Command,
+    /// ADP in the low half and ADO in the high half, or a logical address: as it arrives.
+    pub address: u32,
+    /// The IRQ field; the ESC adds its events.
+    pub irq: u16,
+    /// The working counter; the ESC counts it up.
+    pub wkc: u16,
+    /// The data; the ESC answers in place.
+    pub data: &'a mut [u8],
+}
+
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Passes a frame (without its check sequence) through the EPU: its first preamble bit arrives at
     /// `start`, the last bit of its check sequence at `end`, and the sequence is `good` or not.
@@ -46,15 +61,18 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     ) -> Processed {
         // Frames pass one after the other: the last one is over, whatever its end was said to be.
         self.settle(Time::NEVER);
-        self.forget_write_enables();
-        let marks = self.registers.byte(register::DL_CONTROL.address) & 1 != 0;
+        let marks = self.marks_frames();
         let envelope = match envelope(frame) {
             Ok(envelope) => envelope,
-            Err(FrameError::Kind(_)) => return Processed::default(),
-            Err(_) => return Processed { destroyed: marks, ..Processed::default() },
+            Err(error) => {
+                self.forget_write_enables();
+                let foreign = !matches!(error, FrameError::Kind(_));
+                return Processed { destroyed: foreign && marks, ..Processed::default() };
+            }
         };
         let offset = envelope.datagrams;
         if self.stops_circulating() && mark_circulating(&mut frame[offset..]) {
+            self.forget_write_enables();
             return Processed { destroyed: true, ..Processed::default() };
         }
         if marks {
@@ -63,17 +81,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if let Some(at) = envelope.udp_checksum {
             frame[at..at + 2].fill(0);
         }
-        self.sync_managers.begin_frame();
-        self.flight.start = start;
-        self.flight.acknowledged = 0;
-        self.flight.latch_times = 0;
-        self.flight.enabled = [false; 2];
+        self.begin_frame(start);
         let mut latch_ports = false;
-        // All datagrams of a frame show the events that there were when it arrived.
-        let irq = match self.registers.load(register::ECAT_EVENT_MASK) {
-            0 => 0,
-            mask => mask & self.ecat_events(),
-        };
         let payload = &mut frame[offset..];
         let mut layouts = Layouts::new();
         while let Some(layout) = layouts.next(payload) {
@@ -89,48 +98,99 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 continue;
             }
             let start = layout.start;
-            if irq != 0 {
-                let irq = header.irq | irq;
-                payload[start + 8..start + 10].copy_from_slice(&irq.to_le_bytes());
-            }
+            let (data, wkc) =
+                payload[layout.data()..layout.end()].split_at_mut(layout.wkc() - layout.data());
+            let mut passing = Passing {
+                command,
+                address: header.address,
+                irq: header.irq,
+                wkc: u16::from_le_bytes([wkc[0], wkc[1]]),
+                data,
+            };
+            latch_ports |= self.datagram(&mut passing);
+            let (irq, count) = (passing.irq, passing.wkc);
+            wkc.copy_from_slice(&count.to_le_bytes());
             if command.increments_position() {
                 let adp = header.adp().wrapping_add(1);
                 payload[start + 2..start + 4].copy_from_slice(&adp.to_le_bytes());
             }
-            let (data, wkc) =
-                payload[layout.data()..layout.end()].split_at_mut(layout.wkc() - layout.data());
-            let count = if command.is_logical() {
-                self.logical(command, header.address, data)
-            } else {
-                self.physical(command, header.adp(), header.ado(), data)
-            };
-            if count > 0 {
-                let sum = u16::from_le_bytes([wkc[0], wkc[1]]).wrapping_add(count);
-                wkc.copy_from_slice(&sum.to_le_bytes());
-                let receive_time = usize::from(register::RECEIVE_TIME_0.address);
-                let first = usize::from(header.ado());
-                latch_ports |= matches!(command, Command::Bwr | Command::Fpwr)
-                    && first < receive_time + 4
-                    && first + data.len() > receive_time;
-            }
+            payload[start + 8..start + 10].copy_from_slice(&irq.to_le_bytes());
         }
+        self.close_frame(end, good);
+        Processed { latch_ports: latch_ports && good, destroyed: false }
+    }
+
+    /// A frame arrives at `start`. [`process`](Self::process) in pieces, for a caller that has parsed the
+    /// frame once for many ESCs: `begin_frame`, [`datagram`](Self::datagram) for each of its datagrams in
+    /// their order, [`close_frame`](Self::close_frame). What [`Reach`](crate::Reach) excludes may be left
+    /// out. The caller counts auto-increment addresses, and sees to `marks_frames` and
+    /// `stops_circulating` of [`Reach`](crate::Reach); a chain of datagrams that is cut off is for `process`.
+    pub fn begin_frame(&mut self, start: Time<Device>) {
+        // Frames pass one after the other: the last one is over, whatever its end was said to be.
+        self.settle(Time::NEVER);
+        self.forget_write_enables();
+        self.sync_managers.begin_frame();
+        // All datagrams of a frame show the events that there were when it arrived.
+        let irq = match self.registers.load(register::ECAT_EVENT_MASK) {
+            0 => 0,
+            mask => mask & self.ecat_events(),
+        };
+        self.flight.start = start;
+        self.flight.irq = irq;
+        self.flight.latches = false;
+        self.flight.acknowledged = 0;
+        self.flight.latch_times = 0;
+        self.flight.enabled = [false; 2];
+    }
+
+    /// A datagram of the frame that has begun is answered in place. Returns whether it latches the ports'
+    /// receive times, if the frame is good: see [`Processed::latch_ports`].
+    pub fn datagram(&mut self, passing: &mut Passing<'_>) -> bool {
+        let Passing { command, address, .. } = *passing;
+        if command == Command::Nop {
+            return false;
+        }
+        passing.irq |= self.flight.irq;
+        let data = &mut *passing.data;
+        let (adp, ado) = (address as u16, (address >> 16) as u16);
+        let count = if command.is_logical() {
+            self.logical(command, address, data)
+        } else {
+            self.physical(command, adp, ado, data)
+        };
+        passing.wkc = passing.wkc.wrapping_add(count);
+        let receive_time = usize::from(register::RECEIVE_TIME_0.address);
+        let first = usize::from(ado);
+        let latches = count > 0
+            && matches!(command, Command::Bwr | Command::Fpwr)
+            && first < receive_time + 4
+            && first + data.len() > receive_time;
+        self.flight.latches |= latches;
+        latches
+    }
+
+    /// The last bit of the frame's check sequence, which is `good` or not, arrives at `end`: what it
+    /// wrote waits until then.
+    pub fn close_frame(&mut self, end: Time<Device>, good: bool) {
         if !good {
             self.shadow.clear();
             self.sync_managers.end_bad_frame(&mut self.registers);
             count(&mut self.registers, register::EPU_ERRORS.address);
-            return Processed::default();
+            return;
         }
-        let events = self.flight.acknowledged & self.ecat_events();
+        let mut events = self.flight.acknowledged;
+        if events != 0 {
+            events &= self.ecat_events();
+        }
         let latch_read = self.flight.latch_times != 0;
         if !self.shadow.is_empty() || self.sync_managers.is_closing() || events != 0 || latch_read {
             self.flight.acknowledged = events;
             // What the end of a frame causes, it causes on a tick.
             self.flight.end = ceil(end);
         }
-        if latch_ports {
-            self.dc.latch_ports(start, &mut self.registers);
+        if self.flight.latches {
+            self.dc.latch_ports(self.flight.start, &mut self.registers);
         }
-        Processed { latch_ports, destroyed: false }
     }
 
     /// A datagram addressed by position, by station or to everybody; its working counter increment.
@@ -173,7 +233,15 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let mut count = 0;
         let len = data.len();
         if command != Command::Lrd {
-            if let Some(hits) = self.fmmus.hits(&self.registers, Fmmu::WRITE, address, len) {
+            let found = match self.fmmus.alone(Fmmu::WRITE, address, len) {
+                Ok(target) => {
+                    let any = target.is_some_and(|(to, at)| self.ecat_write(to, &data[at], 0xFF));
+                    count += u16::from(any) << u16::from(command == Command::Lrw);
+                    None
+                }
+                Err(_) => self.fmmus.hits(&self.registers, Fmmu::WRITE, address, len),
+            };
+            if let Some(hits) = found {
                 let mut any = false;
                 hits.targets(address, len, |target| any |= self.write_target(&target, data));
                 count += if !any {
@@ -186,7 +254,15 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             }
         }
         if command != Command::Lwr {
-            if let Some(hits) = self.fmmus.hits(&self.registers, Fmmu::READ, address, len) {
+            let found = match self.fmmus.alone(Fmmu::READ, address, len) {
+                Ok(target) => {
+                    let any = target.is_some_and(|(from, at)| self.read_into(from, &mut data[at]));
+                    count += u16::from(any);
+                    None
+                }
+                Err(_) => self.fmmus.hits(&self.registers, Fmmu::READ, address, len),
+            };
+            if let Some(hits) = found {
                 let mut any = false;
                 hits.targets(address, len, |target| any |= self.read_target(&target, data));
                 count += u16::from(any);
@@ -289,7 +365,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if ram > 0 && self.is_operational() {
             let first = address.max(PROCESS_RAM);
-            let memory = (&mut self.ram.as_mut()[..self.ram_len], &mut self.registers);
+            self.reach_ram(first, ram);
+            let end = self.ram_len.min(self.ram.as_ref().len());
+            let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
             let way = (Side::Ecat, Direction::Read);
             let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
                 each(memory, at.start + registers..at.end + registers);
@@ -309,7 +387,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if ram > 0 && self.is_operational() && !self.is_protected(PROCESS_RAM) {
             let first = address.max(PROCESS_RAM);
             let data = &data[registers..registers + ram];
-            let memory = (&mut self.ram.as_mut()[..self.ram_len], &mut self.registers);
+            self.reach_ram(first, ram);
+            let end = self.ram_len.min(self.ram.as_ref().len());
+            let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
             let way = (Side::Ecat, Direction::Write);
             let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
                 if mask == 0xFF {
@@ -332,7 +412,16 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         while at < end {
             let (stop, gate) = self.units.run(&ECAT_WRITABLE, at);
             let stop = stop.min(end);
-            if let Some(gate) = gate {
+            let whole = mask == 0xFF
+                && gate == Some(Gate::Open)
+                && (at ^ (stop - 1)) & 0xFFF0 == 0
+                && (WRITE_ENABLES..SHADOW_END).contains(&at);
+            if whole && !self.is_protected(at) {
+                // No byte of it depends on the state of the chip.
+                let from = usize::from(at - address);
+                self.shadow.put_in_line(at, &data[from..from + usize::from(stop - at)]);
+                any = true;
+            } else if let Some(gate) = gate {
                 for address_of_byte in at..stop {
                     if !self.ecat_may_write(gate, address_of_byte) {
                         continue;
@@ -463,5 +552,7 @@ fn bits_of(mask: u8, data_bit: i64) -> impl Iterator<Item = (u8, usize)> {
         .filter_map(move |bit| usize::try_from(data_bit + i64::from(bit)).ok().map(|at| (bit, at)))
 }
 
+/// Behind the registers that enable writing, which act within the frame.
+const WRITE_ENABLES: u16 = 0x0040;
 /// First register that a SyncManager of a device without CPU may guard.
 const DIGITAL_OUTPUTS: u16 = 0x0F00;

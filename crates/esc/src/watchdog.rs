@@ -11,6 +11,8 @@ use isocat_wire::register::{self, Register};
 pub(crate) struct Watchdog {
     time: Register<u16>,
     state: State,
+    /// From a restart to the end, as the registers say; `None` is switched off.
+    span: Option<Nanos>,
     due: Time<Device>,
 }
 
@@ -27,15 +29,17 @@ enum State {
 }
 
 impl Watchdog {
-    /// At rest; `time` is the register of its time.
+    /// At rest; `time` is the register of its time. It does not watch before [`Self::configure`].
     pub const fn new(time: Register<u16>) -> Self {
-        Self { time, state: State::Rest, due: Time::NEVER }
+        Self { time, state: State::Rest, span: None, due: Time::NEVER }
     }
 
     /// What it watches has happened.
-    pub fn restart(&mut self, now: Time<Device>, registers: &Registers) {
-        self.state = State::Running(now);
-        self.configure(now, registers);
+    pub fn restart(&mut self, now: Time<Device>) {
+        if let Some(span) = self.span {
+            self.state = State::Running(now);
+            self.due = now + span;
+        }
     }
 
     /// Divider or time have changed. A running watchdog counts them from its last restart, and expires
@@ -43,13 +47,14 @@ impl Watchdog {
     pub fn configure(&mut self, now: Time<Device>, registers: &Registers) {
         let units = i64::from(registers.load(self.time));
         let unit = (i64::from(registers.load(register::WATCHDOG_DIVIDER)) + 2) * 40;
+        self.span = (units > 0).then_some(Nanos(unit * units));
         self.state = match self.state {
             _ if units == 0 => State::Off,
             State::Off => State::Running(now),
             state => state,
         };
-        self.due = match self.state {
-            State::Running(since) => (since + Nanos(unit * units)).max(now),
+        self.due = match (self.state, self.span) {
+            (State::Running(since), Some(span)) => (since + span).max(now),
             _ => Time::NEVER,
         };
     }

@@ -94,7 +94,7 @@ impl Scenario {
             phys: None,
             device: DeviceSetup {
                 chip: profile.esc(),
-                sii: profile.sii.clone(),
+                sii: profile.sii.clone().into(),
                 description: profile.description,
                 application: application(profile),
                 cpu: cpu(profile),

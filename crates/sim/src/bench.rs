@@ -112,20 +112,24 @@ impl Bench {
 
     /// Something happened at a SubDevice.
     pub fn observe(&mut self, segment: &Segment, observation: &Observation) {
-        let Observation { device: index, at, device_at, event } = *observation;
+        let Observation { device: index, device_at, event } = *observation;
+        let true_time = || segment.devices()[index].oscillator().when(device_at);
         let device = &mut self.devices[index];
         if let Observed::State(state, code) = event {
-            device.states.push(StateChange { at, state, code });
+            device.states.push(StateChange { at: true_time(), state, code });
         }
         let Some(intent) = &self.intent else { return };
         match event {
             Observed::Sm2 => device.margin.sm2(device_at),
             Observed::Finished(Step::MapOutputs) => device.margin.ready(device_at),
-            Observed::SmEventMissed(counter) => device.missed.missed(at, counter),
+            Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
             Observed::Sync0 => {
                 device.margin.sync0(device_at);
-                device.outputs_delay.sync0(at);
+                if device.sync0.is_some() {
+                    device.outputs_delay.sync0(true_time());
+                }
                 if let Some(judge) = &mut device.sync0 {
+                    let at = true_time();
                     let reference = segment.devices()[intent.reference].system_time_ps(at);
                     judge.edge(at, reference);
                     device.cycle = intent.sync0[index].map(|grid| grid.index(reference));
@@ -133,6 +137,7 @@ impl Bench {
             }
             Observed::Began(Step::OutputsValid) => {
                 if let Some(cycle) = device.cycle {
+                    let at = true_time();
                     device.outputs_delay.valid(at);
                     self.outputs_valid.valid(cycle, at);
                 }

@@ -49,8 +49,10 @@ pub enum Action {
 #[derive(Clone, Debug)]
 pub struct Cpu {
     model: CpuModel,
-    /// Few at a time: steps of two overlapping cycles. Sorted by time, soonest last.
+    /// Few at a time: steps of two overlapping cycles. Sorted by time from `done` on, soonest first;
+    /// what stands before is done.
     agenda: Vec<(Time<Device>, Action)>,
+    done: usize,
     polling: bool,
     jitter: Stream,
 }
@@ -58,7 +60,7 @@ pub struct Cpu {
 impl Cpu {
     /// An idle CPU.
     pub fn new(model: CpuModel, jitter: Stream) -> Self {
-        Self { model, agenda: Vec::with_capacity(32), polling: false, jitter }
+        Self { model, agenda: Vec::with_capacity(16), done: 0, polling: false, jitter }
     }
 
     /// How long it takes for what.
@@ -68,16 +70,21 @@ impl Cpu {
 
     /// When it does something next.
     pub fn next(&self) -> Time<Device> {
-        self.agenda.last().map_or(Time::NEVER, |(at, _)| *at)
+        self.agenda.get(self.done).map_or(Time::NEVER, |(at, _)| *at)
     }
 
     /// Takes the next thing to do.
     pub fn pop(&mut self) -> Option<(Time<Device>, Action)> {
-        let next = self.agenda.pop();
-        if let Some((_, Action::Poll)) = next {
+        let next = *self.agenda.get(self.done)?;
+        self.done += 1;
+        if self.done == self.agenda.len() {
+            self.agenda.clear();
+            self.done = 0;
+        }
+        if next.1 == Action::Poll {
             self.polling = false;
         }
-        next
+        Some(next)
     }
 
     /// Has the main loop run soon after an event at `at`.
@@ -94,13 +101,14 @@ impl Cpu {
         if steps.is_empty() {
             return;
         }
-        let synchronized = !steps.iter().any(|(step, _)| step == Step::MapOutputs);
+        let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
+        let synchronized = !steps.as_slice().iter().any(of);
         // The copy time of the outputs is the longest that the device needs: nothing is added to it.
         let late =
             if synchronized { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
         let at = at + Nanos(late as i64);
         let mut free = at;
-        for (i, (step, delay)) in steps.iter().enumerate() {
+        for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
             let of_hardware = matches!(step, Step::OutputsValid | Step::LatchInputs);
             let due = at + delay;
             let begin =
@@ -121,8 +129,17 @@ impl Cpu {
     /// Inserts behind all that is due at the same instant, so that a step's beginning stands before its
     /// end; but ends of earlier steps stand before beginnings of later ones by the order of insertion.
     fn insert(&mut self, at: Time<Device>, action: Action) {
-        let place = self.agenda.partition_point(|(other, _)| *other > at);
-        self.agenda.insert(place, (at, action));
+        if self.agenda.len() == self.agenda.capacity() {
+            self.agenda.drain(..self.done);
+            self.done = 0;
+        }
+        // Most come last: steps are started in the order in which they are due.
+        self.agenda.push((at, action));
+        let mut place = self.agenda.len() - 1;
+        while place > self.done && self.agenda[place - 1].0 > at {
+            self.agenda.swap(place - 1, place);
+            place -= 1;
+        }
     }
 }
 

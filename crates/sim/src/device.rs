@@ -1,7 +1,9 @@
 //! A SubDevice: ESC, stack, application and CPU on one oscillator.
 
+use std::sync::Arc;
+
 use isocat_esc::{Chip, Esc, EscEvent};
-use isocat_subdevice::{Application, Description, Event, SubDevice};
+use isocat_subdevice::{Application, Description, Event, Step, SubDevice};
 use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, ObjectAddress};
@@ -10,13 +12,14 @@ use crate::cpu::{Action, Cpu, CpuModel};
 use crate::observation::{Observation, Observed};
 use crate::oscillator::{ClockModel, Oscillator};
 use crate::random::Stream;
+use crate::storage::Storage;
 
 /// Everything a SubDevice of a run is made of.
 pub struct DeviceSetup {
     /// Its ESC.
     pub chip: &'static Chip,
-    /// Image of its EEPROM.
-    pub sii: Vec<u8>,
+    /// Image of its EEPROM: one for all devices of a kind, copied when a device writes to its own.
+    pub sii: Arc<[u8]>,
     /// What its stack must know.
     pub description: &'static Description,
     /// Its application.
@@ -32,8 +35,12 @@ pub struct DeviceSetup {
 /// A SubDevice in true time. It lives through its own events up to the instants at which the segment
 /// calls; between two frames nothing else can touch it.
 pub struct Device {
+    /// Nothing happens by itself before: see [`Self::touched`].
+    quiet_until: Time<DeviceClock>,
+    /// When the stack wants to be called.
+    timeout: Time<DeviceClock>,
     /// Its ESC.
-    pub esc: Esc<Vec<u8>>,
+    pub esc: Esc<Storage>,
     /// Its stack.
     pub stack: SubDevice<BoxedApplication, Vec<u8>>,
     oscillator: Oscillator,
@@ -47,8 +54,9 @@ pub struct Device {
 impl Device {
     /// Switches a SubDevice on at true time zero.
     pub fn new(position: usize, setup: DeviceSetup, seed: u64) -> Self {
-        let ram = vec![0; setup.chip.ram_kib as usize * 1024];
-        let esc = Esc::new(setup.chip, setup.sii, ram).with_local_time(setup.local_time);
+        let esc = Esc::new(setup.chip, Storage::shared(setup.sii), Storage::empty())
+            .with_growing_ram(Storage::grow)
+            .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
         let application = BoxedApplication(setup.application);
         let stack = SubDevice::new(setup.description, store, application);
@@ -57,7 +65,19 @@ impl Device {
         let state = (stack.state(), stack.status_code());
         let oscillator =
             Oscillator::of(&setup.clock, &mut Stream::new(seed, "clock walk", position as u64));
-        Self { esc, stack, oscillator, cpu, position, state, missed: 0, ports_changed: false }
+        let timeout = stack.next_timeout().unwrap_or(Time::NEVER);
+        Self {
+            quiet_until: Time::ZERO,
+            timeout,
+            esc,
+            stack,
+            oscillator,
+            cpu,
+            position,
+            state,
+            missed: 0,
+            ports_changed: false,
+        }
     }
 
     /// Its oscillator.
@@ -86,20 +106,39 @@ impl Device {
     }
 
     /// Lets everything happen that happens up to and including `limit`.
+    #[inline]
     pub fn advance(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        if self.quiet_until <= limit {
+            self.live(limit, watch);
+        }
+    }
+
+    /// Its ESC has seen a frame: something may be due earlier than it was.
+    pub fn touched(&mut self) {
+        self.quiet_until = self.quiet_until.min(self.esc.next_event());
+    }
+
+    /// ESC or stack may have been changed from outside: everything is looked at anew.
+    pub fn disturbed(&mut self) {
+        self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+        self.quiet_until = Time::ZERO;
+    }
+
+    fn live(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         loop {
-            let timer = self.stack.next_timeout().unwrap_or(Time::NEVER);
-            let at = self.cpu.next().min(self.esc.next_event()).min(timer);
+            let (cpu, esc) = (self.cpu.next(), self.esc.next_event());
+            let at = cpu.min(esc).min(self.timeout);
             if at > limit {
+                self.quiet_until = at;
                 return;
             }
             // What ends at an instant has ended before SYNC0 of that instant looks.
-            if self.cpu.next() == at {
+            if cpu == at {
                 self.act(watch);
-            } else if let Some((at, event)) = self.esc.step(at) {
+            } else if let Some((at, event)) = if esc == at { self.esc.step(at) } else { None } {
                 self.esc_event(at, event, watch);
-            } else {
-                self.timeout(at, watch);
+            } else if self.timeout == at {
+                self.call_back(at, watch);
             }
         }
     }
@@ -114,6 +153,10 @@ impl Device {
             }
             Action::Finish(step) => {
                 self.stack.finish(at, step, &mut pdi);
+                if step == Step::MapOutputs {
+                    // The only step whose end may move what the stack waits for.
+                    self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+                }
                 Observed::Finished(step)
             }
             Action::Poll => {
@@ -165,7 +208,7 @@ impl Device {
         self.look(at, watch);
     }
 
-    fn timeout(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+    fn call_back(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         let mut pdi = self.esc.pdi(at);
         let steps = self.stack.handle_event(at, Event::Timer, &mut pdi);
         self.stack.poll(at, &mut pdi);
@@ -173,8 +216,9 @@ impl Device {
         self.look(at, watch);
     }
 
-    /// Reports what the stack has changed.
+    /// Looks what the stack has changed, and reports it.
     fn look(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
         let missed = self.stack.sync().missed_events_total();
         if missed != self.missed {
             self.missed = missed;
@@ -194,8 +238,7 @@ impl Device {
         event: Observed,
         watch: &mut impl FnMut(Observation),
     ) {
-        let at = self.oscillator.when(device_at);
-        watch(Observation { device: self.position, at, device_at, event });
+        watch(Observation { device: self.position, device_at, event });
     }
 }
 

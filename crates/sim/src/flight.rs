@@ -55,26 +55,6 @@ impl Segment {
         fate
     }
 
-    /// Follows a frame that has taken its computed way from a port up to the entry with this number.
-    pub(crate) fn fly_from(
-        &mut self,
-        mut flight: Flight<'_>,
-        (from, entry): (MainPort, usize),
-        watch: &mut impl FnMut(Observation),
-    ) -> Result<Returned, Lost> {
-        self.begin_trail();
-        let path = &self.paths[from as usize];
-        let at = path.entries[entry];
-        self.trail.extend(&path.entries[..entry]);
-        self.trail.extend(path.returns.iter().filter(|arrival| arrival.after < at.after));
-        for arrival in &self.trail {
-            self.met[arrival.device] = true;
-        }
-        let fate = self.follow(&mut flight, End::Port(at.device, at.port), at.after, watch);
-        self.latch_trail(flight.start);
-        fate
-    }
-
     fn follow(
         &mut self,
         flight: &mut Flight<'_>,
@@ -142,6 +122,7 @@ impl Segment {
         let end = device.oscillator().read(at + flight.duration);
         device.advance(begin, watch);
         let processed = device.esc.process(flight.bytes, begin, end, flight.good);
+        device.touched();
         self.latched[number] |= processed.latch_ports;
         if processed.destroyed { Err(Lost::Destroyed { device: number }) } else { Ok(departure) }
     }

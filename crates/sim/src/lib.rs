@@ -15,6 +15,7 @@
 //! frame reaches it: cost is per event, never per tick.
 #![forbid(unsafe_code)]
 
+mod audience;
 pub mod bench;
 pub mod cable;
 pub mod cpu;
@@ -31,6 +32,7 @@ pub mod random;
 pub mod run;
 pub mod segment;
 pub mod statistics;
+pub mod storage;
 pub mod wiring;
 pub mod world;
 

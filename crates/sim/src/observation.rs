@@ -1,7 +1,7 @@
-//! What judges see of a run: events in true time, as they happen.
+//! What judges see of a run: events as they happen.
 
 use isocat_subdevice::Step;
-use isocat_wire::time::{Device, Time, True};
+use isocat_wire::time::{Device, Time};
 use isocat_wire::{AlState, AlStatusCode};
 
 /// One event at one SubDevice.
@@ -9,9 +9,8 @@ use isocat_wire::{AlState, AlStatusCode};
 pub struct Observation {
     /// Position of the SubDevice.
     pub device: usize,
-    /// When, in true time.
-    pub at: Time<True>,
-    /// When, as the SubDevice's own oscillator counts.
+    /// When, as the SubDevice's own oscillator counts. In true time that is
+    /// [`Oscillator::when`](crate::oscillator::Oscillator::when), for those few that somebody judges.
     pub device_at: Time<Device>,
     /// What.
     pub event: Observed,

@@ -103,6 +103,7 @@ impl Run {
             }
             Ok(()) => {
                 let began = world.now();
+                world.catch_up();
                 world.bench.begin(intent(&world, self.sync0_limit));
                 let mut notes = Notes::default();
                 run_for(&mut world, self.duration.into(), &mut notes, progress);

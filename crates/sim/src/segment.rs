@@ -1,10 +1,12 @@
 //! The segment: SubDevices in their tree, and frames passing through them.
 
+use isocat_esc::Passing;
 use isocat_wire::address::PortNumber;
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 use isocat_wire::{Command, frame};
 
+use crate::audience::{self, Audience, Item};
 use crate::cable::{Cable, Phy};
 use crate::device::{Device, DeviceSetup};
 use crate::disturbance::{BitError, Disturbances, Notice};
@@ -55,7 +57,14 @@ pub struct Segment {
     pub(crate) stale: bool,
     /// A frame may have written what changes loops, and some may still be about to.
     unsettled: bool,
+    /// Whom frames from each MainDevice port concern.
+    audiences: [Audience; 2],
+    /// The datagrams of the frame under way.
+    items: Vec<Item>,
+    /// By SubDevice: the frame under way latches receive times.
     pub(crate) latched: Vec<bool>,
+    any_latched: bool,
+    last_frame: Option<(MainPort, Time<True>)>,
     /// Which SubDevices the frame that is followed has met, and its arrivals.
     pub(crate) met: Vec<bool>,
     pub(crate) trail: Vec<Arrival>,
@@ -117,7 +126,11 @@ impl Segment {
             paths: [Path::default(), Path::default()],
             stale: true,
             unsettled: false,
+            audiences: [Audience::new(0), Audience::new(0)],
+            items: Vec::with_capacity(128),
             latched: vec![false; count],
+            any_latched: false,
+            last_frame: None,
             met: vec![false; count],
             trail: Vec::new(),
             wiring,
@@ -151,6 +164,8 @@ impl Segment {
 
     /// One SubDevice.
     pub fn device_mut(&mut self, index: usize) -> &mut Device {
+        // Whatever is done to it, the next frame looks.
+        self.forget_audiences();
         &mut self.devices[index]
     }
 
@@ -207,7 +222,8 @@ impl Segment {
         self.unsettled |= may_change_loops(bytes);
         let duration = duration(bytes.len());
         let path = &self.paths[from as usize];
-        let last_bit = start + path.round_trip + duration;
+        let round_trip = path.round_trip;
+        let last_bit = start + round_trip + duration;
         let port = match path.end {
             Some(port)
                 if path.processed_first
@@ -216,39 +232,215 @@ impl Segment {
             {
                 port
             }
-            _ => return self.fly(Flight::new(bytes, start), from, watch),
+            _ => {
+                let fate = self.fly(Flight::new(bytes, start), from, watch);
+                self.forget_audiences();
+                self.latched.fill(false);
+                return fate;
+            }
         };
-        let mut any_latched = false;
-        for (number, entry) in path.entries.iter().enumerate() {
+        self.last_frame = Some((from, start));
+        let times = (start, start + duration);
+        self.settle_audience(from, start, watch);
+        let mut items = std::mem::take(&mut self.items);
+        let offset = audience::read(bytes, &mut items);
+        let fate = match offset {
+            Some(offset) if !self.audiences[from as usize].stops_circulating() => {
+                self.pass_to_audience(from, (bytes, offset), &mut items, times, watch);
+                Ok(())
+            }
+            _ => self.pass_to_all(from, bytes, times, watch),
+        };
+        self.items = items;
+        self.latch_returns(from, start);
+        fate?;
+        Ok(Returned { port, first_bit: start + round_trip, last_bit, good: true })
+    }
+
+    /// Leads a frame past those whom its datagrams may concern.
+    ///
+    /// The others are not looked at; what they do by themselves until it passes happens at their next
+    /// visit, or with [`Self::catch_up`]. (Should one reset itself from its own side, or open a loop, the
+    /// way of frames changes with that visit.)
+    fn pass_to_audience(
+        &mut self,
+        from: MainPort,
+        (bytes, offset): (&mut [u8], usize),
+        items: &mut [Item],
+        times: (Time<True>, Time<True>),
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let visits = self.audiences[from as usize].gather(items);
+        let places = self.paths[from as usize].entries.len();
+        for number in 0..visits.unwrap_or(places) {
+            let place = visits.map_or(number, |_| self.audiences[from as usize].visit(number));
+            self.offer((from, place), items, &mut bytes[offset..], times, watch);
+        }
+        self.finish(from, items, bytes, offset);
+    }
+
+    /// Leads a frame past everybody, where each one has to see all of it.
+    fn pass_to_all(
+        &mut self,
+        from: MainPort,
+        bytes: &mut [u8],
+        times: (Time<True>, Time<True>),
+        watch: &mut impl FnMut(Observation),
+    ) -> Result<(), Lost> {
+        for place in 0..self.paths[from as usize].entries.len() {
+            let device = self.offer_whole((from, place), bytes, times, watch);
+            if let Some(device) = device {
+                return Err(Lost::Destroyed { device });
+            }
+        }
+        Ok(())
+    }
+
+    /// Before a frame that leaves at `start`: what may have changed its reach is brought to the frame's
+    /// arrival, so that the audience is right.
+    fn settle_audience(
+        &mut self,
+        from: MainPort,
+        start: Time<True>,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let audience = &mut self.audiences[from as usize];
+        for number in (0..audience.restless()).rev() {
+            let place = audience.restless_place(number);
+            let entry = self.paths[from as usize].entries[place];
             let device = &mut self.devices[entry.device];
-            let at = start + entry.after;
-            let clock = device.oscillator();
-            let (begin, end): (Time<DeviceClock>, _) = (clock.read(at), clock.read(at + duration));
+            let begin = device.oscillator().read(start + entry.after);
+            device.disturbed();
             device.advance(begin, watch);
-            if device.ports_changed() {
-                self.stale = true;
-                return self.fly_from(Flight::new(bytes, start), (from, number), watch);
-            }
-            let processed = device.esc.process(bytes, begin, end, true);
-            self.latched[entry.device] = processed.latch_ports;
-            if processed.latch_ports {
-                any_latched = true;
-                device.esc.receive_at_port(entry.port, begin);
-            }
-            if processed.destroyed {
-                return Err(Lost::Destroyed { device: entry.device });
+            self.stale |= device.ports_changed();
+            let esc = &mut device.esc;
+            esc.begin_frame(begin);
+            audience.update(place, esc.reach_version(), || esc.reach());
+            if !esc.reach_is_changing() {
+                audience.calm(number);
             }
         }
-        if any_latched {
-            for back in &path.returns {
-                if self.latched[back.device] {
-                    let device = &mut self.devices[back.device];
-                    let at = device.oscillator().read(start + back.after);
-                    device.esc.receive_at_port(back.port, at);
-                }
+    }
+
+    /// A frame that was parsed passes a SubDevice.
+    fn offer(
+        &mut self,
+        (from, place): (MainPort, usize),
+        items: &mut [Item],
+        payload: &mut [u8],
+        (start, end): (Time<True>, Time<True>),
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let audience = &mut self.audiences[from as usize];
+        let entry = self.paths[from as usize].entries[place];
+        let device = &mut self.devices[entry.device];
+        let begin: Time<DeviceClock> = device.oscillator().read(start + entry.after);
+        device.advance(begin, watch);
+        self.stale |= device.ports_changed();
+        let esc = &mut device.esc;
+        // Only a reset from the device's own side can have come since the audience was gathered.
+        audience.update(place, esc.reach_version(), || esc.reach());
+        esc.begin_frame(begin);
+        let mut latch = false;
+        for item in items {
+            if !audience.concerns(place, item) {
+                continue;
+            }
+            let mut passing = Passing {
+                command: item.command,
+                address: item.address_at(place),
+                irq: item.irq,
+                wkc: item.wkc,
+                data: &mut payload[item.layout.data()..item.layout.wkc()],
+            };
+            latch |= esc.datagram(&mut passing);
+            (item.irq, item.wkc) = (passing.irq, passing.wkc);
+        }
+        let end = device.oscillator().read(end + entry.after);
+        device.esc.close_frame(end, true);
+        if device.esc.reach_is_changing() {
+            audience.disturb(place);
+        }
+        device.touched();
+        if latch {
+            device.esc.receive_at_port(entry.port, begin);
+            self.latched[entry.device] = true;
+            self.any_latched = true;
+        }
+    }
+
+    /// A frame passes a SubDevice that has to see all of it; tells the SubDevice if it destroys the frame.
+    fn offer_whole(
+        &mut self,
+        (from, place): (MainPort, usize),
+        bytes: &mut [u8],
+        (start, end): (Time<True>, Time<True>),
+        watch: &mut impl FnMut(Observation),
+    ) -> Option<usize> {
+        let entry = self.paths[from as usize].entries[place];
+        let device = &mut self.devices[entry.device];
+        let begin: Time<DeviceClock> = device.oscillator().read(start + entry.after);
+        device.advance(begin, watch);
+        self.stale |= device.ports_changed();
+        let end = device.oscillator().read(end + entry.after);
+        let processed = device.esc.process(bytes, begin, end, true);
+        if device.esc.reach_is_changing() {
+            self.audiences[from as usize].disturb(place);
+        }
+        device.touched();
+        if processed.latch_ports {
+            device.esc.receive_at_port(entry.port, begin);
+            self.latched[entry.device] = true;
+            self.any_latched = true;
+        }
+        processed.destroyed.then_some(entry.device)
+    }
+
+    /// Writes what was counted beside the frame into it.
+    fn finish(&self, from: MainPort, items: &[Item], bytes: &mut [u8], offset: usize) {
+        if self.audiences[from as usize].marks_frames() {
+            bytes[6] |= frame::LOCALLY_ADMINISTERED;
+        }
+        let places = self.paths[from as usize].entries.len();
+        let payload = &mut bytes[offset..];
+        for item in items {
+            let (at, wkc) = (item.layout.start, item.layout.wkc());
+            let address = item.address_at(places);
+            payload[at + 2..at + 6].copy_from_slice(&address.to_le_bytes());
+            payload[at + 8..at + 10].copy_from_slice(&item.irq.to_le_bytes());
+            payload[wkc..wkc + 2].copy_from_slice(&item.wkc.to_le_bytes());
+        }
+    }
+
+    /// The frame comes back at the ports of those that latch its times.
+    fn latch_returns(&mut self, from: MainPort, start: Time<True>) {
+        if !std::mem::take(&mut self.any_latched) {
+            return;
+        }
+        for back in &self.paths[from as usize].returns {
+            if self.latched[back.device] {
+                let device = &mut self.devices[back.device];
+                let at = device.oscillator().read(start + back.after);
+                device.esc.receive_at_port(back.port, at);
             }
         }
-        Ok(Returned { port, first_bit: start + path.round_trip, last_bit, good: true })
+        self.latched.fill(false);
+    }
+
+    /// Brings every SubDevice to the instant at which the last frame passed it.
+    pub fn catch_up(&mut self, watch: &mut impl FnMut(Observation)) {
+        let Some((from, start)) = self.last_frame else { return };
+        for entry in &self.paths[from as usize].entries {
+            let device = &mut self.devices[entry.device];
+            let at = device.oscillator().read(start + entry.after);
+            device.advance(at, watch);
+        }
+    }
+
+    /// Something was done past the audiences: the next frame looks at everybody.
+    pub(crate) fn forget_audiences(&mut self) {
+        self.audiences = [MainPort::Primary, MainPort::Secondary]
+            .map(|port| Audience::new(self.paths[port as usize].entries.len()));
     }
 
     /// Lets everything happen that happens up to `at` by itself.
@@ -257,6 +449,7 @@ impl Segment {
             self.notice(notice, true, watch);
         }
         for device in &mut self.devices {
+            device.disturbed();
             let limit = device.oscillator().read(at);
             device.advance(limit, watch);
         }
@@ -290,6 +483,7 @@ impl Segment {
             device.advance(at, watch);
         }
         device.esc.set_port(notice.port, notice.link);
+        device.disturbed();
         self.stale = true;
     }
 
@@ -318,6 +512,7 @@ impl Segment {
         self.paths = [MainPort::Primary, MainPort::Secondary]
             .map(|port| Path::new(&self.wiring, loops, port));
         self.stale = false;
+        self.forget_audiences();
     }
 }
 

@@ -147,6 +147,14 @@ impl<C: Control, T: Tap> World<C, T> {
         true
     }
 
+    /// Brings every SubDevice to the last frame that passed it, and the judges with them: before
+    /// something is asked of them all.
+    pub fn catch_up(&mut self) {
+        let observations = &mut self.observations;
+        self.segment.catch_up(&mut |o| observations.push(o));
+        self.judge();
+    }
+
     /// Takes the next event of the MainDevice.
     pub fn poll_event(&mut self) -> Option<Event> {
         self.main.poll_event()

@@ -9,13 +9,15 @@ pub struct Io {
     mapped: [u8; MAX_PROCESS_DATA],
     outputs: [u8; MAX_PROCESS_DATA],
     inputs: [u8; MAX_PROCESS_DATA],
+    /// Most bytes that ever came: the rest is 0 everywhere.
+    used: usize,
 }
 
 impl Io {
     /// All outputs 0.
     pub const fn new() -> Self {
         let zeros = [0; MAX_PROCESS_DATA];
-        Self { mapped: zeros, outputs: zeros, inputs: zeros }
+        Self { mapped: zeros, outputs: zeros, inputs: zeros, used: 0 }
     }
 
     /// The bytes that stand at the output terminals.
@@ -34,14 +36,15 @@ impl Application for Io {
     fn map_outputs(&mut self, outputs: &[u8]) {
         let len = outputs.len().min(self.mapped.len());
         self.mapped[..len].copy_from_slice(&outputs[..len]);
+        self.used = self.used.max(len);
     }
 
     fn outputs_valid(&mut self) {
-        self.outputs = self.mapped;
+        self.outputs[..self.used].copy_from_slice(&self.mapped[..self.used]);
     }
 
     fn latch_inputs(&mut self) {
-        self.inputs = self.outputs;
+        self.inputs[..self.used].copy_from_slice(&self.outputs[..self.used]);
     }
 
     fn map_inputs(&mut self, inputs: &mut [u8]) {

@@ -194,7 +194,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// [`handle_event`](Self::handle_event) with [`Event::Timer`] and then [`poll`](Self::poll): each does
     /// only what is due. The instant changes with every call of the other methods.
     pub fn next_timeout(&self) -> Option<Time<Device>> {
-        [self.timer(), self.supervision_due(), self.retry].into_iter().flatten().min()
+        let earliest = |one: Option<Time<Device>>, other: Option<Time<Device>>| match (one, other) {
+            (Some(one), Some(other)) => Some(one.min(other)),
+            (one, other) => one.or(other),
+        };
+        earliest(earliest(self.timer(), self.supervision_due()), self.retry)
     }
 
     /// When the local timer of Free Run is due; `None` in other modes and below SAFEOP.

@@ -26,8 +26,12 @@ impl Steps {
     /// Adds a step behind all that are due no later. No step starts twice from one event, so the list
     /// holds them all.
     pub(crate) fn push(&mut self, step: Step, delay: Nanos) {
-        let at = self.as_slice().iter().take_while(|(_, due)| *due <= delay).count();
-        self.list.copy_within(at..self.len, at + 1);
+        let mut at = self.len;
+        // Most are pushed in order: nothing moves.
+        while at > 0 && self.list[at - 1].1 > delay {
+            self.list[at] = self.list[at - 1];
+            at -= 1;
+        }
         self.list[at] = (step, delay);
         self.len += 1;
     }

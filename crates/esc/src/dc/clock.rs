@@ -81,6 +81,9 @@ impl Clock {
     fn rebased(&self, tick: u64) -> Self {
         let base = tick.max(self.base);
         let ticks = base - self.base;
+        if ticks == 0 {
+            return *self;
+        }
         Self {
             base,
             local: self.local.wrapping_add(self.advance(ticks)),

@@ -59,6 +59,10 @@ pub(crate) struct SyncManagers {
     count: usize,
     /// Units that guard memory: enabled and with a length.
     guarding: u16,
+    /// Those of them whose area no other unit touches.
+    alone: u16,
+    /// The address behind the last buffer of all.
+    reserved_end: usize,
     /// Units whose buffer ECAT closed in the frame in flight.
     closing: u16,
     /// Units whose activation ECAT wrote and the PDI has not read since.
@@ -78,6 +82,8 @@ impl SyncManagers {
             units: [Unit::REST; 16],
             count,
             guarding: 0,
+            alone: 0,
+            reserved_end: 0,
             closing: 0,
             changed: 0,
             touched: 0,
@@ -103,6 +109,17 @@ impl SyncManagers {
         let mut outcome = Access::default();
         let first = usize::from(address);
         let end = first + len;
+        if let Some(number) = self.whole(first, end) {
+            // Process data as a rule: one whole buffer, nothing to be cut.
+            let way = (side, direction);
+            let place = self.guarded(way, registers, number, first..end, &mut outcome);
+            if let Some(bytes) = place.and_then(|place| run(ram, place, len)) {
+                let len = bytes.len();
+                each(bytes, 0..len);
+                outcome.any = true;
+            }
+            return outcome;
+        }
         let mut at = first;
         while at < end {
             let stop = self.boundary(at, end);
@@ -113,15 +130,11 @@ impl SyncManagers {
                     self.guarded((side, direction), registers, number, at..stop, &mut outcome)
                 }
             };
-            if let Some(place) = place {
-                let from = place.wrapping_sub(PROCESS_RAM);
-                let end = from.saturating_add(stop - at).min(ram.len());
-                if let Some(bytes) = ram.get_mut(from..end).filter(|bytes| !bytes.is_empty()) {
-                    let from = at - first;
-                    let to = from + bytes.len();
-                    each(bytes, from..to);
-                    outcome.any = true;
-                }
+            if let Some(bytes) = place.and_then(|place| run(ram, place, stop - at)) {
+                let from = at - first;
+                let to = from + bytes.len();
+                each(bytes, from..to);
+                outcome.any = true;
             }
             at = stop;
         }
@@ -142,6 +155,11 @@ impl SyncManagers {
                 self.closing |= 1 << number;
             }
         }
+    }
+
+    /// The address behind the last buffer of all; 0 if there is none.
+    pub const fn reserved_end(&self) -> usize {
+        self.reserved_end
     }
 
     /// Whether something waits for the end of the frame.
@@ -311,6 +329,30 @@ impl SyncManagers {
         Some(place)
     }
 
+    /// The unit that guards just these addresses and shares none of them with another.
+    fn whole(&self, first: usize, end: usize) -> Option<usize> {
+        let found = bits(self.alone)
+            .find(|number| usize::from(self.units[*number].config.start) == first)?;
+        (self.units[found].end() == end).then_some(found)
+    }
+
+    /// Finds the units whose areas no other unit's buffers touch, and where the last buffer ends.
+    fn find_alone(&mut self) {
+        (self.alone, self.reserved_end) = (0, 0);
+        for number in bits(self.guarding) {
+            let unit = &self.units[number];
+            let (start, end) = (usize::from(unit.config.start), unit.end());
+            self.reserved_end = self.reserved_end.max(unit.reserved_end());
+            let shared = bits(self.guarding & !(1 << number)).any(|other| {
+                let other = &self.units[other];
+                start < other.reserved_end() && usize::from(other.config.start) < end
+            });
+            if !shared {
+                self.alone |= 1 << number;
+            }
+        }
+    }
+
     /// What lies at `address`.
     fn at(&self, address: usize) -> Place {
         let mut place = Place::Free;
@@ -350,12 +392,20 @@ impl SyncManagers {
             self.guarding &= !bit;
             self.closing &= !bit;
         }
+        self.find_alone();
         self.show(number, registers);
     }
 
     fn show(&self, number: usize, registers: &mut Registers) {
         registers.set_byte(sync_manager(number).address + 5, self.units[number].status());
     }
+}
+
+/// The bytes of `ram` from address `place` on that exist, of `len`; none is `None`.
+fn run(ram: &mut [u8], place: usize, len: usize) -> Option<&mut [u8]> {
+    let from = place.wrapping_sub(PROCESS_RAM);
+    let end = from.saturating_add(len).min(ram.len());
+    ram.get_mut(from..end).filter(|bytes| !bytes.is_empty())
 }
 
 /// What lies at an address.

@@ -52,7 +52,7 @@ pub type Link = (Option<(usize, PortNumber)>, PortNumber);
 pub fn device(chip: &'static Chip, clock: ClockModel, local_time: Time<Local>) -> DeviceSetup {
     DeviceSetup {
         chip,
-        sii: vec![0; 256],
+        sii: vec![0; 256].into(),
         description: &DESCRIPTION,
         application: Box::new(()),
         cpu: CpuModel::default(),

@@ -1,0 +1,69 @@
+//! Cost and memory of a line of N SubDevices: `scale N CYCLES [main]`.
+//!
+//! Prints processor time of one cycle and of one SubDevice and cycle, and resident bytes of one SubDevice. With `main`
+//! the MainDevice runs the line; without it frames are made beforehand and only the segment works.
+
+use std::process::ExitCode;
+use std::time::Duration;
+
+#[path = "../benches/line/mod.rs"]
+mod line;
+
+use line::{Line, run_cycles, world};
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |at: usize| arguments.get(at).and_then(|text| text.parse::<u64>().ok());
+    let (Some(count), Some(cycles)) = (number(0), number(1)) else {
+        eprintln!("usage: scale N CYCLES [main]");
+        return ExitCode::FAILURE;
+    };
+    let count = count as usize;
+    let before = resident();
+    let (elapsed, after) = if arguments.get(2).is_some_and(|text| text == "main") {
+        let mut world = match world(count) {
+            Ok(world) => world,
+            Err(error) => {
+                eprintln!("{error}");
+                return ExitCode::FAILURE;
+            }
+        };
+        let start = processor_time();
+        let wrong = run_cycles(&mut world, cycles);
+        let elapsed = processor_time().saturating_sub(start);
+        assert_eq!(wrong, 0, "wrong working counters");
+        (elapsed, resident())
+    } else {
+        let mut line = Line::new(count);
+        let start = processor_time();
+        for _ in 0..cycles {
+            line.cycle();
+        }
+        let elapsed = processor_time().saturating_sub(start);
+        line.assert_applications_ran();
+        (elapsed, resident())
+    };
+    let bytes = after.saturating_sub(before) / count.max(1) as u64;
+    let cycle = elapsed.as_nanos() as f64 / cycles.max(1) as f64;
+    println!(
+        "{count} SubDevices: {:.1} us a cycle, {:.1} ns and {bytes} bytes each",
+        cycle / 1000.0,
+        cycle / count.max(1) as f64
+    );
+    ExitCode::SUCCESS
+}
+
+/// Processor time of this thread, as Linux tells it, so that other programs do not count; elsewhere 0.
+fn processor_time() -> Duration {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let running = text.split_whitespace().next().and_then(|ns| ns.parse().ok());
+    Duration::from_nanos(running.unwrap_or(0))
+}
+
+/// Resident memory of this process, bytes; 0 where the system does not tell.
+fn resident() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().strip_suffix(" kB")).and_then(|kb| kb.parse().ok());
+    kib.unwrap_or(0u64) * 1024
+}

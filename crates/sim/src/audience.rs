@@ -1,0 +1,236 @@
+//! Whom a frame concerns: so that a datagram costs what the SubDevices it addresses cost, and not what
+//! the segment has.
+//!
+//! Places are counted in processing order. What each ESC can be concerned by ([`Reach`]) is held in
+//! indexes, which are made anew when a datagram needs them after a change. Those whose reach may change
+//! by itself are listed, and looked at before the audience of a frame is gathered.
+
+use isocat_esc::Reach;
+use isocat_wire::Command;
+use isocat_wire::datagram::{Layout, Layouts};
+use isocat_wire::frame;
+
+/// A datagram of the frame under way.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Item {
+    pub layout: Layout,
+    pub command: Command,
+    pub irq: u16,
+    pub wkc: u16,
+}
+
+impl Item {
+    /// The address as it arrives at a place, counted up by all places before.
+    pub fn address_at(&self, place: usize) -> u32 {
+        let address = self.layout.header.address;
+        if self.command.increments_position() {
+            address & 0xFFFF_0000 | u32::from((address as u16).wrapping_add(place as u16))
+        } else {
+            address
+        }
+    }
+
+    fn concerns_all(&self) -> bool {
+        use Command::*;
+        matches!(self.command, Brd | Bwr | Brw | Armw | Frmw)
+    }
+}
+
+/// Reads the datagrams of a frame and tells where its payload begins; unknown commands and NOP pass
+/// untouched and are left out. `None` for what each ESC has to see whole: frames of other forms than EtherCAT
+/// on Ethernet, and chains of datagrams that are cut off.
+pub(crate) fn read(bytes: &[u8], items: &mut Vec<Item>) -> Option<usize> {
+    items.clear();
+    let offset = frame::payload_offset(bytes).ok()?;
+    let payload = &bytes[offset..];
+    let mut layouts = Layouts::new();
+    while let Some(layout) = layouts.next(payload) {
+        let layout = layout.ok()?;
+        match layout.header.command() {
+            Err(_) | Ok(Command::Nop) => {}
+            Ok(command) => {
+                let wkc = u16::from_le_bytes([payload[layout.wkc()], payload[layout.wkc() + 1]]);
+                items.push(Item { layout, command, irq: layout.header.irq, wkc });
+            }
+        }
+    }
+    Some(offset)
+}
+
+/// The reaches of all places, and the indexes over them.
+pub(crate) struct Audience {
+    reaches: Vec<Reach>,
+    versions: Vec<Option<u32>>,
+    /// Places whose reach may be another when the next frame comes, and a mark for each of them.
+    restless: Vec<u32>,
+    is_restless: Vec<bool>,
+    /// The indexes below hold.
+    indexed: bool,
+    /// Station addresses and aliases.
+    stations: Vec<(u16, u32)>,
+    /// Places by the beginning of their logical addresses, and up to each the furthest end.
+    logical: Vec<(u64, u32)>,
+    furthest: Vec<u64>,
+    adding_events: Vec<u32>,
+    marking: usize,
+    stopping: usize,
+    /// The audience of the frame under way, ascending.
+    visits: Vec<u32>,
+}
+
+impl Audience {
+    /// So many places, of which nothing is known yet.
+    pub fn new(places: usize) -> Self {
+        Self {
+            reaches: vec![Reach::default(); places],
+            versions: vec![None; places],
+            restless: (0..places as u32).collect(),
+            is_restless: vec![true; places],
+            indexed: false,
+            stations: Vec::with_capacity(2 * places),
+            logical: Vec::with_capacity(places),
+            furthest: Vec::with_capacity(places),
+            adding_events: Vec::with_capacity(places),
+            marking: 0,
+            stopping: 0,
+            visits: Vec::with_capacity(places),
+        }
+    }
+
+    /// Takes the reach of a place anew if its version is another.
+    pub fn update(&mut self, place: usize, version: u32, reach: impl FnOnce() -> Reach) {
+        if self.versions[place] == Some(version) {
+            return;
+        }
+        self.versions[place] = Some(version);
+        let (old, new) = (self.reaches[place], reach());
+        if new == old {
+            return;
+        }
+        let count = |was: bool, is: bool, of: usize| of - usize::from(was) + usize::from(is);
+        self.marking = count(old.marks_frames, new.marks_frames, self.marking);
+        self.stopping = count(old.stops_circulating, new.stops_circulating, self.stopping);
+        self.reaches[place] = new;
+        self.indexed = false;
+    }
+
+    /// The reach of a place may change by itself before the next frame comes.
+    pub fn disturb(&mut self, place: usize) {
+        if !self.is_restless[place] {
+            self.is_restless[place] = true;
+            self.restless.push(place as u32);
+        }
+    }
+
+    /// How many places have to be looked at before the next frame.
+    pub fn restless(&self) -> usize {
+        self.restless.len()
+    }
+
+    /// One of them.
+    pub fn restless_place(&self, number: usize) -> usize {
+        self.restless[number] as usize
+    }
+
+    /// It has been looked at and is settled; the last one takes its number.
+    pub fn calm(&mut self, number: usize) {
+        let place = self.restless.swap_remove(number);
+        self.is_restless[place as usize] = false;
+    }
+
+    /// Some place stops circulating frames: then every place sees every frame.
+    pub fn stops_circulating(&self) -> bool {
+        self.stopping > 0
+    }
+
+    /// Some place marks the source address of frames.
+    pub fn marks_frames(&self) -> bool {
+        self.marking > 0
+    }
+
+    /// Whether a datagram may concern a place.
+    pub fn concerns(&self, place: usize, item: &Item) -> bool {
+        let reach = &self.reaches[place];
+        item.concerns_all()
+            || reach.concerns(item.command, item.address_at(place), item.layout.header.len.into())
+    }
+
+    /// Finds the audience of a frame: `None` is everybody, else [`Self::visit`] tells.
+    pub fn gather(&mut self, items: &[Item]) -> Option<usize> {
+        if self.stopping > 0 || items.iter().any(Item::concerns_all) {
+            return None;
+        }
+        self.index();
+        self.visits.clear();
+        if !items.is_empty() {
+            self.visits.extend_from_slice(&self.adding_events);
+        }
+        for item in items {
+            self.add(item);
+        }
+        self.visits.sort_unstable();
+        self.visits.dedup();
+        Some(self.visits.len())
+    }
+
+    /// A place of the audience, by its number in it.
+    pub fn visit(&self, number: usize) -> usize {
+        self.visits[number] as usize
+    }
+
+    fn add(&mut self, item: &Item) {
+        use Command::*;
+        let address = item.layout.header.address;
+        let adp = address as u16;
+        match item.command {
+            Aprd | Apwr | Aprw => {
+                let first = usize::from(0u16.wrapping_sub(adp));
+                self.visits.extend((first..self.reaches.len()).step_by(1 << 16).map(|p| p as u32));
+            }
+            Fprd | Fpwr | Fprw => {
+                let first = self.stations.partition_point(|(station, _)| *station < adp);
+                let found = self.stations[first..].iter().take_while(|(s, _)| *s == adp);
+                self.visits.extend(found.map(|(_, place)| *place));
+            }
+            Lrd | Lwr | Lrw => {
+                let start = u64::from(address);
+                let end = start + u64::from(item.layout.header.len);
+                let behind = self.logical.partition_point(|(first, _)| *first < end);
+                let reaching = (0..behind).rev().take_while(|at| self.furthest[*at] > start);
+                let (reaches, logical) = (&self.reaches, &self.logical);
+                let places = reaching.map(|at| logical[at].1);
+                self.visits.extend(places.filter(|p| reaches[*p as usize].logical().end > start));
+            }
+            Nop | Brd | Bwr | Brw | Armw | Frmw => {}
+        }
+    }
+
+    fn index(&mut self) {
+        if self.indexed {
+            return;
+        }
+        self.indexed = true;
+        self.stations.clear();
+        self.logical.clear();
+        self.adding_events.clear();
+        for (place, reach) in (0..).zip(&self.reaches) {
+            self.stations.push((reach.station, place));
+            self.stations.extend(reach.alias.map(|alias| (alias, place)));
+            let logical = reach.logical();
+            if !logical.is_empty() {
+                self.logical.push((logical.start, place));
+            }
+            if reach.adds_events {
+                self.adding_events.push(place);
+            }
+        }
+        self.stations.sort_unstable();
+        self.logical.sort_unstable();
+        self.furthest.clear();
+        let mut furthest = 0;
+        for (_, place) in &self.logical {
+            furthest = furthest.max(self.reaches[*place as usize].logical().end);
+            self.furthest.push(furthest);
+        }
+    }
+}

@@ -105,6 +105,10 @@ impl Chance {
                 0x0610, 0x0800, 0x0810, 0x0900, 0x0910, 0x0920, 0x0928, 0x0981, 0x0990, 0x09A0,
                 0x0F80, 0x1000, 0x1020, 0x1100,
             ]);
+            if ado == 0x0103 {
+                // Behind it lies 0x0108, by which writes could get to the loops: here they stay as they are.
+                data.truncate(1);
+            }
             if self.below(4) == 0 {
                 // A FMMU or a SyncManager that works.
                 let logical = self.below(0x60) as u32;

@@ -114,6 +114,12 @@ impl Table {
         }
         Self { runs, pages }
     }
+
+    /// The addresses of all runs, whatever the chip has.
+    #[cfg(test)]
+    pub fn addresses(&self) -> impl Iterator<Item = u16> {
+        self.runs.iter().flat_map(|run| run.start..run.end)
+    }
 }
 
 /// A run of registers.

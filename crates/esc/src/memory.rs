@@ -63,9 +63,9 @@ impl Registers {
 const BLOCK: usize = 128;
 
 /// The blocks that have registers, by the first address. What follows without a gap is one run.
-const BLOCKS: [u16; 19] = [
-    0x0000, 0x0080, 0x0100, 0x0180, 0x0200, 0x0300, 0x0400, 0x0480, 0x0500, 0x0580, 0x0600, 0x0680,
-    0x0800, 0x0900, 0x0980, 0x0E00, 0x0E80, 0x0F00, 0x0F80,
+const BLOCKS: [u16; 15] = [
+    0x0000, 0x0100, 0x0200, 0x0300, 0x0400, 0x0500, 0x0600, 0x0680, 0x0800, 0x0900, 0x0980, 0x0E00,
+    0x0E80, 0x0F00, 0x0F80,
 ];
 
 /// Place of each block of the address space; the place behind the last is nowhere.
@@ -95,7 +95,7 @@ pub(crate) struct Shadow {
     bytes: [u8; 16 * LINES],
     written: [u16; LINES],
     /// One bit for each line with something written in it.
-    lines: u128,
+    lines: u64,
 }
 
 impl Shadow {
@@ -196,20 +196,21 @@ impl Shadow {
 const fn line_of(address: u16) -> Option<usize> {
     let line = (address >> 4) as usize;
     Some(match line {
-        0x00..=0x13 => line,
-        0x20 => 0x14,
-        0x30..=0x31 => line - 0x30 + 0x15,
-        0x40..=0x44 => line - 0x40 + 0x17,
-        0x50..=0x51 => line - 0x50 + 0x1C,
-        0x60..=0x6F => line - 0x60 + 0x1E,
-        0x80..=0x87 => line - 0x80 + 0x2E,
-        0x90..=0x9A => line - 0x90 + 0x36,
-        0xF0..=0xF1 => line - 0xF0 + 0x41,
+        0x00..=0x04 => line,
+        0x10..=0x13 => line - 0x10 + 0x05,
+        0x20 => 0x09,
+        0x30..=0x31 => line - 0x30 + 0x0A,
+        0x40..=0x44 => line - 0x40 + 0x0C,
+        0x50..=0x51 => line - 0x50 + 0x11,
+        0x60..=0x6F => line - 0x60 + 0x13,
+        0x80..=0x87 => line - 0x80 + 0x23,
+        0x90..=0x9A => line - 0x90 + 0x2B,
+        0xF0..=0xF1 => line - 0xF0 + 0x36,
         _ => return None,
     })
 }
 
-const LINES: usize = 0x43;
+const LINES: usize = 0x38;
 
 /// First address of each line.
 const FIRST: [u16; LINES] = {
@@ -225,7 +226,7 @@ const FIRST: [u16; LINES] = {
 };
 
 /// The lines of each page of 256 registers.
-const PAGES: [u128; 16] = {
+const PAGES: [u64; 16] = {
     let mut pages = [0; 16];
     let mut line = 0;
     while line < LINES {
@@ -263,6 +264,18 @@ mod tests {
         // What ECAT may write has a place.
         assert!(FIRST.iter().all(|first| BLOCKS.contains(&(first & !127))));
         assert_eq!(registers.bytes(0x0600..0x0700).len(), 256);
+    }
+
+    #[test]
+    fn whatever_is_accessed_has_a_place() {
+        use crate::access::{ECAT_WRITABLE, READABLE};
+        for address in READABLE.addresses() {
+            assert!(BLOCKS.contains(&(address & !127)), "{address:#06x} is readable");
+        }
+        let user_ram = isocat_wire::register::SHADOW_END;
+        for address in ECAT_WRITABLE.addresses().filter(|address| *address < user_ram) {
+            assert!(line_of(address).is_some(), "{address:#06x} is writable");
+        }
     }
 
     #[test]

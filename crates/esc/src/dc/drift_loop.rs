@@ -7,7 +7,7 @@
 //! otherwise is [`ProportionalIntegral`].
 
 use isocat_wire::dc::SystemTimeDifference;
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Device, Nanos, Time};
 
 /// Reset value of register 0x0930.
 pub(crate) const START: u16 = 0x1000;
@@ -35,6 +35,10 @@ pub struct DriftInput {
     pub difference: i32,
     /// The same after the filter of register 0x0934, with [`DRIFT_FRACTION`] fraction bits.
     pub filtered: i64,
+    /// Time since the last one, ns by the device's oscillator; 0 for the first.
+    pub interval: i64,
+    /// Register 0x0934, 0..=15.
+    pub time_depth: u8,
     /// Register 0x0930, within 0x0080..=0x3FFF.
     pub start: u16,
     /// The speed counter difference in force, with [`DRIFT_FRACTION`] fraction bits.
@@ -80,7 +84,29 @@ impl DriftModel for ProportionalIntegral {
         let limit = i64::from(self.limit) << DRIFT_FRACTION;
         let steering = input.filtered.clamp(-limit, limit);
         let share = i64::from(input.start.min(START));
-        input.mean - i64::from(self.gain) * (steering * share / i64::from(START))
+        let wanted = i64::from(self.gain) * (steering * share / i64::from(START));
+        input.mean - self.patient(wanted, steering, input)
+    }
+}
+
+impl ProportionalIntegral {
+    /// What is steered lasts until the next time is received. Where those are so far apart that it would
+    /// correct more than the whole difference by then (a filter counts as so many received times more), it
+    /// is limited to that: else the loop would overshoot.
+    ///
+    /// A unit of difference D at a start of A - 2 changes the speed by (A² + D²) / (5 (A² - D²)²).
+    fn patient(&self, wanted: i64, steering: i64, input: &DriftInput) -> i64 {
+        let (a, d) = (i64::from(input.start) + 2, input.applied >> DRIFT_FRACTION);
+        let (sum, product) = (a * a + d * d, a * a - d * d);
+        let filter = 1i64 << input.time_depth.saturating_sub(2).min(13);
+        let whole = 5 * product * product;
+        let turns = sum.saturating_mul(input.interval).saturating_mul(filter);
+        if turns.saturating_mul(i64::from(self.gain)) <= whole {
+            return wanted;
+        }
+        let most = i128::from(steering.abs()) * i128::from(whole) / i128::from(turns);
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        wanted.clamp(-most, most)
     }
 }
 
@@ -95,17 +121,20 @@ pub(crate) struct DriftLoop {
     mean: i64,
     /// Speed counter difference that the clock has, but for the fraction.
     applied: i64,
+    /// When a system time was received last.
+    received_at: Option<Time<Device>>,
 }
 
 impl DriftLoop {
     /// At rest.
     pub const fn new() -> Self {
-        Self { shown: None, filtered: 0, mean: 0, applied: 0 }
+        Self { shown: None, filtered: 0, mean: 0, applied: 0, received_at: None }
     }
 
     /// A system time was received: the local copy is `difference` ns ahead of it, in 32 bits.
     pub fn follow(
         &mut self,
+        now: Time<Device>,
         difference: i32,
         received: u32,
         start: u16,
@@ -123,7 +152,10 @@ impl DriftLoop {
         self.shown = Some(self.filtered);
         let start = start.clamp(START_MIN, START_MAX);
         let Self { filtered, mean, applied, .. } = *self;
-        let wanted = model.steer(&DriftInput { difference, filtered, start, applied, mean });
+        let interval = self.received_at.replace(now).map_or(0, |last| (now - last).0.max(0));
+        let time_depth = time_depth & 0x0F;
+        let input = DriftInput { difference, filtered, interval, time_depth, start, applied, mean };
+        let wanted = model.steer(&input);
         let range = i64::from(start - 0x7F) << DRIFT_FRACTION;
         self.applied = wanted.clamp(-range, range);
         self.mean += (self.applied - self.mean) >> (speed_depth & 0x0F);

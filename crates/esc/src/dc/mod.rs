@@ -231,6 +231,7 @@ impl DcUnit {
         }
         let received = u32::from_le_bytes(received);
         self.drift.follow(
+            start,
             copy.wrapping_sub(received) as i32,
             received,
             registers.load(register::SPEED_COUNTER_START),

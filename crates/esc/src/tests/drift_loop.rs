@@ -98,7 +98,9 @@ fn the_default_model_is_limited() {
     let steer = |start, ns: i64, mean: i64| {
         let filtered = ns << DRIFT_FRACTION;
         let (applied, mean) = (0, mean << DRIFT_FRACTION);
-        let input = DriftInput { difference: ns as i32, filtered, start, applied, mean };
+        let (interval, time_depth) = (1_000, 0);
+        let difference = ns as i32;
+        let input = DriftInput { difference, filtered, interval, time_depth, start, applied, mean };
         model.steer(&input) >> DRIFT_FRACTION
     };
     assert_eq!(steer(0x1000, 999, 0), -3_996);
@@ -111,11 +113,35 @@ fn the_default_model_is_limited() {
     let input = DriftInput {
         difference: i32::MIN,
         filtered: i64::MIN >> 12,
+        interval: i64::MAX,
+        time_depth: 15,
         start: 0x3FFF,
         applied: 0,
         mean: 0x3F80 << DRIFT_FRACTION,
     };
     assert!(widest.steer(&input) > 0);
+}
+
+/// Received times that are far apart: the whole difference until the next, or what the gain asks for if
+/// that is less.
+#[test]
+fn rare_times_steer_by_the_difference_and_no_more() {
+    let model = ProportionalIntegral::DEFAULT;
+    let speed = |interval: i64, time_depth: u8| {
+        let filtered = 100 << DRIFT_FRACTION;
+        let (start, applied, mean) = (0x1000, 0, 0);
+        let input =
+            DriftInput { difference: 100, filtered, interval, time_depth, start, applied, mean };
+        // At no difference a unit is worth 1 / (5 A²) of the speed.
+        let units = -model.steer(&input) as f64 / f64::from(1 << DRIFT_FRACTION);
+        units / (5.0 * 4098.0 * 4098.0) * interval as f64
+    };
+    assert!((speed(1_000_000, 0) - 4.76).abs() < 0.02, "the gain: {}", speed(1_000_000, 0));
+    for interval in [30_000_000, 100_000_000, 1_000_000_000] {
+        let corrected = speed(interval, 0);
+        assert!((99.9..=100.1).contains(&corrected), "{interval}: {corrected} of 100 ns");
+        assert!((speed(interval, 4) - corrected / 4.0).abs() < 0.1, "{interval} filtered");
+    }
 }
 
 /// Register 0x0932 is limited to the start less 0x7F, on both sides.

@@ -7,7 +7,7 @@
 //! under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
 //! segment meet in true time.
 //!
-//! What happens is told as [`observation`]s to the [`judge`]s on their [`bench`](crate::bench): they know true time and
+//! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call;
 //! [`motion`] is the MainDevice's application in it.
 //!

@@ -316,6 +316,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let waits = self.ports.waits_for_frame(port, &self.registers);
         if waits {
             self.dl_changed |= self.ports.update(self.chip, &mut self.registers, 1 << port.index());
+            self.reach_version = self.reach_version.wrapping_add(1);
         }
         waits
     }
@@ -344,9 +345,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         match self.overdue {
             Some((at, _)) => at,
             // The time of `earliest`, which is asked for much more often than what is due then.
-            None => (self.flight.end.min(self.dc.sync.due()))
-                .min(self.watchdog.due().min(self.pdi_watchdog.due()))
-                .min(self.eeprom.due().min(self.ports.due())),
+            None => {
+                let next = (self.flight.end.min(self.dc.sync.due()))
+                    .min(self.watchdog.due().min(self.pdi_watchdog.due()))
+                    .min(self.eeprom.due().min(self.ports.due()))
+                    .min(self.dc.latch.due().min(self.mii.due()));
+                debug_assert_eq!(next, self.earliest().0, "the same units are asked");
+                next
+            }
         }
     }
 

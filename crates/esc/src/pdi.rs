@@ -143,6 +143,11 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
     fn write_byte(&mut self, address: u16, value: u8) {
         let esc = &mut *self.esc;
         match address {
+            0x0012 | 0x0013 => {
+                // The station alias.
+                esc.registers.set_byte(address, value);
+                esc.reach_version = esc.reach_version.wrapping_add(1);
+            }
             0x0041 => {
                 esc.advance_reset(1, value, self.now);
             }

@@ -114,6 +114,17 @@ mod tests {
     }
 
     #[test]
+    fn an_alias_that_the_pdi_writes_is_another_reach() {
+        use crate::{Esc, LAN9252, Pdi};
+        use isocat_wire::Time;
+        let mut esc = Esc::new(&LAN9252, std::vec![0; 256], std::vec![0; 4096]);
+        let before = esc.reach_version();
+        esc.pdi(Time::new(1_000)).write(register::STATION_ALIAS.address, &[7, 0]);
+        assert_eq!(esc.register(register::STATION_ALIAS), 7);
+        assert_ne!(esc.reach_version(), before);
+    }
+
+    #[test]
     fn addresses() {
         let reach = Reach { station: 0x1001, alias: Some(7), ..Reach::default() };
         assert!(reach.concerns(Command::Fprd, 0x1001, 1) && reach.concerns(Command::Fpwr, 7, 1));

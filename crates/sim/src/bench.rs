@@ -125,11 +125,9 @@ impl Bench {
             Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
             Observed::Sync0 => {
                 device.margin.sync0(device_at);
-                if device.sync0.is_some() {
-                    device.outputs_delay.sync0(true_time());
-                }
                 if let Some(judge) = &mut device.sync0 {
                     let at = true_time();
+                    device.outputs_delay.sync0(at);
                     let reference = segment.devices()[intent.reference].system_time_ps(at);
                     judge.edge(at, reference);
                     device.cycle = intent.sync0[index].map(|grid| grid.index(reference));

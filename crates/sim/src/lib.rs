@@ -5,7 +5,8 @@
 //! [`random`] is the one source of chance. A [`device`] is an ESC, a stack, an application and a [`cpu`]
 //! on one oscillator, a [`segment`] is devices on cables that may be pulled and plugged while frames are
 //! under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
-//! segment meet in true time.
+//! segment meet in true time. `audience` says whom a frame visits, `flight` and `disturbance` what becomes
+//! of frames that meet something on their way.
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call;

@@ -15,12 +15,14 @@
 //! [`capture`]. [`document`] gives errors in files their place, [`quantity`] reads durations, lengths and
 //! clock deviations. Serialized forms exist in
 //! this crate only.
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 pub mod capture;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod document;
+#[cfg(target_os = "linux")]
+pub mod link;
 pub mod profile;
 pub mod quantity;
 pub mod report;

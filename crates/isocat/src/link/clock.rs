@@ -1,0 +1,84 @@
+//! The host's clock, and instants that the kernel stamped with another one.
+
+use std::time::Duration;
+
+use isocat_wire::time::{Host, Nanos, Time};
+use rustix::time::{ClockId, clock_gettime};
+
+use super::sys;
+
+/// `CLOCK_MONOTONIC`, ns.
+pub fn now() -> Time<Host> {
+    Time::new(read(ClockId::Monotonic))
+}
+
+/// Sleeps until an instant. A signal ends it early, so the caller looks at the clock again.
+pub fn sleep_until(at: Time<Host>) {
+    sys::sleep_until(Duration::from_nanos(at.count()));
+}
+
+/// Turns the kernel's stamps, which show `CLOCK_REALTIME`, into host time. How long ago a stamp was is what
+/// both clocks agree on, so a step of the wall clock harms at most the frames that wait at that moment:
+/// an age that can't be is taken for none.
+#[derive(Debug)]
+pub(super) struct Stamps {
+    last: Time<Host>,
+}
+
+/// No frame waits for longer without the process being dead to the world.
+const MOST_AGE: Nanos = Nanos(1_000_000_000);
+
+impl Stamps {
+    pub fn new() -> Self {
+        Self { last: Time::ZERO }
+    }
+
+    /// The instant of a stamp; never before that of the frame before.
+    pub fn instant(&mut self, stamp: Option<Duration>) -> Time<Host> {
+        let wall = read(ClockId::Realtime);
+        let now = now();
+        self.at(stamp.map(|stamp| stamp.as_nanos() as u64), wall, now)
+    }
+
+    fn at(&mut self, stamp: Option<u64>, wall: u64, now: Time<Host>) -> Time<Host> {
+        let age = stamp.map_or(0, |stamp| wall.wrapping_sub(stamp) as i64);
+        let age = if (0..MOST_AGE.0).contains(&age) { age } else { 0 };
+        self.last = (now + Nanos(-age)).max(self.last);
+        self.last
+    }
+}
+
+fn read(clock: ClockId) -> u64 {
+    let time = clock_gettime(clock);
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_keep_their_age_and_their_order() {
+        let mut stamps = Stamps::new();
+        let wall = 1_700_000_000_000_000_000;
+        assert_eq!(stamps.at(Some(wall - 700), wall, Time::new(5_000)), Time::new(4_300));
+        assert_eq!(stamps.at(None, wall, Time::new(5_100)), Time::new(5_100));
+        // Out of order, as two processors may stamp.
+        assert_eq!(stamps.at(Some(wall - 900), wall, Time::new(5_200)), Time::new(5_100));
+    }
+
+    #[test]
+    fn a_wall_clock_that_was_set_does_not_move_frames() {
+        let mut stamps = Stamps::new();
+        let wall = 1_700_000_000_000_000_000;
+        assert_eq!(stamps.at(Some(wall + 5_000_000_000), wall, Time::new(7)), Time::new(7));
+        assert_eq!(stamps.at(Some(wall - 5_000_000_000), wall, Time::new(9)), Time::new(9));
+    }
+
+    #[test]
+    fn sleeping_ends_at_the_instant_or_later() {
+        let until = now() + Nanos::millis(2);
+        sleep_until(until);
+        assert!(now() >= until);
+    }
+}

@@ -1,0 +1,129 @@
+//! Network namespaces, and a veth pair in one of its own for trying things on one machine.
+
+use std::fs::File;
+use std::os::fd::AsFd;
+use std::process::{Command, Stdio};
+
+use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
+
+use super::LinkError;
+
+/// Does something inside a network namespace: on a thread of its own, so that the caller stays where it
+/// is. Sockets opened there belong to the namespace wherever they are used.
+pub(super) fn inside<T: Send>(
+    namespace: &str,
+    work: impl FnOnce() -> T + Send,
+) -> Result<T, LinkError> {
+    let failed = |error| LinkError::os("entering the network namespace", namespace, error);
+    let file = File::open(path(namespace)).map_err(failed)?;
+    std::thread::scope(|scope| {
+        let thread = scope.spawn(|| {
+            move_into_link_name_space(file.as_fd(), Some(LinkNameSpaceType::Network))
+                .map_err(|error| failed(error.into()))?;
+            Ok(work())
+        });
+        thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
+}
+
+/// A veth pair in a network namespace of its own, removed when dropped.
+///
+/// The namespace has the name of the pair; both ends are in it, so nothing of the machine's own network is
+/// touched: `NAME` for a MainDevice, `NAME-seg` for the segment.
+#[derive(Debug)]
+pub struct Veth {
+    name: String,
+}
+
+impl Veth {
+    /// Makes it. Needs `CAP_NET_ADMIN` and `CAP_SYS_ADMIN` (in practice: root) and the command `ip`. A pair of
+    /// this name that an earlier process left behind is taken over.
+    pub fn create(name: &str) -> Result<Self, LinkError> {
+        let fits = (1..=MOST_NAME).contains(&name.len())
+            && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_".contains(&b))
+            && !name.starts_with('-');
+        if !fits {
+            return Err(LinkError::Name(name.to_owned()));
+        }
+        let veth = Self { name: name.to_owned() };
+        if path(name).exists() {
+            if ip(&["-n", name, "link", "show", &veth.segment_end()]).is_ok() {
+                return Ok(veth);
+            }
+            std::mem::forget(veth);
+            return Err(LinkError::Namespace(name.to_owned()));
+        }
+        let (main, segment) = (veth.main_end(), veth.segment_end());
+        // From here on dropping it cleans up.
+        ip(&["netns", "add", name]).map_err(|error| match error {
+            LinkError::Ip { message, .. }
+                if message.contains("ermission") || message.contains("not permitted") =>
+            {
+                LinkError::Permission {
+                    what: "making a network namespace".to_owned(),
+                    capability: "cap_net_admin,cap_sys_admin",
+                }
+            }
+            error => error,
+        })?;
+        ip(&["-n", name, "link", "add", &main, "type", "veth", "peer", "name", &segment])?;
+        for end in [&main, &segment] {
+            // Nothing but EtherCAT is to be on this wire.
+            let _ = ip(&[
+                "netns",
+                "exec",
+                name,
+                "sysctl",
+                "-qw",
+                &format!("net.ipv6.conf.{end}.disable_ipv6=1"),
+            ]);
+            ip(&["-n", name, "link", "set", end, "up"])?;
+        }
+        Ok(veth)
+    }
+
+    /// Name of the namespace.
+    pub fn namespace(&self) -> &str {
+        &self.name
+    }
+
+    /// The interface for a MainDevice.
+    pub fn main_end(&self) -> String {
+        self.name.clone()
+    }
+
+    /// The interface for the segment.
+    pub fn segment_end(&self) -> String {
+        format!("{}-seg", self.name)
+    }
+}
+
+impl Drop for Veth {
+    fn drop(&mut self) {
+        // The pair goes with its namespace; nothing sensible is left to do if it can't.
+        let _ = ip(&["netns", "del", &self.name]);
+    }
+}
+
+/// Linux has room for 15 characters, and the segment's end has four more than the pair.
+const MOST_NAME: usize = 11;
+
+fn path(namespace: &str) -> std::path::PathBuf {
+    std::path::Path::new("/run/netns").join(namespace)
+}
+
+fn ip(arguments: &[&str]) -> Result<(), LinkError> {
+    let error = |message: String| {
+        let command = format!("ip {}", arguments.join(" "));
+        LinkError::Ip { command, message }
+    };
+    let output = Command::new("ip")
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|cause| error(format!("{cause}; the package iproute2 has it")))?;
+    if output.status.success() {
+        return Ok(());
+    }
+    Err(error(String::from_utf8_lossy(&output.stderr).trim().to_owned()))
+}

@@ -4,6 +4,8 @@
 //! sync or lost it, 2 bad input.
 
 mod run;
+#[cfg(target_os = "linux")]
+mod serve;
 
 use std::process::ExitCode;
 
@@ -25,6 +27,8 @@ Examples:
   isocat run --json | jq .in_sync     the whole report for a program
   isocat run --capture run.pcapng     every frame, for Wireshark
   isocat run --no-drift-compensation  see clocks run apart
+  isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
+  isocat control ecat-seg pull 2      ... and something that happens to it
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
 
@@ -47,6 +51,12 @@ struct CommandLine {
 enum Verb {
     /// Bring a segment up, run it, judge it, report (the default verb)
     Run(Box<run::Arguments>),
+    /// Serve the virtual segment on a network interface, for anybody's MainDevice
+    #[cfg(target_os = "linux")]
+    Serve(Box<serve::Arguments>),
+    /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
+    #[cfg(target_os = "linux")]
+    Control(serve::ControlArguments),
     /// Print the built-in segment file
     Example,
     /// List the built-in device profiles; with a name, print that profile
@@ -70,6 +80,10 @@ pub fn main() -> ExitCode {
     let code = match arguments.verb {
         None => run::run(&arguments.run),
         Some(Verb::Run(arguments)) => run::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Some(Verb::Serve(arguments)) => serve::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Some(Verb::Control(arguments)) => serve::control(&arguments),
         Some(Verb::Example) => print(crate::SegmentFile::built_in_text()),
         Some(Verb::Devices { name }) => devices(name.as_deref()),
     };

@@ -28,6 +28,8 @@ pub mod quantity;
 pub mod report;
 pub mod scenario;
 pub mod segment_file;
+#[cfg(target_os = "linux")]
+pub mod serve;
 
 pub use isocat_wire::Nanos;
 pub use report::Report;

@@ -7,6 +7,8 @@
 mod build;
 mod text;
 
+pub(crate) use build::{span, spread};
+
 #[cfg(feature = "cli")]
 pub(crate) use text::{WIDTH, wrap};
 

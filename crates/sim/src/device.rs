@@ -113,6 +113,12 @@ impl Device {
         }
     }
 
+    /// Whether nothing will happen by itself, however long nobody talks to it.
+    pub fn is_quiet(&self) -> bool {
+        let timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+        self.cpu.next().min(self.esc.next_event()).min(timeout) == Time::NEVER
+    }
+
     /// Its ESC has seen a frame: something may be due earlier than it was.
     pub fn touched(&mut self) {
         self.quiet_until = self.quiet_until.min(self.esc.next_event());

@@ -10,7 +10,7 @@
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call;
-//! [`motion`] is the MainDevice's application in it.
+//! [`motion`] is the MainDevice's application in it. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
 //! frame reaches it: cost is per event, never per tick.
@@ -32,6 +32,7 @@ pub mod path;
 pub mod random;
 pub mod run;
 pub mod segment;
+pub mod served;
 pub mod statistics;
 pub mod storage;
 pub mod wiring;
@@ -46,6 +47,7 @@ pub use motion::Motion;
 pub use oscillator::ClockModel;
 pub use run::{Outcome, Run};
 pub use segment::{Connection, Lost, Returned, Segment};
+pub use served::{Passage, Served};
 pub use statistics::Statistics;
 pub use wiring::MainPort;
 pub use world::{Control, Setup, Tap, World};

@@ -260,7 +260,7 @@ fn time_to_synchronization<T>(outcome: &Outcome<T>) -> Option<i64> {
 const FIRST_EDGES: Picos = Picos(2_000_000_000_000);
 
 /// A series of ps as ns; none if it is empty.
-fn span(statistics: &Statistics) -> Option<Span> {
+pub(crate) fn span(statistics: &Statistics) -> Option<Span> {
     let ns = |ps: f64| ps.round() / 1000.0;
     (statistics.count() > 0).then(|| Span {
         count: statistics.count(),
@@ -272,7 +272,7 @@ fn span(statistics: &Statistics) -> Option<Span> {
 }
 
 /// A series of errors in ps as ns; none if it is empty.
-fn spread(statistics: &Statistics) -> Option<Spread> {
+pub(crate) fn spread(statistics: &Statistics) -> Option<Spread> {
     let ns = |ps: f64| ps.round() / 1000.0;
     (statistics.count() > 0).then(|| Spread {
         count: statistics.count(),

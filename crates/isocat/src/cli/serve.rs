@@ -1,0 +1,354 @@
+//! `isocat serve`.
+
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::mpsc::{Sender, channel};
+
+use clap::Args;
+use isocat_wire::AlState;
+use isocat_wire::time::{Host, Time};
+use serde_json::json;
+
+use super::{IN_SYNC, fail, print};
+use crate::link::{RawSocket, Veth, clock};
+use crate::serve::control::{self, Requests};
+use crate::serve::server::{Event, Server};
+use crate::serve::service::{self, Audience, Reply, Style};
+use crate::serve::{Fault, Summary};
+use crate::{Scenario, SegmentFile};
+
+/// Arguments of `serve`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Segment file; without one, the built-in segment is served
+    segment: Option<String>,
+    /// Network interface to serve on
+    #[arg(long, value_name = "IF", required_unless_present = "setup_veth")]
+    interface: Option<String>,
+    /// Network namespace of the interface, as `ip netns` names it
+    #[arg(long, value_name = "NAME", requires = "interface")]
+    netns: Option<String>,
+    /// Make a network namespace NAME with a veth pair in it, serve there, and remove it at the end
+    #[arg(long, value_name = "NAME", conflicts_with = "interface")]
+    setup_veth: Option<String>,
+    /// Spin instead of sleeping: answers within microseconds, but takes a processor for itself
+    #[arg(long)]
+    busy: bool,
+    /// Events and the summary as JSON, a line each
+    #[arg(long)]
+    json: bool,
+    /// Seed of everything random
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Also write the summary to this file: JSON if it ends in .json, else text
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+/// Runs the verb; gives the exit code.
+pub fn run(arguments: &Arguments) -> u8 {
+    let file = match &arguments.segment {
+        None => SegmentFile::built_in(),
+        Some(path) => match SegmentFile::read(path) {
+            Ok(file) => file,
+            Err(error) => return fail(&error.to_string()),
+        },
+    };
+    let mut scenario = Scenario::from(file);
+    scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    // Removed when this returns.
+    let veth = match arguments.setup_veth.as_deref().map(Veth::create).transpose() {
+        Ok(veth) => veth,
+        Err(error) => return fail(&error.to_string()),
+    };
+    let interface = match (&veth, &arguments.interface) {
+        (Some(veth), _) => veth.segment_end(),
+        (None, Some(interface)) => interface.clone(),
+        (None, None) => return fail("expected --interface or --setup-veth"),
+    };
+    let namespace = veth.as_ref().map(Veth::namespace).or(arguments.netns.as_deref());
+    let socket = match RawSocket::open(&interface, namespace) {
+        Ok(socket) => socket,
+        Err(error) => return fail(&error.to_string()),
+    };
+    let path = control::path_of(&interface);
+    let (requests, mut wake) = match Requests::listen(&path) {
+        Ok(listening) => listening,
+        Err(error) => return fail(&format!("{} can't be used: {error}", path.display())),
+    };
+    let began = clock::now();
+    let mut server = Server::new(&scenario, began);
+    let mut teller = Teller::new(arguments.json, began);
+    teller.greet(&scenario, &interface, veth.as_ref());
+    let style = Style { busy: arguments.busy };
+    let result = service::run(&mut server, socket, &mut wake, &requests, style, &mut teller);
+    server.finish();
+    while let Some(event) = server.poll_event() {
+        teller.event(&server, event);
+    }
+    teller.end();
+    let served = clock::now() - began;
+    let summary = Summary::new(&server, &scenario.source, &interface, served);
+    let code = finish(arguments, &summary);
+    match result {
+        Ok(()) => code,
+        Err(error) => fail(&error.to_string()),
+    }
+}
+
+fn finish(arguments: &Arguments, summary: &Summary) -> u8 {
+    let json = |pretty| {
+        let text = if pretty {
+            serde_json::to_string_pretty(summary)
+        } else {
+            serde_json::to_string(summary)
+        };
+        text.expect("a summary has no map keys that JSON lacks") + "\n"
+    };
+    if let Some(path) = &arguments.report {
+        let text = match path.extension().and_then(|extension| extension.to_str()) {
+            Some("json") => json(true),
+            _ => anstream::adapter::strip_str(&summary.text()).to_string(),
+        };
+        if let Err(error) = std::fs::write(path, text) {
+            return fail(&format!("the report file {} can't be written: {error}", path.display()));
+        }
+    }
+    print(&if arguments.json { json(false) } else { summary.text() })
+}
+
+/// Says what happens, on a thread of its own: nobody who does not read may hold up a frame.
+struct Teller {
+    lines: Option<Sender<String>>,
+    writer: Option<std::thread::JoinHandle<()>>,
+    json: bool,
+    status: bool,
+    began: Time<Host>,
+    frames: u64,
+}
+
+impl Teller {
+    fn new(json: bool, began: Time<Host>) -> Self {
+        let (sender, receiver) = channel::<String>();
+        let status = !json && std::io::stdout().is_terminal();
+        let writer = std::thread::spawn(move || {
+            let mut out = anstream::stdout();
+            for line in receiver {
+                // Who closed the output does not want to read it.
+                let _ = out.write_all(line.as_bytes()).and_then(|()| out.flush());
+            }
+        });
+        Self { lines: Some(sender), writer: Some(writer), json, status, began, frames: 0 }
+    }
+
+    fn say(&self, line: String) {
+        if let Some(lines) = &self.lines {
+            // The writer lives as long as this.
+            let _ = lines.send(if self.status { format!("\r\x1b[K{line}\n") } else { line + "\n" });
+        }
+    }
+
+    fn greet(&self, scenario: &Scenario, interface: &str, veth: Option<&Veth>) {
+        let count = scenario.devices.len();
+        if self.json {
+            let namespace = veth.map(Veth::namespace);
+            let line = json!({ "event": "serving", "segment_file": scenario.source, "subdevices": count,
+                "interface": interface, "namespace": namespace, "main_end": veth.map(Veth::main_end) });
+            return self.say(line.to_string());
+        }
+        self.say(format!(
+            "Serving {} ({count} SubDevices) on {interface}; Ctrl-C ends it.",
+            scenario.source
+        ));
+        if let Some(veth) = veth {
+            let (namespace, main) = (veth.namespace(), veth.main_end());
+            self.say(format!("Your MainDevice: ip netns exec {namespace} PROGRAM {main}"));
+        }
+    }
+
+    /// Ends the output: everything is written.
+    fn end(&mut self) {
+        if self.status
+            && let Some(lines) = &self.lines
+        {
+            let _ = lines.send("\r\x1b[K".to_owned());
+        }
+        self.lines = None;
+        if let Some(writer) = self.writer.take() {
+            // It ends with its channel.
+            let _ = writer.join();
+        }
+    }
+}
+
+impl Audience for Teller {
+    fn event(&mut self, server: &Server, event: Event) {
+        let now = (clock::now() - self.began).0;
+        if self.json {
+            return self.say(event_json(server, &event, now));
+        }
+        let at = |ns: i64| format!("{:>10.3} s ", ns as f64 / 1e9);
+        let line = match event {
+            Event::SessionBegan { source } => {
+                format!("{} MainDevice {} begins", at(now), hex(&source))
+            }
+            Event::State { at: when, device, state, code } => {
+                let why = if code.0 == 0 { String::new() } else { format!(", {code}") };
+                let name = &server.names()[device];
+                let when = at(when.as_nanos() as i64);
+                format!("{when} SubDevice {device} ({name}): {state}{why}")
+            }
+            Event::InOperation { devices } => {
+                format!("{} in operation: {devices} SubDevices; the judges begin", at(now))
+            }
+            Event::Fault(fault) => format!("{} {fault}", at(now)),
+            Event::SessionEnded { abrupt } => {
+                let how = if abrupt { ", in the middle" } else { "" };
+                format!("{} MainDevice ends{how}", at(now))
+            }
+        };
+        self.say(line);
+    }
+
+    fn request(&mut self, server: &mut Server, request: &str) -> Reply {
+        let answer = |line: serde_json::Value, stop| Reply { line: line.to_string(), stop };
+        match request {
+            "stop" => answer(json!({ "ok": "stopping" }), true),
+            "status" => answer(status(server), false),
+            _ => {
+                let fault = Fault::parse(request, server.names());
+                let done = fault.and_then(|fault| {
+                    let words = fault.to_string();
+                    server.inject(clock::now(), fault).map(|()| words)
+                });
+                match done {
+                    Ok(words) => answer(json!({ "ok": words }), false),
+                    Err(error) => answer(json!({ "error": error }), false),
+                }
+            }
+        }
+    }
+
+    fn tick(&mut self, server: &Server) {
+        if !self.status {
+            return;
+        }
+        let frames = server.counts().frames;
+        let rate = frames - std::mem::replace(&mut self.frames, frames);
+        let devices = server.served().segment().devices();
+        let in_state =
+            |state: AlState| devices.iter().filter(|device| device.stack.state() == state).count();
+        let mut line = format!("{rate} frames/s");
+        for state in [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op] {
+            match in_state(state) {
+                0 => {}
+                count => line += &format!(", {count} in {state}"),
+            }
+        }
+        if let Some(judged) = server.judged() {
+            let worst = judged.devices.iter().filter_map(|device| device.sync0_error.as_ref());
+            if let Some(worst) = worst.map(isocat_sim::Statistics::worst).max() {
+                line += &format!(", SYNC0 error at most {:.1} ns", worst as f64 / 1e3);
+            }
+            let missed: u32 = judged.devices.iter().map(|device| device.counters[0]).sum();
+            line += &format!(", SM events missed {missed}");
+        }
+        if let Some(lines) = &self.lines {
+            // The writer lives as long as this.
+            let _ = lines.send(format!("\r\x1b[K{line}"));
+        }
+    }
+}
+
+fn event_json(server: &Server, event: &Event, now: i64) -> String {
+    let line = match event {
+        Event::SessionBegan { source } => {
+            json!({ "event": "session began", "at_ns": now, "source": hex(source) })
+        }
+        Event::State { at, device, state, code } => json!({
+            "event": "state", "at_ns": at.as_nanos(), "position": device,
+            "device": server.names()[*device], "state": state.name(), "code": code.0,
+        }),
+        Event::InOperation { devices } => {
+            json!({ "event": "in operation", "at_ns": now, "subdevices": devices })
+        }
+        Event::Fault(fault) => json!({ "event": "fault", "at_ns": now, "what": fault.to_string() }),
+        Event::SessionEnded { abrupt } => {
+            json!({ "event": "session ended", "at_ns": now, "abrupt": abrupt })
+        }
+    };
+    line.to_string()
+}
+
+/// State, counters and SYNC of every SubDevice, as of now.
+fn status(server: &Server) -> serde_json::Value {
+    let judged = server.judged();
+    let devices =
+        server.served().segment().devices().iter().enumerate().map(|(position, device)| {
+            let sync = device.stack.sync();
+            let judged = judged.as_ref().map(|judged| &judged.devices[position]);
+            let error = judged.and_then(|judged| judged.sync0_error.as_ref());
+            json!({
+                "position": position,
+                "name": server.names()[position],
+                "state": device.stack.state().name(),
+                "code": device.stack.status_code().0,
+                "mode": sync.mode().name(),
+                "sync_active": device.esc.sync_active(),
+                "sm_event_missed": sync.sm_event_missed(),
+                "cycle_time_too_small": sync.cycle_time_too_small(),
+                "shift_time_too_short": sync.shift_time_too_short(),
+                "sync_error": sync.sync_error(),
+                "sync0_edges": error.map(isocat_sim::Statistics::count),
+                "sync0_error_worst_ns": error.map(|error| error.worst() as f64 / 1e3),
+            })
+        });
+    let counts = server.counts();
+    json!({
+        "frames": counts.frames,
+        "answered": counts.answered,
+        "lost": counts.lost,
+        "in_sync": judged.as_ref().map(crate::serve::verdict::Judged::in_sync),
+        "devices": devices.collect::<Vec<_>>(),
+    })
+}
+
+fn hex(address: &[u8; 6]) -> String {
+    let [a, b, c, d, e, f] = address;
+    format!("{a:02x}:{b:02x}:{c:02x}:{d:02x}:{e:02x}:{f:02x}")
+}
+
+/// Arguments of `control`.
+#[derive(Args, Debug)]
+pub struct ControlArguments {
+    /// Interface on which `isocat serve` runs
+    interface: String,
+    /// pull DEVICE, plug DEVICE, power-cycle DEVICE [TIME], drop FRAMES, loss SHARE%, delay TIME [TIME],
+    /// status, stop
+    #[arg(required = true, trailing_var_arg = true)]
+    command: Vec<String>,
+}
+
+/// Runs `control`; gives the exit code.
+pub fn control(arguments: &ControlArguments) -> u8 {
+    let path = control::path_of(&arguments.interface);
+    let answer = match control::request(&path, &arguments.command.join(" ")) {
+        Ok(answer) => answer,
+        Err(error) => {
+            let (interface, path) = (&arguments.interface, path.display());
+            return fail(&format!("no isocat serves on {interface}: {path}: {error}"));
+        }
+    };
+    let value: serde_json::Value = match serde_json::from_str(&answer) {
+        Ok(value) => value,
+        Err(error) => return fail(&format!("the service answered \"{}\": {error}", answer.trim())),
+    };
+    match (value["ok"].as_str(), value["error"].as_str()) {
+        (Some(words), _) => print(&format!("{words}\n")),
+        (_, Some(error)) => fail(error),
+        _ => match serde_json::to_string_pretty(&value) {
+            Ok(text) => print(&format!("{text}\n")),
+            Err(_) => IN_SYNC,
+        },
+    }
+}

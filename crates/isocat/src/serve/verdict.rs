@@ -1,0 +1,145 @@
+//! What the judges say of an exchange in operation, in the segment's own time.
+
+use isocat_sim::bench::DeviceBench;
+use isocat_sim::judge::outputs_delay;
+use isocat_sim::{Served, Statistics};
+use isocat_sync::SyncMode;
+use isocat_wire::time::{Picos, Time, True};
+use isocat_wire::{AlState, AlStatusCode};
+
+/// A stretch of operation, judged.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// When all SubDevices that were asked for were in OP.
+    pub began: Time<True>,
+    /// When it ended, or was looked at.
+    pub ended: Time<True>,
+    /// SubDevices in OP at the beginning.
+    pub devices_in_op: usize,
+    /// Every SubDevice, by position.
+    pub devices: Vec<JudgedDevice>,
+}
+
+/// What is said of one SubDevice.
+#[derive(Clone, Debug)]
+pub struct JudgedDevice {
+    /// Its state at the end.
+    pub state: AlState,
+    /// Why.
+    pub code: AlStatusCode,
+    /// The mode it runs in.
+    pub mode: SyncMode,
+    /// It was in OP when the judging began.
+    pub took_part: bool,
+    /// SYNC0 edges against the grid that was written into its SYNC unit, ps; `None` without SYNC0.
+    pub sync0_error: Option<Statistics>,
+    /// From the end of copying and calculating to SYNC0, ps.
+    pub margin: Statistics,
+    /// From the SM2 event to SYNC0, ps.
+    pub distance: Statistics,
+    /// SYNC0 edges that came while process data passed it.
+    pub sync0_in_frame: u64,
+    /// Counters of 0x1C32, as the stack has them: 0B, 0C, 0D, 20.
+    pub counters: [u32; 4],
+    /// What speaks against it, each with the time from the beginning if it has one.
+    pub findings: Vec<(Option<Picos>, String)>,
+}
+
+impl Judged {
+    /// The judges' view of what happened from `began` to `ended`.
+    pub fn new(served: &Served, began: Time<True>, ended: Time<True>) -> Self {
+        let devices: Vec<_> = (0..served.segment().devices().len())
+            .map(|at| device(served, at, began, ended))
+            .collect();
+        let devices_in_op = devices.iter().filter(|device| device.took_part).count();
+        Self { began, ended, devices_in_op, devices }
+    }
+
+    /// Nothing speaks against any SubDevice.
+    pub fn in_sync(&self) -> bool {
+        self.devices_in_op > 0 && self.devices.iter().all(|device| device.findings.is_empty())
+    }
+}
+
+fn device(served: &Served, at: usize, began: Time<True>, ended: Time<True>) -> JudgedDevice {
+    let (device, bench) = (&served.segment().devices()[at], &served.bench().devices()[at]);
+    let before = bench.states.iter().rfind(|change| change.at <= began);
+    let took_part = before.is_some_and(|change| change.state == AlState::Op);
+    let last = bench.states.iter().rfind(|change| change.at <= ended);
+    let sync = device.stack.sync();
+    let mut judged = JudgedDevice {
+        state: last.map_or(AlState::Init, |change| change.state),
+        code: last.map_or(AlStatusCode::NO_ERROR, |change| change.code),
+        mode: sync.mode(),
+        took_part,
+        sync0_error: bench.sync0.as_ref().map(|judge| *judge.statistics()),
+        margin: *bench.margin.margin(),
+        distance: *bench.margin.distance(),
+        sync0_in_frame: served.sync0_in_frame()[at],
+        counters: [
+            sync.sm_event_missed().into(),
+            sync.cycle_time_too_small().into(),
+            sync.shift_time_too_short().into(),
+            sync.sync_error().into(),
+        ],
+        findings: Vec::new(),
+    };
+    if took_part {
+        judged.findings = findings(&judged, bench, began, ended);
+    }
+    judged
+}
+
+fn findings(
+    judged: &JudgedDevice,
+    bench: &DeviceBench,
+    began: Time<True>,
+    ended: Time<True>,
+) -> Vec<(Option<Picos>, String)> {
+    let mut findings = Vec::new();
+    let since = |at: Time<True>| Some(at - began);
+    let within = |at: Time<True>| (began..=ended).contains(&at);
+    if let Some(change) = bench.states.iter().find(|change| change.at > began && within(change.at))
+    {
+        let (state, code) = (change.state, change.code);
+        findings.push((since(change.at), format!("left OP for {state}, AL status code {code}")));
+    }
+    if let Some(first) = bench.missed.first().filter(|at| within(*at)) {
+        let count = bench.missed.count();
+        findings.push((
+            since(first),
+            format!("SYNC0 came before the outputs were copied and calculated, {count} times"),
+        ));
+    }
+    if let Some(judge) = &bench.sync0 {
+        if let Some((at, error)) = judge.first_beyond().filter(|(at, _)| within(*at)) {
+            let (error, limit) = (us(error.0), us(judge.limit().0));
+            findings.push((since(at), format!("SYNC0 {error} off the grid, limit {limit}")));
+        } else if judge.statistics().count() == 0 && ended - began > FIRST_EDGES {
+            findings.push((None, "no SYNC0 pulse at all".into()));
+        }
+    }
+    if let Some(at) = bench.outputs_delay.first_beyond().filter(|at| within(*at)) {
+        let (spread, limit) = (us(bench.outputs_delay.spread().0), us(outputs_delay::LIMIT.0));
+        let what = format!("outputs follow SYNC0 with a spread of {spread}, limit {limit}");
+        findings.push((since(at), what));
+    }
+    let [_, too_small, too_short, error] = judged.counters;
+    for (count, what) in [
+        (too_small, "cycle time too small: 0x1C32:0C"),
+        (too_short, "shift time too short: 0x1C32:0D"),
+        (error, "sync error: 0x1C32:20"),
+    ] {
+        if count > 0 {
+            findings.push((None, format!("{what} = {count}")));
+        }
+    }
+    findings
+}
+
+/// Time in which the first edges come.
+const FIRST_EDGES: Picos = Picos(2_000_000_000_000);
+
+pub(super) fn us(ps: i64) -> String {
+    format!("{:.3} us", ps as f64 / 1e6)
+}

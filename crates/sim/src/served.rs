@@ -1,0 +1,211 @@
+//! A segment in host time: frames come from a MainDevice that is not part of the simulation.
+//!
+//! True time is the host's clock, counted from the instant at which the segment is switched on. A frame
+//! meets the segment at the instant at which it came in, however late it is looked at: what the
+//! SubDevices see is the wire, and not how busy the program is. Frames that come faster than 100 Mbit/s
+//! follow one another as they would on a cable.
+//!
+//! The judges sit here as they do in a [`World`](crate::world), but nobody tells them the intent: the grid of
+//! SYNC0 is what the MainDevice wrote into each SYNC unit.
+
+use isocat_wire::al::AlState;
+use isocat_wire::time::{Dc, Host, Nanos, Picos, Time, True};
+use isocat_wire::{frame, register};
+
+use crate::bench::{Bench, Intent};
+use crate::judge::Grid;
+use crate::observation::{Observation, Observed};
+use crate::segment::{Connection, Lost, Returned, Segment};
+
+/// A segment that anybody's frames may pass.
+///
+/// - Input: [`frame`](Self::frame) for every frame; [`advance`](Self::advance) now and then, so that what
+///   SubDevices do by themselves is not seen late.
+/// - What happened: [`settle`](Self::settle), best once an answer is on its way.
+/// - Judging: [`begin_judging`](Self::begin_judging), then [`bench`](Self::bench).
+///
+/// Points of host time never go backwards from call to call; what comes too late is taken as of the last one.
+pub struct Served {
+    segment: Segment,
+    bench: Bench,
+    origin: Time<Host>,
+    /// Nothing happens before this any more.
+    now: Time<True>,
+    /// When the last bit of the last frame, and the gap behind it, have left the MainDevice.
+    wire_free: Time<True>,
+    observations: Vec<Observation>,
+    /// The frames with process data that passed last: first bit and last bit at the MainDevice's port.
+    passed: [(Time<True>, Time<True>); KEPT],
+    passed_next: usize,
+    /// SYNC0 edges of each SubDevice while process data passed it.
+    clashes: Vec<u64>,
+}
+
+/// What became of a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Passage {
+    /// When its first bit left the MainDevice.
+    pub start: Time<True>,
+    /// Whether and when it comes back.
+    pub fate: Result<Returned, Lost>,
+}
+
+/// Frames with process data that a SYNC0 edge may have met: more than one cycle has at a time.
+const KEPT: usize = 16;
+
+impl Served {
+    /// All SubDevices are switched on at `origin`.
+    pub fn new(connections: Vec<Connection>, seed: u64, origin: Time<Host>) -> Self {
+        let segment = Segment::new(connections, seed);
+        let devices = segment.devices().len();
+        Self {
+            bench: Bench::new(devices),
+            segment,
+            origin,
+            now: Time::ZERO,
+            wire_free: Time::ZERO,
+            observations: Vec::with_capacity(1024),
+            passed: [(Time::ZERO, Time::ZERO); KEPT],
+            passed_next: 0,
+            clashes: vec![0; devices],
+        }
+    }
+
+    /// The point of true time that the host's clock shows; the beginning for what is earlier.
+    pub fn true_time(&self, at: Time<Host>) -> Time<True> {
+        Time::ZERO + Picos::from((at - self.origin).max(Nanos::ZERO))
+    }
+
+    /// The host's clock at a point of true time.
+    pub fn host_time(&self, at: Time<True>) -> Time<Host> {
+        self.origin + Nanos((at.count() / 1000) as i64)
+    }
+
+    /// A frame that came in at `arrived` passes the segment; the SubDevices answer in place.
+    pub fn frame(&mut self, arrived: Time<Host>, bytes: &mut [u8]) -> Passage {
+        let start = self.true_time(arrived).max(self.now).max(self.wire_free);
+        let on_wire = bytes.len().max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
+        self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
+        self.now = start;
+        let observations = &mut self.observations;
+        let fate = self.segment.pass(bytes, start, &mut |o| observations.push(o));
+        Passage { start, fate }
+    }
+
+    /// The frame that passed last carried process data: SYNC0 ought to stay clear of it.
+    pub fn carried_process_data(&mut self, passage: &Passage, len: usize) {
+        let end = passage.start + Picos(frame::duration_ns(len) as i64 * 1000);
+        self.passed[self.passed_next] = (passage.start, end);
+        self.passed_next = (self.passed_next + 1) % KEPT;
+    }
+
+    /// Lets everything happen that happens by itself up to `to`.
+    pub fn advance(&mut self, to: Time<Host>) {
+        let to = self.true_time(to);
+        if to > self.now {
+            self.now = to;
+            let observations = &mut self.observations;
+            self.segment.live(to, &mut |o| observations.push(o));
+        }
+    }
+
+    /// Shows what happened since, to the judges and to `see`.
+    pub fn settle(&mut self, see: &mut impl FnMut(&Segment, &Observation)) {
+        let mut observations = std::mem::take(&mut self.observations);
+        for observation in observations.drain(..) {
+            if observation.event == Observed::Sync0 {
+                self.look_for_clash(&observation);
+            }
+            self.bench.observe(&self.segment, &observation);
+            see(&self.segment, &observation);
+        }
+        self.observations = observations;
+    }
+
+    /// Begins to judge, as of now: SYNC0 of each SubDevice is to keep the grid that was written into its SYNC
+    /// unit, seen by the clock of `reference`.
+    pub fn begin_judging(&mut self, reference: usize, cycle: Nanos, sync0_limit: Picos) {
+        let device = &self.segment.devices()[reference];
+        let reference_time = device.esc.system_time(device.oscillator().read(self.now));
+        let sync0 = self.segment.devices().iter().map(|device| {
+            let esc = &device.esc;
+            let cycle = esc.register(register::SYNC0_CYCLE);
+            let next = esc.register(register::SYNC_START_TIME);
+            let in_op = esc.al_status().state() == Ok(AlState::Op);
+            if !esc.sync_active() || cycle == 0 || !in_op {
+                return None;
+            }
+            let wide = esc.register(register::FEATURES) & register::features::DC_64_BIT != 0;
+            let next = if wide { Time::new(next) } else { near(reference_time, next as u32) };
+            Some(Grid {
+                cycle: Nanos::from_u32(cycle),
+                phase: Nanos(next.phase(cycle.into()) as i64),
+            })
+        });
+        let sync0 = sync0.collect();
+        self.bench.begin(Intent {
+            reference,
+            send: Grid { cycle, phase: Nanos::ZERO },
+            sync0,
+            sync0_limit,
+        });
+        self.clashes.fill(0);
+    }
+
+    /// The judges.
+    pub fn bench(&self) -> &Bench {
+        &self.bench
+    }
+    /// SYNC0 edges of each SubDevice that came while a frame with process data passed it, since the
+    /// judging began.
+    pub fn sync0_in_frame(&self) -> &[u64] {
+        &self.clashes
+    }
+    /// The segment.
+    pub fn segment(&self) -> &Segment {
+        &self.segment
+    }
+    /// The segment, to pull its cables and switch off its SubDevices at [`now`](Self::now) or later.
+    pub fn segment_mut(&mut self) -> &mut Segment {
+        &mut self.segment
+    }
+    /// Up to here everything has happened. Ahead of the host's clock by what frames still need on the wire.
+    pub fn now(&self) -> Time<True> {
+        self.now
+    }
+
+    /// The clock of a SubDevice as of now, ps of system time.
+    pub fn system_time_ps(&self, device: usize, at: Time<True>) -> i128 {
+        self.segment.devices()[device].system_time_ps(at)
+    }
+
+    fn look_for_clash(&mut self, edge: &Observation) {
+        let entries = &self.segment.path().entries;
+        // Most segments are lines, where places are positions.
+        let entry = entries.get(edge.device).filter(|entry| entry.device == edge.device);
+        let entry = entry.or_else(|| entries.iter().find(|entry| entry.device == edge.device));
+        let Some(entry) = entry else { return };
+        let at = self.segment.devices()[edge.device].oscillator().when(edge.device_at);
+        let meets = |(start, end): &(Time<True>, Time<True>)| {
+            *end > Time::ZERO && *start + entry.after <= at && at <= *end + entry.after
+        };
+        self.clashes[edge.device] += u64::from(self.passed.iter().any(meets));
+    }
+}
+
+/// The 64-bit system time nearest to `reference` that ends in these 32 bits.
+fn near(reference: Time<Dc>, low: u32) -> Time<Dc> {
+    reference + Nanos(i64::from(low.wrapping_sub(reference.count() as u32) as i32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_clocks_are_read_near_the_reference() {
+        let reference = Time::new(7 << 32 | 0xFFFF_FFF0);
+        assert_eq!(near(reference, 0xFFFF_FF00), Time::new(7 << 32 | 0xFFFF_FF00));
+        assert_eq!(near(reference, 0x10), Time::new(8 << 32 | 0x10));
+    }
+}

@@ -318,12 +318,13 @@ fn mode(value: &Value<'_>, profile: &Profile, cycle: Nanos) -> Result<SyncMode, 
     let types = profile.supported_types();
     if !mode.is_supported(types) {
         let announced: Vec<_> = profile.modes().map(SyncMode::name).collect();
+        let what = if profile.has_mailbox() {
+            format!("{} = {types}", entry(object::sub::SUPPORTED_TYPES))
+        } else {
+            "it has no mailbox, and its profile does not list it".to_owned()
+        };
         return Err(value
-            .error(format!(
-                "mode \"{mode}\" is not possible with {}: {} = {types}",
-                profile.name,
-                entry(object::sub::SUPPORTED_TYPES)
-            ))
+            .error(format!("mode \"{mode}\" is not possible with {}: {what}", profile.name))
             .with_hint(format!("it announces: {}", announced.join(", "))));
     }
     let stated = profile.sync_parameters(object::OUTPUT_PARAMETER);

@@ -134,6 +134,13 @@ fn check(config: &Config) -> Result<(), Cause> {
             expected: "0 or more, below half a cycle",
         });
     }
+    // What the servo takes for a lock must be small against the cycle.
+    if config.stamp_noise.0 < 0 || config.stamp_noise.0 > cycle.0 / 20 {
+        return Err(Cause::Setting {
+            name: "stamp_noise",
+            expected: "0 or more, at most a twentieth of the cycle",
+        });
+    }
     if config.shift.is_some_and(|shift| shift.0 < 0 || shift >= cycle) {
         return Err(Cause::Setting { name: "shift", expected: "at least 0 and below the cycle" });
     }

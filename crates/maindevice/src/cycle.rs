@@ -27,6 +27,8 @@ pub(crate) struct Cycle {
     cycle: Nanos,
     send_phase: Nanos,
     servo: Servo,
+    /// Cycles that the servo takes to lock.
+    samples_to_lock: u32,
     last_state: State,
     reference: Option<Reference>,
     count: u16,
@@ -44,6 +46,8 @@ pub(crate) struct Cycle {
     number: u64,
     /// Instant for the next frame, or of the cycle being sent.
     due: Time<Host>,
+    /// The cycle that is due was put off after the caller had slept.
+    put_off: bool,
     /// Next frame of this cycle to send; all are sent if it is the number of frames.
     next_frame: usize,
     /// The count of SubDevices that last answered.
@@ -107,10 +111,12 @@ impl Cycle {
         let image = segment.image.clone();
         let bytes = image.chunks.iter().map(|c| c.logical as usize + usize::from(c.length)).max();
         let bytes = bytes.unwrap_or(0);
+        let settings = Settings::new(config.cycle, config.stamp_noise);
         let mut cycle = Self {
             cycle: config.cycle,
             send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),
-            servo: Servo::new(settings(config.cycle)),
+            servo: Servo::new(settings),
+            samples_to_lock: settings.samples_to_lock(),
             last_state: State::Free,
             reference,
             count: segment.devices.len() as u16,
@@ -124,6 +130,7 @@ impl Cycle {
             inputs: vec![0; bytes],
             number: 0,
             due: start,
+            put_off: false,
             next_frame: 0,
             answering: segment.devices.len() as u16,
             al_status: 0,
@@ -131,6 +138,11 @@ impl Cycle {
         };
         cycle.build();
         cycle
+    }
+
+    /// How long locking may take, being asked to wait `patience` at least.
+    pub fn lock_patience(&self, patience: Nanos) -> Nanos {
+        patience.max(Nanos(self.cycle.0 * 4 * i64::from(self.samples_to_lock)))
     }
 
     /// Begins or ends the exchange of process data, with the next cycle.
@@ -185,7 +197,7 @@ impl Cycle {
             self.next_frame = 0;
         }
         if self.next_frame == 0 {
-            if now < self.due {
+            if now < self.due || self.wait_for_grid(now, inner) {
                 return None;
             }
             self.begin(now, inner);
@@ -267,10 +279,33 @@ impl Cycle {
         true
     }
 
+    /// A caller who slept over half a cycle or more sends on the grid again, not somewhere in between:
+    /// a frame there would meet SYNC0 at any phase. True if the cycle is put off. That never happens
+    /// twice in a row, so that a host which is always late still sends.
+    fn wait_for_grid(&mut self, now: Time<Host>, inner: &mut Inner) -> bool {
+        let late = now - self.due;
+        if self.put_off || late.0 < self.cycle.0 / 2 {
+            return false;
+        }
+        let due = self.next_send(now);
+        let skipped = ((due - self.due).0 + self.cycle.0 / 2) / self.cycle.0;
+        if due <= now {
+            return false;
+        }
+        self.put_off = true;
+        self.due = due;
+        let skipped = skipped.max(0) as u64;
+        inner.statistics.cycles_skipped += skipped;
+        inner.report(Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
+        true
+    }
+
     /// Begins a cycle: what was sent two cycles ago and is not back is lost.
     fn begin(&mut self, now: Time<Host>, inner: &mut Inner) {
         let late = now - self.due;
+        // Only of a cycle that was put off already; others wait for the grid.
         let skipped = (late.0 / self.cycle.0).max(0) as u64;
+        self.put_off = false;
         self.number += 1;
         inner.cycle = self.number;
         inner.statistics.cycles += 1;
@@ -517,13 +552,6 @@ pub(crate) fn frame_times(image: &ProcessImage, clock: bool, at: usize) -> (Nano
 /// Most bytes of a chunk: what fits beside the drift datagram and AL status in one frame.
 pub(crate) const MOST_CHUNK: usize =
     ROOM - 3 * DATAGRAM_OVERHEAD - TIME_LEN - isocat_wire::register::Register::<u16>::LEN;
-
-/// Settings of the servo for a cycle. Samples come once a cycle, so what is counted in time must
-/// hold several: a slow cycle has a slower servo.
-fn settings(cycle: Nanos) -> Settings {
-    let default = Settings::default();
-    Settings { holdover_after: default.holdover_after.max(Nanos(cycle.0 * 5)), ..default }
-}
 
 /// Ethernet and EtherCAT headers.
 const HEADERS: usize =

@@ -138,9 +138,9 @@ pub enum Event {
     },
     /// The caller let one or more send instants pass.
     CyclesSkipped {
-        /// Cycle that was sent too late.
+        /// Cycle that follows, on the grid again.
         cycle: u64,
-        /// How late.
+        /// How late the caller was.
         late: Nanos,
         /// Cycles left out.
         skipped: u64,

@@ -209,7 +209,9 @@ impl MainDevice {
             next = next.min(cycle.due());
         }
         if let Activity::Locking { since } = self.activity {
-            next = next.min(since + self.config.timeouts.phase);
+            let patience = self.config.timeouts.phase;
+            let patience = self.cycle.as_ref().map_or(patience, |c| c.lock_patience(patience));
+            next = next.min(since + patience);
         }
         (next != Time::NEVER).then_some(next)
     }
@@ -341,7 +343,7 @@ impl MainDevice {
                         continue;
                     }
                     let after = self.link.now() - since;
-                    if after < self.config.timeouts.phase {
+                    if after < cycle.lock_patience(self.config.timeouts.phase) {
                         return;
                     }
                     let error = cycle.servo().last_error();

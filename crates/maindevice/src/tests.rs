@@ -544,13 +544,33 @@ fn a_sleeper_skips_cycles_and_is_told() {
     let frame = exchange(&mut cycle, &mut bench);
     assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
     let due = cycle.due();
-    let late = due + Nanos(3_200_000);
     let mut buffer = [0; MAX_LEN];
-    assert!(link.with(|inner| cycle.transmit(due + Nanos(-1), &mut buffer, inner)).is_none());
-    assert!(link.with(|inner| cycle.transmit(late, &mut buffer, inner)).is_some());
-    let skipped = Event::CyclesSkipped { cycle: 2, late: Nanos(3_200_000), skipped: 3 };
-    assert!(bench.events().contains(&skipped));
-    assert_eq!(cycle.due(), due + Nanos(4_000_000), "on the grid again");
+    let mut transmit = |cycle: &mut Cycle, now| {
+        link.with(|inner| cycle.transmit(now, &mut buffer, inner)).is_some()
+    };
+    assert!(!transmit(&mut cycle, due + Nanos(-1)));
+    // 40 cycles and a bit: nothing off the grid, nothing sent after the event.
+    let late = Nanos(40_200_000);
+    assert!(!transmit(&mut cycle, due + late));
+    let skipped = Event::CyclesSkipped { cycle: 2, late, skipped: 41 };
+    assert_eq!(bench.events(), [skipped]);
+    assert_eq!(cycle.due(), due + Nanos(41_000_000), "on the grid again");
+    assert!(transmit(&mut cycle, due + Nanos(41_000_000)));
+    assert!(!transmit(&mut cycle, due + Nanos(41_000_000)), "one frame, no burst");
+    assert_eq!(cycle.due(), due + Nanos(42_000_000));
+    assert_eq!(cycle.number(), 2);
+    assert_eq!(link.with(|inner| inner.statistics.cycles_skipped), 41);
+
+    // Late by less than half a cycle: at once. By half a cycle: on the grid. And who is late once more
+    // sends all the same.
+    let due = cycle.due();
+    assert!(transmit(&mut cycle, due + Nanos(499_999)));
+    assert_eq!(cycle.due(), due + Nanos(1_000_000));
+    let due = cycle.due();
+    assert!(!transmit(&mut cycle, due + Nanos(500_000)));
+    assert_eq!(cycle.due(), due + Nanos(1_000_000));
+    assert!(transmit(&mut cycle, due + Nanos(1_900_000)));
+    assert_eq!(cycle.due(), due + Nanos(3_000_000));
 }
 
 #[test]

@@ -46,7 +46,8 @@ mod linux {
             ["ping", interface, cycle, count, length, ..] => {
                 let mut frame = vec![0x5A; length.parse()?];
                 frame[..14].copy_from_slice(&[
-                    0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x10, 0x10, 0x10, 0x10, 0x10, 0x10, 0x88, 0xA4,
+                    0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x10, 0x10, 0x10, 0x10, 0x10, 0x10, 0x88,
+                    0xA4,
                 ]);
                 let socket = RawSocket::open(interface, None)?;
                 ping(socket, &[frame], Nanos::micros(cycle.parse()?), count.parse()?, busy)
@@ -117,7 +118,13 @@ mod linux {
     }
 
     /// Sends the frames of a cycle again and again, numbered in their first datagram's index.
-    fn ping(mut socket: RawSocket, frames: &[Vec<u8>], cycle: Nanos, count: usize, busy: bool) -> Result<()> {
+    fn ping(
+        mut socket: RawSocket,
+        frames: &[Vec<u8>],
+        cycle: Nanos,
+        count: usize,
+        busy: bool,
+    ) -> Result<()> {
         let mut frames = frames.to_vec();
         let mut trips: Vec<i64> = Vec::with_capacity(count);
         let mut late = 0;

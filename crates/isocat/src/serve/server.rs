@@ -155,8 +155,8 @@ pub enum Event {
 
 /// Silence that ends a session. Longer than any MainDevice waits for a mailbox or a state.
 pub const SILENCE: Nanos = Nanos::millis(15_000);
-/// Silence in operation after which the judges' view is kept as it was: watchdogs will say the rest.
-const HUSH: Nanos = Nanos::millis(20);
+/// Silence in operation that is always let pass, whatever the cycle.
+const LEAST_HUSH: Nanos = Nanos::micros(200);
 /// How far frames may be ahead of the wire before they are held back to its speed.
 const LEAD: Nanos = Nanos::millis(1);
 /// While something may happen by itself, the segment is looked at this often.
@@ -256,13 +256,8 @@ impl Server {
 
     /// Time has passed and no frame came.
     pub fn idle(&mut self, now: Time<Host>) {
-        let silence = now - self.last_frame;
-        let hush = self.session.as_ref().is_some_and(|s| s.judging && !s.silent);
-        if hush && silence > HUSH {
-            // What comes from here on is the silence's doing.
-            self.keep_judged();
-        }
-        if self.session.is_some() && silence > SILENCE {
+        self.hush(now);
+        if self.session.is_some() && now - self.last_frame > SILENCE {
             self.end_session();
         }
         self.served.advance(now);
@@ -271,6 +266,7 @@ impl Server {
 
     /// As [`idle`](Self::idle) while frames come often: only as far as no frame can come any more.
     pub fn catch_up(&mut self, to: Time<Host>) {
+        self.hush(to);
         self.served.advance(to);
         self.settle();
     }
@@ -427,6 +423,18 @@ impl Server {
             session.judged = Some(Judged::new(&self.served, at, at));
             session.judging = true;
             self.events.push_back(Event::InOperation { devices: there });
+        }
+    }
+
+    /// Before time goes on to `to` without a frame: if one is overdue in operation, the judges' view is
+    /// kept, for what comes from here on may be the silence's doing.
+    fn hush(&mut self, to: Time<Host>) {
+        let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) else {
+            return;
+        };
+        let cycle = Nanos((session.conduct.cycle.intervals.mean() / 1000.0) as i64);
+        if to - self.last_frame > (cycle + Nanos(cycle.0 / 2)).max(LEAST_HUSH) {
+            self.keep_judged();
         }
     }
 

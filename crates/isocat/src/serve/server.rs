@@ -206,6 +206,10 @@ impl Server {
             self.counts.lost += 1;
             return Answer::Lost;
         }
+        let at = self.served.true_time(arrived);
+        if self.faults.due().is_some_and(|due| due <= at) {
+            self.faults.restore(&mut self.served, at);
+        }
         let passage = self.served.frame(arrived, bytes);
         self.passage = Some(passage);
         let back = match passage.fate {
@@ -260,6 +264,8 @@ impl Server {
         if self.session.is_some() && now - self.last_frame > SILENCE {
             self.end_session();
         }
+        let at = self.served.true_time(now);
+        self.faults.restore(&mut self.served, at);
         self.served.advance(now);
         self.settle();
     }
@@ -275,7 +281,7 @@ impl Server {
     pub fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>> {
         // A segment that nobody talks to, and nothing in it above INIT, has nothing to do.
         let quiet = |device: &isocat_sim::device::Device| device.is_quiet();
-        let asleep = self.session.is_none() && self.served.segment().devices().iter().all(quiet);
+        let asleep = self.session.is_none() && self.faults.due().is_none() && self.served.segment().devices().iter().all(quiet);
         (!asleep).then_some(now + TICK)
     }
 

@@ -14,7 +14,7 @@ use isocat_sync::phase::{Servo, Settings, State};
 use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::{Address, HEADER_LEN, Layout};
-use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns, payload_offset};
+use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns};
 use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
@@ -228,9 +228,15 @@ impl Cycle {
         Some(self.frames[at].bytes.len())
     }
 
-    /// Takes a frame of the cycle that came back; `false` if it is none.
-    pub fn receive(&mut self, now: Time<Host>, bytes: &[u8], inner: &mut Inner) -> bool {
-        let Ok(start) = payload_offset(bytes) else { return false };
+    /// Takes a frame of the cycle that came back, whose datagrams begin at `start`; `false` if it is
+    /// none.
+    pub fn receive(
+        &mut self,
+        now: Time<Host>,
+        bytes: &[u8],
+        start: usize,
+        inner: &mut Inner,
+    ) -> bool {
         let Some(&index) = bytes.get(start + 1) else { return false };
         if index < CYCLIC_INDEX {
             return false;
@@ -325,7 +331,8 @@ impl Cycle {
         for (at, frame) in self.frames.iter_mut().enumerate() {
             if frame.flights[parity].take().is_some() {
                 inner.statistics.frames_lost += 1;
-                inner.complete_cycles = 0;
+                // Says nothing of the SubDevices: neither counts nor begins the count anew.
+                inner.complete_cycles = inner.complete_cycles.saturating_sub(1);
                 inner.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
             }
         }

@@ -310,9 +310,24 @@ impl MainDevice {
     /// Lets everything go on that can.
     fn work(&mut self) {
         self.link.with(|inner| inner.forget_waits());
+        if self.is_quiet() {
+            return;
+        }
         self.work_on_way();
         self.work_on_jobs();
         self.work_on_health();
+    }
+
+    /// Whether nothing but the cycle runs: no procedure to poll, nobody out of OP.
+    fn is_quiet(&self) -> bool {
+        let op = AlStatus::new(AlState::Op).0;
+        matches!(self.activity, Activity::Operating)
+            && !self.stopping
+            && self.jobs.is_empty()
+            && self.running.is_empty()
+            && self.health.is_none()
+            && self.checked.is_none()
+            && self.cycle.as_ref().is_some_and(|cycle| cycle.al_status == op)
     }
 
     fn work_on_way(&mut self) {

@@ -14,7 +14,7 @@ use isocat_sync::phase::{Servo, Settings, State};
 use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::{Address, HEADER_LEN, Layout};
-use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns, payload_offset};
+use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns};
 use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
@@ -76,6 +76,7 @@ struct CyclicFrame {
     bytes: Vec<u8>,
     /// Offsets are from the start of the frame.
     datagrams: Vec<(Part, Layout)>,
+    marks: Vec<Mark>,
     /// The frame's two places in flight, by parity of the cycle.
     flights: [Option<Time<Host>>; 2],
     cycles: [u64; 2],
@@ -228,9 +229,15 @@ impl Cycle {
         Some(self.frames[at].bytes.len())
     }
 
-    /// Takes a frame of the cycle that came back; `false` if it is none.
-    pub fn receive(&mut self, now: Time<Host>, bytes: &[u8], inner: &mut Inner) -> bool {
-        let Ok(start) = payload_offset(bytes) else { return false };
+    /// Takes a frame of the cycle that came back, whose datagrams begin at `start`; `false` if it is
+    /// none.
+    pub fn receive(
+        &mut self,
+        now: Time<Host>,
+        bytes: &[u8],
+        start: usize,
+        inner: &mut Inner,
+    ) -> bool {
         let Some(&index) = bytes.get(start + 1) else { return false };
         if index < CYCLIC_INDEX {
             return false;
@@ -239,7 +246,8 @@ impl Cycle {
         let Some(frame) = self.frames.get_mut(at) else { return false };
         let known = frame.datagrams.last().map_or(0, |(_, layout)| layout.end());
         let Some(sent) = frame.flights[parity] else { return false };
-        if bytes.len() < known || !frame.datagrams.iter().all(|(_, d)| is_same(d, bytes)) {
+        let mut marks = frame.marks.iter().zip(&frame.datagrams);
+        if bytes.len() < known || !marks.all(|(mark, (_, d))| mark.is_at(bytes, d.start)) {
             return false;
         }
         frame.flights[parity] = None;
@@ -325,7 +333,8 @@ impl Cycle {
         for (at, frame) in self.frames.iter_mut().enumerate() {
             if frame.flights[parity].take().is_some() {
                 inner.statistics.frames_lost += 1;
-                inner.complete_cycles = 0;
+                // Says nothing of the SubDevices: neither counts nor begins the count anew.
+                inner.complete_cycles = inner.complete_cycles.saturating_sub(1);
                 inner.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
             }
         }
@@ -447,14 +456,16 @@ impl Cycle {
             }
             let len = writer.finish();
             bytes.truncate(len);
-            let datagrams = datagrams
+            let datagrams: Vec<_> = datagrams
                 .into_iter()
                 .map(|(part, start)| {
                     let layout = Layout::at(&bytes, start);
                     (part, layout.expect("the datagram was just written"))
                 })
                 .collect();
-            self.frames.push(CyclicFrame { bytes, datagrams, flights: [None; 2], cycles: [0; 2] });
+            let marks = datagrams.iter().map(|(_, layout)| Mark::of(layout)).collect();
+            let (flights, cycles) = ([None; 2], [0; 2]);
+            self.frames.push(CyclicFrame { bytes, datagrams, marks, flights, cycles });
         }
     }
 
@@ -464,15 +475,29 @@ impl Cycle {
     }
 }
 
-/// Whether a frame that came back has this datagram at this place.
-fn is_same(datagram: &Layout, bytes: &[u8]) -> bool {
-    let Ok(found) = Layout::at(bytes, datagram.start) else { return false };
-    let header = found.header;
-    let same_place = match header.command() {
-        Ok(command) if command.increments_position() => header.ado() == datagram.header.ado(),
-        _ => header.address == datagram.header.address,
-    };
-    header.command == datagram.header.command && header.len == datagram.header.len && same_place
+/// How a datagram is known again: the first eight bytes of its header, less what changes on the way.
+#[derive(Clone, Copy)]
+struct Mark {
+    mask: u64,
+    value: u64,
+}
+
+impl Mark {
+    fn of(layout: &Layout) -> Self {
+        // Command, address and length; not the index, which says which cycle it was, nor the flags.
+        let mut mask = 0x07FF_FFFF_FFFF_00FF;
+        if layout.header.command().is_ok_and(|command| command.increments_position()) {
+            mask &= !0xFFFF_0000;
+        }
+        let [bytes @ .., _, _] = layout.header.emit();
+        Self { mask, value: u64::from_le_bytes(bytes) & mask }
+    }
+
+    /// Whether the datagram is at `start` of a frame.
+    fn is_at(self, bytes: &[u8], start: usize) -> bool {
+        let found = bytes.get(start..).and_then(|rest| rest.first_chunk());
+        found.is_some_and(|found| u64::from_le_bytes(*found) & self.mask == self.value)
+    }
 }
 
 /// The time of a 32-bit clock, extended to the one nearest to `near`.

@@ -11,7 +11,7 @@ use core::task::{Context, Poll, Waker};
 use isocat_sync::phase;
 use isocat_wire::ObjectAddress;
 use isocat_wire::al::{AlState, AlStatus};
-use isocat_wire::frame::{self, LOCALLY_ADMINISTERED, duration_ns};
+use isocat_wire::frame::{self, duration_ns};
 use isocat_wire::time::{Dc, Host, Time};
 
 use crate::bring_up::{self, End, Work};
@@ -21,7 +21,7 @@ use crate::cycle::Cycle;
 use crate::error::{Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Status};
-use crate::link::Link;
+use crate::link::{Link, Origin};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{ProcessData, Segment};
 use crate::statistics::Statistics;
@@ -154,16 +154,26 @@ impl MainDevice {
         machine
     }
 
-    /// Takes a frame that came in, without its FCS. Frames that are not ours are counted and
-    /// ignored.
+    /// Takes a frame that came in, without its FCS. Frames that are not ours, or that nobody waits for,
+    /// are counted and ignored; see [`Statistics`].
     pub fn handle_frame(&mut self, now: Time<Host>, frame: &[u8]) {
-        self.link.with(|inner| inner.now = now);
-        let taken = !self.is_echo(frame) && self.take(now, frame);
-        if !taken {
-            self.link.with(|inner| inner.statistics.frames_foreign += 1);
-            return;
+        let Self { link, cycle, config, .. } = self;
+        let taken = link.with(|inner| {
+            inner.now = now;
+            let origin = Origin::of(frame, config.source);
+            let Origin::Ours { payload } = origin else {
+                inner.count_stranger(origin);
+                return false;
+            };
+            let taken =
+                cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, inner))
+                    || frame::payload(frame).is_ok_and(|payload| inner.receive(payload));
+            inner.statistics.frames_late += u64::from(!taken);
+            taken
+        });
+        if taken {
+            self.work();
         }
-        self.work();
     }
 
     /// Tells the time, at [`MainDevice::next_timeout`] or at any other moment.
@@ -297,28 +307,27 @@ impl MainDevice {
         self.cycle.as_ref().map(|cycle| cycle.servo().dc_at(host))
     }
 
-    /// A network interface may show us our own frames as they leave.
-    fn is_echo(&self, frame: &[u8]) -> bool {
-        self.config.source[0] & LOCALLY_ADMINISTERED == 0
-            && frame.get(6..12) == Some(&self.config.source[..])
-    }
-
-    fn take(&mut self, now: Time<Host>, frame: &[u8]) -> bool {
-        let Self { link, cycle, .. } = self;
-        link.with(|inner| {
-            if cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, inner)) {
-                return true;
-            }
-            frame::payload(frame).is_ok_and(|payload| inner.receive(payload))
-        })
-    }
-
     /// Lets everything go on that can.
     fn work(&mut self) {
         self.link.with(|inner| inner.forget_waits());
+        if self.is_quiet() {
+            return;
+        }
         self.work_on_way();
         self.work_on_jobs();
         self.work_on_health();
+    }
+
+    /// Whether nothing but the cycle runs: no procedure to poll, nobody out of OP.
+    fn is_quiet(&self) -> bool {
+        let op = AlStatus::new(AlState::Op).0;
+        matches!(self.activity, Activity::Operating)
+            && !self.stopping
+            && self.jobs.is_empty()
+            && self.running.is_empty()
+            && self.health.is_none()
+            && self.checked.is_none()
+            && self.cycle.as_ref().is_some_and(|cycle| cycle.al_status == op)
     }
 
     fn work_on_way(&mut self) {

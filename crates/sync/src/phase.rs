@@ -418,7 +418,7 @@ mod tests {
         fn held_up(&mut self) -> i64 {
             let uniform = (self.random() >> 11) as f64 / (1u64 << 53) as f64;
             let mut held = -(1.0 - uniform).ln() * self.mean;
-            if self.random() % self.every == 0 {
+            if self.random() % self.every < 1 {
                 held += (10_000 + self.random() % 990_000) as f64;
             }
             held as i64

@@ -281,7 +281,9 @@ impl Server {
     pub fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>> {
         // A segment that nobody talks to, and nothing in it above INIT, has nothing to do.
         let quiet = |device: &isocat_sim::device::Device| device.is_quiet();
-        let asleep = self.session.is_none() && self.faults.due().is_none() && self.served.segment().devices().iter().all(quiet);
+        let asleep = self.session.is_none()
+            && self.faults.due().is_none()
+            && self.served.segment().devices().iter().all(quiet);
         (!asleep).then_some(now + TICK)
     }
 

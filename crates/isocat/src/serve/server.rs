@@ -161,7 +161,9 @@ const LEAST_HUSH: Nanos = Nanos::micros(200);
 const LEAD: Nanos = Nanos::millis(1);
 /// While something may happen by itself, the segment is looked at this often.
 pub const TICK: Nanos = Nanos::millis(100);
-/// Silence between the last frame of one session and the first of another, at least.
+/// Silence between the last frame of one session that went back to INIT and the first of another, at least.
+const PAUSE_DOWN: Nanos = Nanos::millis(50);
+/// The same after a session that did not.
 const PAUSE: Nanos = Nanos::millis(250);
 /// Refusals that are remembered.
 const MOST_REFUSED: usize = 32;
@@ -486,7 +488,8 @@ impl Session {
     /// Whether a frame that left at `at` is the first of another session: this one had come to the exchange
     /// of process data, and after a pause somebody begins at the beginning.
     fn is_over(&self, at: Time<True>, bytes: &[u8]) -> bool {
-        let paused = at - self.conduct.last >= Picos::from(PAUSE);
+        let pause = if self.requested == AlState::Init { PAUSE_DOWN } else { PAUSE };
+        let paused = at - self.conduct.last >= Picos::from(pause);
         if !paused || self.conduct.done(Deed::ProcessData).is_none() {
             return false;
         }

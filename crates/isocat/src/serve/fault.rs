@@ -258,7 +258,7 @@ mod tests {
             ("loss 101%", "0% to 100%"),
             ("loss 5", "0% to 100%"),
             ("delay 2us 1us", "the shorter delay first"),
-            ("delay 2 weeks", "found"),
+            ("delay 2 weeks", "has no unit"),
             ("explode", "expected pull, plug"),
             ("", "expected pull, plug"),
         ] {

@@ -103,7 +103,7 @@ if command -v strace > /dev/null; then
     serve "$tens"
     strace -f -c -o "$folder/strace" ip netns exec $ns "$isocat" run "$tens" --interface $ns --for "$1" --json > "$folder/run.json" || true
     stop
-    awk '$NF == "total" { print $(NF - 1) == "total" ? $3 : $4 }' "$folder/strace"
+    awk '$NF == "total" { print $4 }' "$folder/strace"
   }
   short=$(calls 2s); long=$(calls 6s)
   awk -v calls=$((long - short)) 'BEGIN { printf "system calls a cycle: %.2f\n", calls / 200 }'

@@ -21,6 +21,10 @@ pub struct Config {
     ///
     /// [`next_timeout`]: crate::MainDevice::next_timeout
     pub host_jitter: Nanos,
+    /// How far the time stamps of frames may be from the instants at which they leave: what lies
+    /// between reading the clock and the first bit on the wire. The servo counts as locked within
+    /// it. Default 0: the servo's own threshold of 1 us rules.
+    pub stamp_noise: Nanos,
     /// Phase of SYNC0 in the cycle, counted from the instant at which the frame is sent, in
     /// `0..cycle`. `None`: the plan takes the phase at which all devices have most slack.
     pub shift: Option<Nanos>,
@@ -52,6 +56,7 @@ impl Config {
             cycle,
             devices: Vec::new(),
             host_jitter: Nanos::micros(20),
+            stamp_noise: Nanos::ZERO,
             shift: None,
             drift_compensation: true,
             force: false,

@@ -110,7 +110,7 @@ impl Cycle {
         let mut cycle = Self {
             cycle: config.cycle,
             send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),
-            servo: Servo::new(settings(config.cycle)),
+            servo: Servo::new(settings(config.cycle, config.stamp_noise)),
             last_state: State::Free,
             reference,
             count: segment.devices.len() as u16,
@@ -162,6 +162,11 @@ impl Cycle {
     /// Whether all frames of the cycle are out.
     pub fn is_sent(&self) -> bool {
         self.next_frame >= self.frames.len() || self.next_frame == 0
+    }
+
+    /// Frames that are under way.
+    pub fn in_flight(&self) -> usize {
+        self.frames.iter().flat_map(|frame| frame.flights).flatten().count()
     }
 
     /// The outputs of the image.
@@ -519,10 +524,16 @@ pub(crate) const MOST_CHUNK: usize =
     ROOM - 3 * DATAGRAM_OVERHEAD - TIME_LEN - isocat_wire::register::Register::<u16>::LEN;
 
 /// Settings of the servo for a cycle. Samples come once a cycle, so what is counted in time must
-/// hold several: a slow cycle has a slower servo.
-fn settings(cycle: Nanos) -> Settings {
+/// hold several: a slow cycle has a slower servo. Noise of the stamps is no reason to call a line bad
+/// that averages it out.
+fn settings(cycle: Nanos, stamp_noise: Nanos) -> Settings {
     let default = Settings::default();
-    Settings { holdover_after: default.holdover_after.max(Nanos(cycle.0 * 5)), ..default }
+    Settings {
+        holdover_after: default.holdover_after.max(Nanos(cycle.0 * 5)),
+        lock_threshold: default.lock_threshold.max(stamp_noise),
+        outlier: default.outlier.max(Nanos(stamp_noise.0.saturating_mul(4))),
+        ..default
+    }
 }
 
 /// Ethernet and EtherCAT headers.

@@ -26,6 +26,17 @@ pub(super) fn inside<T: Send>(
     })
 }
 
+/// The same, or here if there is no namespace.
+pub(super) fn inside_or_here<T: Send>(
+    namespace: Option<&str>,
+    work: impl FnOnce() -> T + Send,
+) -> Result<T, LinkError> {
+    match namespace {
+        Some(namespace) => inside(namespace, work),
+        None => Ok(work()),
+    }
+}
+
 /// A veth pair in a network namespace of its own, removed when dropped.
 ///
 /// The namespace has the name of the pair; both ends are in it, so nothing of the machine's own network is

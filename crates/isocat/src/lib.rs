@@ -23,6 +23,8 @@ pub mod cli;
 pub mod document;
 #[cfg(target_os = "linux")]
 pub mod link;
+#[cfg(target_os = "linux")]
+pub mod live;
 pub mod profile;
 pub mod quantity;
 pub mod report;

@@ -13,6 +13,7 @@ pub mod preflight;
 mod realtime;
 mod socket;
 mod sys;
+mod traffic;
 
 pub use error::LinkError;
 pub use histogram::Histogram;
@@ -20,3 +21,4 @@ pub use namespace::Veth;
 pub use realtime::{RealTime, Wish};
 pub(crate) use socket::timespec;
 pub use socket::{RawSocket, Received};
+pub use traffic::Traffic;

@@ -15,7 +15,10 @@ pub(super) fn inside<T: Send>(
     work: impl FnOnce() -> T + Send,
 ) -> Result<T, LinkError> {
     let failed = |error| LinkError::os("entering the network namespace", namespace, error);
-    let file = File::open(path(namespace)).map_err(failed)?;
+    let file = File::open(path(namespace)).map_err(|error| match error.kind() {
+        std::io::ErrorKind::NotFound => LinkError::UnknownNamespace(namespace.to_owned()),
+        _ => failed(error),
+    })?;
     std::thread::scope(|scope| {
         let thread = scope.spawn(|| {
             move_into_link_name_space(file.as_fd(), Some(LinkNameSpaceType::Network))

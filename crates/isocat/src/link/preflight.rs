@@ -95,16 +95,13 @@ fn look_at(root: &Path, subject: &Subject<'_>) -> Vec<Finding> {
             "cpupower frequency-set -g performance",
         );
     }
-    if let Some((path, name, latency)) = ours.iter().find_map(|cpu| files.deep_sleep(*cpu)) {
-        if !subject.keeps_awake {
-            harm(
-                format!(
-                    "the processor may sleep so deeply that it wakes {latency} us later ({name})"
-                ),
-                &path,
-                "let isocat hold /dev/cpu_dma_latency (run as root), or cpupower idle-set -D 2",
-            );
-        }
+    let deep = ours.iter().find_map(|cpu| files.deep_sleep(*cpu));
+    if let Some((path, name, latency)) = deep.filter(|_| !subject.keeps_awake) {
+        harm(
+            format!("the processor may sleep so deeply that it wakes {latency} us later ({name})"),
+            &path,
+            "let isocat hold /dev/cpu_dma_latency (run as root), or cpupower idle-set -D 2",
+        );
     }
     let isolated = files.read("sys/devices/system/cpu/isolated");
     if let Some(isolated) = isolated {

@@ -10,7 +10,7 @@ pub mod job;
 mod judge;
 pub mod recorder;
 
-pub use exchange::{Exchange, Figures};
+pub use exchange::{Exchange, Figures, Waiting};
 pub use job::{Job, Outcome};
 pub use judge::Finding;
 pub use recorder::Recorder;

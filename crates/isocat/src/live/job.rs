@@ -14,7 +14,7 @@ use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
 use super::judge::{self, Finding};
-use super::{Exchange, Figures, Recorder};
+use super::{Exchange, Figures, Recorder, Waiting};
 use crate::link::preflight::{self, Subject};
 use crate::link::{Histogram, LinkError, RawSocket, RealTime, Traffic, Wish, clock};
 
@@ -183,17 +183,17 @@ impl Job {
     ) -> Result<Outcome, LinkError> {
         let interface = self.socket.interface().to_owned();
         let namespace = self.namespace.as_deref();
-        let subject = Subject {
-            interface: Some(&interface),
-            namespace,
-            wish: self.wish,
-            keeps_awake: false,
-        };
+        let subject =
+            Subject { interface: Some(&interface), namespace, wish: self.wish, keeps_awake: false };
         let (_awake, machine) = Machine::prepare(subject, Some(&self.socket), self.config.cycle)?;
         let before = Traffic::of(&interface, namespace);
         let jitter = self.config.host_jitter;
+        let waiting = match self.wish.busy {
+            true => Waiting::Busy,
+            false => Waiting::sleep(&machine.wake_ups, self.config.cycle),
+        };
         let mut run = Running {
-            exchange: Exchange::new(self.config, self.socket, self.wish.busy, self.recorder),
+            exchange: Exchange::new(self.config, self.socket, waiting, self.recorder),
             stop,
             progress,
             noted: Noted::default(),
@@ -218,20 +218,20 @@ impl Job {
             }
         };
         let (phase, rate_ppb) = (run.exchange.main().phase(), run.exchange.main().rate_ppb());
-        let answers = matches!(end, End::Time | End::Asked);
+        let answers = run.began.is_some() && matches!(end, End::Time | End::Asked);
         let mut notes = Vec::new();
-        if answers && run.began.is_some() {
-            if let Err(End::Link(error)) = run.read(&mut devices, false) {
-                notes.push(format!("reading the counters at the end: {error}"));
-            }
+        let read = if answers { run.read(&mut devices, false) } else { Ok(()) };
+        if let Err(End::Link(error)) = read {
+            notes.push(format!("reading the counters at the end: {error}"));
         }
         let segment = run.exchange.main().segment().clone();
         let carrier = run.exchange.socket().has_carrier();
-        if !matches!(end, End::Link(_) | End::Failed(_)) {
-            if let Err(text) = run.go_down() {
-                notes.push(text);
-            }
-        }
+        let down = match end {
+            // Nothing more can be sent, or the MainDevice sends nothing more.
+            End::Link(_) | End::Failed(_) => Ok(()),
+            _ => run.go_down(),
+        };
+        notes.extend(down.err());
         let Running { exchange, noted, judged, .. } = run;
         let mut outcome = Outcome {
             machine,
@@ -418,9 +418,7 @@ impl Running<'_> {
                 (Event::StateChanged { position, status, code, .. }, Some(began)) => {
                     self.noted.states.push((position, status, code, now - began));
                 }
-                (Event::CountChanged { expected, found, .. }, Some(began))
-                    if found != expected =>
-                {
+                (Event::CountChanged { expected, found, .. }, Some(began)) if found != expected => {
                     self.noted.counts.push((expected, found, now - began));
                 }
                 (Event::Phase { state, .. }, Some(_)) if state != phase::State::Locked => {
@@ -462,7 +460,11 @@ impl AtEnd {
             }
             Question::Status => {
                 let word = |at: usize| {
-                    bytes.get(at..).and_then(|rest| rest.first_chunk()).copied().map(u16::from_le_bytes)
+                    bytes
+                        .get(at..)
+                        .and_then(|rest| rest.first_chunk())
+                        .copied()
+                        .map(u16::from_le_bytes)
                 };
                 self.status = word(0).zip(word(4)).map(|(s, c)| (AlStatus(s), AlStatusCode(c)));
             }

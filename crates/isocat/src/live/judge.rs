@@ -11,6 +11,7 @@ use isocat_wire::{AlState, AlStatus};
 
 use super::job::{AtEnd, End, Noted, Outcome};
 use crate::link::Traffic;
+use crate::report::interface::seconds;
 
 /// Something that keeps the segment from being in sync.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -107,8 +108,9 @@ fn judge_device(
     } else {
         match at_end.status {
             Some((status, _)) if status == AlStatus::new(AlState::Op) => {}
-            Some((status, code)) => findings
-                .push((None, format!("is in {status} at the end, AL status code {code}"))),
+            Some((status, code)) => {
+                findings.push((None, format!("is in {status} at the end, AL status code {code}")))
+            }
             // Silence and a dead interface are told for the segment.
             None if matches!(outcome.end, End::Silence | End::Link(_)) => {}
             None => findings.push((None, "does not answer at the end".to_owned())),
@@ -154,7 +156,9 @@ fn is_lost(cause: &Cause) -> bool {
 /// Why a scan hears nothing, as far as it can be told from here.
 fn nothing_comes(interface: &str, carrier: Option<bool>, unprocessed: u64) -> String {
     let reason = match (carrier, unprocessed) {
-        (_, 1..) => "own frames come back that no SubDevice has processed: is it a loop or a switch?",
+        (_, 1..) => {
+            "own frames come back that no SubDevice has processed: is it a loop or a switch?"
+        }
         (Some(false), _) => "it has no carrier: no cable, or what is at its other end is off",
         _ => "what is at its other end does not answer EtherCAT frames, or is off",
     };
@@ -216,7 +220,7 @@ pub(super) fn note(
         ));
     }
     if let Some((before, after)) = traffic {
-        let ours = total.frames_received + total.frames_foreign;
+        let ours = total.frames_received + total.frames_foreign + figures.too_late;
         let came = (after.received - before.received).saturating_sub(ours);
         let left = (after.sent - before.sent).saturating_sub(total.frames_sent);
         if came + left > 0 {
@@ -230,12 +234,6 @@ pub(super) fn note(
         notes.push(format!("ended by a signal after {}", seconds(judged)));
     }
     outcome.notes.splice(0..0, notes);
-}
-
-/// `3.210 s`.
-pub(crate) fn seconds(span: Nanos) -> String {
-    let ms = span.0 / 1_000_000;
-    format!("{}.{:03} s", ms / 1000, ms % 1000)
 }
 
 #[cfg(test)]

@@ -38,23 +38,25 @@ impl Recorder {
         Self { records, writer, wall: clock::wall_offset(), dropped: 0 }
     }
 
-    /// Takes a frame that left or came at `at`.
-    pub fn frame(&mut self, at: Time<Host>, sent: bool, bytes: &[u8]) {
+    /// Takes a frame that left or came at `at`. Who is `patient` waits for room; else a frame without room
+    /// is dropped.
+    pub fn frame(&mut self, at: Time<Host>, sent: bool, bytes: &[u8], patient: bool) {
         let len = bytes.len().min(FRAME_LEN);
         let ns = at.count().saturating_add_signed(self.wall);
         let mut record = Record { at: Duration::from_nanos(ns), sent, len, bytes: [0; FRAME_LEN] };
         record.bytes[..len].copy_from_slice(&bytes[..len]);
-        match self.records.try_send(record) {
-            Ok(()) => {}
-            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => self.dropped += 1,
-        }
+        let taken = match self.records.try_send(record) {
+            Ok(()) => true,
+            Err(TrySendError::Full(record)) if patient => self.records.send(record).is_ok(),
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => false,
+        };
+        self.dropped += u64::from(!taken);
     }
 
     /// Writes what is left; gives how many frames were dropped, or the first error of the file.
     pub fn finish(self) -> io::Result<u64> {
         drop(self.records);
-        let capture =
-            self.writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        let capture = self.writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         capture.finish().map(|()| self.dropped)
     }
 }
@@ -70,6 +72,6 @@ fn write(mut capture: Capture, incoming: &Receiver<Record>) -> Capture {
     }
 }
 
-/// Frames that may wait: at 1 Gbit/s some ten milliseconds.
-const ROOM: usize = 8_192;
+/// Frames that may wait, 25 MB: a tenth of a second of the densest traffic at 100 Mbit/s.
+const ROOM: usize = 16_384;
 const PAUSE: Duration = Duration::from_millis(2);

@@ -308,6 +308,10 @@ fn a_cable_pulled_ends_the_run_with_clear_words() {
         let verdict = report["findings"].to_string();
         assert!(verdict.contains("nothing comes back on ic-cable any more"), "{verdict}");
         assert!(verdict.contains("no carrier"), "{verdict}");
+        // What can't be read any more is not told from memory.
+        let registers = &report["devices"][1]["registers"];
+        assert_eq!(registers["al_status"], "unknown");
+        assert_eq!(registers["system_time_difference_ns"], Value::Null);
         return;
     }
 }

@@ -485,7 +485,7 @@ const READ_LIMIT: Nanos = Nanos::millis(10_000);
 /// For the way down: three steps of 5 s, and room.
 const STOP_LIMIT: Nanos = Nanos::millis(20_000);
 /// The longest time without an answer.
-const SILENCE: Nanos = Nanos::millis(1_000);
+pub(super) const SILENCE: Nanos = Nanos::millis(1_000);
 /// Steps of the progress that is told.
 const PROGRESS: Nanos = Nanos::millis(100);
 /// AL status, a gap, AL status code.

@@ -9,7 +9,7 @@ use isocat_sync::phase;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AlState, AlStatus};
 
-use super::job::{AtEnd, End, Noted, Outcome};
+use super::job::{AtEnd, End, Noted, Outcome, SILENCE};
 use crate::link::Traffic;
 use crate::report::interface::seconds;
 
@@ -56,14 +56,18 @@ pub(super) fn judge(
             let what = "ended by a signal before all SubDevices were in OP".to_owned();
             findings.push(segment(None, None, what));
         }
-        End::Link(error) => findings.push(segment(None, outcome.judged, error.to_string())),
+        End::Link(error) => {
+            let what = error.to_string().replace('\n', "; ");
+            findings.push(segment(None, outcome.judged, what));
+        }
         End::Silence => {
             let cable = match carrier {
                 Some(false) => "it has no carrier: the cable was pulled, or its other end is off",
                 _ => "it has a carrier: a cable further on was pulled, or the segment is off",
             };
             let what = format!("nothing comes back on {interface} any more; {cable}");
-            findings.push(segment(None, outcome.judged, what));
+            let since = outcome.judged.map(|judged| judged - SILENCE);
+            findings.push(segment(None, since, what));
         }
         End::Time | End::Asked => {}
     }

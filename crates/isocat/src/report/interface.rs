@@ -163,7 +163,8 @@ pub struct InterfaceDevice {
     pub mode: String,
     /// Why not a higher mode; empty if this is the one asked for or the highest.
     pub mode_reason: String,
-    /// Read over the wire at the end; of a run that failed, as last seen. 0x092C stands here as of the end too.
+    /// Read over the wire at the end, 0x092C too; of a way up that failed, as last read. A state that could not be read
+    /// at the end is "unknown".
     pub registers: DeviceRegisters,
     /// Counters of 0x1C32 when the time in operation began.
     pub output_counters_before: Counters,

@@ -173,7 +173,7 @@ fn device(outcome: &Outcome, position: usize) -> InterfaceDevice {
         serial: found.identity.serial,
         mode: found.mode.name().to_owned(),
         mode_reason: found.mode_reason.clone(),
-        registers: registers(found, &at_end),
+        registers: registers(found, &at_end, outcome.judged.is_some()),
         output_counters_before: counters(at_end.outputs_before),
         input_counters_before: counters(at_end.inputs_before),
         plan: budget.map_or(Vec::new(), |(_, budget)| budget.lines().map(plan_line).collect()),
@@ -181,14 +181,17 @@ fn device(outcome: &Outcome, position: usize) -> InterfaceDevice {
     }
 }
 
-fn registers(found: &SubDevice, at_end: &AtEnd) -> DeviceRegisters {
-    let (status, code) = at_end.status.unwrap_or((found.al_status, found.al_code));
+/// What was read at the end. Of a way up that failed, what was read last: in operation that would be old.
+fn registers(found: &SubDevice, at_end: &AtEnd, operated: bool) -> DeviceRegisters {
+    let last = (found.al_status, found.al_code);
+    let status = at_end.status.or((!operated).then_some(last));
+    let difference = at_end.difference.or(found.difference.filter(|_| !operated));
     let ns = |time: Option<Nanos>| time.map(|time| time.0);
     DeviceRegisters {
-        al_status: status.to_string(),
-        al_status_code: code.0,
+        al_status: status.map_or("unknown".to_owned(), |(status, _)| status.to_string()),
+        al_status_code: status.map_or(0, |(_, code)| code.0),
         delay_ns: ns(found.delay),
-        system_time_difference_ns: ns(at_end.difference.or(found.difference)),
+        system_time_difference_ns: ns(difference),
         output_sync_type: found.output_sync.as_ref().and_then(|o| o.sync_type()).map(|t| t.0),
         input_sync_type: found.input_sync.as_ref().and_then(|o| o.sync_type()).map(|t| t.0),
         output_counters: counters(at_end.outputs),

@@ -177,6 +177,11 @@ impl Cycle {
         self.next_frame >= self.frames.len() || self.next_frame == 0
     }
 
+    /// Frames that are under way.
+    pub fn in_flight(&self) -> usize {
+        self.frames.iter().flat_map(|frame| frame.flights).flatten().count()
+    }
+
     /// The outputs of the image.
     pub fn outputs_mut(&mut self) -> &mut [u8] {
         &mut self.outputs

@@ -544,6 +544,11 @@ impl Inner {
         flights.fold(self.wake, Time::min)
     }
 
+    /// Frames that are under way.
+    pub fn in_flight(&self) -> usize {
+        self.flights.len()
+    }
+
     /// Before each round of polling.
     pub fn forget_waits(&mut self) {
         self.wake = Time::NEVER;

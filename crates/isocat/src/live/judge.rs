@@ -2,7 +2,7 @@
 //! to know.
 
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{AccessError, Cause, Stage};
+use isocat_maindevice::{Cause, Stage};
 use isocat_sim::run::Counters;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER};
 use isocat_sync::phase;
@@ -154,7 +154,11 @@ fn complaint(index: u16, before: &Counters, after: &Counters) -> Option<String> 
 }
 
 fn is_lost(cause: &Cause) -> bool {
-    matches!(cause, Cause::Access(error) if AccessError::is_lost(error))
+    match cause {
+        Cause::Access(error) => error.is_lost(),
+        Cause::Silent { .. } => true,
+        _ => false,
+    }
 }
 
 /// Why a scan hears nothing, as far as it can be told from here.
@@ -224,7 +228,8 @@ pub(super) fn note(
         ));
     }
     if let Some((before, after)) = traffic {
-        let ours = total.frames_received + total.frames_foreign + figures.too_late;
+        let late = total.frames_late + total.frames_echoed + figures.too_late;
+        let ours = total.frames_received + total.frames_foreign + late;
         let came = (after.received - before.received).saturating_sub(ours);
         let left = (after.sent - before.sent).saturating_sub(total.frames_sent);
         if came + left > 0 {

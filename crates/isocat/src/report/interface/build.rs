@@ -129,7 +129,7 @@ fn punctuality(asked: Asked<'_>, outcome: &Outcome) -> Punctuality {
             begin.working_counter_errors,
             end.working_counter_errors,
         ),
-        frames_foreign: end.frames_foreign + figures.too_late,
+        frames_foreign: end.frames_foreign + end.frames_late + end.frames_echoed + figures.too_late,
         frames_of_others: figures.other_talkers,
         locks_lost: outcome.locks_lost,
         locked: outcome.segment.reference.and(outcome.phase).map(|s| s == phase::State::Locked),

@@ -14,6 +14,8 @@ use isocat_wire::time::{Host, Picos, Time};
 enum Fate {
     /// It passes the segment, so long after its stamp.
     Passes(i64),
+    /// It passes the segment, and the program has it so much later than it might.
+    ComesLate(i64),
     /// It does not reach the segment.
     LostOut,
     /// It passes the segment and does not come back.
@@ -102,7 +104,7 @@ impl<F: FnMut(u64) -> Fate> Bench<F> {
         self.wire_free = start + frame::duration_ns(bytes.len()) as i64 + 960;
         let back = match fate {
             Fate::LostOut => return,
-            Fate::Passes(_) | Fate::LostBack => {
+            Fate::Passes(_) | Fate::ComesLate(_) | Fate::LostBack => {
                 let returned =
                     self.segment.pass(&mut bytes, Time::ZERO + Picos(start * 1000), &mut |_| {});
                 if matches!(fate, Fate::LostBack) {
@@ -116,7 +118,8 @@ impl<F: FnMut(u64) -> Fate> Bench<F> {
             }
             Fate::Echoed => self.wire_free,
         };
-        self.returning.push_back((back + 20_000, bytes));
+        let late = if let Fate::ComesLate(late) = fate { late } else { 0 };
+        self.returning.push_back((back + 20_000 + late, bytes));
     }
 
     /// Up into operation.
@@ -133,6 +136,24 @@ impl<F: FnMut(u64) -> Fate> Bench<F> {
 
 fn over(event: &Event) -> bool {
     matches!(event, Event::Failed(_) | Event::Stopped)
+}
+
+/// Answers that come when their cycle is given up are late, each of them, and not those of a later cycle.
+#[test]
+fn an_answer_cycles_late_is_not_taken_for_that_of_another_cycle() {
+    use std::cell::Cell;
+    let late = Cell::new(0);
+    let mut bench = Bench::new(|_| {}, |_| Fate::ComesLate(late.get()));
+    bench.up("a calm wire");
+    bench.until(Nanos::millis(20), over);
+    let before = bench.main.statistics();
+    assert_eq!((before.frames_late, before.frames_lost), (0, 0));
+    late.set(2_100_000);
+    bench.until(Nanos::millis(50), over);
+    let after = bench.main.statistics();
+    assert!(after.frames_received <= before.frames_received + 1, "{before:?} {after:?}");
+    assert!((45..=51).contains(&after.frames_late), "{after:?}");
+    assert!((45..=51).contains(&after.frames_lost), "{after:?}");
 }
 
 /// Every k-th frame of the way up is lost, out or back in turn: it comes up all the same.

@@ -210,11 +210,12 @@ impl Cycle {
         }
         let at = self.next_frame;
         let parity = (self.number & 1) as usize;
+        let index = self.index(self.number, at);
         let frame = &mut self.frames[at];
         let bytes = buffer.get_mut(..frame.bytes.len())?;
         bytes.copy_from_slice(&frame.bytes);
         for (part, layout) in &frame.datagrams {
-            bytes[layout.start + 1] = CYCLIC_INDEX | (parity as u8) << 6 | at as u8;
+            bytes[layout.start + 1] = index;
             if let Part::ReadWrite(chunk) | Part::Write(chunk) = *part {
                 let chunk = &self.image.chunks[chunk];
                 let from = chunk.logical as usize;
@@ -247,10 +248,16 @@ impl Cycle {
         if index < CYCLIC_INDEX {
             return false;
         }
-        let (parity, at) = (usize::from(index >> 6 & 1), usize::from(index & 0x3F));
-        let Some(frame) = self.frames.get_mut(at) else { return false };
+        let (sequence, at) = self.sequence(index);
+        let parity = usize::from(sequence & 1);
+        let Some(frame) = self.frames.get(at) else { return false };
         let known = frame.datagrams.last().map_or(0, |(_, layout)| layout.end());
         let Some(sent) = frame.flights[parity] else { return false };
+        // An answer that comes cycles late must not be taken for that of a later cycle.
+        if self.index(frame.cycles[parity], at) != index {
+            return false;
+        }
+        let frame = &mut self.frames[at];
         let mut marks = frame.marks.iter().zip(&frame.datagrams);
         if bytes.len() < known || !marks.all(|(mark, (_, d))| mark.is_at(bytes, d.start)) {
             return false;
@@ -311,6 +318,23 @@ impl Cycle {
         inner.statistics.cycles_skipped += skipped;
         inner.report(Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
         true
+    }
+
+    /// Index of the datagrams of a frame: its number, and above it as much of the cycle's as has room.
+    fn index(&self, cycle: u64, frame: usize) -> u8 {
+        let bits = self.frame_bits();
+        CYCLIC_INDEX | ((cycle as u8) << bits) & !CYCLIC_INDEX | frame as u8
+    }
+
+    /// The lowest bits of the cycle's number, and the frame's, from an index.
+    fn sequence(&self, index: u8) -> (u8, usize) {
+        let bits = self.frame_bits();
+        ((index & !CYCLIC_INDEX) >> bits, usize::from(index & ((1 << bits) - 1)))
+    }
+
+    /// Bits that the number of a frame needs; one is left for the cycle's at least, as the mapping has at most 64.
+    fn frame_bits(&self) -> u32 {
+        self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1)
     }
 
     /// Begins a cycle: what was sent two cycles ago and is not back is lost.

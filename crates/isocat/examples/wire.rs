@@ -117,7 +117,7 @@ mod linux {
         }
     }
 
-    /// Sends the frames of a cycle again and again, numbered in their first datagram's index.
+    /// Sends the frames of a cycle again and again, numbered in their source address.
     fn ping(
         mut socket: RawSocket,
         frames: &[Vec<u8>],
@@ -136,7 +136,8 @@ mod linux {
             due = clock::now().max(due);
             let start = clock::now();
             for frame in &mut frames {
-                frame[17] = number as u8;
+                // No ESC touches these.
+                frame[8..12].copy_from_slice(&(number as u32).to_be_bytes());
                 socket.send(frame)?;
             }
             let next = due + cycle;
@@ -146,7 +147,7 @@ mod linux {
                     socket.wait(Some(next))?;
                 }
                 match socket.receive(&mut buffer)? {
-                    Some(_) if buffer[17] == number as u8 => back += 1,
+                    Some(_) if buffer[8..12] == (number as u32).to_be_bytes() => back += 1,
                     Some(_) => {}
                     None if clock::now() >= next => break,
                     None => {}

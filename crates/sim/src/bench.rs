@@ -119,6 +119,10 @@ impl Bench {
             device.states.push(StateChange { at: true_time(), state, code });
         }
         let Some(intent) = &self.intent else { return };
+        // Who is not asked for SYNC0 has no times to keep.
+        if device.sync0.is_none() && !matches!(event, Observed::SmEventMissed(_)) {
+            return;
+        }
         match event {
             Observed::Sm2 => device.margin.sm2(device_at),
             Observed::Finished(Step::MapOutputs) => device.margin.ready(device_at),

@@ -8,6 +8,7 @@
 //! The judges sit here as they do in a [`World`](crate::world), but nobody tells them the intent: the grid of
 //! SYNC0 is what the MainDevice wrote into each SYNC unit.
 
+use isocat_subdevice::Step;
 use isocat_wire::al::AlState;
 use isocat_wire::time::{Dc, Host, Nanos, Picos, Time, True};
 use isocat_wire::{frame, register};
@@ -88,7 +89,7 @@ impl Served {
         self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
         self.now = start;
         let observations = &mut self.observations;
-        let fate = self.segment.pass(bytes, start, &mut |o| observations.push(o));
+        let fate = self.segment.pass(bytes, start, &mut |o| note(observations, o));
         Passage { start, fate }
     }
 
@@ -105,7 +106,7 @@ impl Served {
         if to > self.now {
             self.now = to;
             let observations = &mut self.observations;
-            self.segment.live(to, &mut |o| observations.push(o));
+            self.segment.live(to, &mut |o| note(observations, o));
         }
     }
 
@@ -190,6 +191,20 @@ impl Served {
             *end > Time::ZERO && *start + entry.after <= at && at <= *end + entry.after
         };
         self.clashes[edge.device] += u64::from(self.passed.iter().any(meets));
+    }
+}
+
+/// Keeps what somebody will look at: most steps of most SubDevices are nobody's concern.
+fn note(observations: &mut Vec<Observation>, observation: Observation) {
+    use Observed::*;
+    let concerns = match observation.event {
+        Began(step) => step == Step::OutputsValid,
+        Finished(step) => step == Step::MapOutputs,
+        Sm2 | Sync0 | SmEventMissed(_) | State(..) => true,
+        Sm3 | Sync1 => false,
+    };
+    if concerns {
+        observations.push(observation);
     }
 }
 

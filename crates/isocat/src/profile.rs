@@ -57,6 +57,9 @@
 //! objects one behind the other, unless `offset` says otherwise. An object that is written out takes
 //! the place of the one that would be generated.
 //!
+//! A simple device has no `[mailbox]`. Then it has no objects at all, its areas have exactly the `length` of
+//! the PDOs in `default`, and `modes = ["sm"]` says what it works by, since 0x1C32:04 can't.
+//!
 //! What the maker does not publish is filled in, but never silently: each such value is listed in
 //! [`Profile::assumptions`] with its reason, and reports print it.
 
@@ -300,12 +303,21 @@ impl Profile {
     }
 
     /// What 0x1C32:04 announces, or 0x1C33:04 for a device without outputs; Free Run for a device
-    /// that has neither.
+    /// that has neither. What the file says for a device without mailbox.
     pub fn supported_types(&self) -> SupportedTypes {
         [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER]
             .into_iter()
             .find_map(|index| self.sync_parameters(index)?.supported)
-            .unwrap_or(SupportedTypes(1))
+            .unwrap_or(match self.has_mailbox() {
+                true => SupportedTypes(1),
+                false => self.description.behaviour.undeclared_types,
+            })
+    }
+
+    /// Whether the device can be asked for objects. Without a mailbox this profile is all that can be
+    /// known about it, beside its SII.
+    pub fn has_mailbox(&self) -> bool {
+        self.description.mailbox.is_some()
     }
 
     /// The synchronization modes that the device announces.
@@ -342,8 +354,10 @@ pub const CHIPS: [(&str, &Chip); 6] = [
     ("XMC4800", &chip::XMC4800),
 ];
 
-const BUILT_IN: [(&str, &str); 3] = [
+const BUILT_IN: [(&str, &str); 5] = [
     ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
     ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
     ("hpmicro_ecat_cia402_ssc", include_str!("../profiles/hpmicro_ecat_cia402_ssc.toml")),
+    ("simple_io16", include_str!("../profiles/simple_io16.toml")),
+    ("simple_io4", include_str!("../profiles/simple_io4.toml")),
 ];

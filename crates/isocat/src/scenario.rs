@@ -1,7 +1,7 @@
 //! From a segment file to a run: devices with ESC, stack and application, a host, and the intent that
 //! the MainDevice is given.
 
-use isocat_maindevice::{Config, DeviceConfig};
+use isocat_maindevice::{AssumedTimes, Config, DeviceConfig};
 use isocat_sim::random::Stream;
 use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
 use isocat_subdevice::Application;
@@ -111,13 +111,21 @@ const MOST_LOCAL_TIME: u64 = 10_000_000_000_000_000;
 fn device_config(device: &SubDevice) -> DeviceConfig {
     let profile = device.profile;
     let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
+    // A device without mailbox states nothing over the wire: the user's file speaks for it.
+    let silent = (!profile.has_mailbox()).then_some(profile);
+    let assumed = silent.map_or(AssumedTimes::default(), |profile| AssumedTimes {
+        outputs_calc_and_copy: Some(profile.times.calc_and_copy),
+        inputs_calc_and_copy: Some(profile.times.application + profile.times.input_copy),
+        ..AssumedTimes::default()
+    });
     DeviceConfig {
         name: device.name.clone(),
         identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
-        mode: device.mode,
+        mode: device.mode.or_else(|| silent?.modes().last()),
         outputs: list(&profile.assignment.outputs),
         inputs: list(&profile.assignment.inputs),
         shift_outputs: device.shift,
+        assumed,
         ..DeviceConfig::default()
     }
 }

@@ -15,9 +15,12 @@
 //! clock_ramp = { by = "+5ppm", from = "2s", over = "60s" }
 //! ```
 //!
+//! With `count = 50` a table stands for fifty equal devices in a line.
+//!
 //! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
 //! known name.
 
+use std::collections::HashMap;
 use std::path::Path;
 
 use isocat_sim::ClockModel;
@@ -76,7 +79,8 @@ pub struct Host {
 #[derive(Clone, Debug)]
 pub struct SubDevice {
     /// What reports call it. Key `name`; default: the device's id and its
-    /// position from 0.
+    /// place in the file from 0. With `count = N`, N equal devices stand one behind the other in the place of
+    /// one; the name of each then ends in its number among them, from 0.
     pub name: String,
     /// The device, with what the file says differently already in it. Keys `device`, needed;
     /// `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay`
@@ -132,29 +136,11 @@ impl SegmentFile {
             }
             tables => tables,
         };
-        if let Some(first) = tables.get(MOST_DEVICES) {
-            let count = tables.len();
-            let message = format!("{count} devices; expected at most {MOST_DEVICES}");
-            return Err(first.error(message));
+        let mut devices = Devices::default();
+        for table in tables {
+            devices.add(table, subdevice(source, table, cycle)?)?;
         }
-        let mut subdevices = Vec::with_capacity(tables.len());
-        let mut ports = tree::Ports::default();
-        for (position, table) in (0..).zip(tables) {
-            let mut device = subdevice(source, table, position, cycle)?;
-            let name = &device.name;
-            if let Some(namesake) = subdevices.iter().find(|other: &&SubDevice| other.name == *name)
-            {
-                let line = namesake.line;
-                let message = format!(
-                    "the name \"{name}\" is already taken in line {line}; expected another"
-                );
-                return Err(table
-                    .value("name")
-                    .map_or_else(|| table.error(&message), |v| v.error(&message)));
-            }
-            device.place = ports.place(table, &subdevices, device.profile)?;
-            subdevices.push(device);
-        }
+        let Devices { subdevices, .. } = devices;
         let subdevices = tree::sort(subdevices);
         Ok(Self { path: path.to_owned(), cycle, duration, seed, shift, host, subdevices })
     }
@@ -173,6 +159,49 @@ impl SegmentFile {
     /// Its text, as a start for one's own.
     pub const fn built_in_text() -> &'static str {
         BUILT_IN
+    }
+}
+
+/// The devices of the file so far.
+#[derive(Default)]
+struct Devices {
+    subdevices: Vec<SubDevice>,
+    ports: tree::Ports,
+    /// The line in which each name was given.
+    names: HashMap<String, usize>,
+}
+
+impl Devices {
+    /// Adds what a table describes: one device, or `count` equal ones, one behind the other.
+    fn add(&mut self, table: Table<'_>, device: SubDevice) -> Result<(), FileError> {
+        let places = MOST_DEVICES - self.subdevices.len();
+        let value = table.value("count");
+        let count = value.map_or(Ok(1), |value| value.integer(1..=MOST_DEVICES as i64))? as usize;
+        if count > places {
+            let all = self.subdevices.len() + count;
+            let message = format!("{all} devices; expected at most {MOST_DEVICES}");
+            return Err(value.map_or_else(|| table.error(&message), |value| value.error(&message)));
+        }
+        for number in 0..count {
+            let name = match table.value("name") {
+                Some(_) if count > 1 => format!("{} {number}", device.name),
+                Some(_) => device.name.clone(),
+                None => format!("{} {}", device.profile.id, self.subdevices.len()),
+            };
+            if let Some(line) = self.names.insert(name.clone(), device.line) {
+                let message = format!(
+                    "the name \"{name}\" is already taken in line {line}; expected another"
+                );
+                return Err(table
+                    .value("name")
+                    .map_or_else(|| table.error(&message), |v| v.error(&message)));
+            }
+            // Only the first can hang elsewhere.
+            let connect = table.value("connect").filter(|_| number == 0);
+            let place = self.ports.place(table, connect, &self.subdevices, device.profile)?;
+            self.subdevices.push(SubDevice { name, place, ..device.clone() });
+        }
+        Ok(())
     }
 }
 
@@ -195,14 +224,10 @@ fn host(table: Option<Table<'_>>, cycle: Nanos) -> Result<Host, FileError> {
     Ok(host)
 }
 
-fn subdevice(
-    source: Source<'_>,
-    table: Table<'_>,
-    position: usize,
-    cycle: Nanos,
-) -> Result<SubDevice, FileError> {
+fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDevice, FileError> {
     table.allow(&[
         "device",
+        "count",
         "name",
         "mode",
         "connect",
@@ -267,7 +292,8 @@ fn subdevice(
     Ok(SubDevice {
         name: match table.value("name") {
             Some(value) => value.name("a name in quotes")?.to_owned(),
-            None => format!("{} {position}", profile.id),
+            // Only its position can tell.
+            None => String::new(),
         },
         profile,
         mode,
@@ -318,12 +344,13 @@ fn mode(value: &Value<'_>, profile: &Profile, cycle: Nanos) -> Result<SyncMode, 
     let types = profile.supported_types();
     if !mode.is_supported(types) {
         let announced: Vec<_> = profile.modes().map(SyncMode::name).collect();
+        let what = if profile.has_mailbox() {
+            format!("{} = {types}", entry(object::sub::SUPPORTED_TYPES))
+        } else {
+            "it has no mailbox, and its profile does not list it".to_owned()
+        };
         return Err(value
-            .error(format!(
-                "mode \"{mode}\" is not possible with {}: {} = {types}",
-                profile.name,
-                entry(object::sub::SUPPORTED_TYPES)
-            ))
+            .error(format!("mode \"{mode}\" is not possible with {}: {what}", profile.name))
             .with_hint(format!("it announces: {}", announced.join(", "))));
     }
     let stated = profile.sync_parameters(object::OUTPUT_PARAMETER);

@@ -110,16 +110,18 @@ pub(crate) fn process_data(
 }
 
 /// Bytes of outputs and inputs by the PDO assignment. A device without assignment objects takes what
-/// the SyncManager is set to.
+/// the SyncManager is set to; without a mailbox nobody could have chosen it, and it has one length only.
 fn mapped_lengths<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     sm2: &SyncManager,
     sm3: &SyncManager,
 ) -> Result<(u32, u32), AlStatusCode> {
+    let fixed = dictionary.description().mailbox.is_none();
     let length = |index, sm: &SyncManager, area: ProcessDataArea, code| {
         let most = usize::from(area.max_length).min(MAX_PROCESS_DATA) as u32;
         match assignment::length(dictionary, index) {
             Ok(Some(bytes)) if bytes <= most => Ok(bytes),
+            Ok(None) if fixed => Ok(most),
             Ok(None) => Ok(effective_length(sm)),
             _ => Err(code),
         }
@@ -189,7 +191,10 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     let maximum = description.behaviour.maximum_cycle_time;
     let granularity = description.behaviour.cycle_granularity;
 
-    let unit_on = activation.active() || activation.0 & isocat_wire::dc::SyncActivation::AUTO != 0;
+    // Who can't say what it supports is not refused for it: the pulses of a simple device go nowhere.
+    let listens = description.mailbox.is_some() || supported.dc_sync0();
+    let unit_on = listens
+        && (activation.active() || activation.0 & isocat_wire::dc::SyncActivation::AUTO != 0);
     let (sync0, sync1) = (unit_on && activation.sync0(), unit_on && activation.sync1());
     if unit_on {
         if !sync0 {
@@ -288,15 +293,18 @@ fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
     }
 }
 
-/// What both directions that are transmitted can do. A device that states nothing refuses nothing.
+/// What both directions that are transmitted can do. Of a direction that states nothing the description
+/// tells, which by default refuses nothing.
 pub(crate) fn supported_types<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     has_outputs: bool,
     has_inputs: bool,
 ) -> SupportedTypes {
-    let stated = |index, used: bool| {
-        let value = dictionary.value(index, sub::SUPPORTED_TYPES).filter(|_| used);
-        value.map_or(u16::MAX, |value| value as u16)
+    let undeclared = dictionary.description().behaviour.undeclared_types.0;
+    let stated = |index, used: bool| match dictionary.value(index, sub::SUPPORTED_TYPES) {
+        Some(value) if used => value as u16,
+        None if used => undeclared,
+        _ => u16::MAX,
     };
     SupportedTypes(stated(OUTPUT_PARAMETER, has_outputs) & stated(INPUT_PARAMETER, has_inputs))
 }

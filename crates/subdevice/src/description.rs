@@ -1,5 +1,6 @@
 //! What is fixed about a device: its dictionary, its mailbox, its process data areas, its times.
 
+use isocat_sync::SupportedTypes;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -56,7 +57,8 @@ pub struct Mailbox {
 pub struct ProcessDataArea {
     /// First byte that the SyncManager must be set to.
     pub start: u16,
-    /// Most bytes one buffer may have.
+    /// Most bytes one buffer may have. A device without mailbox can't be told another assignment: its
+    /// buffers have exactly so many, and 0 is a direction that it does not have.
     pub max_length: u16,
 }
 
@@ -128,6 +130,11 @@ impl Entry {
 /// Behaviour that devices differ in. The times of 0x1C32 and 0x1C33 are entries of the dictionary.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Behaviour {
+    /// What a device without 0x1C32:04 and 0x1C33:04 can be synchronized by, in their bits; by default
+    /// everything that the stack can. What stands in these objects goes before. A device without
+    /// mailbox that is not able to follow SYNC0 lets its pulses pass: the SYNC unit may be on, and nobody
+    /// listens to the pin.
+    pub undeclared_types: SupportedTypes,
     /// How missed SM events are counted.
     pub missed_events: MissedEvents,
     /// Limit of the counter when there is no object 0x10F1.
@@ -168,6 +175,7 @@ pub enum MissedEvents {
 impl Default for Behaviour {
     fn default() -> Self {
         Self {
+            undeclared_types: SupportedTypes(u16::MAX),
             missed_events: MissedEvents::default(),
             sync_error_limit: 4,
             safeop_to_op_timeout: Nanos::millis(9_000),

@@ -14,13 +14,18 @@ use crate::document::FileError;
 /// Refuses a profile that contradicts itself.
 pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
     memory(draft)?;
+    if draft.mailbox.is_none() {
+        without_mailbox(draft)?;
+    }
     for (area, name, access) in [
         (&draft.outputs, "outputs", Access::RX_MAPPABLE),
         (&draft.inputs, "inputs", Access::TX_MAPPABLE),
     ] {
         if let Some(area) = area {
             assignment(draft, area, name)?;
-            mapping(draft, area, access)?;
+            if draft.mailbox.is_some() {
+                mapping(draft, area, access)?;
+            }
         }
     }
     for object in &draft.objects {
@@ -56,12 +61,12 @@ pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
 
 /// Areas lie in the ESC's RAM and do not overlap; process data are there three times.
 fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
-    let mailbox = draft.mailbox;
-    let (receive, send) = (mailbox.value.receive, mailbox.value.send);
-    let mut areas = vec![
-        (mailbox.at, "the receive mailbox", receive.start, u32::from(receive.length)),
-        (mailbox.at, "the send mailbox", send.start, u32::from(send.length)),
-    ];
+    let mut areas = Vec::new();
+    if let Some(mailbox) = draft.mailbox {
+        let (receive, send) = (mailbox.value.receive, mailbox.value.send);
+        areas.push((mailbox.at, "the receive mailbox", receive.start, u32::from(receive.length)));
+        areas.push((mailbox.at, "the send mailbox", send.start, u32::from(send.length)));
+    }
     for (area, name) in [
         (&draft.outputs, "the outputs (three buffers)"),
         (&draft.inputs, "the inputs (three buffers)"),
@@ -104,6 +109,37 @@ fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
         }
     }
     Ok(())
+}
+
+/// A device without mailbox has no objects, and one length of each direction.
+fn without_mailbox(draft: &Draft<'_>) -> Result<(), FileError> {
+    if let Some(object) = draft.objects.first() {
+        let message = format!(
+            "object 0x{:04X} is given, but nobody can read it without a mailbox; expected a table \
+             [mailbox], or no objects",
+            object.index
+        );
+        return Err(draft.source.error(object.at, message));
+    }
+    for (area, name) in [(&draft.outputs, "outputs"), (&draft.inputs, "inputs")] {
+        let Some(area) = area else { continue };
+        let bytes = area.bits(&area.default).div_ceil(8);
+        if bytes < u32::from(area.length) {
+            let message = format!(
+                "{name}.length is {}, but {name}.default needs {bytes} bytes and nobody can assign \
+                 more without a mailbox; expected {bytes}",
+                area.length
+            );
+            return Err(draft.source.error(area.at, message));
+        }
+    }
+    match draft.modes {
+        Some(modes) if modes.value.dc_sync0() && !draft.esc.sync_unit => Err(draft.source.error(
+            draft.esc.at,
+            "esc.sync_unit is false, but modes has \"dc-sync0\"; expected true",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// What is assigned is defined, fits into the slots and into the area.

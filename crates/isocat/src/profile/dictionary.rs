@@ -16,6 +16,10 @@ use crate::document::FileError;
 /// Adds the objects that every device has or that follow from other parts of the file. An object that
 /// the file writes out itself stays as it is.
 pub(super) fn complete(draft: &mut Draft<'_>) {
+    if draft.mailbox.is_none() {
+        // Nobody could read them.
+        return;
+    }
     let at = 0;
     let text = |index, name: &str, value: &str| {
         let row = Row { sub: 0, name, data_type: DataType::VISIBLE_STRING, access: Access::READ };
@@ -139,12 +143,16 @@ impl Draft<'_> {
         };
         let description = Description {
             objects: store(&self.objects),
-            mailbox: Some(self.mailbox.value),
+            mailbox: self.mailbox.map(|mailbox| mailbox.value),
             outputs: area(&self.outputs),
             inputs: area(&self.inputs),
             behaviour: Behaviour {
                 shift_outputs: local_timer(object::OUTPUT_PARAMETER),
                 shift_inputs: local_timer(object::INPUT_PARAMETER),
+                undeclared_types: match self.modes {
+                    Some(modes) => modes.value,
+                    None => self.behaviour.value.undeclared_types,
+                },
                 ..self.behaviour.value
             },
         };

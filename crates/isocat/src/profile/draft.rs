@@ -3,6 +3,7 @@
 
 use isocat_esc::chip::Chip;
 use isocat_subdevice::description::{Behaviour, Mailbox};
+use isocat_sync::SupportedTypes;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -24,7 +25,10 @@ pub(super) struct Draft<'a> {
     pub hardware_version: String,
     pub software_version: String,
     pub esc: Esc,
-    pub mailbox: Placed<Mailbox>,
+    /// None: no object dictionary either.
+    pub mailbox: Option<Placed<Mailbox>>,
+    /// What a device without mailbox works by.
+    pub modes: Option<Placed<SupportedTypes>>,
     pub outputs: Option<Area>,
     pub inputs: Option<Area>,
     pub objects: Vec<Object>,

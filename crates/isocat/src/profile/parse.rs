@@ -4,8 +4,10 @@ use std::ops::RangeInclusive;
 
 use isocat_subdevice::description::{Behaviour, Mailbox, MissedEvents};
 use isocat_subdevice::{MAX_MAILBOX, MAX_PROCESS_DATA};
+use isocat_sync::{SupportedTypes, SyncMode};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::Access;
 use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 
@@ -26,6 +28,7 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         "identity",
         "esc",
         "mailbox",
+        "modes",
         "outputs",
         "inputs",
         "object",
@@ -52,8 +55,13 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         None => Ok("1.0".to_owned()),
     };
     let esc = esc(section("esc", "a table with the ESC's chip")?)?;
-    let mailbox = mailbox(section("mailbox", "a table with the areas receive and send")?)?;
-    let area = |key, pdos| root.table(key)?.map(|table| area(table, pdos)).transpose();
+    let mailbox = root.table("mailbox")?.map(mailbox).transpose()?;
+    let has_mailbox = mailbox.is_some();
+    let area = |key, pdos| root.table(key)?.map(|table| area(table, pdos, has_mailbox)).transpose();
+    let device_type = match identity.value("device_type") {
+        None if !has_mailbox => 0,
+        _ => number("device_type", "the profile's number, object 0x1000")?,
+    };
     Ok(Draft {
         source,
         id: text("id", "the name that segment files use")?,
@@ -68,11 +76,12 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
             revision: number("revision", "the revision, object 0x1018:03")?,
             serial: identity.value("serial").map_or(Ok(0), |value| value.u32())?,
         },
-        device_type: number("device_type", "the profile's number, object 0x1000")?,
+        device_type,
         hardware_version: version("hardware_version")?,
         software_version: version("software_version")?,
         esc,
         mailbox,
+        modes: modes(root, has_mailbox)?,
         outputs: area("outputs", 0x1600..=0x17FF)?,
         inputs: area("inputs", 0x1A00..=0x1BFF)?,
         objects: root.tables("object")?.into_iter().map(object).collect::<Result<_, _>>()?,
@@ -121,8 +130,36 @@ fn mailbox(table: Table<'_>) -> Result<Placed<Mailbox>, FileError> {
     Ok(Placed { at: table.at, value: Mailbox { receive: area("receive")?, send: area("send")? } })
 }
 
-fn area(table: Table<'_>, pdos: RangeInclusive<i64>) -> Result<Area, FileError> {
-    table.allow(&["start", "length", "access", "slots", "default", "recommended", "pdo"])?;
+/// What a device works by that has no mailbox to state it in 0x1C32:04.
+fn modes(root: Table<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTypes>>, FileError> {
+    if has_mailbox {
+        return match root.value("modes") {
+            Some(value) => Err(value.error(
+                "modes is given beside [mailbox]; expected 0x1C32:04 and 0x1C33:04 to state them",
+            )),
+            None => Ok(None),
+        };
+    }
+    let expected = "what a device without [mailbox] works by, such as modes = [\"sm\"]";
+    let value = root.required("modes", expected)?;
+    let names = SyncMode::ALL.map(|mode| (mode.name(), mode));
+    let mut types = SupportedTypes(0);
+    for mode in value.array("modes")? {
+        // In 0x1C32:04 the modes have the bits of their order.
+        types.0 |= 1 << mode.one_of(&names)? as u16;
+    }
+    if types.0 == 0 {
+        return Err(value.error(format!("modes is empty; expected {expected}")));
+    }
+    Ok(Some(Placed { at: value.at(), value: types }))
+}
+
+fn area(table: Table<'_>, pdos: RangeInclusive<i64>, has_mailbox: bool) -> Result<Area, FileError> {
+    // Without a mailbox there is no 0x1C12 or 0x1C13 to be written.
+    table.allow(match has_mailbox {
+        true => &["start", "length", "access", "slots", "default", "recommended", "pdo"],
+        false => &["start", "length", "default", "pdo"],
+    })?;
     let list = |key| {
         table.value(key).map(|value| {
             let indices = value.array("PDO indices")?;
@@ -143,14 +180,20 @@ fn area(table: Table<'_>, pdos: RangeInclusive<i64>) -> Result<Area, FileError> 
         Some(value) => value.integer(1..=254)? as u8,
         None => definitions.len().max(default.len()).clamp(1, 254) as u8,
     };
-    let access = table.required("access", "who may write the PDO assignment, such as \"ro\"")?;
+    let access = match has_mailbox {
+        true => {
+            let expected = "who may write the PDO assignment, such as \"ro\"";
+            parse_access(&table.required("access", expected)?)?
+        }
+        false => Access::READ,
+    };
     Ok(Area {
         at: table.at,
         start: table.required("start", "an address")?.integer(0x1000..=0xFFFF)? as u16,
         length: table
             .required("length", "the most bytes of one buffer")?
             .integer(1..=MAX_PROCESS_DATA as i64)? as u16,
-        access: parse_access(&access)?,
+        access,
         slots,
         default,
         recommended,

@@ -1,7 +1,8 @@
 //! The EEPROM image of a profile.
 
 use isocat_wire::sii::{
-    HEADER_LEN, Header, ImageFull, PdoEntryRecord, PdoRecord, SmRecord, Writer, category, sm_type,
+    HEADER_LEN, Header, ImageFull, MailboxArea, PdoEntryRecord, PdoRecord, SmRecord, Writer,
+    category, sm_type,
 };
 use isocat_wire::sync_manager::SyncManager;
 
@@ -13,7 +14,7 @@ pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
     let mut strings = Strings::default();
     let categories = [
         (category::GENERAL, general(draft, &mut strings)),
-        (category::FMMU, vec![FMMU_OUTPUTS, FMMU_INPUTS, FMMU_MAILBOX_STATUS]),
+        (category::FMMU, fmmus(draft)),
         (category::SYNC_MANAGER, sync_managers(draft)),
         (category::TX_PDO, pdos(draft.inputs.as_ref(), 3, &mut strings)),
         (category::RX_PDO, pdos(draft.outputs.as_ref(), 2, &mut strings)),
@@ -46,15 +47,17 @@ fn header(draft: &Draft<'_>, size: usize) -> Header {
     configuration[3] = SYNC_OUTPUTS_MAPPED;
     configuration[4..6].copy_from_slice(&((draft.esc.pulse.0 / 10) as u16).to_le_bytes());
     configuration[8..10].copy_from_slice(&draft.esc.alias.to_le_bytes());
+    let mailbox = draft.mailbox.map(|mailbox| mailbox.value);
+    let nowhere = MailboxArea::default();
     Header {
         configuration,
         vendor_id: draft.identity.vendor_id,
         product_code: draft.identity.product_code,
         revision: draft.identity.revision,
         serial: draft.identity.serial,
-        receive: draft.mailbox.value.receive,
-        send: draft.mailbox.value.send,
-        protocols: Header::COE,
+        receive: mailbox.map_or(nowhere, |mailbox| mailbox.receive),
+        send: mailbox.map_or(nowhere, |mailbox| mailbox.send),
+        protocols: if mailbox.is_some() { Header::COE } else { 0 },
         size: (size / 128 - 1) as u16,
         ..Header::default()
     }
@@ -70,7 +73,9 @@ fn general(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
     data[0x00] = strings.number(&draft.vendor);
     data[0x02] = name;
     data[0x03] = name;
-    data[0x05] = COE_SDO | COE_INFORMATION | COE_COMPLETE_ACCESS;
+    if draft.mailbox.is_some() {
+        data[0x05] = COE_SDO | COE_INFORMATION | COE_COMPLETE_ACCESS;
+    }
     if writable {
         data[0x05] |= COE_ASSIGNMENT;
     }
@@ -78,14 +83,27 @@ fn general(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
     data
 }
 
+/// What the FMMUs are for; the third maps the state of the send mailbox.
+fn fmmus(draft: &Draft<'_>) -> Vec<u8> {
+    let mut uses = vec![FMMU_OUTPUTS, FMMU_INPUTS];
+    uses.extend(draft.mailbox.map(|_| FMMU_MAILBOX_STATUS));
+    uses
+}
+
+/// SM0 and SM1 are the mailbox, SM2 the outputs, SM3 the inputs. Without a mailbox SM0 and SM1 are unused,
+/// but keep its control byte: some MainDevices (ethercrab) guess the use of an unused one from there, and
+/// would take control 0 for inputs.
 fn sync_managers(draft: &Draft<'_>) -> Vec<u8> {
-    let mailbox = |start, length, control, kind| SmRecord {
-        start,
-        length,
-        control,
-        status: 0,
-        enable: 1,
-        kind,
+    let mailbox = |area: Option<MailboxArea>, control, kind| {
+        let MailboxArea { start, length } = area.unwrap_or_default();
+        SmRecord {
+            start,
+            length,
+            control,
+            status: 0,
+            enable: u8::from(area.is_some()),
+            kind: if area.is_some() { kind } else { sm_type::UNUSED },
+        }
     };
     let process_data = |area: Option<&Area>, control, kind| {
         let length = area.map_or(0, default_length);
@@ -98,10 +116,13 @@ fn sync_managers(draft: &Draft<'_>) -> Vec<u8> {
             kind: if area.is_some() { kind } else { sm_type::UNUSED },
         }
     };
-    let (receive, send) = (draft.mailbox.value.receive, draft.mailbox.value.send);
+    let (receive, send) = (
+        draft.mailbox.map(|mailbox| mailbox.value.receive),
+        draft.mailbox.map(|mailbox| mailbox.value.send),
+    );
     [
-        mailbox(receive.start, receive.length, SyncManager::MAILBOX_OUT, sm_type::MAILBOX_OUT),
-        mailbox(send.start, send.length, SyncManager::MAILBOX_IN, sm_type::MAILBOX_IN),
+        mailbox(receive, SyncManager::MAILBOX_OUT, sm_type::MAILBOX_OUT),
+        mailbox(send, SyncManager::MAILBOX_IN, sm_type::MAILBOX_IN),
         process_data(draft.outputs.as_ref(), SyncManager::OUTPUTS, sm_type::OUTPUTS),
         process_data(draft.inputs.as_ref(), SyncManager::INPUTS, sm_type::INPUTS),
     ]

@@ -2,6 +2,7 @@
 
 use super::*;
 
+mod count;
 mod physics;
 
 /// The error of a text, as `line:column message` and hint.
@@ -167,7 +168,7 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(
         hint.unwrap(),
         "did you mean \"kollmorgen_akd2g\"? expected one of: kollmorgen_akd2g, \
-         beckhoff_el2502-0010, hpmicro_ecat_cia402_ssc"
+         beckhoff_el2502-0010, hpmicro_ecat_cia402_ssc, simple_io16, simple_io4"
     );
     let (_, hint) = refused("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"yaskawa\"");
     assert!(hint.unwrap().starts_with("expected one of: kollmorgen_akd2g"));

@@ -15,7 +15,7 @@ use crate::profile::Profile;
 pub struct Place {
     /// The device upstream, by its index in the file's list of devices, and its port; `None`: the
     /// MainDevice. Key `connect`, such as `connect = "axis 1:3"`: the name of a device above, or its
-    /// place in the file counted from 0, and the port there. Default: the device above, port 1 (port 0
+    /// place in the file counted from 0 (each of a `count` counts), and the port there. Default: the device above, port 1 (port 0
     /// if that one's port 1 leads upstream).
     pub upstream: Option<(usize, PortNumber)>,
     /// The device's own port that the cable upstream is plugged into. Key `port`; default 0, any other
@@ -28,10 +28,11 @@ pub struct Place {
 pub(super) struct Ports(Vec<[bool; 4]>);
 
 impl Ports {
-    /// Reads where the next device hangs, below the `earlier` ones.
+    /// Reads where the next device hangs, below the `earlier` ones: as `connect` says, or behind the last.
     pub fn place<'a>(
         &mut self,
         table: Table<'a>,
+        connect: Option<Value<'a>>,
         earlier: &[SubDevice],
         profile: &Profile,
     ) -> Result<Place, FileError> {
@@ -39,7 +40,6 @@ impl Ports {
             Some(value) => own_port(&value, profile)?,
             None => PortNumber::P0,
         };
-        let connect = table.value("connect");
         let upstream = match (&connect, earlier.last()) {
             (Some(value), None) => {
                 return Err(value.error(
@@ -124,6 +124,13 @@ fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumb
     };
     let above = earlier.iter().position(|device| device.name == name).or_else(by_place);
     let above = above.ok_or_else(|| {
+        let first = format!("{name} 0");
+        if earlier.iter().any(|device| device.name == first) {
+            let message = format!(
+                "connect: \"{name}\" are several devices; expected one of them, such as \"{first}:1\""
+            );
+            return value.error(message);
+        }
         value
             .error(format!("connect: no device \"{name}\" above; expected {expected}"))
             .with_hint(name_hint(name, earlier.iter().map(|device| device.name.as_str())))

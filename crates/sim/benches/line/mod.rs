@@ -38,13 +38,14 @@ const INPUTS_AT: u16 = 0x1400;
 const REFERENCE: u16 = 0x1001;
 const SOURCE: [u8; 6] = [0x10; 6];
 
-/// A device that needs no dictionary: the SyncManagers say what is transmitted.
+/// A device without mailbox and dictionary.
 static DESCRIPTION: Description = Description {
     objects: &[],
     mailbox: None,
-    outputs: ProcessDataArea { start: OUTPUTS_AT, max_length: 64 },
-    inputs: ProcessDataArea { start: INPUTS_AT, max_length: 64 },
+    outputs: ProcessDataArea { start: OUTPUTS_AT, max_length: BYTES },
+    inputs: ProcessDataArea { start: INPUTS_AT, max_length: BYTES },
     behaviour: Behaviour {
+        undeclared_types: isocat_sync::SupportedTypes(u16::MAX),
         missed_events: isocat_subdevice::description::MissedEvents::Counted,
         sync_error_limit: 4,
         safeop_to_op_timeout: Nanos::millis(9_000),

@@ -32,6 +32,7 @@ static DESCRIPTION: Description = Description {
     outputs: ProcessDataArea { start: 0x1000, max_length: 0 },
     inputs: ProcessDataArea { start: 0x1000, max_length: 0 },
     behaviour: Behaviour {
+        undeclared_types: isocat_sync::SupportedTypes(u16::MAX),
         missed_events: isocat_subdevice::description::MissedEvents::Counted,
         sync_error_limit: 4,
         safeop_to_op_timeout: isocat_wire::Nanos(9_000_000_000),

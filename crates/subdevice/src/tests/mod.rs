@@ -6,5 +6,6 @@ mod device;
 mod esm;
 mod mailbox;
 mod random;
+mod simple;
 mod sync;
 mod with_esc;

@@ -311,7 +311,7 @@ fn names_that_are_not_there() {
     assert_eq!(
         refused_with_hint("[times]", "[tiems]"),
         "p.toml:42:2: unknown key \"tiems\" in the top level\n  did you mean \"times\"? expected one \
-         of: id, name, vendor, application, identity, esc, mailbox, outputs, inputs, object, opmode, \
+         of: id, name, vendor, application, identity, esc, mailbox, modes, outputs, inputs, object, opmode, \
          times, behaviour, assumed"
     );
     for (what, expected) in [

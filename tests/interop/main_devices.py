@@ -43,7 +43,7 @@ SIZES = {"UNSIGNED8": 1, "BOOLEAN": 1, "UNSIGNED16": 2, "UNSIGNED32": 4}
 # Of 0x1C32 and 0x1C33: sub-indices whose values do not depend on what was before.
 CONSTANT = {0x00, 0x04, 0x05, 0x06, 0x07, 0x09}
 WATCHDOG_MS = 1000
-ATTEMPTS = 3
+ATTEMPTS = int(os.environ.get("ATTEMPTS", 3))
 # Before everybody else on the machine: a late frame is a missed SM event.
 PROMPT = ["chrt", "--fifo", "50"] if shutil.which("chrt") else []
 
@@ -233,8 +233,9 @@ def attempt(isocat, folder, peer, command, segment, number):
         try:
             # Its first line says that it captures.
             sniffer.stderr.readline()
-            whole = session(inside, command, namespace, segment, "whole")
-            row.take(whole)
+            row.take(session(inside, command, namespace, segment, "whole"))
+            # The segment tells sessions apart by the pause between them.
+            time.sleep(0.5)
             row.cells["again"] = again(inside, command, namespace, segment)
         finally:
             sniffer.send_signal(signal.SIGINT)

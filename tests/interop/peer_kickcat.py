@@ -10,11 +10,10 @@ from peer import Failed, Session
 def steps(session):
     task, devices = session.task, session.devices
     link = kickcat.create_link(session.interface, "")
-    # A stall of the machine is no fault of the segment.
-    link.set_timeout(0.1)
+    # KickCAT waits for the whole of this time at most of its steps, however soon frames come back.
+    link.set_timeout(0.005)
     bus = kickcat.Bus(link)
-    # The session after a killed one switches the watchdog off: it has expired, and must not keep anybody from OP.
-    bus.init(0.0 if session.role == "again" else task["watchdog_ms"] / 1e3)
+    bus.init(task["watchdog_ms"] / 1e3)
     subdevices = bus.slaves()
     session.expect("SubDevices", len(subdevices), len(devices))
     session.ok("preop", f"{len(devices)} SubDevices; the binding shows no identities")
@@ -50,6 +49,9 @@ def steps(session):
     for subdevice, device in zip(subdevices, devices):
         subdevice.set_output_bytes(bytes(device["outputs"]))
 
+    # A stall of the machine is no fault of the segment.
+    link.set_timeout(0.05)
+
     def cyclic():
         bus.process_data_no_check()
         time.sleep(0.0005)
@@ -68,6 +70,7 @@ def steps(session):
 
     session.exchange(exchange, lambda position, data: subdevices[position].set_output_bytes(data),
                      lambda position: bytes(subdevices[position].input_data))
+    link.set_timeout(0.005)
     state(State.INIT)
     session.ok("")
 

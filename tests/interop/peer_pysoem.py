@@ -85,7 +85,21 @@ def steps(session):
     def write(position, data):
         slaves[position].output = data
 
-    session.exchange(exchange, write, lambda position: slaves[position].input, phase_of)
+    def recover():
+        """As pysoem's own example does it."""
+        main_device.read_state()
+        began = 0
+        for subdevice in slaves:
+            if subdevice.state == pysoem.SAFEOP_STATE + pysoem.STATE_ERROR:
+                subdevice.state = pysoem.SAFEOP_STATE + pysoem.STATE_ACK
+                subdevice.write_state()
+                began += 1
+            elif subdevice.state == pysoem.SAFEOP_STATE:
+                subdevice.state = pysoem.OP_STATE
+                subdevice.write_state()
+        return began
+
+    session.exchange(exchange, write, lambda position: slaves[position].input, phase_of, recover if sync0 else None)
     state(pysoem.INIT_STATE)
     session.ok("")
     main_device.close()

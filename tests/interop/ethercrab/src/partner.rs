@@ -140,7 +140,7 @@ impl<'a> Partner<'a> {
                 write!(text, "{}: torn {torn}, moved {moved}, lag {lag}; ", device.name)
             } else {
                 let behind = watch.target - watch.actual;
-                if watch.enabled * 10 >= cycles * 9 && (0..=STEP * i32::from(LAG)).contains(&behind) {
+                if watch.enabled * 10 >= cycles * 6 && (0..=STEP * i32::from(LAG)).contains(&behind) {
                     continue;
                 }
                 let Watch { enabled, status, .. } = watch;

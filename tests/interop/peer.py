@@ -71,7 +71,7 @@ class Session:
         seconds, or None. `recover()` brings back SubDevices that left OP, a step a call, and gives how many it began with: the
         machine may stall for longer than a drive forgives."""
         partners = [Partner(position, device) for position, device in enumerate(self.devices)]
-        bad, fell, away, longest = 0, 0, 0, 0.0
+        bad, fell, away, longest = 0, 0, -1, 0.0
         due = last = time.monotonic()
         for number in range(self.cycles):
             for position, partner in enumerate(partners):
@@ -79,13 +79,14 @@ class Session:
             if exchange():
                 for position, partner in enumerate(partners):
                     partner.inputs(number, read(position))
-            elif not recover:
-                bad += 1
-            elif number % 10 == 0 and (found := recover()):
+                right = True
+            else:
+                right = False
+            if recover and number % 10 == 0 and (not right or number <= away):
+                found = recover()
                 fell += found
-                away = number + 400
-            elif number > away:
-                bad += 1
+                away = number + 400 if found else away
+            bad += not right and number > away
             now = time.monotonic()
             longest, last = max(longest, now - last), now
             due = self.next(due, phase)

@@ -85,16 +85,20 @@ def steps(session):
     def write(position, data):
         slaves[position].output = data
 
+    asked = set()
+
     def recover():
-        """As pysoem's own example does it."""
+        """As pysoem's own example does it, but it asks only once."""
         main_device.read_state()
         began = 0
-        for subdevice in slaves:
+        for position, subdevice in enumerate(slaves):
             if subdevice.state == pysoem.SAFEOP_STATE + pysoem.STATE_ERROR:
+                asked.discard(position)
                 subdevice.state = pysoem.SAFEOP_STATE + pysoem.STATE_ACK
                 subdevice.write_state()
                 began += 1
-            elif subdevice.state == pysoem.SAFEOP_STATE:
+            elif subdevice.state == pysoem.SAFEOP_STATE and position not in asked:
+                asked.add(position)
                 subdevice.state = pysoem.OP_STATE
                 subdevice.write_state()
         return began

@@ -487,8 +487,11 @@ impl Session {
                 self.paused = None;
                 return false;
             }
+            // Who asks all for their AL status may as well wait for a state.
+            let polls = datagram.header.ado() == register::AL_STATUS.address;
             Deed::read(&datagram.header, datagram.data, |deed| {
-                begins |= matches!(deed, Deed::Count | Deed::RequestInit | Deed::StationAddresses);
+                begins |= matches!(deed, Deed::RequestInit | Deed::StationAddresses)
+                    || deed == Deed::Count && !polls;
             });
         }
         if begins {
@@ -512,3 +515,6 @@ fn cycle_of(served: &Served, conduct: &Conduct) -> Nanos {
         cycle => Nanos::from_u32(cycle),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -240,6 +240,7 @@ impl Session<'_> {
             _ => u32::MAX,
         };
         let (mut bad, mut lost, mut fell, mut away, mut worst) = (0, 0, 0, 0, Duration::ZERO);
+        let mut asked = [false; MAX_SUBDEVICES];
         let mut last = Instant::now();
         for number in 0..cycles {
             for (at, device) in group.iter(main_device).enumerate() {
@@ -262,7 +263,7 @@ impl Session<'_> {
                 bad += 1;
             }
             if !exchanged.all_op && number % 10 == 0 {
-                let began = recover(main_device, &group).await?;
+                let began = recover(main_device, &group, &mut asked).await?;
                 if began > 0 {
                     fell += began;
                     away = number + 400;
@@ -295,15 +296,20 @@ impl Session<'_> {
 
 /// Brings back SubDevices that left OP, a step a call; gives how many it began with. The machine may stall for
 /// longer than a drive forgives.
-async fn recover<DC>(main_device: &MainDevice<'static>, group: &Group<Op, DC>) -> Result<u32, Error> {
+async fn recover<DC>(
+    main_device: &MainDevice<'static>,
+    group: &Group<Op, DC>,
+    asked: &mut [bool; MAX_SUBDEVICES],
+) -> Result<u32, Error> {
     let mut began = 0;
-    for device in group.iter(main_device) {
+    for (device, asked) in group.iter(main_device).zip(asked) {
         let status = device.register_read::<u16>(RegisterAddress::AlStatus).await?;
         let control: u16 = match status & 0x1F {
             0x14 => 0x14,
-            0x04 => 0x08,
+            0x04 if !*asked => 0x08,
             _ => continue,
         };
+        *asked = control == 0x08;
         began += u32::from(control == 0x14);
         device.register_write(RegisterAddress::AlControl, control).await?;
     }

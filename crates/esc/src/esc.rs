@@ -30,6 +30,7 @@ use crate::watchdog::Watchdog;
 ///   [`hear_frame`](Self::hear_frame), [`set_port`](Self::set_port),
 ///   [`count_error`](Self::count_error);
 /// - pins: [`set_latch_input`](Self::set_latch_input), [`sync_signals`](Self::sync_signals);
+/// - power: [`power_on`](Self::power_on);
 /// - own events: [`next_event`](Self::next_event), [`step`](Self::step);
 /// - PDI side: [`pdi`](Self::pdi);
 /// - looking in from outside, without any side effect: [`register`](Self::register),
@@ -214,6 +215,16 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     pub fn with_drift_model(mut self, model: &'static dyn DriftModel) -> Self {
         self.dc.set_model(model);
         self
+    }
+
+    /// Power goes away, or comes back: everything is as after [`new`](Self::new), with the local time at
+    /// `local`, but the EEPROM holds what was written to it. No port has a link. What was set by
+    /// [`with_drift_model`](Self::with_drift_model) and the pins of the latch inputs stay as they are.
+    pub fn power_on(&mut self, now: Time<Device>, local: Time<Local>) {
+        self.ports = Ports::new();
+        self.overdue = None;
+        self.ram.as_mut().fill(0);
+        self.start(now, local.count());
     }
 
     /// Everything from the beginning, but links and RAM.

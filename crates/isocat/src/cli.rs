@@ -1,8 +1,11 @@
 //! The command line: verbs, exit codes, where words go.
 //!
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
-//! sync or lost it, 2 bad input.
+//! sync or lost it, 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
+//! input.
 
+#[cfg(target_os = "linux")]
+mod interface;
 mod run;
 #[cfg(target_os = "linux")]
 mod serve;
@@ -27,6 +30,10 @@ Examples:
   isocat run --json | jq .in_sync     the whole report for a program
   isocat run --capture run.pcapng     every frame, for Wireshark
   isocat run --no-drift-compensation  see clocks run apart
+  isocat run --interface eth0 --any   bring up what is on a real wire, for 10 s of host time
+  isocat run my.toml --interface eth0 expect the devices of my.toml there
+  isocat run --interface eth0 --preflight
+                                      what on this machine harms punctuality
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
   isocat control ecat-seg pull 2      ... and something that happens to it
   isocat example > my.toml            the built-in segment as a start for your own

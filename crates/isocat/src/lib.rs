@@ -12,7 +12,8 @@
 //!
 //! Data's way: a [`segment_file`] names devices by their [`profile`]; both become a [`scenario`], which
 //! `isocat-sim` runs in virtual time; of the outcome comes a [`report`], and of the frames, if wanted, a
-//! [`capture`]. [`document`] gives errors in files their place, [`quantity`] reads durations, lengths and
+//! [`capture`]. On Linux, `live` does the same job on a real interface, with the sockets of `link`. [`document`]
+//! gives errors in files their place, [`quantity`] reads durations, lengths and
 //! clock deviations. Serialized forms exist in
 //! this crate only.
 #![deny(unsafe_code)]
@@ -23,6 +24,8 @@ pub mod cli;
 pub mod document;
 #[cfg(target_os = "linux")]
 pub mod link;
+#[cfg(target_os = "linux")]
+pub mod live;
 pub mod profile;
 pub mod quantity;
 pub mod report;

@@ -5,6 +5,8 @@
 //! measured or counted with its own clock, `plan` was computed before the run.
 
 mod build;
+#[cfg(target_os = "linux")]
+pub mod interface;
 mod text;
 
 pub(crate) use build::{span, spread};
@@ -20,8 +22,12 @@ pub const FORMAT: &str = "isocat-run-report/1";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
+    schema_of::<Report>()
+}
+
+fn schema_of<T: JsonSchema>() -> serde_json::Value {
     let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
-    settings.into_generator().into_root_schema_for::<Report>().to_value()
+    settings.into_generator().into_root_schema_for::<T>().to_value()
 }
 
 /// The whole document. All times are nanoseconds unless their name says otherwise.

@@ -51,8 +51,18 @@ fn one_seed_gives_one_report_and_another_seed_another() {
 
 #[test]
 fn the_schema_of_the_report_is_committed() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/run-report.schema.json");
-    let now = serde_json::to_string_pretty(&isocat::report::schema()).expect("JSON") + "\n";
+    is_committed("run-report.schema.json", &isocat::report::schema());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn the_schema_of_the_interface_report_is_committed() {
+    is_committed("interface-report.schema.json", &isocat::report::interface::schema());
+}
+
+fn is_committed(name: &str, schema: &serde_json::Value) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name);
+    let now = serde_json::to_string_pretty(schema).expect("JSON") + "\n";
     if std::env::var_os("UPDATE_SCHEMA").is_some() {
         std::fs::write(&path, &now).expect("docs/ is writable");
     }
@@ -147,7 +157,7 @@ fn the_example_segment_runs_and_help_teaches_by_example() {
     assert_eq!(help.status.code(), Some(0));
     assert!(text(&help.stdout).contains("Examples:"));
     let devices = text(&isocat(&["devices"]).stdout);
-    assert_eq!(devices.lines().count(), 3, "{devices}");
+    assert_eq!(devices.lines().count(), 5, "{devices}");
 }
 
 #[test]

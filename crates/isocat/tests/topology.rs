@@ -83,3 +83,43 @@ fn a_pulled_cable_shows_in_the_working_counter_until_it_is_back() {
     assert_eq!(world.segment().devices()[last].stack.state(), AlState::SafeOp);
     assert_eq!(run_for(&mut world, 20), (20, 0));
 }
+
+/// The last device loses its power in the middle of a run: it comes back in INIT, without an address.
+#[test]
+fn a_power_cycle_leaves_the_device_behind_in_init() {
+    let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 3\n";
+    let scenario = Scenario::from(SegmentFile::parse("simple.toml", text).expect("it reads"));
+    let outcome = || {
+        let mut world = World::new(scenario.run().setup, Motion::default(), None::<NoTap>);
+        let limit = Time::new(20_000_000_000_000);
+        while !matches!(world.poll_event(), Some(Event::InOperation { .. })) {
+            assert!(world.step(limit), "the segment does not come up");
+        }
+        let mut wrong = Vec::new();
+        let off = world.now() + Picos(10_300_000_000);
+        world.segment_mut().power_off(2, off);
+        world.segment_mut().power_on(2, off + Picos(20_000_000_000));
+        for milliseconds in [10, 20, 301, 20] {
+            let before = world.main().statistics().working_counter_errors;
+            let end = world.now() + Nanos::millis(milliseconds).into();
+            while world.step(end) {
+                while world.poll_event().is_some() {}
+            }
+            wrong.push(world.main().statistics().working_counter_errors - before);
+        }
+        assert_eq!(world.segment().path().entries.len(), 3, "frames pass it again");
+        let device = &world.segment().devices()[2];
+        assert_eq!(device.stack.state(), AlState::Init);
+        assert_eq!(device.esc.register(isocat_wire::register::STATION_ADDRESS), 0);
+        assert_eq!(world.segment().devices()[1].stack.state(), AlState::Op);
+        (wrong, world.segment().devices().iter().map(|d| d.esc.registers()).collect::<Vec<_>>())
+    };
+    let (wrong, registers) = outcome();
+    // Process data and AL status, once a cycle each; the device answers neither any more.
+    assert_eq!(wrong[0], 0);
+    assert!(
+        wrong[1..].iter().zip([20, 301, 20]).all(|(n, ms)| (ms - 1..=2 * ms).contains(n)),
+        "{wrong:?}"
+    );
+    assert!(outcome() == (wrong, registers), "it repeats itself");
+}

@@ -9,6 +9,7 @@
 use alloc::boxed::Box;
 use alloc::rc::Rc;
 use alloc::vec::Vec;
+use core::convert::Infallible;
 
 use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::dc::SyncActivation;
@@ -134,6 +135,13 @@ fn check(config: &Config) -> Result<(), Cause> {
             expected: "0 or more, below half a cycle",
         });
     }
+    // What the servo takes for a lock must be small against the cycle.
+    if config.stamp_noise.0 < 0 || config.stamp_noise.0 > cycle.0 / 20 {
+        return Err(Cause::Setting {
+            name: "stamp_noise",
+            expected: "0 or more, at most a twentieth of the cycle",
+        });
+    }
     if config.shift.is_some_and(|shift| shift.0 < 0 || shift >= cycle) {
         return Err(Cause::Setting { name: "shift", expected: "at least 0 and below the cycle" });
     }
@@ -253,11 +261,11 @@ pub(crate) async fn leave_operation(mut work: Work) -> End {
     work.enter(Stage::Stop);
     let (link, config) = (work.link.clone(), work.config.clone());
     let patience = config.timeouts.init;
-    let result = settle(&mut work.segment, |device| {
+    let results = settle(&mut work.segment, |device| {
         Box::pin(step_down(&link, device, AlState::SafeOp, patience))
     })
     .await;
-    work.end(result)
+    work.end(results.into_iter().collect())
 }
 
 /// PREOP, SYNC off, INIT.
@@ -278,12 +286,16 @@ pub(crate) async fn stop(mut work: Work) -> End {
     }
     let off = SyncActivation(0).to_bytes();
     let sync = link.bwr(register::SYNC_ACTIVATION.address, &off).reply().await;
+    let silent: Vec<_> =
+        preop.iter().map(|result| matches!(result, Err(Cause::Access(_)))).collect();
     let init = settle(&mut work.segment, |device| {
+        // One that did not answer a moment ago is asked once, and not waited for.
+        let patience = if silent[device.position] { Nanos::ZERO } else { patience };
         Box::pin(esm::change(&link, device, AlState::Init, patience))
     })
     .await;
-    let result = preop.and(sync.map(|_| ()).map_err(Cause::from)).and(init);
-    work.end(result)
+    let sync = sync.map(|_| ()).map_err(Cause::from);
+    work.end(preop.into_iter().chain([sync]).chain(init).collect())
 }
 
 /// One step down, for a SubDevice that is above.
@@ -311,12 +323,12 @@ async fn each<'a>(
     join(segment.devices.iter_mut().map(procedure).collect()).await.map(|_| ())
 }
 
-/// Does the same at all SubDevices side by side, to the end at every one; then the first error.
+/// Does the same at all SubDevices side by side, to the end at every one.
 async fn settle<'a>(
     segment: &'a mut Segment,
     procedure: impl Fn(&'a mut SubDevice) -> Procedure<'a, Result<(), Cause>>,
-) -> Result<(), Cause> {
-    let all: Vec<Procedure<'a, Result<Result<(), Cause>, Cause>>> = segment
+) -> Vec<Result<(), Cause>> {
+    let all: Vec<Procedure<'a, Result<Result<(), Cause>, Infallible>>> = segment
         .devices
         .iter_mut()
         .map(|device| {
@@ -324,7 +336,8 @@ async fn settle<'a>(
             Box::pin(async move { Ok(one.await) }) as Procedure<'a, _>
         })
         .collect();
-    join(all).await?.into_iter().collect()
+    let Ok(results) = join(all).await;
+    results
 }
 
 /// As [`each`], with the mailbox of the SubDevice.

@@ -21,6 +21,14 @@ pub struct Config {
     ///
     /// [`next_timeout`]: crate::MainDevice::next_timeout
     pub host_jitter: Nanos,
+    /// How much too early the time stamps given to [`poll_transmit`] are as a rule: the mean time from
+    /// stamp to wire, less what of it is constant; at most a twentieth of the cycle. Single stamps may
+    /// be early by any time. The clock servo follows: what it takes for an outlier, what for a lock, how
+    /// long it averages. Default 0: stamps are exact, as in virtual time or with stamps of the network
+    /// controller. Some 10 µs for a socket of an ordinary Linux machine.
+    ///
+    /// [`poll_transmit`]: crate::MainDevice::poll_transmit
+    pub stamp_noise: Nanos,
     /// Phase of SYNC0 in the cycle, counted from the instant at which the frame is sent, in
     /// `0..cycle`. `None`: the plan takes the phase at which all devices have most slack.
     pub shift: Option<Nanos>,
@@ -52,6 +60,7 @@ impl Config {
             cycle,
             devices: Vec::new(),
             host_jitter: Nanos::micros(20),
+            stamp_noise: Nanos::ZERO,
             shift: None,
             drift_compensation: true,
             force: false,
@@ -68,9 +77,11 @@ impl Config {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Timeouts {
     /// From sending a frame to giving it up. Default 5 ms: a full frame through a thousand devices
-    /// takes 2 ms, and a busy host adds its own.
+    /// takes 2 ms, and a busy host adds its own. Each repetition of a datagram waits twice as long as the
+    /// one before.
     pub frame: Nanos,
-    /// How often a datagram that may be repeated is sent again after a loss. Default 3.
+    /// How often a datagram that may be repeated is sent again after a loss. Default 3: with 5 ms for the
+    /// first frame, 75 ms without any answer end the way up, a sleep of 40 ms at either end does not.
     pub retries: u8,
     /// For one read of the SII EEPROM. Default 100 ms; real ones take about 1 ms.
     pub eeprom: Nanos,
@@ -88,7 +99,8 @@ pub struct Timeouts {
     pub op: Nanos,
     /// For the drift loop to converge: 30 s. A loop pulls out some hundred ns a second.
     pub drift: Nanos,
-    /// For the host's phase to lock onto the reference clock: 20 s.
+    /// For the host's phase to lock onto the reference clock: 20 s, or four times as many cycles as
+    /// locking takes where that is longer.
     pub phase: Nanos,
     /// From programming SYNC0 until the first pulse; the lead of the start time. Default 100 ms:
     /// time to program all devices, as masters have it.

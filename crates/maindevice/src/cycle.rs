@@ -14,7 +14,7 @@ use isocat_sync::phase::{Servo, Settings, State};
 use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::{Address, HEADER_LEN, Layout};
-use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns, payload_offset};
+use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns};
 use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
@@ -27,6 +27,8 @@ pub(crate) struct Cycle {
     cycle: Nanos,
     send_phase: Nanos,
     servo: Servo,
+    /// Cycles that the servo takes to lock.
+    samples_to_lock: u32,
     last_state: State,
     reference: Option<Reference>,
     count: u16,
@@ -44,6 +46,8 @@ pub(crate) struct Cycle {
     number: u64,
     /// Instant for the next frame, or of the cycle being sent.
     due: Time<Host>,
+    /// The cycle that is due was put off after the caller had slept.
+    put_off: bool,
     /// Next frame of this cycle to send; all are sent if it is the number of frames.
     next_frame: usize,
     /// The count of SubDevices that last answered.
@@ -72,6 +76,7 @@ struct CyclicFrame {
     bytes: Vec<u8>,
     /// Offsets are from the start of the frame.
     datagrams: Vec<(Part, Layout)>,
+    marks: Vec<Mark>,
     /// The frame's two places in flight, by parity of the cycle.
     flights: [Option<Time<Host>>; 2],
     cycles: [u64; 2],
@@ -107,10 +112,12 @@ impl Cycle {
         let image = segment.image.clone();
         let bytes = image.chunks.iter().map(|c| c.logical as usize + usize::from(c.length)).max();
         let bytes = bytes.unwrap_or(0);
+        let settings = Settings::new(config.cycle, config.stamp_noise);
         let mut cycle = Self {
             cycle: config.cycle,
             send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),
-            servo: Servo::new(settings(config.cycle)),
+            servo: Servo::new(settings),
+            samples_to_lock: settings.samples_to_lock(),
             last_state: State::Free,
             reference,
             count: segment.devices.len() as u16,
@@ -124,6 +131,7 @@ impl Cycle {
             inputs: vec![0; bytes],
             number: 0,
             due: start,
+            put_off: false,
             next_frame: 0,
             answering: segment.devices.len() as u16,
             al_status: 0,
@@ -131,6 +139,11 @@ impl Cycle {
         };
         cycle.build();
         cycle
+    }
+
+    /// How long locking may take, being asked to wait `patience` at least.
+    pub fn lock_patience(&self, patience: Nanos) -> Nanos {
+        patience.max(Nanos(self.cycle.0 * 4 * i64::from(self.samples_to_lock)))
     }
 
     /// Begins or ends the exchange of process data, with the next cycle.
@@ -164,6 +177,11 @@ impl Cycle {
         self.next_frame >= self.frames.len() || self.next_frame == 0
     }
 
+    /// Frames that are under way.
+    pub fn in_flight(&self) -> usize {
+        self.frames.iter().flat_map(|frame| frame.flights).flatten().count()
+    }
+
     /// The outputs of the image.
     pub fn outputs_mut(&mut self) -> &mut [u8] {
         &mut self.outputs
@@ -185,18 +203,19 @@ impl Cycle {
             self.next_frame = 0;
         }
         if self.next_frame == 0 {
-            if now < self.due {
+            if now < self.due || self.wait_for_grid(now, inner) {
                 return None;
             }
             self.begin(now, inner);
         }
         let at = self.next_frame;
         let parity = (self.number & 1) as usize;
+        let index = self.index(self.number, at);
         let frame = &mut self.frames[at];
         let bytes = buffer.get_mut(..frame.bytes.len())?;
         bytes.copy_from_slice(&frame.bytes);
         for (part, layout) in &frame.datagrams {
-            bytes[layout.start + 1] = CYCLIC_INDEX | (parity as u8) << 6 | at as u8;
+            bytes[layout.start + 1] = index;
             if let Part::ReadWrite(chunk) | Part::Write(chunk) = *part {
                 let chunk = &self.image.chunks[chunk];
                 let from = chunk.logical as usize;
@@ -216,18 +235,31 @@ impl Cycle {
         Some(self.frames[at].bytes.len())
     }
 
-    /// Takes a frame of the cycle that came back; `false` if it is none.
-    pub fn receive(&mut self, now: Time<Host>, bytes: &[u8], inner: &mut Inner) -> bool {
-        let Ok(start) = payload_offset(bytes) else { return false };
+    /// Takes a frame of the cycle that came back, whose datagrams begin at `start`; `false` if it is
+    /// none.
+    pub fn receive(
+        &mut self,
+        now: Time<Host>,
+        bytes: &[u8],
+        start: usize,
+        inner: &mut Inner,
+    ) -> bool {
         let Some(&index) = bytes.get(start + 1) else { return false };
         if index < CYCLIC_INDEX {
             return false;
         }
-        let (parity, at) = (usize::from(index >> 6 & 1), usize::from(index & 0x3F));
-        let Some(frame) = self.frames.get_mut(at) else { return false };
+        let (sequence, at) = self.sequence(index);
+        let parity = usize::from(sequence & 1);
+        let Some(frame) = self.frames.get(at) else { return false };
         let known = frame.datagrams.last().map_or(0, |(_, layout)| layout.end());
         let Some(sent) = frame.flights[parity] else { return false };
-        if bytes.len() < known || !frame.datagrams.iter().all(|(_, d)| is_same(d, bytes)) {
+        // An answer that comes cycles late must not be taken for that of a later cycle.
+        if self.index(frame.cycles[parity], at) != index {
+            return false;
+        }
+        let frame = &mut self.frames[at];
+        let mut marks = frame.marks.iter().zip(&frame.datagrams);
+        if bytes.len() < known || !marks.all(|(mark, (_, d))| mark.is_at(bytes, d.start)) {
             return false;
         }
         frame.flights[parity] = None;
@@ -267,10 +299,50 @@ impl Cycle {
         true
     }
 
+    /// A caller who slept over half a cycle or more sends on the grid again, not somewhere in between:
+    /// a frame there would meet SYNC0 at any phase. True if the cycle is put off. That never happens
+    /// twice in a row, so that a host which is always late still sends.
+    fn wait_for_grid(&mut self, now: Time<Host>, inner: &mut Inner) -> bool {
+        let late = now - self.due;
+        if self.put_off || late.0 < self.cycle.0 / 2 {
+            return false;
+        }
+        let due = self.next_send(now);
+        let skipped = ((due - self.due).0 + self.cycle.0 / 2) / self.cycle.0;
+        if due <= now {
+            return false;
+        }
+        self.put_off = true;
+        self.due = due;
+        let skipped = skipped.max(0) as u64;
+        inner.statistics.cycles_skipped += skipped;
+        inner.report(Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
+        true
+    }
+
+    /// Index of the datagrams of a frame: its number, and above it as much of the cycle's as has room.
+    fn index(&self, cycle: u64, frame: usize) -> u8 {
+        let bits = self.frame_bits();
+        CYCLIC_INDEX | ((cycle as u8) << bits) & !CYCLIC_INDEX | frame as u8
+    }
+
+    /// The lowest bits of the cycle's number, and the frame's, from an index.
+    fn sequence(&self, index: u8) -> (u8, usize) {
+        let bits = self.frame_bits();
+        ((index & !CYCLIC_INDEX) >> bits, usize::from(index & ((1 << bits) - 1)))
+    }
+
+    /// Bits that the number of a frame needs; one is left for the cycle's at least, as the mapping has at most 64.
+    fn frame_bits(&self) -> u32 {
+        self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1)
+    }
+
     /// Begins a cycle: what was sent two cycles ago and is not back is lost.
     fn begin(&mut self, now: Time<Host>, inner: &mut Inner) {
         let late = now - self.due;
+        // Only of a cycle that was put off already; others wait for the grid.
         let skipped = (late.0 / self.cycle.0).max(0) as u64;
+        self.put_off = false;
         self.number += 1;
         inner.cycle = self.number;
         inner.statistics.cycles += 1;
@@ -290,7 +362,8 @@ impl Cycle {
         for (at, frame) in self.frames.iter_mut().enumerate() {
             if frame.flights[parity].take().is_some() {
                 inner.statistics.frames_lost += 1;
-                inner.complete_cycles = 0;
+                // Says nothing of the SubDevices: neither counts nor begins the count anew.
+                inner.complete_cycles = inner.complete_cycles.saturating_sub(1);
                 inner.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
             }
         }
@@ -412,14 +485,16 @@ impl Cycle {
             }
             let len = writer.finish();
             bytes.truncate(len);
-            let datagrams = datagrams
+            let datagrams: Vec<_> = datagrams
                 .into_iter()
                 .map(|(part, start)| {
                     let layout = Layout::at(&bytes, start);
                     (part, layout.expect("the datagram was just written"))
                 })
                 .collect();
-            self.frames.push(CyclicFrame { bytes, datagrams, flights: [None; 2], cycles: [0; 2] });
+            let marks = datagrams.iter().map(|(_, layout)| Mark::of(layout)).collect();
+            let (flights, cycles) = ([None; 2], [0; 2]);
+            self.frames.push(CyclicFrame { bytes, datagrams, marks, flights, cycles });
         }
     }
 
@@ -429,15 +504,29 @@ impl Cycle {
     }
 }
 
-/// Whether a frame that came back has this datagram at this place.
-fn is_same(datagram: &Layout, bytes: &[u8]) -> bool {
-    let Ok(found) = Layout::at(bytes, datagram.start) else { return false };
-    let header = found.header;
-    let same_place = match header.command() {
-        Ok(command) if command.increments_position() => header.ado() == datagram.header.ado(),
-        _ => header.address == datagram.header.address,
-    };
-    header.command == datagram.header.command && header.len == datagram.header.len && same_place
+/// How a datagram is known again: the first eight bytes of its header, less what changes on the way.
+#[derive(Clone, Copy)]
+struct Mark {
+    mask: u64,
+    value: u64,
+}
+
+impl Mark {
+    fn of(layout: &Layout) -> Self {
+        // Command, address and length; not the index, which says which cycle it was, nor the flags.
+        let mut mask = 0x07FF_FFFF_FFFF_00FF;
+        if layout.header.command().is_ok_and(|command| command.increments_position()) {
+            mask &= !0xFFFF_0000;
+        }
+        let [bytes @ .., _, _] = layout.header.emit();
+        Self { mask, value: u64::from_le_bytes(bytes) & mask }
+    }
+
+    /// Whether the datagram is at `start` of a frame.
+    fn is_at(self, bytes: &[u8], start: usize) -> bool {
+        let found = bytes.get(start..).and_then(|rest| rest.first_chunk());
+        found.is_some_and(|found| u64::from_le_bytes(*found) & self.mask == self.value)
+    }
 }
 
 /// The time of a 32-bit clock, extended to the one nearest to `near`.
@@ -517,13 +606,6 @@ pub(crate) fn frame_times(image: &ProcessImage, clock: bool, at: usize) -> (Nano
 /// Most bytes of a chunk: what fits beside the drift datagram and AL status in one frame.
 pub(crate) const MOST_CHUNK: usize =
     ROOM - 3 * DATAGRAM_OVERHEAD - TIME_LEN - isocat_wire::register::Register::<u16>::LEN;
-
-/// Settings of the servo for a cycle. Samples come once a cycle, so what is counted in time must
-/// hold several: a slow cycle has a slower servo.
-fn settings(cycle: Nanos) -> Settings {
-    let default = Settings::default();
-    Settings { holdover_after: default.holdover_after.max(Nanos(cycle.0 * 5)), ..default }
-}
 
 /// Ethernet and EtherCAT headers.
 const HEADERS: usize =

@@ -58,8 +58,17 @@ impl fmt::Display for Place {
 pub enum Cause {
     /// A datagram was lost or counted wrongly.
     Access(AccessError),
-    /// Nobody answered the first broadcast.
+    /// Frames come back, but no SubDevice has touched them.
     Empty,
+    /// Not one frame came back.
+    Silent {
+        /// Frames sent.
+        sent: u64,
+        /// Time waited.
+        after: Nanos,
+        /// Another MainDevice on this wire: its address, and its frames that came in.
+        foreign: Option<([u8; 6], u64)>,
+    },
     /// Other than the configured number of SubDevices.
     Count {
         /// As configured.
@@ -371,6 +380,7 @@ impl Cause {
         match self {
             Cause::Access(_)
             | Cause::Empty
+            | Cause::Silent { .. }
             | Cause::Topology { .. }
             | Cause::ProcessData { .. } => Fault::Segment,
             Cause::Count { .. }
@@ -416,7 +426,24 @@ impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Cause::Access(error) => write!(f, "{error}"),
-            Cause::Empty => f.write_str("no SubDevice answers, expected at least one"),
+            Cause::Empty => f.write_str(
+                "frames come back untouched: working counter 0, expected at least 1 (a loop-back instead of \
+                 SubDevices?)",
+            ),
+            Cause::Silent { sent, after, foreign } => {
+                write!(
+                    f,
+                    "no frame came back in {after}: {sent} sent, 0 received, expected all (cable pulled, or \
+                     no SubDevice behind it?)"
+                )?;
+                let Some((source, frames)) = foreign else { return Ok(()) };
+                let [a, b, c, d, e, g] = source;
+                write!(
+                    f,
+                    "; another EtherCAT MainDevice ({a:02x}:{b:02x}:{c:02x}:{d:02x}:{e:02x}:{g:02x}) sends on \
+                     this wire, {frames} frames"
+                )
+            }
             Cause::Count { expected, found } => {
                 write!(f, "{found} SubDevices answer, expected {expected}")
             }

@@ -7,7 +7,7 @@ use isocat_sync::phase;
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::time::Nanos;
 
-use crate::error::{Error, SdoError};
+use crate::error::{AccessError, Error, SdoError};
 
 /// The steps of the way up, in their order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -138,9 +138,9 @@ pub enum Event {
     },
     /// The caller let one or more send instants pass.
     CyclesSkipped {
-        /// Cycle that was sent too late.
+        /// Cycle that follows, on the grid again.
         cycle: u64,
-        /// How late.
+        /// How late the caller was.
         late: Nanos,
         /// Cycles left out.
         skipped: u64,
@@ -183,6 +183,15 @@ pub enum Event {
         request: RequestId,
         /// Whether the device took it.
         result: Result<(), SdoError>,
+    },
+    /// A read of memory ended, see [`MainDevice::read_memory`].
+    ///
+    /// [`MainDevice::read_memory`]: crate::MainDevice::read_memory
+    Read {
+        /// The request.
+        request: RequestId,
+        /// The bytes.
+        result: Result<Vec<u8>, AccessError>,
     },
     /// All SubDevices are back in INIT; nothing more is sent.
     Stopped,

@@ -74,7 +74,7 @@ mod topology;
 mod tests;
 
 pub use config::{AssumedTimes, Config, DeviceConfig, StartupDownload, Timeouts};
-pub use error::{Cause, Error, Fault, Place, SdoError};
+pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};
 pub use link::FRAME_LEN;
 pub use machine::MainDevice;

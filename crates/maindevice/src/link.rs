@@ -21,7 +21,10 @@ use core::task::{Context, Poll};
 
 use isocat_wire::command::Command;
 use isocat_wire::datagram::{self, Address, Layouts};
-use isocat_wire::frame::{ETHERCAT_HEADER_LEN, ETHERNET_HEADER_LEN, FrameWriter, MAX_LEN};
+use isocat_wire::frame::{
+    ETHERCAT_HEADER_LEN, ETHERNET_HEADER_LEN, FrameWriter, LOCALLY_ADMINISTERED, MAX_LEN,
+    payload_offset,
+};
 use isocat_wire::register::{Register, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AutoIncrementAddress, StationAddress};
@@ -39,6 +42,8 @@ const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
 /// Most frames of the link in flight. More than a long line needs to be filled, and few enough that
 /// an index comes again only long after its frame was given up.
 const MOST_FLIGHTS: usize = 24;
+/// A repetition waits for at most two to this power times as long as the first frame.
+const MOST_DOUBLINGS: u8 = 4;
 /// Events kept until somebody takes them; more are counted and dropped, so that memory is bounded.
 const MOST_EVENTS: usize = 1024;
 
@@ -78,6 +83,8 @@ struct Slot {
     wkc: u16,
     sent: Time<Host>,
     retries: u8,
+    /// Losses so far.
+    losses: u8,
     alone: bool,
     /// Nobody waits any more.
     abandoned: bool,
@@ -96,6 +103,43 @@ struct Flight {
     index: u8,
     deadline: Time<Host>,
     slots: Vec<usize>,
+}
+
+/// Where a frame that came in is from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Origin {
+    /// From us, through a SubDevice or by a source address that can't show it.
+    Ours {
+        /// Where its datagrams begin.
+        payload: usize,
+    },
+    /// From us, untouched.
+    Echo,
+    /// From another MainDevice.
+    Foreign([u8; 6]),
+    /// Not EtherCAT.
+    Other,
+}
+
+impl Origin {
+    /// The first ESC that a frame passes sets bit 1 of its source address.
+    #[inline]
+    pub fn of(frame: &[u8], source: [u8; 6]) -> Self {
+        let Ok(payload) = payload_offset(frame) else { return Origin::Other };
+        let Some(found) = frame[6..].first_chunk::<6>() else { return Origin::Other };
+        if *found == source && source[0] & LOCALLY_ADMINISTERED == 0 {
+            return Origin::Echo;
+        }
+        let passed = |mut address: [u8; 6]| {
+            address[0] |= LOCALLY_ADMINISTERED;
+            address
+        };
+        if passed(*found) == passed(source) {
+            Origin::Ours { payload }
+        } else {
+            Origin::Foreign(*found)
+        }
+    }
 }
 
 /// A datagram that came back.
@@ -176,6 +220,7 @@ impl Link {
                 wkc: 0,
                 sent: Time::ZERO,
                 retries: if travel.once { 0 } else { inner.retries },
+                losses: 0,
                 alone: travel.alone,
                 abandoned: false,
             };
@@ -357,6 +402,7 @@ impl Inner {
         let index = self.free_index();
         let mut slots = Vec::new();
         let mut len = HEADERS;
+        let mut losses = 0;
         while let Some(&at) = self.queue.front() {
             let slot = &mut self.slots[at];
             let more = slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
@@ -371,6 +417,7 @@ impl Inner {
             slot.state = SlotState::InFlight;
             slot.sent = now;
             slots.push(at);
+            losses = losses.max(slot.losses);
             len += more;
             if slot.alone {
                 break;
@@ -386,7 +433,9 @@ impl Inner {
         self.next_index = (index + 1) % CYCLIC_INDEX;
         self.statistics.frames_sent += 1;
         self.statistics.datagrams += slots.len() as u64;
-        self.flights.push(Flight { index, deadline: now + self.frame_timeout, slots });
+        // Each repetition waits twice as long: whoever was asleep on the way gets time to wake.
+        let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS));
+        self.flights.push(Flight { index, deadline: now + patience, slots });
         Some(frame.finish())
     }
 
@@ -432,6 +481,20 @@ impl Inner {
         true
     }
 
+    /// Counts a frame that is not an answer to us.
+    #[cold]
+    pub fn count_stranger(&mut self, origin: Origin) {
+        match origin {
+            Origin::Ours { .. } => {}
+            Origin::Echo => self.statistics.frames_echoed += 1,
+            Origin::Foreign(source) => {
+                self.statistics.frames_foreign += 1;
+                self.statistics.foreign_source = Some(source);
+            }
+            Origin::Other => self.statistics.frames_other += 1,
+        }
+    }
+
     /// Whether a frame holds just these datagrams.
     fn belongs(&self, slots: &[usize], payload: &[u8]) -> bool {
         let mut layouts = Layouts::new();
@@ -465,6 +528,7 @@ impl Inner {
                     self.put_back(at);
                 } else if slot.retries > 0 {
                     slot.retries -= 1;
+                    slot.losses = slot.losses.saturating_add(1);
                     slot.state = SlotState::Queued;
                     self.queue.push_back(at);
                 } else {
@@ -478,6 +542,11 @@ impl Inner {
     pub fn next_timeout(&self) -> Time<Host> {
         let flights = self.flights.iter().map(|flight| flight.deadline);
         flights.fold(self.wake, Time::min)
+    }
+
+    /// Frames that are under way.
+    pub fn in_flight(&self) -> usize {
+        self.flights.len()
     }
 
     /// Before each round of polling.

@@ -9,19 +9,19 @@ use core::pin::Pin;
 use core::task::{Context, Poll, Waker};
 
 use isocat_sync::phase;
-use isocat_wire::ObjectAddress;
 use isocat_wire::al::{AlState, AlStatus};
-use isocat_wire::frame::{self, LOCALLY_ADMINISTERED, duration_ns};
+use isocat_wire::frame::{self, duration_ns};
 use isocat_wire::time::{Dc, Host, Time};
+use isocat_wire::{ObjectAddress, StationAddress};
 
 use crate::bring_up::{self, End, Work};
 use crate::coe;
 use crate::config::Config;
 use crate::cycle::Cycle;
-use crate::error::{Cause, Error, MailboxError, SdoError, SdoResult};
+use crate::error::{AccessError, Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Status};
-use crate::link::Link;
+use crate::link::{Link, Origin};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{ProcessData, Segment};
 use crate::statistics::Statistics;
@@ -33,8 +33,8 @@ use crate::statistics::Statistics;
 /// - Output, to be drained after each input: [`poll_transmit`] until it gives `None`,
 ///   [`poll_event`] until it gives `None`; then [`next_timeout`] anew.
 /// - Process data: [`outputs_mut`] and [`inputs`], best used when the frames of a cycle came back.
-/// - Wishes while it runs: [`upload`], [`download`], [`stop`].
-/// - State: [`segment`], [`statistics`], [`stage`].
+/// - Wishes while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
+/// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
 ///
 /// Time is the caller's monotonic clock, read as late as possible: the `now` of [`poll_transmit`]
 /// is the time stamp of the frame that it gives, and the clock servo follows these stamps. Points
@@ -51,6 +51,9 @@ use crate::statistics::Statistics;
 /// [`inputs`]: Self::inputs
 /// [`upload`]: Self::upload
 /// [`download`]: Self::download
+/// [`read_memory`]: Self::read_memory
+/// [`next_cycle`]: Self::next_cycle
+/// [`frames_in_flight`]: Self::frames_in_flight
 /// [`stop`]: Self::stop
 /// [`segment`]: Self::segment
 /// [`statistics`]: Self::statistics
@@ -68,6 +71,7 @@ pub struct MainDevice {
     share: Share,
     jobs: VecDeque<Job>,
     running: Vec<RunningJob>,
+    reads: Vec<(RequestId, Pin<Box<Reading>>)>,
     next_request: u32,
     health: Option<Pin<Box<dyn Future<Output = Vec<Status>>>>>,
     /// What the cyclic broadcast read when health was last checked, and in which cycle.
@@ -113,6 +117,9 @@ struct Job {
     download: Option<Vec<u8>>,
 }
 
+/// A read of memory under way.
+type Reading = dyn Future<Output = Result<Vec<u8>, AccessError>>;
+
 struct RunningJob {
     request: RequestId,
     position: usize,
@@ -145,6 +152,7 @@ impl MainDevice {
             share: Share::default(),
             jobs: VecDeque::new(),
             running: Vec::new(),
+            reads: Vec::new(),
             next_request: 0,
             health: None,
             checked: None,
@@ -154,16 +162,26 @@ impl MainDevice {
         machine
     }
 
-    /// Takes a frame that came in, without its FCS. Frames that are not ours are counted and
-    /// ignored.
+    /// Takes a frame that came in, without its FCS. Frames that are not ours, or that nobody waits for,
+    /// are counted and ignored; see [`Statistics`].
     pub fn handle_frame(&mut self, now: Time<Host>, frame: &[u8]) {
-        self.link.with(|inner| inner.now = now);
-        let taken = !self.is_echo(frame) && self.take(now, frame);
-        if !taken {
-            self.link.with(|inner| inner.statistics.frames_foreign += 1);
-            return;
+        let Self { link, cycle, config, .. } = self;
+        let taken = link.with(|inner| {
+            inner.now = now;
+            let origin = Origin::of(frame, config.source);
+            let Origin::Ours { payload } = origin else {
+                inner.count_stranger(origin);
+                return false;
+            };
+            let taken =
+                cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, inner))
+                    || frame::payload(frame).is_ok_and(|payload| inner.receive(payload));
+            inner.statistics.frames_late += u64::from(!taken);
+            taken
+        });
+        if taken {
+            self.work();
         }
-        self.work();
     }
 
     /// Tells the time, at [`MainDevice::next_timeout`] or at any other moment.
@@ -209,9 +227,22 @@ impl MainDevice {
             next = next.min(cycle.due());
         }
         if let Activity::Locking { since } = self.activity {
-            next = next.min(since + self.config.timeouts.phase);
+            let patience = self.config.timeouts.phase;
+            let patience = self.cycle.as_ref().map_or(patience, |c| c.lock_patience(patience));
+            next = next.min(since + patience);
         }
         (next != Time::NEVER).then_some(next)
+    }
+
+    /// When the next frames of process data are to leave; `None` outside the cyclic exchange.
+    pub fn next_cycle(&self) -> Option<Time<Host>> {
+        self.cycle.as_ref().map(Cycle::due)
+    }
+
+    /// Frames that were sent and are neither back nor given up.
+    pub fn frames_in_flight(&self) -> usize {
+        let cyclic = self.cycle.as_ref().map_or(0, Cycle::in_flight);
+        cyclic + self.link.with(|inner| inner.in_flight())
     }
 
     /// The next thing that happened.
@@ -247,6 +278,20 @@ impl MainDevice {
     /// Asks for a download to an entry; the end comes as [`Event::Downloaded`].
     pub fn download(&mut self, position: usize, object: ObjectAddress, data: &[u8]) -> RequestId {
         self.request(position, object, Some(data.to_vec()))
+    }
+
+    /// Asks for `len` bytes of the memory of the SubDevice at `position`, registers included; they come
+    /// as [`Event::Read`]. A working counter other than 1 is an error. What is still under way when
+    /// the run ends is not answered.
+    pub fn read_memory(&mut self, position: usize, address: u16, len: usize) -> RequestId {
+        let request = self.next_request();
+        let station = self.segment.devices.get(position).map(|device| device.station);
+        // A position that is not there gets an address that nobody has after the scan.
+        let exchange = self.link.fprd(station.unwrap_or(StationAddress(0)), address, len);
+        let read = async move { exchange.expect(1).await.map(|reply| reply.data) };
+        self.reads.push((request, Box::pin(read)));
+        self.work();
+        request
     }
 
     /// Ends the run: OP → SAFEOP → PREOP, SYNC off, INIT; then [`Event::Stopped`]. On the way up it
@@ -295,28 +340,28 @@ impl MainDevice {
         self.cycle.as_ref().map(|cycle| cycle.servo().dc_at(host))
     }
 
-    /// A network interface may show us our own frames as they leave.
-    fn is_echo(&self, frame: &[u8]) -> bool {
-        self.config.source[0] & LOCALLY_ADMINISTERED == 0
-            && frame.get(6..12) == Some(&self.config.source[..])
-    }
-
-    fn take(&mut self, now: Time<Host>, frame: &[u8]) -> bool {
-        let Self { link, cycle, .. } = self;
-        link.with(|inner| {
-            if cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, inner)) {
-                return true;
-            }
-            frame::payload(frame).is_ok_and(|payload| inner.receive(payload))
-        })
-    }
-
     /// Lets everything go on that can.
     fn work(&mut self) {
         self.link.with(|inner| inner.forget_waits());
+        if self.is_quiet() {
+            return;
+        }
         self.work_on_way();
         self.work_on_jobs();
+        self.work_on_reads();
         self.work_on_health();
+    }
+
+    /// Whether nothing but the cycle runs: no procedure to poll, nobody out of OP.
+    fn is_quiet(&self) -> bool {
+        let op = AlStatus::new(AlState::Op).0;
+        matches!(self.activity, Activity::Operating)
+            && !self.stopping
+            && self.jobs.is_empty()
+            && self.running.is_empty()
+            && self.health.is_none()
+            && self.checked.is_none()
+            && self.cycle.as_ref().is_some_and(|cycle| cycle.al_status == op)
     }
 
     fn work_on_way(&mut self) {
@@ -341,7 +386,7 @@ impl MainDevice {
                         continue;
                     }
                     let after = self.link.now() - since;
-                    if after < self.config.timeouts.phase {
+                    if after < cycle.lock_patience(self.config.timeouts.phase) {
                         return;
                     }
                     let error = cycle.servo().last_error();
@@ -447,6 +492,7 @@ impl MainDevice {
     /// Nothing more is sent.
     fn end(&mut self) {
         self.refuse_jobs();
+        self.reads.clear();
         self.health = None;
         self.cycle = None;
         self.activity = Activity::Over;
@@ -458,11 +504,29 @@ impl MainDevice {
         object: ObjectAddress,
         download: Option<Vec<u8>>,
     ) -> RequestId {
-        let request = RequestId(self.next_request);
-        self.next_request = self.next_request.wrapping_add(1);
+        let request = self.next_request();
         self.jobs.push_back(Job { request, position, object, download });
         self.work();
         request
+    }
+
+    fn next_request(&mut self) -> RequestId {
+        let request = RequestId(self.next_request);
+        self.next_request = self.next_request.wrapping_add(1);
+        request
+    }
+
+    /// Ends the reads that have their answer.
+    fn work_on_reads(&mut self) {
+        let mut at = 0;
+        while at < self.reads.len() {
+            let Poll::Ready(result) = poll(&mut self.reads[at].1) else {
+                at += 1;
+                continue;
+            };
+            let (request, _) = self.reads.swap_remove(at);
+            self.link.report(Event::Read { request, result });
+        }
     }
 
     /// Starts what has its mailbox free, ends what has its answer.

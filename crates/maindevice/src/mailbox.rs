@@ -175,10 +175,8 @@ impl Mailbox {
                 Ok(_) if lost => return Ok(()),
                 Ok(_) => {}
                 Err(error) if link_is_dead(&self.link, end) => return Err(error.into()),
-                Err(_) => {
-                    lost = true;
-                    continue;
-                }
+                // Tried again at growing intervals, so that losses with a rhythm do not meet each try.
+                Err(_) => lost = true,
             }
             if self.link.now() >= end {
                 return Err(MailboxError::Full { after: self.patience });
@@ -209,6 +207,7 @@ impl Mailbox {
 
     /// Reads the whole of SM1; after a lost frame by way of the repeat bit.
     async fn fetch(&mut self, end: Time<Host>) -> Result<Vec<u8>, MailboxError> {
+        let mut interval = POLL_FIRST;
         loop {
             let travel = Travel { once: true, ..Travel::default() };
             let address = isocat_wire::datagram::Address::Station(self.station, self.send.start);
@@ -226,7 +225,8 @@ impl Mailbox {
             if self.link.now() >= end {
                 return Err(MailboxError::NoAnswer { after: self.patience });
             }
-            self.link.sleep(POLL_FIRST).await;
+            self.link.sleep(interval).await;
+            interval = longer(interval);
         }
     }
 

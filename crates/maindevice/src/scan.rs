@@ -8,6 +8,7 @@ use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::dc::SyncActivation;
 use isocat_wire::dl::DlStatus;
 use isocat_wire::register::{self, Value, features};
+use isocat_wire::time::Nanos;
 
 use crate::config::Config;
 use crate::error::{AccessError, AccessProblem, Cause};
@@ -22,7 +23,7 @@ const FIRST_STATION: u16 = 0x1001;
 /// Finds all SubDevices and brings them, whatever they did before, into INIT with nothing left over
 /// from an earlier run.
 pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
-    let count = link.brd(register::TYPE.address, 1).reply().await?.wkc;
+    let count = count(link).await?;
     if count == 0 {
         return Err(Cause::Empty);
     }
@@ -69,6 +70,30 @@ pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) ->
     segment.reference = segment.devices.iter().position(|device| device.dc.has_clock());
     Ok(())
 }
+
+/// Counts the SubDevices. A link that has just come up, or a host that is busy, may lose the first
+/// frames, so they are repeated for a while.
+async fn count(link: &Link) -> Result<u16, Cause> {
+    let begin = link.now();
+    loop {
+        if let Ok(reply) = link.brd(register::TYPE.address, 1).reply().await {
+            return Ok(reply.wkc);
+        }
+        let after = link.now() - begin;
+        if after < FIRST_ANSWER {
+            continue;
+        }
+        let counts = link.with(|inner| inner.statistics);
+        if counts.frames_echoed > 0 {
+            return Err(Cause::Empty);
+        }
+        let foreign = counts.foreign_source.map(|source| (source, counts.frames_foreign));
+        return Err(Cause::Silent { sent: counts.frames_sent, after, foreign });
+    }
+}
+
+/// How long to wait for the first frame that comes back.
+const FIRST_ANSWER: Nanos = Nanos(1_000_000_000);
 
 /// Broadcasts that undo an earlier run. SYNC first: pulses that go on would throw a device out of
 /// INIT.

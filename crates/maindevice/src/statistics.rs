@@ -11,8 +11,21 @@ pub struct Statistics {
     pub frames_received: u64,
     /// Frames that did not come back in time.
     pub frames_lost: u64,
-    /// Frames that came in and were not ours, or too late.
+    /// Frames of ours that came in when nobody waited for them any more: too late, or twice.
+    pub frames_late: u64,
+    /// Frames of ours that came in as they had left, no ESC having touched them: the interface shows
+    /// what it sends, or a loop-back. Seen only if [`Config::source`] has bit 1 of its first octet
+    /// clear.
+    ///
+    /// [`Config::source`]: crate::Config::source
+    pub frames_echoed: u64,
+    /// EtherCAT frames of another source: another MainDevice sends on this wire.
     pub frames_foreign: u64,
+    /// Source address of the last of these. The first ESC that a frame passes sets bit 1 of the first
+    /// octet.
+    pub foreign_source: Option<[u8; 6]>,
+    /// Frames that are not EtherCAT.
+    pub frames_other: u64,
     /// Datagrams sent.
     pub datagrams: u64,
     /// Frames sent until all SubDevices were in OP; 0 before.

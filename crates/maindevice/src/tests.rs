@@ -257,6 +257,8 @@ impl Bench {
     }
 }
 
+/// Bytes before the first datagram.
+const HEADERS: usize = 16;
 const STATION: StationAddress = StationAddress(0x1001);
 
 #[test]
@@ -297,7 +299,7 @@ fn lost_frames_are_sent_again_as_often_as_allowed() {
     let link = bench.link.clone();
     bench.run(link.read(STATION, register::AL_STATUS)).unwrap();
     assert_eq!(link.with(|inner| inner.statistics.frames_lost), 2);
-    assert_eq!(bench.now, Time::new(1_000_000 + 2 * 5_000_000 + 10_000));
+    assert_eq!(bench.now, Time::new(1_000_000 + 5_000_000 + 10_000_000 + 10_000));
 
     bench.lose = std::vec![3, 4, 5];
     let error = bench.run(link.read(STATION, register::AL_STATUS)).unwrap_err();
@@ -463,11 +465,11 @@ fn outputs_go_out_and_inputs_come_back() {
     cycle.outputs_mut().copy_from_slice(&[1, 2, 3, 4]);
     let frame = exchange(&mut cycle, &mut bench);
     let link = bench.link.clone();
-    assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
+    assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
     assert_eq!(bench.segment.escs[0].memory[0x1100..0x1102], [1, 2]);
     assert_eq!(bench.segment.escs[1].memory[0x1100..0x1102], [3, 4]);
     assert_eq!(cycle.inputs()[..2], [0xAA, 0xBB]);
-    assert!(!link.with(|inner| cycle.receive(bench.now, &frame, inner)), "taken once");
+    assert!(!link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)), "taken once");
     assert_eq!(bench.events(), []);
 }
 
@@ -483,12 +485,12 @@ fn inputs_are_taken_only_with_the_right_working_counter() {
     register::fmmu(0).store(&mut bench.segment.escs[1].memory, Fmmu::default());
     for _ in 0..3 {
         let frame = exchange(&mut cycle, &mut bench);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
+        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
     }
     assert_eq!(cycle.inputs()[..2], [0, 0]);
     register::fmmu(0).store(&mut bench.segment.escs[1].memory, fmmu);
     let frame = exchange(&mut cycle, &mut bench);
-    assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
+    assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
     assert_eq!(cycle.inputs()[..2], [0xAA, 0xBB]);
     let events = bench.events();
     let wrong = Event::WorkingCounter { cycle: 1, chunk: 0, expected: 5, found: 3 };
@@ -507,10 +509,10 @@ fn a_lost_frame_is_counted_two_cycles_later_and_stops_nothing() {
     let lost = exchange(&mut cycle, &mut bench);
     for _ in 0..2 {
         let frame = exchange(&mut cycle, &mut bench);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
+        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
     }
     assert!(bench.events().contains(&Event::FrameLost { cycle: 1, frame: 0 }));
-    assert!(!link.with(|inner| cycle.receive(bench.now, &lost, inner)), "far too late");
+    assert!(!link.with(|inner| cycle.receive(bench.now, &lost, HEADERS, inner)), "far too late");
 }
 
 #[test]
@@ -522,14 +524,14 @@ fn frames_leave_at_phase_zero_of_system_time() {
     let link = bench.link.clone();
     for _ in 0..50 {
         let frame = exchange(&mut cycle, &mut bench);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
+        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
     }
     assert!(cycle.is_locked());
     let mut at = Vec::new();
     for _ in 0..3 {
         let frame = exchange(&mut cycle, &mut bench);
         at.push(bench.segment.time % 1_000_000);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
+        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
     }
     assert!(at.iter().all(|phase| *phase <= 1 || *phase >= 999_999), "{at:?}");
 }
@@ -542,15 +544,35 @@ fn a_sleeper_skips_cycles_and_is_told() {
     let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
     let link = bench.link.clone();
     let frame = exchange(&mut cycle, &mut bench);
-    assert!(link.with(|inner| cycle.receive(bench.now, &frame, inner)));
+    assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
     let due = cycle.due();
-    let late = due + Nanos(3_200_000);
     let mut buffer = [0; MAX_LEN];
-    assert!(link.with(|inner| cycle.transmit(due + Nanos(-1), &mut buffer, inner)).is_none());
-    assert!(link.with(|inner| cycle.transmit(late, &mut buffer, inner)).is_some());
-    let skipped = Event::CyclesSkipped { cycle: 2, late: Nanos(3_200_000), skipped: 3 };
-    assert!(bench.events().contains(&skipped));
-    assert_eq!(cycle.due(), due + Nanos(4_000_000), "on the grid again");
+    let mut transmit = |cycle: &mut Cycle, now| {
+        link.with(|inner| cycle.transmit(now, &mut buffer, inner)).is_some()
+    };
+    assert!(!transmit(&mut cycle, due + Nanos(-1)));
+    // 40 cycles and a bit: nothing off the grid, nothing sent after the event.
+    let late = Nanos(40_200_000);
+    assert!(!transmit(&mut cycle, due + late));
+    let skipped = Event::CyclesSkipped { cycle: 2, late, skipped: 41 };
+    assert_eq!(bench.events(), [skipped]);
+    assert_eq!(cycle.due(), due + Nanos(41_000_000), "on the grid again");
+    assert!(transmit(&mut cycle, due + Nanos(41_000_000)));
+    assert!(!transmit(&mut cycle, due + Nanos(41_000_000)), "one frame, no burst");
+    assert_eq!(cycle.due(), due + Nanos(42_000_000));
+    assert_eq!(cycle.number(), 2);
+    assert_eq!(link.with(|inner| inner.statistics.cycles_skipped), 41);
+
+    // Late by less than half a cycle: at once. By half a cycle: on the grid. And who is late once more
+    // sends all the same.
+    let due = cycle.due();
+    assert!(transmit(&mut cycle, due + Nanos(499_999)));
+    assert_eq!(cycle.due(), due + Nanos(1_000_000));
+    let due = cycle.due();
+    assert!(!transmit(&mut cycle, due + Nanos(500_000)));
+    assert_eq!(cycle.due(), due + Nanos(1_000_000));
+    assert!(transmit(&mut cycle, due + Nanos(1_900_000)));
+    assert_eq!(cycle.due(), due + Nanos(3_000_000));
 }
 
 #[test]

@@ -68,6 +68,13 @@ impl Cpu {
         &self.model
     }
 
+    /// It loses its power, and all that it was going to do.
+    pub fn power_off(&mut self) {
+        self.agenda.clear();
+        self.done = 0;
+        self.polling = false;
+    }
+
     /// When it does something next.
     pub fn next(&self) -> Time<Device> {
         self.agenda.get(self.done).map_or(Time::NEVER, |(at, _)| *at)

@@ -49,6 +49,7 @@ pub struct Device {
     state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
     missed: u64,
     ports_changed: bool,
+    powered: bool,
 }
 
 impl Device {
@@ -77,7 +78,32 @@ impl Device {
             state,
             missed: 0,
             ports_changed: false,
+            powered: true,
         }
+    }
+
+    /// Whether it has power. Without, ESC and stack show what they will begin with.
+    pub fn is_powered(&self) -> bool {
+        self.powered
+    }
+
+    /// Switches it off. Everything but its EEPROM is lost; its oscillator goes on, unseen.
+    pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        self.powered = false;
+        self.esc.power_on(at, Time::ZERO);
+        self.stack.power_off();
+        self.cpu.power_off();
+        self.missed = 0;
+        self.look(at, watch);
+        self.quiet_until = Time::NEVER;
+    }
+
+    /// Switches it on again: the local time begins at 0, as that of a chip does.
+    pub(crate) fn power_on(&mut self, at: Time<DeviceClock>) {
+        self.powered = true;
+        self.esc.power_on(at, Time::ZERO);
+        self.cpu.wake(at);
+        self.disturbed();
     }
 
     /// Its oscillator.
@@ -121,11 +147,15 @@ impl Device {
 
     /// Its ESC has seen a frame: something may be due earlier than it was.
     pub fn touched(&mut self) {
+        debug_assert!(self.powered, "no frame gets to a SubDevice without power");
         self.quiet_until = self.quiet_until.min(self.esc.next_event());
     }
 
     /// ESC or stack may have been changed from outside: everything is looked at anew.
     pub fn disturbed(&mut self) {
+        if !self.powered {
+            return;
+        }
         self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
         self.quiet_until = Time::ZERO;
     }
@@ -252,6 +282,9 @@ impl Device {
 pub struct BoxedApplication(Box<dyn Application + Send>);
 
 impl Application for BoxedApplication {
+    fn power_off(&mut self) {
+        self.0.power_off();
+    }
     fn map_outputs(&mut self, outputs: &[u8]) {
         self.0.map_outputs(outputs);
     }

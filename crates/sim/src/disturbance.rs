@@ -1,8 +1,11 @@
-//! What happens to cables while the segment runs: they are pulled and plugged, and bits tip over.
+//! What happens while the segment runs: cables are pulled and plugged, SubDevices are switched off and on,
+//! and bits tip over.
 //!
 //! A cut takes the signal away at once; the ESCs at both ends find out when their link goes, and
 //! until then they send into nothing. A cable plugged in again carries frames as soon as both ends have
-//! a link.
+//! a link. A SubDevice without power cuts all its cables; each is whole again when nothing cuts it any more.
+
+use std::collections::BTreeMap;
 
 use isocat_wire::PortNumber;
 use isocat_wire::time::{Time, True};
@@ -23,60 +26,160 @@ pub struct BitError {
     pub bit: usize,
 }
 
-/// A change that an ESC notices at a port.
+/// Why a cable carries nothing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Notice {
-    cable: usize,
-    /// When the cable was pulled or plugged.
-    since: Time<True>,
-    /// When the ESC knows.
-    pub at: Time<True>,
-    pub device: usize,
-    pub port: PortNumber,
-    pub link: bool,
+pub(crate) enum Cause {
+    /// It is pulled.
+    Pulled,
+    /// The SubDevice at one of its ends has no power.
+    NoPower(usize),
 }
 
-/// All that happens to the cables of a segment.
+/// Something that happens to a SubDevice at an instant.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Notice {
+    /// When it does, or when its ESC knows.
+    pub at: Time<True>,
+    pub device: usize,
+    pub change: Change,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Change {
+    /// Its ESC notices that a link has come or gone.
+    Link {
+        cable: usize,
+        /// When the cable was cut or restored.
+        since: Time<True>,
+        port: PortNumber,
+        link: bool,
+    },
+    /// It gets power, or loses it.
+    Power(bool),
+}
+
+/// All that happens to the cables and SubDevices of a segment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Disturbances {
-    /// Every change there was or will be, in the order of time: cable, when, plugged.
+    /// Every change of a cable there was or will be, in the order of time: cable, when, whole.
     changes: Vec<(usize, Time<True>, bool)>,
-    /// What no ESC has noticed yet, in the order of time.
+    /// By cable: what cuts it after everything that has been told of it.
+    cuts: BTreeMap<usize, Cut>,
+    /// By SubDevice: when it was switched last, and whether on.
+    power: BTreeMap<usize, (Time<True>, bool)>,
+    /// What has not happened yet, in the order of time.
     notices: Vec<Notice>,
     /// Breaks too short for any ESC to notice: from, to.
     unnoticed: Vec<(Time<True>, Time<True>)>,
     errors: Vec<BitError>,
 }
 
+/// What cuts a cable.
+#[derive(Clone, Debug, Default)]
+struct Cut {
+    causes: Vec<Cause>,
+    /// When the last cause came or went.
+    changed: Time<True>,
+    /// When it became a cut.
+    since: Time<True>,
+    /// A PHY at its end lost its power, so that the link is lost however short the cut is.
+    unpowered: bool,
+}
+
 impl Disturbances {
-    /// Pulls or plugs a cable. Changes of one cable must come in the order of time; panics otherwise.
-    pub fn change(&mut self, wiring: &Wiring, cable: usize, at: Time<True>, plugged: bool) {
-        let last = self.changes.iter().rfind(|(other, ..)| *other == cable);
-        let (since, now) =
-            last.map_or((Time::ZERO, true), |(_, since, plugged)| (*since, *plugged));
-        assert!(since <= at, "cable {cable} was changed at {since:?}, after {at:?}");
-        if now == plugged {
+    /// A cable gets a reason to carry nothing. Changes of one cable must come in the order of time; panics
+    /// otherwise.
+    pub fn cut(&mut self, wiring: &Wiring, cable: usize, at: Time<True>, cause: Cause) {
+        let cut = self.changed(cable, at);
+        if cut.causes.contains(&cause) {
             return;
         }
+        let first = cut.causes.is_empty();
+        cut.causes.push(cause);
+        cut.unpowered |= cause != Cause::Pulled;
+        if first {
+            cut.since = at;
+            self.change(wiring, cable, at, false);
+        }
+    }
+
+    /// A reason goes away; with the last one, the cable is whole again. Panics as [`Self::cut`] does.
+    pub fn restore(&mut self, wiring: &Wiring, cable: usize, at: Time<True>, cause: Cause) {
+        let cut = self.changed(cable, at);
+        let before = cut.causes.len();
+        cut.causes.retain(|other| *other != cause);
+        if before > 0 && cut.causes.is_empty() {
+            self.change(wiring, cable, at, true);
+            self.changed(cable, at).unpowered = false;
+        }
+    }
+
+    /// Switches a SubDevice on or off, and with it all its cables. Panics if it was switched later.
+    pub fn power(&mut self, wiring: &Wiring, device: usize, at: Time<True>, on: bool) {
+        assert!(device < wiring.devices(), "there is no SubDevice {device} to switch");
+        let (last, is_on) = self.power.get(&device).copied().unwrap_or((Time::ZERO, true));
+        assert!(last <= at, "SubDevice {device} was switched at {last:?}, after {at:?}");
+        if is_on == on {
+            return;
+        }
+        self.power.insert(device, (at, on));
+        // It stands before the notices of the links that follow from it.
+        self.tell(Notice { at, device, change: Change::Power(on) });
+        let ports = PortNumber::ALL.into_iter();
+        let cables = ports.filter_map(|port| wiring.hop(End::Port(device, port)));
+        for hop in cables {
+            match on {
+                true => self.restore(wiring, hop.cable, at, Cause::NoPower(device)),
+                false => self.cut(wiring, hop.cable, at, Cause::NoPower(device)),
+            }
+        }
+    }
+
+    fn changed(&mut self, cable: usize, at: Time<True>) -> &mut Cut {
+        let cut = self.cuts.entry(cable).or_default();
+        let last = cut.changed;
+        assert!(last <= at, "cable {cable} was changed at {last:?}, after {at:?}");
+        cut.changed = at;
+        cut
+    }
+
+    /// A cable is cut, or whole again.
+    fn change(&mut self, wiring: &Wiring, cable: usize, at: Time<True>, whole: bool) {
         let place = self.changes.partition_point(|(_, other, _)| *other <= at);
-        self.changes.insert(place, (cable, at, plugged));
+        self.changes.insert(place, (cable, at, whole));
+        let (since, unpowered) =
+            self.cuts.get(&cable).map_or((at, false), |cut| (cut.since, cut.unpowered));
+        // What was not noticed yet will not be, unless it is a loss that nothing can hide.
+        let hidden = |notice: &Notice| match notice.change {
+            Change::Link { cable: other, link, .. } => {
+                other == cable && notice.at > at && link != whole && !(whole && unpowered)
+            }
+            Change::Power(_) => false,
+        };
         let pending = self.notices.len();
-        self.notices.retain(|notice| notice.cable != cable || notice.at <= at);
+        self.notices.retain(|notice| !hidden(notice));
         if self.notices.len() < pending {
             // It was too short for the ESCs to notice.
-            if plugged {
+            if whole {
                 self.unnoticed.push((since, at));
             }
             return;
         }
         let (properties, ends) = wiring.cable(cable);
-        let delay = if plugged { properties.link_gain } else { properties.link_loss };
+        let delay = if whole { properties.link_gain } else { properties.link_loss };
+        let of_cable = |notice: &&Notice| matches!(notice.change, Change::Link { cable: other, .. } if other == cable);
+        // Where links are gained sooner than lost, still behind the loss.
+        let earliest = self.notices.iter().rfind(of_cable).map_or(at, |notice| notice.at);
         for end in ends {
             let End::Port(device, port) = end else { continue };
-            let notice = Notice { cable, since: at, at: at + delay, device, port, link: plugged };
-            let place = self.notices.partition_point(|other| other.at <= notice.at);
-            self.notices.insert(place, notice);
+            let change = Change::Link { cable, since: at, port, link: whole };
+            self.tell(Notice { at: (at + delay).max(earliest), device, change });
         }
+    }
+
+    fn tell(&mut self, notice: Notice) {
+        let place = self.notices.partition_point(|other| other.at <= notice.at);
+        self.notices.insert(place, notice);
     }
 
     /// Lets a bit tip over.
@@ -87,7 +190,10 @@ impl Disturbances {
     /// Whether a frame that is on its way from `start` to `end` finds everything as the ESCs believe it
     /// is.
     pub fn are_quiet(&self, start: Time<True>, end: Time<True>) -> bool {
-        let calm = |notice: &Notice| if notice.link { notice.at > end } else { notice.since > end };
+        let calm = |notice: &Notice| match notice.change {
+            Change::Link { link: false, since, .. } => since > end,
+            _ => notice.at > end,
+        };
         self.notices.iter().all(calm)
             && self.unnoticed.iter().all(|(from, to)| *from > end || *to <= start)
             && self.errors.iter().all(|error| error.at > end)
@@ -107,7 +213,7 @@ impl Disturbances {
         carries
     }
 
-    /// The next change that an ESC has noticed by `at`; of `device` alone, if one is given.
+    /// The next thing that has happened by `at`; to `device` alone, if one is given.
     pub fn take_notice(&mut self, at: Time<True>, device: Option<usize>) -> Option<Notice> {
         let concerns = |notice: &&Notice| device.is_none_or(|device| device == notice.device);
         let due =

@@ -93,6 +93,7 @@ impl Segment {
         while let Some(notice) = self.disturbances.take_notice(at, Some(number)) {
             self.notice(notice, first, watch);
         }
+        debug_assert!(self.devices[number].is_powered(), "its cables carry nothing");
         let device = &mut self.devices[number];
         let begin: Time<DeviceClock> = device.oscillator().read(at);
         if first {

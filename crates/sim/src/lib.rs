@@ -3,8 +3,8 @@
 //! From the physics up: an [`oscillator`] makes a clock of its own out of true time; [`cable`] and
 //! [`wiring`] say what is connected to what and how far away, [`path`] when a frame reaches which port;
 //! [`random`] is the one source of chance. A [`device`] is an ESC, a stack, an application and a [`cpu`]
-//! on one oscillator, a [`segment`] is devices on cables that may be pulled and plugged while frames are
-//! under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
+//! on one oscillator, a [`segment`] is devices on cables that may be pulled and plugged, and switched
+//! off and on, while frames are under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
 //! segment meet in true time. `audience` says whom a frame visits, `flight` and `disturbance` what becomes
 //! of frames that meet something on their way.
 //!

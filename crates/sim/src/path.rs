@@ -107,13 +107,23 @@ impl Path {
     /// The way of a frame that leaves the MainDevice at `from`. `loops` tells which ports of a SubDevice
     /// are closed.
     pub fn new(wiring: &Wiring, loops: impl Fn(usize) -> Loops, from: MainPort) -> Self {
+        Self::over(wiring, loops, |_| true, from)
+    }
+
+    /// The same over those cables only that carry signals: what is sent into another is lost.
+    pub fn over(
+        wiring: &Wiring,
+        loops: impl Fn(usize) -> Loops,
+        carries: impl Fn(usize) -> bool,
+        from: MainPort,
+    ) -> Self {
         let mut path = Path { processed_first: true, ..Path::default() };
         let mut processed = vec![false; wiring.devices()];
         let mut end = End::Main(from);
         let mut at = Picos::ZERO;
         // No port is arrived at twice, unless the way goes round for ever.
         let mut most = 4 * wiring.devices() + 1;
-        while let Some(hop) = wiring.hop(end) {
+        while let Some(hop) = wiring.hop(end).filter(|hop| carries(hop.cable)) {
             at += hop.delay;
             let (device, port) = match hop.to {
                 End::Main(port) => {

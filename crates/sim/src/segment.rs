@@ -9,7 +9,7 @@ use isocat_wire::{Command, frame};
 use crate::audience::{self, Audience, Item};
 use crate::cable::{Cable, Phy};
 use crate::device::{Device, DeviceSetup};
-use crate::disturbance::{BitError, Disturbances, Notice};
+use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice};
 use crate::flight::{Flight, duration};
 use crate::observation::Observation;
 use crate::path::{Arrival, Loops, Path};
@@ -45,7 +45,8 @@ impl Connection {
 ///
 /// - Frames: [`pass`](Self::pass), [`pass_from`](Self::pass_from);
 /// - what happens to cables: [`unplug`](Self::unplug), [`plug`](Self::plug),
-///   [`disturb`](Self::disturb), each at a point of true time that no frame has passed yet;
+///   [`disturb`](Self::disturb), and to SubDevices: [`power_off`](Self::power_off),
+///   [`power_on`](Self::power_on), each at a point of true time that no frame has passed yet;
 /// - what SubDevices do by themselves: [`advance`](Self::advance).
 pub struct Segment {
     pub(crate) devices: Vec<Device>,
@@ -138,7 +139,7 @@ impl Segment {
         for cable in 0..segment.wiring.cables() {
             segment.link_up(cable);
         }
-        segment.refresh();
+        segment.refresh(Time::ZERO);
         segment
     }
 
@@ -153,7 +154,7 @@ impl Segment {
         let (from, to) = (End::Port(device, port), End::Main(MainPort::Secondary));
         let number = self.wiring.connect(from, to, cable)?;
         self.link_up(number);
-        self.refresh();
+        self.refresh(Time::ZERO);
         Ok(number)
     }
 
@@ -184,14 +185,30 @@ impl Segment {
         &self.paths[port as usize]
     }
 
-    /// Pulls a cable. Panics if it was changed later than `at`, or does not exist.
+    /// Pulls a cable; that of a SubDevice's number is the one upstream of it. Panics if it was changed
+    /// later than `at`, or does not exist.
     pub fn unplug(&mut self, cable: usize, at: Time<True>) {
-        self.disturbances.change(&self.wiring, cable, at, false);
+        self.disturbances.cut(&self.wiring, cable, at, Cause::Pulled);
     }
 
     /// Plugs a cable in again. Panics if it was changed later than `at`, or does not exist.
     pub fn plug(&mut self, cable: usize, at: Time<True>) {
-        self.disturbances.change(&self.wiring, cable, at, true);
+        self.disturbances.restore(&self.wiring, cable, at, Cause::Pulled);
+    }
+
+    /// Takes a SubDevice's power away. From `at` on it does nothing, and its neighbours lose their links
+    /// to it as if all its cables were pulled. Panics if it, or one of its cables, was changed later than
+    /// `at`.
+    pub fn power_off(&mut self, device: usize, at: Time<True>) {
+        self.disturbances.power(&self.wiring, device, at, false);
+    }
+
+    /// Gives a SubDevice its power back: it starts anew, in INIT and with all registers at their reset
+    /// values, but with the EEPROM as it was written. Its local time begins at 0. Links come back as after
+    /// plugging in, over those cables that are not pulled and whose other end has power. Panics if it, or
+    /// one of its cables, was changed later than `at`.
+    pub fn power_on(&mut self, device: usize, at: Time<True>) {
+        self.disturbances.power(&self.wiring, device, at, true);
     }
 
     /// Lets a bit tip over on a cable.
@@ -478,12 +495,13 @@ impl Segment {
             self.stale = true;
         }
         if self.stale {
-            self.refresh();
+            self.refresh(start);
         }
     }
 
-    /// An ESC notices that a link has come or gone. What it did before, it did with the old one, if it
-    /// may be `advance`d: no frame that comes earlier will be told of later.
+    /// A SubDevice loses its power or gets it back, or its ESC notices that a link has come or gone. What
+    /// it did before, it did without knowing, if it may be `advance`d: no frame that comes earlier will be
+    /// told of later.
     pub(crate) fn notice(
         &mut self,
         notice: Notice,
@@ -491,12 +509,19 @@ impl Segment {
         watch: &mut impl FnMut(Observation),
     ) {
         let device = &mut self.devices[notice.device];
+        let at = device.oscillator().read(notice.at);
         if advance {
-            let at = device.oscillator().read(notice.at);
             device.advance(at, watch);
         }
-        device.esc.set_port(notice.port, notice.link);
-        device.disturbed();
+        match notice.change {
+            Change::Link { port, link, .. } if device.is_powered() => {
+                device.esc.set_port(port, link);
+                device.disturbed();
+            }
+            Change::Link { .. } => {}
+            Change::Power(false) => device.power_off(at, watch),
+            Change::Power(true) => device.power_on(at),
+        }
         self.stale = true;
     }
 
@@ -515,15 +540,16 @@ impl Segment {
         }
     }
 
-    /// Computes the ways of frames anew.
-    fn refresh(&mut self) {
+    /// Computes the ways of frames anew, as they are at `at`.
+    fn refresh(&mut self, at: Time<True>) {
         for device in &mut self.devices {
             device.clear_ports_changed();
         }
         let devices = &self.devices;
         let loops = |device: usize| Loops::of(devices[device].esc.dl_status());
+        let carries = |cable| self.disturbances.carries(cable, at, at);
         self.paths = [MainPort::Primary, MainPort::Secondary]
-            .map(|port| Path::new(&self.wiring, loops, port));
+            .map(|port| Path::over(&self.wiring, loops, carries, port));
         self.stale = false;
         self.forget_audiences();
     }

@@ -30,6 +30,7 @@ static DESCRIPTION: Description = Description {
         free_run_period: isocat_wire::Nanos::millis(1),
         maximum_cycle_time: isocat_wire::Nanos::ZERO,
         cycle_granularity: isocat_wire::Nanos::ZERO,
+        watchdog_must_agree: true,
         hide_unused_sync_objects: false,
         shift_outputs: false,
         shift_inputs: false,

@@ -26,6 +26,10 @@ pub trait Application {
     /// OP was left: outputs go to their safe state.
     fn safe_outputs(&mut self) {}
 
+    /// The device is switched off, and will start anew: what was kept in RAM is gone. Outputs are
+    /// without power, so [`safe_outputs`](Self::safe_outputs) is not called.
+    fn power_off(&mut self) {}
+
     /// The present value of an object of the application, into the front of `value`; gives its bytes.
     /// `None` leaves the object to the stack's own store.
     fn read_object(

@@ -57,7 +57,8 @@ pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
     }
     let watchdog = outputs.is_used() && sm2.control & SyncManager::CONTROL_WATCHDOG != 0;
     let watchdog_time = pdi.load(register::WATCHDOG_TIME_PROCESS_DATA);
-    if outputs.is_used() && watchdog != (watchdog_time != 0) {
+    let must_agree = description.behaviour.watchdog_must_agree && outputs.is_used();
+    if must_agree && watchdog != (watchdog_time != 0) {
         return Err(AlStatusCode::INVALID_WATCHDOG_CONFIGURATION);
     }
     Ok(SafeOp { outputs, inputs, watchdog, sync })

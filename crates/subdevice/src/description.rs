@@ -150,6 +150,9 @@ pub struct Behaviour {
     pub maximum_cycle_time: Nanos,
     /// The SYNC0 cycle must be a multiple of it (else 0x0035); zero for no such rule.
     pub cycle_granularity: Nanos,
+    /// The watchdog trigger bit of SM2 and the process data watchdog's time (0x0420) must both be set or
+    /// both be zero (else 0x001F), as the Slave Stack Code wants it. Small stacks do not look.
+    pub watchdog_must_agree: bool,
     /// 0x1C32:00 reads 0 and its sub-indices do not exist in SAFEOP and OP while no outputs are
     /// transmitted; the same for 0x1C33 and inputs. Slave Stack Code devices keep the object.
     pub hide_unused_sync_objects: bool,
@@ -183,6 +186,7 @@ impl Default for Behaviour {
             free_run_period: Nanos::millis(1),
             maximum_cycle_time: Nanos::ZERO,
             cycle_granularity: Nanos::ZERO,
+            watchdog_must_agree: true,
             hide_unused_sync_objects: false,
             shift_outputs: false,
             shift_inputs: false,

@@ -116,6 +116,11 @@ impl Default for Drive {
 }
 
 impl Application for Drive {
+    fn power_off(&mut self) {
+        // The axis stays where it is, and its encoder is an absolute one.
+        *self = Self::new(self.position);
+    }
+
     fn map_outputs(&mut self, outputs: &[u8]) {
         if let Some(control) = outputs.get(0..2) {
             self.mapped.control = u16::from_le_bytes([control[0], control[1]]);

@@ -52,6 +52,10 @@ impl Application for Io {
         inputs[..len].copy_from_slice(&self.inputs[..len]);
     }
 
+    fn power_off(&mut self) {
+        *self = Self::new();
+    }
+
     fn safe_outputs(&mut self) {
         self.mapped = [0; MAX_PROCESS_DATA];
         self.outputs = [0; MAX_PROCESS_DATA];

@@ -31,6 +31,8 @@ use crate::sync_engine::{Chosen, Reaction, SyncEngine};
 ///    told before the event.
 /// 4. [`state`](Self::state), [`status_code`](Self::status_code), [`sync`](Self::sync) show what it is at.
 ///
+/// [`power_off`](Self::power_off) takes it back to its beginning.
+///
 /// The dictionary's values live in `S`, of at least [`Description::store_len`] bytes.
 pub struct SubDevice<A, S> {
     pub(crate) application: A,
@@ -65,6 +67,25 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             station: 0,
             retry: None,
         }
+    }
+
+    /// The device is switched off: nothing is left but what [`new`](Self::new) would give it. Once it
+    /// has power again, the main loop goes on from there.
+    pub fn power_off(&mut self) {
+        let description = self.description();
+        self.application.power_off();
+        for entry in description.objects.iter().flat_map(|object| object.entries) {
+            self.dictionary.reset(entry);
+        }
+        self.esm = Esm::new();
+        self.mailbox.stop();
+        self.coe.reset();
+        self.process_data = ProcessData::new();
+        self.sync = SyncEngine::new();
+        self.sync.load_settings(&self.dictionary);
+        self.chosen = Chosen::default();
+        self.station = 0;
+        self.retry = None;
     }
 
     /// The main loop: does all that waits and does not belong to the cycle. Cheap when nothing waits.

@@ -301,3 +301,19 @@ fn three_letters_reset() {
     // The local time starts anew.
     assert!(bench.esc.local_time(device(bench.now)).count() < 100);
 }
+
+/// What power-on gives back is what a new chip has, but for the EEPROM.
+#[test]
+fn power_on_begins_anew() {
+    let mut bench = Bench::new(&LAN9252);
+    let fresh = Esc::new(&LAN9252, image(SII), vec![0; 4096]).registers();
+    bench.esc.pdi(Time::new(bench.now)).write(0x1000, &[7; 8]);
+    assert_eq!(bench.esc.ram()[..8], [7; 8]);
+    let now = Time::new(bench.now + 1_000);
+    bench.esc.power_on(now, Time::new(0));
+    assert_eq!(bench.esc.ram()[..8], [0; 8]);
+    assert_eq!(bench.esc.system_time(now).count(), 0);
+    let found = bench.esc.registers();
+    let other: Vec<_> = (0..found.len()).filter(|at| found[*at] != fresh[*at]).collect();
+    assert!(other.is_empty(), "{other:04x?}");
+}

@@ -10,9 +10,11 @@ use isocat_maindevice::Fault;
 use isocat_sim::Outcome;
 use isocat_sim::run::Progress;
 use isocat_wire::Nanos;
+use serde::Serialize;
 
 use super::{IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::capture::Capture;
+use crate::report::Finding;
 use crate::{Report, Scenario, SegmentFile, quantity};
 
 /// Arguments of `run`.
@@ -20,7 +22,8 @@ use crate::{Report, Scenario, SegmentFile, quantity};
 pub struct Arguments {
     /// Segment file; without one, the built-in segment runs
     segment: Option<String>,
-    /// How long to run once all devices are in OP, in virtual time: 500ms, 10s, 2min
+    /// How long to run once all devices are in OP, in virtual time or, with --interface, in host time:
+    /// 500ms, 10s, 2min
     #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
     duration: Option<Nanos>,
     /// Seed of everything random; the same seed gives the same run
@@ -28,22 +31,25 @@ pub struct Arguments {
     seed: Option<u64>,
     /// Print the report as one JSON document
     #[arg(long)]
-    json: bool,
+    pub json: bool,
     /// Also write the report to this file: JSON if it ends in .json, else text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Write every frame to this pcapng file
     #[arg(long, value_name = "FILE")]
-    capture: Option<PathBuf>,
+    pub capture: Option<PathBuf>,
     /// For testing: let the clocks run apart
     #[arg(long)]
     no_drift_compensation: bool,
     /// For testing: run although the timing budget does not fit
     #[arg(long)]
     force: bool,
+    #[cfg(target_os = "linux")]
+    #[command(flatten)]
+    pub wire: super::interface::Options,
 }
 
-fn duration(text: &str) -> Result<Nanos, String> {
+pub fn duration(text: &str) -> Result<Nanos, String> {
     let duration = quantity::parse_duration(text).map_err(|error| error.to_string())?;
     if (Nanos(1)..=LONGEST).contains(&duration) {
         Ok(duration)
@@ -66,11 +72,15 @@ pub fn run(arguments: &Arguments) -> u8 {
     if let Some(message) = arguments.overwrites() {
         return fail(&message);
     }
-    let mut scenario = Scenario::from(file);
-    scenario.duration = arguments.duration.unwrap_or(scenario.duration);
-    scenario.seed = arguments.seed.unwrap_or(scenario.seed);
-    scenario.force = arguments.force;
-    scenario.drift_compensation &= !arguments.no_drift_compensation;
+    #[cfg(target_os = "linux")]
+    match arguments.wire.interface.as_deref() {
+        _ if arguments.wire.preflight => {
+            return super::interface::look(arguments, arguments.segment.as_ref().map(|_| &file));
+        }
+        Some(interface) => return super::interface::run(arguments, interface, file),
+        None => {}
+    }
+    let scenario = arguments.scenario(file);
     if scenario.duration < scenario.cycle {
         let (duration, cycle) = (scenario.duration, scenario.cycle);
         return fail(&format!("--for {duration} is shorter than one cycle of {cycle}"));
@@ -79,7 +89,7 @@ pub fn run(arguments: &Arguments) -> u8 {
         Ok(capture) => capture,
         Err(error) => return fail(&unwritable("capture", arguments.capture.as_ref(), &error)),
     };
-    let bar = progress_bar(&scenario);
+    let bar = progress_bar(scenario.duration);
     let outcome = scenario.run().execute(capture, &mut |progress| match progress {
         Progress::Stage(stage) => bar.set_message(stage.name()),
         Progress::Judged(time) => {
@@ -105,29 +115,40 @@ fn finish(
     if let Some(Err(error)) = outcome.world.into_tap().map(Capture::finish) {
         return fail(&unwritable("capture", arguments.capture.as_ref(), &error));
     }
-    let json = || {
-        let text = serde_json::to_string_pretty(report);
-        text.expect("a report has no map keys that JSON lacks") + "\n"
-    };
-    if let Some(path) = &arguments.report {
-        let text = match path.extension().and_then(|extension| extension.to_str()) {
-            Some("json") => json(),
-            _ => anstream::adapter::strip_str(&report.text()).to_string(),
-        };
-        if let Err(error) = std::fs::write(path, text) {
-            return fail(&unwritable("report", Some(path), &error));
-        }
+    if let Err(message) = write_report(arguments, report, &report.text()) {
+        return fail(&message);
     }
     if refused && !arguments.json {
-        return fail(&refusal(scenario, report));
+        return fail(&refusal(Some(scenario), report.findings.first(), &report.verdict));
     }
-    let code = print(&if arguments.json { json() } else { report.text() });
+    let code = print(&if arguments.json { json(report) } else { report.text() });
     if refused { super::BAD_INPUT } else { code }
 }
 
-/// What the MainDevice refuses, with the place of the device in the segment file.
-fn refusal(scenario: &Scenario, report: &Report) -> String {
-    let Some(finding) = report.findings.first() else { return report.verdict.clone() };
+/// A report as one JSON document.
+pub fn json(report: &impl Serialize) -> String {
+    let text = serde_json::to_string_pretty(report);
+    text.expect("a report has no map keys that JSON lacks") + "\n"
+}
+
+/// Writes the report to the file that was asked for.
+pub fn write_report(
+    arguments: &Arguments,
+    report: &impl Serialize,
+    text: &str,
+) -> Result<(), String> {
+    let Some(path) = &arguments.report else { return Ok(()) };
+    let content = match path.extension().and_then(|extension| extension.to_str()) {
+        Some("json") => json(report),
+        _ => anstream::adapter::strip_str(text).to_string(),
+    };
+    std::fs::write(path, content).map_err(|error| unwritable("report", Some(path), &error))
+}
+
+/// What the MainDevice refuses, with the place of the device in the segment file, if there is one.
+pub fn refusal(scenario: Option<&Scenario>, finding: Option<&Finding>, verdict: &str) -> String {
+    let Some(finding) = finding else { return verdict.to_owned() };
+    let Some(scenario) = scenario else { return finding.sentence() };
     let line = finding.position.and_then(|position| scenario.devices.get(position)).map(|d| d.line);
     let place = match line {
         Some(line) => format!("{}:{line}", scenario.source),
@@ -148,6 +169,16 @@ fn verb_hint(path: &str) -> String {
 }
 
 impl Arguments {
+    /// The scenario of a segment file, with what the arguments say differently.
+    pub fn scenario(&self, file: SegmentFile) -> Scenario {
+        let mut scenario = Scenario::from(file);
+        scenario.duration = self.duration.unwrap_or(scenario.duration);
+        scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.force = self.force;
+        scenario.drift_compensation &= !self.no_drift_compensation;
+        scenario
+    }
+
     /// Files that would be lost: the segment itself, or one result under the other.
     fn overwrites(&self) -> Option<String> {
         let same = |one: &Path, other: &Path| {
@@ -168,17 +199,17 @@ impl Arguments {
     }
 }
 
-fn unwritable(what: &str, path: Option<&PathBuf>, error: &std::io::Error) -> String {
+pub fn unwritable(what: &str, path: Option<&PathBuf>, error: &std::io::Error) -> String {
     let path = path.map_or(String::new(), |path| path.display().to_string());
     format!("the {what} file {path} can't be written: {error}")
 }
 
 /// Shown on a terminal only, and only if the run takes a while.
-fn progress_bar(scenario: &Scenario) -> ProgressBar {
+pub fn progress_bar(duration: Nanos) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let bar = ProgressBar::new(scenario.duration.0 as u64);
+    let bar = ProgressBar::new(duration.0 as u64);
     let template = "{msg:12} {wide_bar} {percent:>3} %  {eta}";
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style);

@@ -12,6 +12,11 @@ pub fn now() -> Time<Host> {
     Time::new(read(ClockId::Monotonic))
 }
 
+/// Wall time less host time at this moment, ns.
+pub fn wall_offset() -> i64 {
+    read(ClockId::Realtime).wrapping_sub(now().count()) as i64
+}
+
 /// Sleeps until an instant. A signal ends it early, so the caller looks at the clock again.
 pub fn sleep_until(at: Time<Host>) {
     sys::sleep_until(Duration::from_nanos(at.count()));

@@ -26,6 +26,8 @@ pub enum LinkError {
     Name(String),
     /// A namespace of that name is there and is not ours.
     Namespace(String),
+    /// There is no network namespace of that name.
+    UnknownNamespace(String),
     /// The command `ip` failed.
     Ip {
         /// As it was called.
@@ -101,6 +103,10 @@ impl fmt::Display for LinkError {
                 )?;
                 write!(f, "expected a free name")
             }
+            Self::UnknownNamespace(name) => write!(
+                f,
+                "there is no network namespace \"{name}\"; \"ip netns\" lists those there are"
+            ),
             Self::Ip { command, message } => write!(f, "\"{command}\" failed: {message}"),
             Self::Os { what, name, error } => write!(f, "{what} {name} failed: {error}"),
         }

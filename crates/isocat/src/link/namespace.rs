@@ -15,7 +15,10 @@ pub(super) fn inside<T: Send>(
     work: impl FnOnce() -> T + Send,
 ) -> Result<T, LinkError> {
     let failed = |error| LinkError::os("entering the network namespace", namespace, error);
-    let file = File::open(path(namespace)).map_err(failed)?;
+    let file = File::open(path(namespace)).map_err(|error| match error.kind() {
+        std::io::ErrorKind::NotFound => LinkError::UnknownNamespace(namespace.to_owned()),
+        _ => failed(error),
+    })?;
     std::thread::scope(|scope| {
         let thread = scope.spawn(|| {
             move_into_link_name_space(file.as_fd(), Some(LinkNameSpaceType::Network))
@@ -24,6 +27,17 @@ pub(super) fn inside<T: Send>(
         });
         thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
+}
+
+/// The same, or here if there is no namespace.
+pub(super) fn inside_or_here<T: Send>(
+    namespace: Option<&str>,
+    work: impl FnOnce() -> T + Send,
+) -> Result<T, LinkError> {
+    match namespace {
+        Some(namespace) => inside(namespace, work),
+        None => Ok(work()),
+    }
 }
 
 /// A veth pair in a network namespace of its own, removed when dropped.

@@ -71,6 +71,16 @@ impl RawSocket {
         &self.interface
     }
 
+    /// Whether the interface is up and its cable has a signal; `None` if the system does not tell.
+    pub fn has_carrier(&self) -> Option<bool> {
+        sys::has_carrier(self.socket.as_fd(), &self.interface).ok()
+    }
+
+    /// How the interface gathers arrivals; `None` if its driver does not tell.
+    pub(super) fn coalescing(&self) -> Option<sys::Coalescing> {
+        sys::coalescing(self.socket.as_fd(), &self.interface).ok()
+    }
+
     /// Sends a frame. One system call.
     pub fn send(&self, frame: &[u8]) -> Result<(), LinkError> {
         loop {

@@ -119,3 +119,56 @@ pub(super) fn sleep_until(at: Duration) {
         );
     }
 }
+
+/// Whether the interface is up and its cable has a signal.
+pub(super) fn has_carrier(socket: BorrowedFd<'_>, interface: &str) -> io::Result<bool> {
+    let mut request = interface_request(interface)?;
+    // SAFETY: the request outlives the call; the kernel fills the member that is read.
+    let flags = unsafe {
+        if libc::ioctl(socket.as_raw_fd(), libc::SIOCGIFFLAGS as _, &raw mut request) < 0 {
+            return Err(io::Error::last_os_error());
+        }
+        request.ifr_ifru.ifru_flags
+    };
+    Ok(i32::from(flags) & libc::IFF_RUNNING != 0)
+}
+
+/// How an interface gathers arrivals before it interrupts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Coalescing {
+    /// It waits so many microseconds for more frames.
+    pub usecs: u32,
+    /// The driver chooses that by itself.
+    pub adaptive: bool,
+}
+
+/// Reads how received frames are gathered (`ethtool -c`).
+pub(super) fn coalescing(socket: BorrowedFd<'_>, interface: &str) -> io::Result<Coalescing> {
+    /// `struct ethtool_coalesce`: the command and 22 settings.
+    const WORDS: usize = 23;
+    const ETHTOOL_GCOALESCE: u32 = 0x0E;
+    let mut words = [0_u32; WORDS];
+    words[0] = ETHTOOL_GCOALESCE;
+    let mut request = interface_request(interface)?;
+    request.ifr_ifru.ifru_data = words.as_mut_ptr().cast();
+    // SAFETY: request and words outlive the call; the words are as long as the command says.
+    let result =
+        unsafe { libc::ioctl(socket.as_raw_fd(), libc::SIOCETHTOOL as _, &raw mut request) };
+    if result < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(Coalescing { usecs: words[1], adaptive: words[10] != 0 })
+}
+
+fn interface_request(interface: &str) -> io::Result<libc::ifreq> {
+    // SAFETY: all-zero is a valid request.
+    let mut request: libc::ifreq = unsafe { MaybeUninit::zeroed().assume_init() };
+    // The last byte stays 0.
+    if interface.len() >= request.ifr_name.len() {
+        return Err(io::ErrorKind::InvalidInput.into());
+    }
+    for (to, from) in request.ifr_name.iter_mut().zip(interface.bytes()) {
+        *to = from as libc::c_char;
+    }
+    Ok(request)
+}

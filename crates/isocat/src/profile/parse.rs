@@ -287,6 +287,7 @@ fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
         "safeop_to_op_timeout",
         "free_run_period",
         "maximum_cycle_time",
+        "watchdog_must_agree",
         "hide_unused_sync_objects",
         "identification",
     ])?;
@@ -308,6 +309,9 @@ fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
     }
     if let Some(value) = table.value("maximum_cycle_time") {
         behaviour.maximum_cycle_time = value.duration(Nanos(1)..=Nanos::from_u32(u32::MAX))?;
+    }
+    if let Some(value) = table.value("watchdog_must_agree") {
+        behaviour.watchdog_must_agree = value.boolean()?;
     }
     if let Some(value) = table.value("hide_unused_sync_objects") {
         behaviour.hide_unused_sync_objects = value.boolean()?;

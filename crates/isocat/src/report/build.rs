@@ -40,18 +40,8 @@ fn verdict<T: Tap>(
     findings: &[Finding],
 ) -> String {
     if outcome.in_sync() {
-        let free = devices.iter().filter(|d| d.mode == SyncMode::FreeRun.name()).count();
-        let synchronized = devices.len() - free;
-        if synchronized == 0 {
-            return format!(
-                "In operation: all {free} SubDevices in Free Run, nothing to synchronize."
-            );
-        }
-        let mut text = format!("In sync: {synchronized} of {} SubDevices", devices.len());
-        if free > 0 {
-            text += &format!(", {free} in Free Run as announced or asked for");
-        }
-        return text + ".";
+        let modes: Vec<&str> = devices.iter().map(|device| device.mode.as_str()).collect();
+        return verdict_of_modes(&modes);
     }
     match (&outcome.failure, findings.first()) {
         (Some(_), Some(first)) => format!("Not in sync: {}.", first.sentence()),
@@ -64,6 +54,20 @@ fn verdict<T: Tap>(
         }
         _ => format!("Not in sync: the way up did not end ({}).", scenario.source),
     }
+}
+
+/// What a run that found nothing wrong says, by the modes of its SubDevices.
+pub(super) fn verdict_of_modes(modes: &[&str]) -> String {
+    let free = modes.iter().filter(|mode| **mode == SyncMode::FreeRun.name()).count();
+    let synchronized = modes.len() - free;
+    if synchronized == 0 {
+        return format!("In operation: all {free} SubDevices in Free Run, nothing to synchronize.");
+    }
+    let mut text = format!("In sync: {synchronized} of {} SubDevices", modes.len());
+    if free > 0 {
+        text += &format!(", {free} in Free Run as announced or asked for");
+    }
+    text + "."
 }
 
 impl Finding {
@@ -134,11 +138,17 @@ fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
             host_phase_error: summary(&counts.phase_error),
             reference_rate_ppb: main.rate_ppb(),
         },
-        plan: timing.map(|timing| SegmentPlan {
+        plan: timing.map(SegmentPlan::from),
+    }
+}
+
+impl From<&isocat_maindevice::segment::Timing> for SegmentPlan {
+    fn from(timing: &isocat_maindevice::segment::Timing) -> Self {
+        Self {
             send_phase_ns: timing.cycle.send.0,
             sync0_phase_ns: timing.sync0.map(|phase| phase.0),
             jitter_ns: timing.cycle.jitter.0,
-        }),
+        }
     }
 }
 
@@ -165,7 +175,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         true_time: true_time(&outcome.bench.devices()[position], mode),
         registers: registers(outcome, position),
         plan: budget.map_or(Vec::new(), |(_, budget)| budget.lines().map(plan_line).collect()),
-        application: application(outcome, position),
+        application: application(outcome.world.control().axes().get(position)),
         assumptions: wanted
             .profile
             .assumptions
@@ -213,8 +223,8 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
     }
 }
 
-fn application<T: Tap>(outcome: &Outcome<T>, position: usize) -> String {
-    match outcome.world.control().axes().get(position) {
+pub(super) fn application(axis: Option<&Axis>) -> String {
+    match axis {
         Some(Axis::Drive(Drive { enabled_cycles: 0, .. })) => "drive, not enabled".into(),
         Some(Axis::Drive(drive)) => format!(
             "drive, operation enabled for {} cycles, moved {} increments, lag at most {}",
@@ -226,7 +236,7 @@ fn application<T: Tap>(outcome: &Outcome<T>, position: usize) -> String {
     }
 }
 
-fn counters(counters: run::Counters) -> Counters {
+pub(super) fn counters(counters: run::Counters) -> Counters {
     Counters {
         sm_event_missed: counters.sm_event_missed,
         cycle_time_too_small: counters.cycle_time_too_small,
@@ -235,7 +245,7 @@ fn counters(counters: run::Counters) -> Counters {
     }
 }
 
-fn plan_line(line: isocat_sync::budget::Line) -> PlanLine {
+pub(super) fn plan_line(line: isocat_sync::budget::Line) -> PlanLine {
     PlanLine {
         object: line.check.object().to_string(),
         demand: line.check.words().to_owned(),
@@ -284,7 +294,7 @@ pub(crate) fn spread(statistics: &Statistics) -> Option<Spread> {
     })
 }
 
-fn summary(summary: &Summary) -> Option<Spread> {
+pub(super) fn summary(summary: &Summary) -> Option<Spread> {
     let ns = |time: Nanos| time.0 as f64;
     Some(Spread {
         count: summary.count,

@@ -6,22 +6,22 @@ use anstyle::{AnsiColor, Style};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
-use super::{Counters, Device, Report, Span, Spread};
+use super::{Counters, Finding, Report, Span, Spread};
 
 /// Columns of the text.
 pub(crate) const WIDTH: usize = 100;
 
 /// Findings and SubDevices that a reader wants to see before the rest.
 const MOST_FINDINGS: usize = 12;
-const MOST_DEVICES: usize = 40;
+pub(super) const MOST_DEVICES: usize = 40;
 
 /// Heads of the columns with the counters.
-const SOURCE: &str = "0x1C32 [r]";
-const SUBS: &str = "0B 0C 0D 20";
+pub(super) const SOURCE: &str = "0x1C32 [r]";
+pub(super) const SUBS: &str = "0B 0C 0D 20";
 
-const GOOD: Style = AnsiColor::Green.on_default().bold();
-const BAD: Style = AnsiColor::Red.on_default().bold();
-const QUIET: Style = Style::new().dimmed();
+pub(super) const GOOD: Style = AnsiColor::Green.on_default().bold();
+pub(super) const BAD: Style = AnsiColor::Red.on_default().bold();
+pub(super) const QUIET: Style = Style::new().dimmed();
 
 impl Report {
     /// The report as text, with ANSI styles; print it through a stream that strips them where they
@@ -45,18 +45,7 @@ impl Report {
             "{QUIET}{}: cycle {cycle}, judged for {judged} of virtual time, seed {seed}{QUIET:#}",
             self.segment_file
         )?;
-        if self.findings.len() > 1 {
-            writeln!(out)?;
-            for finding in self.findings.iter().take(MOST_FINDINGS) {
-                for (i, line) in wrap(&finding.sentence(), WIDTH - 4).iter().enumerate() {
-                    writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
-                }
-            }
-        }
-        if self.findings.len() > MOST_FINDINGS {
-            let more = self.findings.len() - MOST_FINDINGS;
-            writeln!(out, "  - and {more} more; --json lists them all")?;
-        }
+        write_findings(out, &self.findings)?;
         if self.segment.plan.is_some() {
             self.write_devices(out)?;
         }
@@ -88,7 +77,7 @@ impl Report {
                 fits(figure(|s| s.standard_deviation_ns)),
                 fits(figure(|s| s.worst_ns)),
                 margin.map_or("-".into(), micros),
-                counters(device),
+                counters(&device.registers.output_counters, &device.registers.input_counters),
             )?;
         }
         if self.devices.len() > MOST_DEVICES {
@@ -181,11 +170,7 @@ impl Report {
             ));
         }
         writeln!(out)?;
-        for note in notes {
-            for (i, line) in wrap(&note, WIDTH - 4).iter().enumerate() {
-                writeln!(out, " {} {line}", if i == 0 { "-" } else { " " })?;
-            }
-        }
+        write_notes(out, &notes)?;
         writeln!(
             out,
             "\n {QUIET}0x1C32: 0B SM event missed, 0C cycle time too small, 0D shift time too short, 20 sync error\n \
@@ -194,16 +179,42 @@ impl Report {
     }
 }
 
+/// Findings, where the verdict does not tell them all.
+pub(super) fn write_findings(out: &mut String, findings: &[Finding]) -> fmt::Result {
+    if findings.len() > 1 {
+        writeln!(out)?;
+        for finding in findings.iter().take(MOST_FINDINGS) {
+            for (i, line) in wrap(&finding.sentence(), WIDTH - 4).iter().enumerate() {
+                writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
+            }
+        }
+    }
+    if findings.len() > MOST_FINDINGS {
+        let more = findings.len() - MOST_FINDINGS;
+        writeln!(out, "  - and {more} more; --json lists them all")?;
+    }
+    Ok(())
+}
+
+/// One item to each note.
+pub(super) fn write_notes(out: &mut String, notes: &[String]) -> fmt::Result {
+    for note in notes {
+        for (i, line) in wrap(note, WIDTH - 4).iter().enumerate() {
+            writeln!(out, " {} {line}", if i == 0 { "-" } else { " " })?;
+        }
+    }
+    Ok(())
+}
+
 /// `0  0  0  0`, and both objects where they differ.
-fn counters(device: &Device) -> String {
+pub(super) fn counters(outputs: &Counters, inputs: &Counters) -> String {
     let show = |c: &Counters| {
         [c.sm_event_missed, c.cycle_time_too_small, c.shift_time_too_short, c.sync_error]
             .map(|value| value.map_or("-".to_owned(), |value| value.to_string()))
             .map(|value| format!("{value:>2}"))
             .join(" ")
     };
-    let (outputs, inputs) =
-        (show(&device.registers.output_counters), show(&device.registers.input_counters));
+    let (outputs, inputs) = (show(outputs), show(inputs));
     if outputs == inputs { outputs } else { format!("{outputs} /{inputs}") }
 }
 
@@ -227,7 +238,7 @@ fn micros_or_ms(ns: i64) -> String {
     format!("{:.1} ms", ns as f64 / 1e6)
 }
 
-fn range(span: &Span) -> String {
+pub(super) fn range(span: &Span) -> String {
     let us = |ns: f64| format!("{:.3}", ns / 1000.0);
     format!(
         "mean {} us, {} to {} us, sd {} us",
@@ -238,7 +249,7 @@ fn range(span: &Span) -> String {
     )
 }
 
-fn cut(text: &str, columns: usize) -> String {
+pub(super) fn cut(text: &str, columns: usize) -> String {
     if text.chars().count() <= columns {
         return text.to_owned();
     }

@@ -138,6 +138,12 @@ impl Span {
         Self { first, end: first + usize::from(header.len) }
     }
 
+    /// The data that go to these addresses.
+    fn part(self, data: &[u8], first: u16, len: usize) -> &[u8] {
+        let at = |address: usize| address.saturating_sub(self.first).min(data.len());
+        &data[at(first.into())..at(usize::from(first) + len)]
+    }
+
     fn touches(self, first: u16, len: usize) -> bool {
         self.first < usize::from(first) + len && usize::from(first) < self.end
     }
@@ -166,7 +172,6 @@ fn writes(span: Span, data: &[u8], mut did: impl FnMut(Deed)) {
     for (first, len, deed) in [
         (register::STATION_ADDRESS.address, 2, Deed::StationAddresses),
         (register::WATCHDOG_DIVIDER.address, 0x22, Deed::Watchdog),
-        (register::FMMU_0.address, 0x100, Deed::Fmmus),
         (register::RECEIVE_TIME_0.address, 4, Deed::LatchTimes),
         (register::SYSTEM_TIME_OFFSET.address, 8, Deed::Offsets),
         (register::SYSTEM_TIME_DELAY.address, 4, Deed::Delays),
@@ -190,13 +195,16 @@ fn writes(span: Span, data: &[u8], mut did: impl FnMut(Deed)) {
             _ => {}
         }
     }
-    let mailbox = register::SM_0.address;
-    // SyncManagers that are cleared are not set.
-    if span.touches(mailbox, 16) && data.iter().any(|byte| *byte != 0) {
-        did(Deed::Mailbox);
-    }
-    if span.touches(mailbox + 16, 16 * 8 - 16) {
-        did(Deed::ProcessSyncManagers);
+    // What is cleared is not set.
+    let sync_managers = register::SM_0.address;
+    for (first, len, deed) in [
+        (register::FMMU_0.address, 0x100, Deed::Fmmus),
+        (sync_managers, 16, Deed::Mailbox),
+        (sync_managers + 16, 16 * 8 - 16, Deed::ProcessSyncManagers),
+    ] {
+        if span.part(data, first, len).iter().any(|byte| *byte != 0) {
+            did(deed);
+        }
     }
     let activation = usize::from(register::SYNC_ACTIVATION.address);
     if let Some(byte) = activation.checked_sub(span.first).and_then(|at| data.get(at)) {
@@ -275,6 +283,10 @@ mod tests {
             (Command::Fpwr, 0x0800, &[0, 16, 128, 0, 0x26, 0, 1, 0], vec![Mailbox]),
             (Command::Fpwr, 0x0800, &[0; 8], vec![]),
             (Command::Fpwr, 0x0810, &[1; 8], vec![ProcessSyncManagers]),
+            (Command::Fpwr, 0x0800, &[1; 24], vec![Mailbox, ProcessSyncManagers]),
+            (Command::Bwr, 0x0800, &[0; 48], vec![]),
+            (Command::Bwr, 0x0600, &[0; 48], vec![]),
+            (Command::Fpwr, 0x0610, &[0, 1], vec![Fmmus]),
             (Command::Bwr, 0x0900, &[0; 4], vec![LatchTimes]),
             (Command::Frmw, 0x0910, &[0; 8], vec![DistributeTime]),
             (Command::Brd, 0x0000, &[0; 1], vec![Count]),

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use isocat_sim::Served;
 use isocat_sim::random::Stream;
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use crate::quantity;
 
@@ -44,6 +44,8 @@ pub(super) struct Faults {
     least: Nanos,
     most: Nanos,
     chance: Stream,
+    /// SubDevices that are off, and when each is switched on again.
+    off: Vec<(usize, Time<True>)>,
 }
 
 impl Faults {
@@ -54,6 +56,7 @@ impl Faults {
             least: Nanos::ZERO,
             most: Nanos::ZERO,
             chance: Stream::new(seed, "served faults", 0),
+            off: Vec::new(),
         }
     }
 
@@ -72,7 +75,15 @@ impl Faults {
                     _ => served.segment_mut().plug(device, now),
                 }
             }
-            Fault::PowerCycle { device, .. } => known(device)?,
+            Fault::PowerCycle { device, off } => {
+                known(device)?;
+                if self.off.iter().any(|(other, _)| *other == device) {
+                    return Err(format!("SubDevice {device} is off already"));
+                }
+                let now = served.now();
+                served.segment_mut().power_off(device, now);
+                self.off.push((device, now + Picos::from(off)));
+            }
             Fault::Drop(frames) => self.drop = frames,
             Fault::Loss(ppm) => self.loss_ppm = ppm,
             Fault::Delay { least, most } => (self.least, self.most) = (least, most),
@@ -88,6 +99,22 @@ impl Faults {
         }
         // Half of the losses happen before the segment, half behind it.
         self.loss_ppm > 0 && self.chance.up_to(2 * MILLION - 1) < u64::from(self.loss_ppm)
+    }
+
+    /// Switches on again what has been off long enough at `to`, each at its own instant.
+    pub fn restore(&mut self, served: &mut Served, to: Time<True>) {
+        self.off.sort_by_key(|(_, on)| *on);
+        while let Some(&(device, on)) = self.off.first().filter(|(_, on)| *on <= to) {
+            self.off.remove(0);
+            // Frames may have run ahead of the clock meanwhile.
+            let on = on.max(served.now());
+            served.segment_mut().power_on(device, on);
+        }
+    }
+
+    /// When a SubDevice is to be switched on next.
+    pub fn due(&self) -> Option<Time<True>> {
+        self.off.iter().map(|(_, on)| *on).min()
     }
 
     /// How much later the next answer goes back.
@@ -231,7 +258,7 @@ mod tests {
             ("loss 101%", "0% to 100%"),
             ("loss 5", "0% to 100%"),
             ("delay 2us 1us", "the shorter delay first"),
-            ("delay 2 weeks", "found"),
+            ("delay 2 weeks", "has no unit"),
             ("explode", "expected pull, plug"),
             ("", "expected pull, plug"),
         ] {

@@ -157,13 +157,15 @@ pub enum Event {
 
 /// Silence that ends a session. Longer than any MainDevice waits for a mailbox or a state.
 pub const SILENCE: Nanos = Nanos::millis(15_000);
-/// Silence in operation after which the judges' view is kept as it was: watchdogs will say the rest.
-const HUSH: Nanos = Nanos::millis(20);
+/// Silence in operation that is always let pass, whatever the cycle.
+const LEAST_HUSH: Nanos = Nanos::micros(200);
 /// How far frames may be ahead of the wire before they are held back to its speed.
 const LEAD: Nanos = Nanos::millis(1);
 /// While something may happen by itself, the segment is looked at this often.
 pub const TICK: Nanos = Nanos::millis(100);
-/// Silence between the last frame of one session and the first of another, at least.
+/// Silence between the last frame of one session that went back to INIT and the first of another, at least.
+const PAUSE_DOWN: Nanos = Nanos::millis(50);
+/// The same after a session that did not.
 const PAUSE: Nanos = Nanos::millis(250);
 /// Refusals that are remembered.
 const MOST_REFUSED: usize = 32;
@@ -207,6 +209,10 @@ impl Server {
         if self.faults.drops(true) {
             self.counts.lost += 1;
             return Answer::Lost;
+        }
+        let at = self.served.true_time(arrived);
+        if self.faults.due().is_some_and(|due| due <= at) {
+            self.faults.restore(&mut self.served, at);
         }
         let passage = self.served.frame(arrived, bytes);
         self.passage = Some(passage);
@@ -258,21 +264,19 @@ impl Server {
 
     /// Time has passed and no frame came.
     pub fn idle(&mut self, now: Time<Host>) {
-        let silence = now - self.last_frame;
-        let hush = self.session.as_ref().is_some_and(|s| s.judging && !s.silent);
-        if hush && silence > HUSH {
-            // What comes from here on is the silence's doing.
-            self.keep_judged();
-        }
-        if self.session.is_some() && silence > SILENCE {
+        self.hush(now);
+        if self.session.is_some() && now - self.last_frame > SILENCE {
             self.end_session();
         }
+        let at = self.served.true_time(now);
+        self.faults.restore(&mut self.served, at);
         self.served.advance(now);
         self.settle();
     }
 
     /// As [`idle`](Self::idle) while frames come often: only as far as no frame can come any more.
     pub fn catch_up(&mut self, to: Time<Host>) {
+        self.hush(to);
         self.served.advance(to);
         self.settle();
     }
@@ -281,7 +285,9 @@ impl Server {
     pub fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>> {
         // A segment that nobody talks to, and nothing in it above INIT, has nothing to do.
         let quiet = |device: &isocat_sim::device::Device| device.is_quiet();
-        let asleep = self.session.is_none() && self.served.segment().devices().iter().all(quiet);
+        let asleep = self.session.is_none()
+            && self.faults.due().is_none()
+            && self.served.segment().devices().iter().all(quiet);
         (!asleep).then_some(now + TICK)
     }
 
@@ -432,6 +438,18 @@ impl Server {
         }
     }
 
+    /// Before time goes on to `to` without a frame: if one is overdue in operation, the judges' view is
+    /// kept, for what comes from here on may be the silence's doing.
+    fn hush(&mut self, to: Time<Host>) {
+        let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) else {
+            return;
+        };
+        let cycle = Nanos((session.conduct.cycle.intervals.mean() / 1000.0) as i64);
+        if to - self.last_frame > (cycle + Nanos(cycle.0 / 2)).max(LEAST_HUSH) {
+            self.keep_judged();
+        }
+    }
+
     /// Keeps the judges' view as it is.
     fn keep_judged(&mut self) {
         let last = self.session.as_ref().map_or(self.served.now(), |s| s.conduct.last);
@@ -474,9 +492,9 @@ impl Session {
     /// data, and after a pause somebody begins at the beginning. Some MainDevices first send a frame or two that
     /// say nothing, so the pause is remembered until the exchange goes on.
     fn is_over(&mut self, at: Time<True>, bytes: &[u8]) -> bool {
-        if at - self.conduct.last >= Picos::from(PAUSE)
-            && self.conduct.done(Deed::ProcessData).is_some()
-        {
+        let pause = if self.requested == AlState::Init { PAUSE_DOWN } else { PAUSE };
+        let exchanged = self.conduct.done(Deed::ProcessData).is_some();
+        if exchanged && at - self.conduct.last >= Picos::from(pause) {
             self.paused.get_or_insert(self.requested);
         }
         let Some(requested) = self.paused else { return false };

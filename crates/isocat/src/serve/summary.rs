@@ -323,6 +323,21 @@ fn cycle_remarks(conduct: &Conduct, session: &Session, say: &mut impl FnMut(Stri
 }
 
 fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)) {
+    let deaf: Vec<_> = judged
+        .devices
+        .iter()
+        .enumerate()
+        .filter(|(_, device)| device.sync0_error.is_some() && !device.mode.uses_dc())
+        .collect();
+    if let Some((at, first)) = deaf.first() {
+        say(format!(
+            "SYNC0 runs at {} SubDevices that take no notice of it, first SubDevice {at} ({}), whose mode is {}: a \
+             SubDevice chooses on the way to SAFEOP, by 0x1C32:01 and the SYNC unit as they are then",
+            deaf.len(),
+            server.names()[*at],
+            first.mode.name(),
+        ));
+    }
     let clashes: Vec<_> =
         judged.devices.iter().enumerate().filter(|(_, d)| d.sync0_in_frame > 0).collect();
     if let Some((at, worst)) = clashes.iter().max_by_key(|(_, device)| device.sync0_in_frame) {
@@ -342,7 +357,7 @@ fn judged_summary(server: &Server, judged: &Judged) -> JudgedSummary {
         state: device.state.name().to_owned(),
         mode: device.mode.name().to_owned(),
         sync0_error: device.sync0_error.as_ref().and_then(spread),
-        sync0_margin: device.sync0_error.as_ref().and_then(|_| span(&device.margin)),
+        sync0_margin: span(&device.margin).filter(|_| device.mode.uses_dc()),
         sync0_in_frame: device.sync0_in_frame,
         sm_event_missed: device.counters[0],
         cycle_time_too_small: device.counters[1],

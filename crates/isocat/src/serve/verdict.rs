@@ -104,6 +104,8 @@ fn findings(
         let (state, code) = (change.state, change.code);
         findings.push((since(change.at), format!("left OP for {state}, AL status code {code}")));
     }
+    // Who does not work by SYNC0 may do so whenever he likes.
+    let works_by_sync0 = judged.mode.uses_dc();
     if let Some(first) = bench.missed.first().filter(|at| within(*at)) {
         let count = bench.missed.count();
         findings.push((
@@ -119,7 +121,8 @@ fn findings(
             findings.push((None, "no SYNC0 pulse at all".into()));
         }
     }
-    if let Some(at) = bench.outputs_delay.first_beyond().filter(|at| within(*at)) {
+    let uneven = bench.outputs_delay.first_beyond().filter(|at| works_by_sync0 && within(*at));
+    if let Some(at) = uneven {
         let (spread, limit) = (us(bench.outputs_delay.spread().0), us(outputs_delay::LIMIT.0));
         let what = format!("outputs follow SYNC0 with a spread of {spread}, limit {limit}");
         findings.push((since(at), what));

@@ -53,6 +53,7 @@ static DESCRIPTION: Description = Description {
         free_run_period: Nanos::millis(1),
         maximum_cycle_time: Nanos::ZERO,
         cycle_granularity: Nanos::ZERO,
+        watchdog_must_agree: true,
         hide_unused_sync_objects: false,
         shift_outputs: false,
         shift_inputs: false,

@@ -40,6 +40,7 @@ static DESCRIPTION: Description = Description {
         free_run_period: isocat_wire::Nanos(1_000_000),
         maximum_cycle_time: isocat_wire::Nanos(0),
         cycle_granularity: isocat_wire::Nanos(0),
+        watchdog_must_agree: true,
         hide_unused_sync_objects: false,
         shift_outputs: false,
         shift_inputs: false,

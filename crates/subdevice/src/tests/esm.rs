@@ -371,9 +371,9 @@ fn free_run_and_watchdog_settings() {
     assert_eq!(cycle(249_999), error(PreOp, AlStatusCode::CYCLE_TIME_TOO_SMALL));
     assert_eq!(cycle(0), ok(SafeOp), "not stated");
 
-    let watchdog = |control: u8, time: u16| {
+    let watchdog_of = |must_agree: bool, control: u8, time: u16| {
         safe_op(
-            |_| {},
+            |d| d.behaviour.watchdog_must_agree = must_agree,
             move |bench| {
                 let mut sm = bench.esc.sm(2);
                 sm.control = control;
@@ -382,10 +382,13 @@ fn free_run_and_watchdog_settings() {
             },
         )
     };
+    let watchdog = |control, time| watchdog_of(true, control, time);
     let disagree = error(PreOp, AlStatusCode::INVALID_WATCHDOG_CONFIGURATION);
     assert_eq!(watchdog(0x64, 1), ok(SafeOp));
     assert_eq!(watchdog(0x24, 0), ok(SafeOp));
     assert_eq!([watchdog(0x64, 0), watchdog(0x24, 1)], [disagree; 2]);
+    let lax = |control, time| watchdog_of(false, control, time);
+    assert_eq!([lax(0x64, 0), lax(0x24, 1)], [ok(SafeOp), ok(SafeOp)]);
 }
 
 #[test]

@@ -1,0 +1,253 @@
+//! `isocat run --interface`: the main job on a real wire.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::{ArgGroup, Args};
+use isocat_maindevice::{Config, Fault};
+use isocat_sim::run::Progress;
+use isocat_wire::Nanos;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use super::run::{Arguments, duration, progress_bar, refusal, unwritable, write_report};
+use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
+use crate::capture::Capture;
+use crate::link::preflight::{self, Subject};
+use crate::link::{LinkError, RawSocket, Wish};
+use crate::live::job::{Job, Machine};
+use crate::live::{Outcome, Recorder};
+use crate::report::interface::{self, Asked, InterfaceReport};
+use crate::{Scenario, SegmentFile};
+
+/// Arguments of `run` for a real interface.
+#[derive(Args, Debug)]
+#[group(skip)]
+#[command(
+    next_help_heading = "On a real network interface",
+    group(ArgGroup::new("wire").args(["interface", "preflight"]).multiple(true))
+)]
+pub struct Options {
+    /// Run on this network interface instead of a virtual segment; the segment file says what is expected
+    #[arg(long, value_name = "IF", conflicts_with = "seed")]
+    pub interface: Option<String>,
+    /// Network namespace of the interface
+    #[arg(long, value_name = "NAME", requires = "interface")]
+    netns: Option<String>,
+    /// Take whatever is on the wire, every SubDevice in its best mode
+    #[arg(long, requires = "interface", conflicts_with = "segment")]
+    any: bool,
+    /// Bus cycle with --any or --preflight, default 1ms
+    #[arg(long, requires = "wire", conflicts_with = "segment", value_parser = duration)]
+    cycle: Option<Nanos>,
+    /// Never sleep: spin on the interface and the clock, which takes one CPU for itself
+    #[arg(long, requires = "wire")]
+    busy: bool,
+    /// Stay on this CPU, best an isolated one
+    #[arg(long, value_name = "N", requires = "wire")]
+    cpu: Option<usize>,
+    /// Only look at what on this machine harms punctuality; exit 0 nothing does, 1 something, 2 bad input
+    #[arg(long, conflicts_with_all = ["duration", "capture", "report", "any"])]
+    pub preflight: bool,
+}
+
+impl Options {
+    fn wish(&self) -> Wish {
+        Wish { cpu: self.cpu, busy: self.busy }
+    }
+
+    /// Opens the interface.
+    fn open(&self, interface: &str) -> Result<RawSocket, LinkError> {
+        RawSocket::open(interface, self.netns.as_deref())
+    }
+
+    fn check(&self, any: bool) -> Result<(), String> {
+        if let Some(cpu) = self.cpu.filter(|cpu| !preflight::is_online(*cpu)) {
+            return Err(format!("--cpu {cpu}: there is no such CPU online"));
+        }
+        if let Some(cycle) = self.cycle.filter(|_| !any && !self.preflight) {
+            return Err(format!("--cycle {cycle} needs --any; a segment has its own cycle"));
+        }
+        match self.cycle {
+            Some(cycle) if !(SHORTEST_CYCLE..=LONGEST_CYCLE).contains(&cycle) => Err(format!(
+                "--cycle {cycle} is out of range; expected {SHORTEST_CYCLE} to {LONGEST_CYCLE}"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Looks at the machine, prints what harms.
+pub fn look(arguments: &Arguments, file: Option<&SegmentFile>) -> u8 {
+    let options = &arguments.wire;
+    if let Err(message) = options.check(false) {
+        return fail(&message);
+    }
+    let mut unread = None;
+    let socket = match options.interface.as_deref().map(|interface| options.open(interface)) {
+        None => None,
+        Some(Ok(socket)) => Some(socket),
+        Some(Err(error @ LinkError::Permission { .. })) => {
+            let text = error.to_string().replace('\n', "; ");
+            unread = Some(format!("how the interface gathers frames was not read: {text}"));
+            None
+        }
+        Some(Err(error)) => return fail(&error.to_string()),
+    };
+    let subject = Subject {
+        interface: options.interface.as_deref(),
+        namespace: options.netns.as_deref(),
+        wish: options.wish(),
+        keeps_awake: false,
+    };
+    let cycle = options.cycle.or(file.map(|file| file.cycle)).unwrap_or(DEFAULT_CYCLE);
+    // On a thread of its own, which takes its scheduling with it.
+    let looked = std::thread::scope(|scope| {
+        let thread = scope.spawn(|| {
+            Machine::prepare(subject, socket.as_ref(), cycle).map(|(_awake, machine)| machine)
+        });
+        thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    });
+    let mut machine = match looked {
+        Ok(machine) => machine,
+        Err(error) => return fail(&error.to_string()),
+    };
+    machine.refused.extend(unread);
+    let report = interface::Machine::from(&machine);
+    let code = print(&match arguments.json {
+        true => super::run::json(&report),
+        false => report.text(cycle),
+    });
+    if code == IN_SYNC && report.harms_punctuality() { NOT_IN_SYNC } else { code }
+}
+
+/// Runs the segment on the interface; gives the exit code.
+pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
+    let options = &arguments.wire;
+    if let Err(message) = options.check(options.any) {
+        return fail(&message);
+    }
+    let scenario = arguments.scenario(file);
+    let config = config(options, &scenario);
+    let asked = Asked {
+        interface,
+        namespace: options.netns.as_deref(),
+        segment_file: (!options.any).then_some(scenario.source.as_str()),
+        cycle: config.cycle,
+        duration: scenario.duration,
+        jitter: config.host_jitter,
+    };
+    if asked.duration < asked.cycle {
+        let Asked { duration, cycle, .. } = asked;
+        return fail(&format!("--for {duration} is shorter than one cycle of {cycle}"));
+    }
+    let socket = match options.open(interface) {
+        Ok(socket) => socket,
+        Err(error) => return fail(&error.to_string()),
+    };
+    let stop = match stop_on_signals() {
+        Ok(stop) => stop,
+        Err(error) => return fail(&format!("signals can't be caught: {error}")),
+    };
+    let bar = progress_bar(asked.duration);
+    let path = arguments.capture.as_deref();
+    let capture = path.map(|path| Capture::create_of_interface(path, interface)).transpose();
+    let recorder = match capture {
+        Ok(capture) => capture.map(Recorder::new),
+        Err(error) => return fail(&unwritable("capture", arguments.capture.as_ref(), &error)),
+    };
+    let job = Job {
+        config,
+        socket,
+        namespace: options.netns.clone(),
+        duration: asked.duration,
+        difference_limit: scenario.sync0_limit,
+        wish: options.wish(),
+        recorder,
+    };
+    let outcome = job.run(&stop, &mut |progress| match progress {
+        Progress::Stage(stage) => bar.set_message(stage.name()),
+        Progress::Judged(time) => {
+            bar.set_message("in operation");
+            bar.set_position(time.0 as u64);
+        }
+    });
+    bar.finish_and_clear();
+    match outcome {
+        Ok(outcome) => finish(arguments, &scenario, asked, outcome),
+        Err(error) => fail(&error.to_string()),
+    }
+}
+
+/// What the MainDevice is asked for on a real interface.
+fn config(options: &Options, scenario: &Scenario) -> Config {
+    let mut config = match options.any {
+        true => Config {
+            drift_compensation: scenario.drift_compensation,
+            force: scenario.force,
+            ..Config::new(options.cycle.unwrap_or(DEFAULT_CYCLE))
+        },
+        false => scenario.config(),
+    };
+    config.timeouts.frame = FRAME_TIMEOUT;
+    // The one place where the noise of stamps is set for real interfaces.
+    config.stamp_noise = STAMP_NOISE.min(Nanos(config.cycle.0 / 20));
+    config
+}
+
+/// Writes everything that was asked for.
+fn finish(
+    arguments: &Arguments,
+    scenario: &Scenario,
+    asked: Asked<'_>,
+    mut outcome: Outcome,
+) -> u8 {
+    let capture: Option<&PathBuf> = arguments.capture.as_ref();
+    match outcome.recorder.take().map(Recorder::finish) {
+        None | Some(Ok(0)) => {}
+        Some(Ok(dropped)) => outcome
+            .notes
+            .push(format!("{dropped} frames are not in the capture: the disk was too slow")),
+        Some(Err(error)) => return fail(&unwritable("capture", capture, &error)),
+    }
+    let report = InterfaceReport::new(asked, &outcome);
+    if let Err(message) = write_report(arguments, &report, &report.text()) {
+        return fail(&message);
+    }
+    let failure = outcome.failure();
+    let refused = failure.is_some_and(|error| error.cause.fault() == Fault::Configuration);
+    if refused && !arguments.json {
+        let place = (!arguments.wire.any).then_some(scenario);
+        return fail(&refusal(place, report.findings.first(), &report.verdict));
+    }
+    let code = print(&match arguments.json {
+        true => super::run::json(&report),
+        false => report.text(),
+    });
+    match code {
+        IN_SYNC if refused => BAD_INPUT,
+        IN_SYNC if !report.in_sync => NOT_IN_SYNC,
+        code => code,
+    }
+}
+
+/// A flag that SIGINT and SIGTERM set; the second of them ends the program at once.
+fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        let code = 128 + signal;
+        signal_hook::flag::register_conditional_shutdown(signal, code, stop.clone())?;
+        signal_hook::flag::register(signal, stop.clone())?;
+    }
+    Ok(stop)
+}
+
+/// Of what is there without a file that says otherwise.
+const DEFAULT_CYCLE: Nanos = Nanos::millis(1);
+const SHORTEST_CYCLE: Nanos = Nanos::micros(10);
+const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);
+/// From sending a frame to giving it up. A machine that stalls for tens of milliseconds has not lost it.
+const FRAME_TIMEOUT: Nanos = Nanos::millis(20);
+/// Between reading the clock and the first bit on the wire lies the kernel's way through the driver.
+/// Some microseconds, and far more at times; measured on a virtual machine with veth.
+const STAMP_NOISE: Nanos = Nanos::micros(10);

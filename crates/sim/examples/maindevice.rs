@@ -1,0 +1,120 @@
+//! What one cycle costs the MainDevice alone: `maindevice N CYCLES`, a line of N SubDevices with 16 bytes each way.
+//!
+//! The line is brought up behind a MainDevice as in `scale`. Then the segment is left out: each frame is answered by a
+//! copy of itself with the working counters, states and times that the SubDevices would have put into it, at places
+//! found beforehand. `benches/maindevice.sh` counts instructions with it.
+
+use std::process::ExitCode;
+
+use isocat_maindevice::{FRAME_LEN, MainDevice};
+use isocat_wire::datagram::Layouts;
+use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::{AlState, Command, frame};
+
+#[path = "../benches/line/mod.rs"]
+mod line;
+
+/// What the segment writes into one frame of the cycle.
+struct Answer {
+    /// Place of the reference time.
+    time: Option<usize>,
+    /// Place of AL status.
+    status: Option<usize>,
+    /// Places of working counters and what they become.
+    counters: Vec<(usize, [u8; 2])>,
+}
+
+impl Answer {
+    fn of(bytes: &[u8], devices: u16) -> Self {
+        let offset = frame::payload_offset(bytes).expect("a frame of datagrams");
+        let mut answer = Self { time: None, status: None, counters: Vec::new() };
+        let mut layouts = Layouts::new();
+        while let Some(Ok(layout)) = layouts.next(&bytes[offset..]) {
+            let mut counter = devices;
+            match layout.header.command() {
+                Ok(Command::Frmw) => answer.time = Some(offset + layout.data()),
+                Ok(Command::Brd) => answer.status = Some(offset + layout.data()),
+                Ok(Command::Lrw) => counter = 3 * (layout.header.len / line::BYTES),
+                other => panic!("{other:?} in the cycle"),
+            }
+            answer.counters.push((offset + layout.wkc(), counter.to_le_bytes()));
+        }
+        answer
+    }
+
+    fn write(&self, bytes: &mut [u8], sent: Time<Host>) {
+        // As locally administered, which tells an answer from an echo.
+        bytes[6] |= frame::LOCALLY_ADMINISTERED;
+        if let Some(at) = self.time {
+            bytes[at..at + 8].copy_from_slice(&system_time(sent).to_le_bytes());
+        }
+        if let Some(at) = self.status {
+            bytes[at] = AlState::Op as u8;
+        }
+        for (at, counter) in &self.counters {
+            bytes[*at..*at + 2].copy_from_slice(counter);
+        }
+    }
+}
+
+/// The reference clock: 10 ppm faster than the host.
+fn system_time(host: Time<Host>) -> u64 {
+    5_000_000_000 + host.count() + host.count() / 100_000
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |at: usize| arguments.get(at).and_then(|text| text.parse::<u64>().ok());
+    let (Some(count), Some(cycles)) = (number(0), number(1)) else {
+        eprintln!("usage: maindevice N CYCLES");
+        return ExitCode::FAILURE;
+    };
+    let mut world = match line::world(count as usize) {
+        Ok(world) => world,
+        Err(error) => {
+            eprintln!("{error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let main = world.main_mut();
+    let mut buffers = vec![vec![0; FRAME_LEN]; MOST_FRAMES];
+    let mut answers = Vec::new();
+    // The clock answers differently now: until the servo has taken that over, cycles do not count.
+    for _ in 0..100 {
+        cycle(main, &mut buffers, &mut answers, count as u16);
+    }
+    let (begin, wrong) = (main.statistics().cycles, main.statistics().working_counter_errors);
+    for _ in 0..cycles {
+        cycle(main, &mut buffers, &mut answers, count as u16);
+    }
+    let statistics = main.statistics();
+    assert_eq!(statistics.cycles - begin, cycles);
+    assert_eq!(statistics.working_counter_errors, wrong);
+    println!("{count} SubDevices, {} frames a cycle", answers.len());
+    ExitCode::SUCCESS
+}
+
+/// All that a program does in one cycle: every frame leaves before the first comes back.
+fn cycle(main: &mut MainDevice, buffers: &mut [Vec<u8>], answers: &mut Vec<Answer>, devices: u16) {
+    let Some(due) = main.next_timeout() else { return };
+    main.handle_timeout(due);
+    let mut lengths = [0; MOST_FRAMES];
+    let mut number = 0;
+    while let Some(len) = main.poll_transmit(due, &mut buffers[number]) {
+        if answers.len() <= number {
+            answers.push(Answer::of(&buffers[number][..len], devices));
+        }
+        lengths[number] = len;
+        number += 1;
+    }
+    let back = due + Nanos(60_000);
+    for ((buffer, len), answer) in buffers.iter_mut().zip(lengths).zip(&*answers).take(number) {
+        answer.write(&mut buffer[..len], due);
+        main.handle_frame(back, &buffer[..len]);
+    }
+    while main.poll_event().is_some() {}
+    let _next = main.next_timeout();
+}
+
+/// Enough for 1000 SubDevices.
+const MOST_FRAMES: usize = 16;

@@ -84,9 +84,8 @@ impl Session<'_> {
     }
 
     async fn run(&self, main_device: &MainDevice<'static>) -> Result<(), Failure> {
-        let mut group = main_device
-            .init_single_group::<MAX_SUBDEVICES, MAX_PDI>(ethercat_now)
-            .await?;
+        let mut group =
+            main_device.init_single_group::<MAX_SUBDEVICES, MAX_PDI>(ethercat_now).await?;
         self.scan(main_device, &group)?;
         // init ends when all are in PREOP.
         main_device.wait_for_state(SubDeviceState::PreOp).await?;
@@ -125,7 +124,9 @@ impl Session<'_> {
         }
         let what = match by_hand {
             0 => String::new(),
-            devices => format!("SM2 and SM3 of {devices} switched on by hand: its SII says disabled, ethercrab obeys"),
+            devices => format!(
+                "SM2 and SM3 of {devices} switched on by hand: its SII says disabled, ethercrab obeys"
+            ),
         };
         self.ok(&what, "dc");
         let sync0 = self.task.devices.iter().filter(|device| device.sync0).count();
@@ -279,7 +280,9 @@ impl Session<'_> {
             worst.as_millis()
         );
         if fell > 0 {
-            what += &format!("; SubDevices that left OP after late frames and were brought back: {fell}");
+            what += &format!(
+                "; SubDevices that left OP after late frames and were brought back: {fell}"
+            );
         }
         let complaints = partner.complaints(cycles);
         if bad * 50 > cycles || !complaints.is_empty() {

@@ -39,7 +39,8 @@ impl Task {
 
     /// With LRW a SubDevice counts 1 for its inputs and 2 for its outputs.
     pub fn working_counter(&self) -> u16 {
-        let each = |device: &Device| u16::from(device.inputs > 0) + 2 * u16::from(device.outputs > 0);
+        let each =
+            |device: &Device| u16::from(device.inputs > 0) + 2 * u16::from(device.outputs > 0);
         self.devices.iter().map(each).sum()
     }
 }
@@ -140,7 +141,8 @@ impl<'a> Partner<'a> {
                 write!(text, "{}: torn {torn}, moved {moved}, lag {lag}; ", device.name)
             } else {
                 let behind = watch.target - watch.actual;
-                if watch.enabled * 10 >= cycles * 6 && (0..=STEP * i32::from(LAG)).contains(&behind) {
+                if watch.enabled * 10 >= cycles * 6 && (0..=STEP * i32::from(LAG)).contains(&behind)
+                {
                     continue;
                 }
                 let Watch { enabled, status, .. } = watch;

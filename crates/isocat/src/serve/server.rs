@@ -6,7 +6,7 @@ use isocat_sim::observation::Observed;
 use isocat_sim::{Connection, Passage, Served};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
-use isocat_wire::{AlState, AlStatusCode, frame, register};
+use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use super::conduct::{Conduct, Reference, Seen};
 use super::deed::Deed;
@@ -82,6 +82,8 @@ pub struct Session {
     silent: bool,
     /// The state that was last asked for.
     requested: AlState,
+    /// The state that was asked for before the last pause in the exchange, until the exchange goes on.
+    paused: Option<AlState>,
     pending: bool,
 }
 
@@ -241,7 +243,7 @@ impl Server {
     pub fn after(&mut self, bytes: &[u8]) {
         let Some(passage) = self.passage.take() else { return };
         let source = self.source;
-        if self.session.as_ref().is_some_and(|session| session.is_over(passage.start, bytes)) {
+        if self.session.as_mut().is_some_and(|session| session.is_over(passage.start, bytes)) {
             self.end_session();
         }
         let session = self.session.get_or_insert_with(|| {
@@ -481,26 +483,39 @@ impl Session {
             judging: false,
             silent: false,
             requested: AlState::Init,
+            paused: None,
             pending: false,
         }
     }
 
-    /// Whether a frame that left at `at` is the first of another session: this one had come to the exchange
-    /// of process data, and after a pause somebody begins at the beginning.
-    fn is_over(&self, at: Time<True>, bytes: &[u8]) -> bool {
+    /// Whether a frame that left at `at` begins another session: this one had come to the exchange of process
+    /// data, and after a pause somebody begins at the beginning. Some MainDevices first send a frame or two that
+    /// say nothing, so the pause is remembered until the exchange goes on.
+    fn is_over(&mut self, at: Time<True>, bytes: &[u8]) -> bool {
         let pause = if self.requested == AlState::Init { PAUSE_DOWN } else { PAUSE };
-        let paused = at - self.conduct.last >= Picos::from(pause);
-        if !paused || self.conduct.done(Deed::ProcessData).is_none() {
-            return false;
+        let exchanged = self.conduct.done(Deed::ProcessData).is_some();
+        if exchanged && at - self.conduct.last >= Picos::from(pause) {
+            self.paused.get_or_insert(self.requested);
         }
+        let Some(requested) = self.paused else { return false };
         let Ok(payload) = frame::payload(bytes) else { return false };
-        datagrams(payload).map_while(Result::ok).any(|datagram| {
-            let mut begins = false;
+        let mut begins = false;
+        for datagram in datagrams(payload).map_while(Result::ok) {
+            if datagram.header.command().is_ok_and(Command::is_logical) {
+                self.paused = None;
+                return false;
+            }
+            // Who asks all for their AL status may as well wait for a state.
+            let polls = datagram.header.ado() == register::AL_STATUS.address;
             Deed::read(&datagram.header, datagram.data, |deed| {
-                begins |= matches!(deed, Deed::Count | Deed::RequestInit | Deed::StationAddresses);
+                begins |= matches!(deed, Deed::RequestInit | Deed::StationAddresses)
+                    || deed == Deed::Count && !polls;
             });
-            begins
-        })
+        }
+        if begins {
+            self.requested = requested;
+        }
+        begins
     }
 
     /// Whether its SubDevices are being judged: they are in operation.
@@ -518,3 +533,6 @@ fn cycle_of(served: &Served, conduct: &Conduct) -> Nanos {
         cycle => Nanos::from_u32(cycle),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -103,7 +103,8 @@ impl Deed {
             Frmw | Armw if header.ado() == register::SYSTEM_TIME.address => {
                 return did(Deed::DistributeTime);
             }
-            Brd => did(Deed::Count),
+            // Of AL status it only asks how far they are.
+            Brd if header.ado() != register::AL_STATUS.address => did(Deed::Count),
             _ => {}
         }
         if matches!(command, Aprd | Fprd | Brd | Frmw | Armw) {
@@ -290,6 +291,7 @@ mod tests {
             (Command::Bwr, 0x0900, &[0; 4], vec![LatchTimes]),
             (Command::Frmw, 0x0910, &[0; 8], vec![DistributeTime]),
             (Command::Brd, 0x0000, &[0; 1], vec![Count]),
+            (Command::Brd, 0x0130, &[0; 2], vec![]),
         ] {
             assert_eq!(deeds(command, ado, data), expected, "{command:?} {ado:04X} {data:02X?}");
         }

@@ -1,5 +1,6 @@
 //! What happened while the segment was served: one document, for people and for machines.
 
+use isocat_sync::object::OUTPUT_PARAMETER;
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use schemars::JsonSchema;
@@ -246,7 +247,24 @@ fn remarks(server: &Server, session: &Session) -> Vec<String> {
     if conduct.sync_verified() == Some(false) {
         say("SYNC was activated and never seen to run: neither 0x0984 nor 0x0990 was read afterwards".into());
     }
+    let devices = server.served().segment().devices();
+    let has_objects = |device: &isocat_sim::device::Device| {
+        device.esc.sync_active() && device.stack.description().object(OUTPUT_PARAMETER).is_some()
+    };
+    // Who has gone down again has switched SYNC off.
+    let any_objects = devices.iter().any(has_objects)
+        || session.judged.as_ref().is_some_and(|judged| {
+            let with_sync0 = judged
+                .devices
+                .iter()
+                .zip(devices)
+                .filter(|(judged, _)| judged.sync0_error.is_some());
+            with_sync0
+                .map(|(_, device)| device.stack.description())
+                .any(|description| description.object(OUTPUT_PARAMETER).is_some())
+        });
     if did(Deed::SyncActivate) {
+        let of_objects = |deed| matches!(deed, Deed::WriteSyncType | Deed::ReadSyncTimes);
         for (deed, what) in [
             (Deed::LatchTimes, "propagation delays were not measured (0x0900 never written)"),
             (Deed::Delays, "propagation delays were not written (0x0928)"),
@@ -265,7 +283,7 @@ fn remarks(server: &Server, session: &Session) -> Vec<String> {
                 "0x092C was not read: nobody knows whether the clocks had converged",
             ),
         ] {
-            if !did(deed) {
+            if !did(deed) && (any_objects || !of_objects(deed)) {
                 say(what.into());
             }
         }

@@ -248,21 +248,10 @@ fn remarks(server: &Server, session: &Session) -> Vec<String> {
         say("SYNC was activated and never seen to run: neither 0x0984 nor 0x0990 was read afterwards".into());
     }
     let devices = server.served().segment().devices();
-    let has_objects = |device: &isocat_sim::device::Device| {
-        device.esc.sync_active() && device.stack.description().object(OUTPUT_PARAMETER).is_some()
+    let has_object = |device: &isocat_sim::device::Device| {
+        device.stack.description().object(OUTPUT_PARAMETER).is_some()
     };
-    // Who has gone down again has switched SYNC off.
-    let any_objects = devices.iter().any(has_objects)
-        || session.judged.as_ref().is_some_and(|judged| {
-            let with_sync0 = judged
-                .devices
-                .iter()
-                .zip(devices)
-                .filter(|(judged, _)| judged.sync0_error.is_some());
-            with_sync0
-                .map(|(_, device)| device.stack.description())
-                .any(|description| description.object(OUTPUT_PARAMETER).is_some())
-        });
+    let any_objects = devices.iter().any(has_object);
     if did(Deed::SyncActivate) {
         let of_objects = |deed| matches!(deed, Deed::WriteSyncType | Deed::ReadSyncTimes);
         for (deed, what) in [

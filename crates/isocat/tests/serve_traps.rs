@@ -339,6 +339,23 @@ fn a_second_session_after_an_abrupt_end() {
     assert_eq!(states.len(), 2);
 }
 
+/// SubDevices that go down one after another end the judging with the first, and those that are still up
+/// do not begin another.
+#[test]
+fn going_down_one_by_one_is_not_a_new_operation() {
+    let mut wire = Wire::new(SIMPLE);
+    wire.session(50, false);
+    for position in 0..4 {
+        assert_eq!(wire.write(position, 0x0120, &[4, 0]), 1);
+        wire.pause(Nanos::millis(5));
+        wire.read(position, 0x0130, 2);
+    }
+    wire.server.finish();
+    let judged = wire.server.sessions()[0].judged.as_ref().expect("it was in operation");
+    assert_eq!(judged.devices_in_op, 4);
+    assert!(judged.in_sync() && judged.ended - judged.began > Nanos::millis(40).into());
+}
+
 /// What a MainDevice leaves out is said, and what it does is not: the same segment, once with our own and
 /// once with one that only sets SYNC registers.
 #[test]

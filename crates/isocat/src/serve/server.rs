@@ -361,7 +361,8 @@ impl Server {
             let at = segment.devices()[device].oscillator().when(observation.device_at);
             events.push_back(Event::State { at, device, state, code });
             let Some(session) = session else { return };
-            session.pending = true;
+            // Only who arrives can complete the segment, not who leaves.
+            session.pending |= state == AlState::Op;
             if code != AlStatusCode::NO_ERROR && session.refused.len() < MOST_REFUSED {
                 session.refused.push(Refused { at, device, state, code });
             }

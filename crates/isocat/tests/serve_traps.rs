@@ -356,6 +356,43 @@ fn going_down_one_by_one_is_not_a_new_operation() {
     assert!(judged.in_sync() && judged.ended - judged.began > Nanos::millis(40).into());
 }
 
+/// A SubDevice that fell and is brought back does not make the session one in sync.
+#[test]
+fn a_fall_that_was_mended_is_not_forgotten() {
+    let mut wire = Wire::new(SIMPLE);
+    let mut main = wire.session(50, false);
+    // Its watchdog, as a cable that is out for a while does it; the MainDevice's own frames go on.
+    wire.pause(Nanos::millis(150));
+    for position in 0..4 {
+        assert_eq!(wire.read(position, 0x0130, 1).data, [0x14]);
+        assert_eq!(wire.write(position, 0x0120, &[0x14, 0]), 1);
+    }
+    wire.pause(Nanos::millis(2));
+    let mut buffer = [0; FRAME_LEN];
+    for cycle in 0..60 {
+        main.handle_timeout(wire.now);
+        while let Some(len) = main.poll_transmit(wire.now, &mut buffer) {
+            if let Some(back) = wire.frame(buffer[..len].to_vec()) {
+                main.handle_frame(wire.now, &back);
+            }
+        }
+        if cycle == 5 {
+            for position in 0..4 {
+                assert_eq!(wire.write(position, 0x0120, &[8, 0]), 1);
+            }
+        }
+        wire.now = wire.now.max(main.next_timeout().expect("it goes on"));
+    }
+    assert_eq!(wire.states(), [AlState::Op; 4]);
+    wire.server.finish();
+    let summary = isocat::serve::Summary::new(&wire.server, "test", "none", Nanos(0));
+    let judged = summary.sessions[0].judged.as_ref().expect("it was in operation");
+    assert_eq!((judged.in_op, judged.earlier.len(), judged.in_sync), (4, 1, false));
+    assert!(judged.earlier[0].findings.iter().all(|what| what.contains("0x001B")));
+    assert!(!judged.earlier[0].findings.is_empty());
+    assert!(summary.text().contains("Not in sync throughout"), "{}", summary.text());
+}
+
 /// What a MainDevice leaves out is said, and what it does is not: the same segment, once with our own and
 /// once with one that only sets SYNC registers.
 #[test]

@@ -72,8 +72,10 @@ pub struct Session {
     pub reached: [Option<Reached>; 3],
     /// States that were refused, in order; not more than a few.
     pub refused: Vec<Refused>,
-    /// The last exchange in operation; `None` if no SubDevice ever was in OP.
+    /// The last stretch of operation; `None` if no SubDevice ever was in OP.
     pub judged: Option<Judged>,
+    /// Stretches before it, each ended by a SubDevice that was asked to leave OP, as one that fell is.
+    pub earlier: Vec<Judged>,
     /// How it ended.
     pub end: End,
     /// The judging goes on.
@@ -169,6 +171,8 @@ const PAUSE_DOWN: Nanos = Nanos::millis(50);
 const PAUSE: Nanos = Nanos::millis(250);
 /// Refusals that are remembered.
 const MOST_REFUSED: usize = 32;
+/// Stretches of operation that are remembered.
+const MOST_STRETCHES: usize = 256;
 
 impl Server {
     /// The segment of a scenario, switched on at `now`.
@@ -433,7 +437,13 @@ impl Server {
             let cycle = cycle_of(&self.served, &session.conduct);
             session.conduct.cycle.restart();
             self.served.begin_judging(reference, cycle, self.sync0_limit);
-            session.judged = Some(Judged::new(&self.served, at, at));
+            let before = session.judged.replace(Judged::new(&self.served, at, at));
+            // SubDevices that join those in OP make the stretch anew.
+            if let Some(before) = before.filter(|_| !session.judging)
+                && session.earlier.len() < MOST_STRETCHES
+            {
+                session.earlier.push(before);
+            }
             session.judging = true;
             self.events.push_back(Event::InOperation { devices: there });
         }
@@ -480,6 +490,7 @@ impl Session {
             reached: [None; 3],
             refused: Vec::new(),
             judged: None,
+            earlier: Vec::new(),
             end: End::Open,
             judging: false,
             silent: false,

@@ -122,14 +122,27 @@ pub struct Cycle {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct JudgedSummary {
-    /// Nothing speaks against any SubDevice.
+    /// Nothing speaks against any SubDevice, in this stretch of operation and in those before.
     pub in_sync: bool,
+    /// Stretches of operation before this one, each ended when a SubDevice was asked to leave OP, as one that
+    /// fell is before it is brought back. The figures are of the last stretch.
+    pub earlier: Vec<Stretch>,
     /// How long SubDevices were judged in operation.
     pub judged_ns: i64,
     /// SubDevices in OP.
     pub in_op: usize,
     /// Each SubDevice.
     pub devices: Vec<DeviceSummary>,
+}
+
+/// A stretch of operation.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Stretch {
+    /// How long it was judged.
+    pub judged_ns: i64,
+    /// What speaks against which SubDevice; empty if nothing does.
+    pub findings: Vec<String>,
 }
 
 /// One SubDevice, as the judges saw it in the segment's own true time.
@@ -208,7 +221,10 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
             longest_drift_gap_ns: ns(conduct.cycle.drift_gap),
         }),
         remarks: remarks(server, session),
-        judged: session.judged.as_ref().map(|judged| judged_summary(server, judged)),
+        judged: session
+            .judged
+            .as_ref()
+            .map(|judged| judged_summary(server, judged, &session.earlier)),
     }
 }
 
@@ -357,7 +373,22 @@ fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)
     }
 }
 
-fn judged_summary(server: &Server, judged: &Judged) -> JudgedSummary {
+fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> JudgedSummary {
+    let stretch = |judged: &Judged| Stretch {
+        judged_ns: ns(judged.ended - judged.began),
+        findings: judged
+            .devices
+            .iter()
+            .enumerate()
+            .flat_map(|(position, device)| {
+                let name = &server.names()[position];
+                device
+                    .findings
+                    .iter()
+                    .map(move |what| format!("SubDevice {position} ({name}): {}", finding(what)))
+            })
+            .collect(),
+    };
     let device = |(position, device): (usize, &JudgedDevice)| DeviceSummary {
         position,
         name: server.names()[position].clone(),
@@ -373,7 +404,8 @@ fn judged_summary(server: &Server, judged: &Judged) -> JudgedSummary {
         findings: device.findings.iter().map(finding).collect(),
     };
     JudgedSummary {
-        in_sync: judged.in_sync(),
+        in_sync: judged.in_sync() && earlier.iter().all(Judged::in_sync),
+        earlier: earlier.iter().map(stretch).collect(),
         judged_ns: ns(judged.ended - judged.began),
         in_op: judged.devices_in_op,
         devices: judged.devices.iter().enumerate().map(device).collect(),

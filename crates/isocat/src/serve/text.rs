@@ -151,6 +151,13 @@ impl JudgedSummary {
                 " {GOOD}In sync: {in_op} of {all} SubDevices in OP, judged for {judged}.{GOOD:#}"
             );
         }
+        if self.devices.iter().all(|device| device.findings.is_empty()) {
+            writeln!(
+                out,
+                " {BAD}Not in sync throughout: operation was interrupted; the last {judged} were in sync.{BAD:#}"
+            )?;
+            return self.write_earlier(out);
+        }
         let bad = self.devices.iter().filter(|device| !device.findings.is_empty()).count();
         writeln!(
             out,
@@ -159,6 +166,27 @@ impl JudgedSummary {
         for device in self.devices.iter().filter(|device| !device.findings.is_empty()).take(MOST) {
             let what = device.findings.join("; ");
             let what = format!("SubDevice {} ({}): {what}", device.position, device.name);
+            for (i, line) in wrap(&what, WIDTH - 4).iter().enumerate() {
+                writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
+            }
+        }
+        self.write_earlier(out)
+    }
+
+    fn write_earlier(&self, out: &mut String) -> fmt::Result {
+        let bad: Vec<_> =
+            self.earlier.iter().filter(|stretch| !stretch.findings.is_empty()).collect();
+        if self.earlier.is_empty() {
+            return Ok(());
+        }
+        writeln!(
+            out,
+            " before that, {} stretches of operation, {} of them not in sync",
+            self.earlier.len(),
+            bad.len()
+        )?;
+        for stretch in bad.iter().take(MOST / 8) {
+            let what = format!("{}: {}", ns(stretch.judged_ns), stretch.findings.join("; "));
             for (i, line) in wrap(&what, WIDTH - 4).iter().enumerate() {
                 writeln!(out, "{} {line}", if i == 0 { "  -" } else { "   " })?;
             }

@@ -222,6 +222,28 @@ fn faults_come_and_go_while_it_serves() {
     assert!(!Path::new("/run/netns/isct-fault").exists(), "the namespace is gone");
 }
 
+/// Who would serve where somebody serves already is refused, and nothing of the other's is touched; a report
+/// that can't be written is refused before anything is served.
+#[test]
+fn a_second_service_leaves_the_first_alone() {
+    if !permitted() {
+        return;
+    }
+    let service = Service::start("isct-two", &[]);
+    let second = isocat(&["serve", "--setup-veth", "isct-two"]);
+    let message = text(&second.stderr);
+    assert_eq!(second.status.code(), Some(2), "{message}");
+    assert!(message.contains("another isocat serves on isct-two-seg already"), "{message}");
+    assert!(Path::new("/run/netns/isct-two").exists(), "the first one's namespace is still there");
+    assert_eq!(count(&mut service.socket()).map(|(count, _)| count), Some(4));
+    service.done(&["stop"]);
+    let report =
+        isocat(&["serve", "--setup-veth", "isct-rep", "--report", "/nonexistent/report.txt"]);
+    let message = text(&report.stderr);
+    assert_eq!(report.status.code(), Some(2), "{message}");
+    assert!(message.contains("/nonexistent/report.txt can't be written"), "{message}");
+}
+
 /// A signal ends it as a request does; `--json` is a line for each event and the summary last.
 #[test]
 fn a_signal_ends_it_cleanly() {

@@ -315,7 +315,7 @@ fn a_second_session_after_an_abrupt_end() {
     wire.pause(Nanos::millis(2_000));
     wire.session(100, true);
     wire.pause(Nanos::millis(100));
-    wire.server.finish();
+    wire.server.finish(wire.now);
     let sessions = wire.server.sessions();
     assert_eq!(sessions.len(), 2);
     let ends: Vec<_> = sessions.iter().map(|session| session.end).collect();
@@ -339,6 +339,18 @@ fn a_second_session_after_an_abrupt_end() {
     assert_eq!(states.len(), 2);
 }
 
+/// A MainDevice that is killed and started again at once: told apart by its giving addresses anew.
+#[test]
+fn a_session_that_follows_without_a_pause_is_one_of_its_own() {
+    let mut wire = Wire::new(SIMPLE);
+    wire.session(100, false);
+    wire.session(60, true);
+    wire.server.finish(wire.now);
+    let cycles: Vec<_> = wire.server.sessions().iter().map(|s| s.conduct.cycle.count()).collect();
+    assert_eq!(cycles.len(), 2, "{cycles:?}");
+    assert!((95..=115).contains(&cycles[0]) && (55..=75).contains(&cycles[1]), "{cycles:?}");
+}
+
 /// SubDevices that go down one after another end the judging with the first, and those that are still up
 /// do not begin another.
 #[test]
@@ -350,7 +362,7 @@ fn going_down_one_by_one_is_not_a_new_operation() {
         wire.pause(Nanos::millis(5));
         wire.read(position, 0x0130, 2);
     }
-    wire.server.finish();
+    wire.server.finish(wire.now);
     let judged = wire.server.sessions()[0].judged.as_ref().expect("it was in operation");
     assert_eq!(judged.devices_in_op, 4);
     assert!(judged.in_sync() && judged.ended - judged.began > Nanos::millis(40).into());
@@ -384,7 +396,7 @@ fn a_fall_that_was_mended_is_not_forgotten() {
         wire.now = wire.now.max(main.next_timeout().expect("it goes on"));
     }
     assert_eq!(wire.states(), [AlState::Op; 4]);
-    wire.server.finish();
+    wire.server.finish(wire.now);
     let summary = isocat::serve::Summary::new(&wire.server, "test", "none", Nanos(0));
     let judged = summary.sessions[0].judged.as_ref().expect("it was in operation");
     assert_eq!((judged.in_op, judged.earlier.len(), judged.in_sync), (4, 1, false));
@@ -399,7 +411,7 @@ fn a_fall_that_was_mended_is_not_forgotten() {
 fn the_summary_says_what_was_left_out() {
     let mut wire = Wire::of(SegmentFile::built_in());
     wire.session(200, true);
-    wire.server.finish();
+    wire.server.finish(wire.now);
     let remarks = remarks(&wire);
     assert!(!remarks.iter().any(|r| r.contains("SYNC was activated")), "{remarks:?}");
     assert!(!remarks.iter().any(|r| r.contains("delays")), "{remarks:?}");
@@ -407,7 +419,7 @@ fn the_summary_says_what_was_left_out() {
     let mut wire = Wire::of(SegmentFile::built_in());
     assert_eq!(wire.write(0, 0x09A0, &1_000_000u32.to_le_bytes()), 1);
     assert_eq!(wire.write(0, 0x0980, &[0, 3]), 1);
-    wire.server.finish();
+    wire.server.finish(wire.now);
     let remarks = self::remarks(&wire);
     for expected in
         ["never seen to run", "delays were not measured", "0x1C32:05", "never distributed"]

@@ -26,7 +26,7 @@ pub struct Arguments {
     #[arg(long, value_name = "IF", required_unless_present = "setup_veth")]
     interface: Option<String>,
     /// Network namespace of the interface, as `ip netns` names it
-    #[arg(long, value_name = "NAME", requires = "interface")]
+    #[arg(long, value_name = "NAME", requires = "interface", conflicts_with = "setup_veth")]
     netns: Option<String>,
     /// Make a network namespace NAME with a veth pair in it, serve there, and remove it at the end
     #[arg(long, value_name = "NAME", conflicts_with = "interface")]
@@ -56,22 +56,31 @@ pub fn run(arguments: &Arguments) -> u8 {
     };
     let mut scenario = Scenario::from(file);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
-    // Removed when this returns.
+    let (interface, path) = match (&arguments.setup_veth, &arguments.interface) {
+        (Some(name), _) => {
+            (Veth::segment_end_of(name), control::path_of(&Veth::segment_end_of(name)))
+        }
+        (None, Some(interface)) => (interface.clone(), control::path_of(interface)),
+        (None, None) => return fail("expected --interface or --setup-veth"),
+    };
+    if let Some(path) = &arguments.report
+        && let Err(error) = std::fs::OpenOptions::new().append(true).create(true).open(path)
+    {
+        return fail(&format!("the report file {} can't be written: {error}", path.display()));
+    }
+    if control::is_served(&path) {
+        return fail(&format!("another isocat serves on {interface} already ({})", path.display()));
+    }
+    // Removed when this returns; whoever serves there already was asked before.
     let veth = match arguments.setup_veth.as_deref().map(Veth::create).transpose() {
         Ok(veth) => veth,
         Err(error) => return fail(&error.to_string()),
-    };
-    let interface = match (&veth, &arguments.interface) {
-        (Some(veth), _) => veth.segment_end(),
-        (None, Some(interface)) => interface.clone(),
-        (None, None) => return fail("expected --interface or --setup-veth"),
     };
     let namespace = veth.as_ref().map(Veth::namespace).or(arguments.netns.as_deref());
     let socket = match RawSocket::open(&interface, namespace) {
         Ok(socket) => socket,
         Err(error) => return fail(&error.to_string()),
     };
-    let path = control::path_of(&interface);
     let (requests, mut wake) = match Requests::listen(&path) {
         Ok(listening) => listening,
         Err(error) => return fail(&format!("{} can't be used: {error}", path.display())),
@@ -82,7 +91,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     teller.greet(&scenario, &interface, veth.as_ref());
     let style = Style { busy: arguments.busy };
     let result = service::run(&mut server, socket, &mut wake, &requests, style, &mut teller);
-    server.finish();
+    server.finish(clock::now());
     while let Some(event) = server.poll_event() {
         teller.event(&server, event);
     }
@@ -111,6 +120,8 @@ fn finish(arguments: &Arguments, summary: &Summary) -> u8 {
             _ => anstream::adapter::strip_str(&summary.text()).to_string(),
         };
         if let Err(error) = std::fs::write(path, text) {
+            // Nobody shall lose the summary for it.
+            print(&if arguments.json { json(false) } else { summary.text() });
             return fail(&format!("the report file {} can't be written: {error}", path.display()));
         }
     }
@@ -331,7 +342,7 @@ pub struct ControlArguments {
 
 /// Runs `control`; gives the exit code.
 pub fn control(arguments: &ControlArguments) -> u8 {
-    let path = control::path_of(&arguments.interface);
+    let path = control::find(&arguments.interface);
     let answer = match control::request(&path, &arguments.command.join(" ")) {
         Ok(answer) => answer,
         Err(error) => {

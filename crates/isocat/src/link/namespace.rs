@@ -106,6 +106,11 @@ impl Veth {
         self.name.clone()
     }
 
+    /// The interface for the segment of a pair of this name.
+    pub fn segment_end_of(name: &str) -> String {
+        format!("{name}-seg")
+    }
+
     /// The interface for the segment.
     pub fn segment_end(&self) -> String {
         format!("{}-seg", self.name)

@@ -84,6 +84,9 @@ pub struct Outcome {
     pub phase: Option<phase::State>,
     /// How often it lost its lock in that time.
     pub locks_lost: u64,
+    /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
+    /// operation.
+    pub stall: Option<(Nanos, Nanos)>,
     /// How much faster the reference clock runs than the host's.
     pub rate_ppb: Option<i64>,
     /// The application's view of each SubDevice.
@@ -159,6 +162,9 @@ pub(super) struct Noted {
     /// SubDevices expected and found, and since when.
     pub counts: Vec<(u16, u16, Nanos)>,
     pub locks_lost: u64,
+    /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
+    /// operation.
+    pub stall: Option<(Nanos, Nanos)>,
     pub answers: Vec<(RequestId, Option<Vec<u8>>)>,
 }
 
@@ -240,6 +246,7 @@ impl Job {
             figures: *exchange.figures(),
             phase,
             locks_lost: noted.locks_lost,
+            stall: noted.stall,
             rate_ppb,
             axes: exchange.motion().axes().to_vec(),
             devices,
@@ -423,6 +430,11 @@ impl Running<'_> {
                 }
                 (Event::Phase { state, .. }, Some(_)) if state != phase::State::Locked => {
                     self.noted.locks_lost += 1;
+                }
+                (Event::CyclesSkipped { late, .. }, Some(began))
+                    if self.noted.stall.is_none_or(|(longest, _)| late > longest) =>
+                {
+                    self.noted.stall = Some((late, now - began));
                 }
                 _ => {}
             }

@@ -213,6 +213,12 @@ pub(super) fn note(
             }
         }
     }
+    if let Some((late, since)) = outcome.stall {
+        notes.push(format!(
+            "the machine's longest stall: {late} too late for a cycle, {} into the run",
+            seconds(since)
+        ));
+    }
     if let Some(address) = figures.other_talker {
         let address = address.map(|byte| format!("{byte:02x}")).join(":");
         notes.push(format!(
@@ -231,7 +237,9 @@ pub(super) fn note(
         let late = total.frames_late + total.frames_echoed + figures.too_late;
         let ours = total.frames_received + total.frames_foreign + late;
         let came = (after.received - before.received).saturating_sub(ours);
-        let left = (after.sent - before.sent).saturating_sub(total.frames_sent);
+        // What another program sends on the same interface may be EtherCAT too.
+        let sent = total.frames_sent + figures.other_talkers;
+        let left = (after.sent - before.sent).saturating_sub(sent);
         if came + left > 0 {
             notes.push(format!(
                 "other protocols use {interface}: {came} frames came in and {left} left that are no EtherCAT \

@@ -58,7 +58,8 @@ pub struct CycleConduct {
     /// When cycles reach the reference clock, less the phase of the first: ps.
     pub phase: Statistics,
     first_phase: Option<i128>,
-    last_phase: i128,
+    /// A mean of the last few phases, relative to the first.
+    recent_phase: i128,
     /// Since the last drift datagram.
     last_drift: Option<Time<True>>,
     /// Longest time without a drift datagram between the first in this exchange and now.
@@ -76,6 +77,8 @@ pub struct Seen {
     pub cycle: bool,
     /// It asked a SubDevice for this state (the lowest, if several).
     pub request: Option<AlState>,
+    /// It gave station addresses.
+    pub addresses: bool,
     /// Station (or, by position, the number) whose time it distributed.
     pub reference: Option<Reference>,
 }
@@ -144,6 +147,7 @@ impl Conduct {
             }
             _ => Deed::read(header, data, |deed| {
                 self.did(deed, at);
+                seen.addresses |= deed == Deed::StationAddresses;
                 if let Some(state) = requested(deed) {
                     seen.request = Some(seen.request.map_or(state, |other| lower(other, state)));
                 }
@@ -208,12 +212,13 @@ impl CycleConduct {
         }
         let phase = system_ps.rem_euclid(cycle);
         let first = *self.first_phase.get_or_insert(phase);
-        // In the neighbourhood of the one before, so that frames that wander through the cycle go on
-        // growing.
+        // In the neighbourhood of the last few, so that frames that wander through the cycle go on growing,
+        // and a single late one does not seem to be of the next cycle.
         let offset = phase - first;
-        let turns = (self.last_phase - offset + cycle / 2).div_euclid(cycle);
-        self.last_phase = offset + turns * cycle;
-        self.phase.push(self.last_phase as i64);
+        let turns = (self.recent_phase - offset + cycle / 2).div_euclid(cycle);
+        let unwrapped = offset + turns * cycle;
+        self.recent_phase += (unwrapped - self.recent_phase) / 4;
+        self.phase.push(unwrapped as i64);
     }
 
     /// Phase of the first cycle, ps, to which [`phase`](Self::phase) is relative.

@@ -33,13 +33,29 @@ pub fn path_of(interface: &str) -> PathBuf {
         None if rustix::process::geteuid().is_root() => PathBuf::from("/run"),
         None => std::env::temp_dir(),
     };
-    folder.join(format!("isocat-{interface}.sock"))
+    folder.join(file_of(interface))
+}
+
+/// Where somebody serves on an interface, whoever that is: [`path_of`] for this user, or for another.
+pub fn find(interface: &str) -> PathBuf {
+    let others = ["/run", "/tmp"].map(|folder| Path::new(folder).join(file_of(interface)));
+    let mut all = std::iter::once(path_of(interface)).chain(others);
+    all.find(|path| path.exists()).unwrap_or_else(|| path_of(interface))
+}
+
+/// Whether somebody answers there.
+pub fn is_served(path: &Path) -> bool {
+    UnixStream::connect(path).is_ok()
+}
+
+fn file_of(interface: &str) -> String {
+    format!("isocat-{interface}.sock")
 }
 
 impl Requests {
     /// Listens, and has signals (SIGINT, SIGTERM, SIGHUP) end the service. Gives what wakes it.
     pub fn listen(path: &Path) -> io::Result<(Self, UnixStream)> {
-        if UnixStream::connect(path).is_ok() {
+        if is_served(path) {
             let message = "another isocat serves there already";
             return Err(io::Error::new(io::ErrorKind::AddrInUse, message));
         }

@@ -37,6 +37,9 @@ pub struct Server {
     /// The SubDevice whose time was distributed last.
     reference: Option<(Reference, usize)>,
     counts: Counts,
+    /// State of each SubDevice as of the last observation.
+    states: Vec<AlState>,
+    injected: Vec<(Time<True>, Fault)>,
 }
 
 /// What is to become of a frame.
@@ -169,6 +172,8 @@ pub const TICK: Nanos = Nanos::millis(100);
 const PAUSE_DOWN: Nanos = Nanos::millis(50);
 /// The same after a session that did not.
 const PAUSE: Nanos = Nanos::millis(250);
+/// Who sent a frame this long ago is still there.
+const STILL_THERE: Nanos = Nanos::millis(1_000);
 /// Refusals that are remembered.
 const MOST_REFUSED: usize = 32;
 /// Stretches of operation that are remembered.
@@ -190,6 +195,8 @@ impl Server {
         now: Time<Host>,
     ) -> Self {
         Self {
+            states: vec![AlState::Init; segment.len()],
+            injected: Vec::new(),
             served: Served::new(segment, seed, now),
             names,
             sync0_limit,
@@ -254,7 +261,17 @@ impl Server {
             self.events.push_back(Event::SessionBegan { source });
             Session::new(passage.start)
         });
-        let seen = session.conduct.frame(passage.start, source, bytes);
+        let exchanged = session.conduct.done(Deed::ProcessData).is_some();
+        let mut seen = session.conduct.frame(passage.start, source, bytes);
+        // Nobody gives addresses anew in the middle: another MainDevice begins, without any pause.
+        if seen.addresses && exchanged {
+            self.end_session();
+            let mut session = Session::new(passage.start);
+            seen = session.conduct.frame(passage.start, source, bytes);
+            self.session = Some(session);
+            self.events.push_back(Event::SessionBegan { source });
+        }
+        let Some(session) = &mut self.session else { return };
         session.silent = false;
         if seen.process_data {
             self.served.carried_process_data(&passage, bytes.len());
@@ -300,6 +317,7 @@ impl Server {
         self.served.advance(now);
         self.settle();
         self.faults.inject(&mut self.served, &fault)?;
+        self.injected.push((self.served.now(), fault.clone()));
         self.events.push_back(Event::Fault(fault));
         Ok(())
     }
@@ -309,12 +327,24 @@ impl Server {
         self.events.pop_front()
     }
 
-    /// Ends the last session, as of its last frame.
-    pub fn finish(&mut self) {
+    /// Ends the last session, as of its last frame. One that still goes on at `now` is left open: not the
+    /// MainDevice ended it.
+    pub fn finish(&mut self, now: Time<Host>) {
         self.settle();
         if self.session.is_some() {
             self.end_session();
         }
+        if now - self.last_frame < STILL_THERE
+            && let Some(last) = self.ended.last_mut()
+            && last.end == End::Abrupt
+        {
+            last.end = End::Open;
+        }
+    }
+
+    /// The faults that were injected, and when.
+    pub fn injected(&self) -> &[(Time<True>, Fault)] {
+        &self.injected
     }
 
     /// All sessions that have ended, in order.
@@ -350,7 +380,7 @@ impl Server {
         let session = self.session.as_ref()?;
         let judged = session.judged.as_ref()?;
         Some(if session.judging && !session.silent {
-            Judged::new(&self.served, judged.began, self.served.now())
+            judged.until(&self.served, self.served.now())
         } else {
             judged.clone()
         })
@@ -358,12 +388,13 @@ impl Server {
 
     /// Shows what happened to the judges, and takes note.
     fn settle(&mut self) {
-        let Self { served, events, session, .. } = self;
+        let Self { served, events, session, states, .. } = self;
         served.settle(&mut |segment, observation| {
             let Observed::State(state, code) = observation.event else { return };
             let device = observation.device;
             let at = segment.devices()[device].oscillator().when(observation.device_at);
             events.push_back(Event::State { at, device, state, code });
+            let before = std::mem::replace(&mut states[device], state);
             let Some(session) = session else { return };
             // Only who arrives can complete the segment, not who leaves.
             session.pending |= state == AlState::Op;
@@ -376,7 +407,8 @@ impl Server {
                 AlState::Op => 2,
                 AlState::Init | AlState::Boot => return,
             };
-            if code != AlStatusCode::NO_ERROR {
+            let upward = state as u8 > before as u8;
+            if code != AlStatusCode::NO_ERROR || !upward {
                 return;
             }
             let reached = &mut session.reached[slot];
@@ -437,7 +469,7 @@ impl Server {
             let cycle = cycle_of(&self.served, &session.conduct);
             session.conduct.cycle.restart();
             self.served.begin_judging(reference, cycle, self.sync0_limit);
-            let before = session.judged.replace(Judged::new(&self.served, at, at));
+            let before = session.judged.replace(Judged::begin(&self.served, at));
             // SubDevices that join those in OP make the stretch anew.
             if let Some(before) = before.filter(|_| !session.judging)
                 && session.earlier.len() < MOST_STRETCHES
@@ -467,7 +499,7 @@ impl Server {
         let Some(session) = &mut self.session else { return };
         session.silent = true;
         if let Some(judged) = &mut session.judged {
-            *judged = Judged::new(&self.served, judged.began, last);
+            *judged = judged.until(&self.served, last);
         }
     }
 

@@ -43,8 +43,20 @@ pub struct Summary {
     pub lost: u64,
     /// Answers held back since frames came faster than 100 Mbit/s.
     pub held: u64,
+    /// Faults that were asked for while it was served.
+    pub faults: Vec<Injected>,
     /// What each MainDevice did, in order.
     pub sessions: Vec<SessionSummary>,
+}
+
+/// A fault that was asked for.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Injected {
+    /// When.
+    pub at_ns: i64,
+    /// What.
+    pub what: String,
 }
 
 /// One MainDevice, from its first frame to its last.
@@ -190,6 +202,14 @@ impl Summary {
             answered: counts.answered,
             lost: counts.lost,
             held: counts.held,
+            faults: server
+                .injected()
+                .iter()
+                .map(|(at, fault)| Injected {
+                    at_ns: at.as_nanos() as i64,
+                    what: fault.to_string(),
+                })
+                .collect(),
             sessions: sessions.map(|session| summarize(server, session)).collect(),
         }
     }
@@ -346,17 +366,28 @@ fn cycle_remarks(conduct: &Conduct, session: &Session, say: &mut impl FnMut(Stri
 }
 
 fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)) {
-    let deaf: Vec<_> = judged
-        .devices
-        .iter()
-        .enumerate()
+    // Who fell has another mode now, and who has no process data has nothing to synchronize.
+    let devices = || judged.devices.iter().enumerate();
+    let in_op = |device: &JudgedDevice| device.took_part && device.state == AlState::Op;
+    let deaf: Vec<_> = devices()
+        .filter(|(_, device)| in_op(device) && device.has_process_data)
         .filter(|(_, device)| device.sync0_error.is_some() && !device.mode.uses_dc())
         .collect();
+    let empty: Vec<_> =
+        devices().filter(|(_, device)| in_op(device) && !device.has_process_data).collect();
+    if let Some((at, _)) = empty.first() {
+        say(format!(
+            "{} in OP without any process data, first SubDevice {at} ({}): nothing is assigned in 0x1C12 and 0x1C13, \
+             so it has nothing to synchronize and no watchdog",
+            count(empty.len()),
+            server.names()[*at],
+        ));
+    }
     if let Some((at, first)) = deaf.first() {
         say(format!(
-            "SYNC0 runs at {} SubDevices that take no notice of it, first SubDevice {at} ({}), whose mode is {}: a \
-             SubDevice chooses on the way to SAFEOP, by 0x1C32:01 and the SYNC unit as they are then",
-            deaf.len(),
+            "SYNC0 runs, and {} takes no notice of it, first SubDevice {at} ({}), whose mode is {}: a SubDevice \
+             chooses on the way to SAFEOP, by 0x1C32:01 and the SYNC unit as they are then",
+            count(deaf.len()),
             server.names()[*at],
             first.mode.name(),
         ));
@@ -365,10 +396,10 @@ fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)
         judged.devices.iter().enumerate().filter(|(_, d)| d.sync0_in_frame > 0).collect();
     if let Some((at, worst)) = clashes.iter().max_by_key(|(_, device)| device.sync0_in_frame) {
         say(format!(
-            "SYNC0 came while a frame with process data passed, at {} SubDevices; {} times at SubDevice {at} ({})",
-            clashes.len(),
-            worst.sync0_in_frame,
+            "SYNC0 came while a frame with process data passed, at {}; most often at SubDevice {at} ({}), {} of its edges",
+            count(clashes.len()),
             server.names()[*at],
+            worst.sync0_in_frame,
         ));
     }
 }
@@ -416,6 +447,14 @@ fn finding((since, what): &(Option<Picos>, String)) -> String {
     match since {
         Some(since) => format!("{what}, {} after all were in OP", time(*since)),
         None => what.clone(),
+    }
+}
+
+/// So many SubDevices.
+fn count(devices: usize) -> String {
+    match devices {
+        1 => "1 SubDevice".to_owned(),
+        more => format!("{more} SubDevices"),
     }
 }
 

@@ -45,6 +45,12 @@ impl Summary {
             held => write!(out, ", {held} held back since they came faster than 100 Mbit/s")?,
         }
         writeln!(out, "{QUIET:#}")?;
+        if !self.faults.is_empty() {
+            writeln!(out, "\n faults that were asked for")?;
+            for fault in self.faults.iter().take(MOST) {
+                writeln!(out, "  {:>12}  {}", ns(fault.at_ns), fault.what)?;
+            }
+        }
         for (number, session) in self.sessions.iter().enumerate() {
             session.write(out, number + 1)?;
         }
@@ -161,7 +167,8 @@ impl JudgedSummary {
         let bad = self.devices.iter().filter(|device| !device.findings.is_empty()).count();
         writeln!(
             out,
-            " {BAD}Not in sync: {bad} of {in_op} SubDevices in OP, judged for {judged}.{BAD:#}"
+            " {BAD}Not in sync: something speaks against {bad} of {in_op} SubDevices, judged for \
+             {judged}.{BAD:#}"
         )?;
         for device in self.devices.iter().filter(|device| !device.findings.is_empty()).take(MOST) {
             let what = device.findings.join("; ");
@@ -197,8 +204,8 @@ impl JudgedSummary {
     fn write_devices(&self, out: &mut String) -> fmt::Result {
         writeln!(
             out,
-            "\n {:<3} {:<20} {:<9} {:<7} {:>8} {:>8} {:>8} {:>12}  0x1C32",
-            "#", "device", "mode", "state", "SYNC0 er", "ror, ns:", "", "margin"
+            "\n {:<3} {:<20} {:<9} {:<7} {:^26} {:>12}  0x1C32",
+            "#", "device", "mode", "state", "SYNC0 error, ns", "margin"
         )?;
         writeln!(
             out,

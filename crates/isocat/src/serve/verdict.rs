@@ -41,15 +41,33 @@ pub struct JudgedDevice {
     pub sync0_in_frame: u64,
     /// Counters of 0x1C32, as the stack has them: 0B, 0C, 0D, 20.
     pub counters: [u32; 4],
+    /// The same when the judging began.
+    pub counters_before: [u32; 4],
+    /// It has process data of its own.
+    pub has_process_data: bool,
     /// What speaks against it, each with the time from the beginning if it has one.
     pub findings: Vec<(Option<Picos>, String)>,
 }
 
 impl Judged {
-    /// The judges' view of what happened from `began` to `ended`.
-    pub fn new(served: &Served, began: Time<True>, ended: Time<True>) -> Self {
+    /// The view of those who begin to judge at `at`.
+    pub fn begin(served: &Served, at: Time<True>) -> Self {
+        Self::new(served, (at, at), |position| counters(served, position))
+    }
+
+    /// The same judging, as it looks at `ended`.
+    pub fn until(&self, served: &Served, ended: Time<True>) -> Self {
+        let before = |position: usize| self.devices[position].counters_before;
+        Self::new(served, (self.began, ended), before)
+    }
+
+    fn new(
+        served: &Served,
+        (began, ended): (Time<True>, Time<True>),
+        before: impl Fn(usize) -> [u32; 4],
+    ) -> Self {
         let devices: Vec<_> = (0..served.segment().devices().len())
-            .map(|at| device(served, at, began, ended))
+            .map(|at| device(served, at, before(at), (began, ended)))
             .collect();
         let devices_in_op = devices.iter().filter(|device| device.took_part).count();
         Self { began, ended, devices_in_op, devices }
@@ -61,7 +79,23 @@ impl Judged {
     }
 }
 
-fn device(served: &Served, at: usize, began: Time<True>, ended: Time<True>) -> JudgedDevice {
+/// 0x1C32:0B, 0C, 0D and 20, as the stack has them now.
+fn counters(served: &Served, position: usize) -> [u32; 4] {
+    let sync = served.segment().devices()[position].stack.sync();
+    [
+        sync.sm_event_missed().into(),
+        sync.cycle_time_too_small().into(),
+        sync.shift_time_too_short().into(),
+        sync.sync_error().into(),
+    ]
+}
+
+fn device(
+    served: &Served,
+    at: usize,
+    counters_before: [u32; 4],
+    (began, ended): (Time<True>, Time<True>),
+) -> JudgedDevice {
     let (device, bench) = (&served.segment().devices()[at], &served.bench().devices()[at]);
     let before = bench.states.iter().rfind(|change| change.at <= began);
     let took_part = before.is_some_and(|change| change.state == AlState::Op);
@@ -76,12 +110,9 @@ fn device(served: &Served, at: usize, began: Time<True>, ended: Time<True>) -> J
         margin: *bench.margin.margin(),
         distance: *bench.margin.distance(),
         sync0_in_frame: served.sync0_in_frame()[at],
-        counters: [
-            sync.sm_event_missed().into(),
-            sync.cycle_time_too_small().into(),
-            sync.shift_time_too_short().into(),
-            sync.sync_error().into(),
-        ],
+        counters: counters(served, at),
+        counters_before,
+        has_process_data: sync.has_outputs() || sync.has_inputs(),
         findings: Vec::new(),
     };
     if took_part {
@@ -127,14 +158,16 @@ fn findings(
         let what = format!("outputs follow SYNC0 with a spread of {spread}, limit {limit}");
         findings.push((since(at), what));
     }
-    let [_, too_small, too_short, error] = judged.counters;
-    for (count, what) in [
-        (too_small, "cycle time too small: 0x1C32:0C"),
-        (too_short, "shift time too short: 0x1C32:0D"),
-        (error, "sync error: 0x1C32:20"),
+    let (before, after) = (judged.counters_before, judged.counters);
+    for (at, what) in [
+        (1, "cycle time too small: 0x1C32:0C"),
+        (2, "shift time too short: 0x1C32:0D"),
+        (3, "sync error: 0x1C32:20"),
     ] {
-        if count > 0 {
-            findings.push((None, format!("{what} = {count}")));
+        // What was counted on the way up is the way up's; one that is smaller was set back meanwhile.
+        let grown = after[at].checked_sub(before[at]).unwrap_or(after[at]);
+        if grown > 0 {
+            findings.push((None, format!("{what} grew by {grown} to {}", after[at])));
         }
     }
     findings

@@ -73,6 +73,6 @@ fn a_pause_alone_ends_no_session() {
     bench.exchange(1);
     bench.send(1, Command::Brd, Address::Broadcast(0x0000), &[0]);
     assert_eq!(bench.ends(), []);
-    bench.server.finish();
+    bench.server.finish(bench.now + Nanos::millis(1_000));
     assert_eq!(bench.ends(), [End::Abrupt]);
 }

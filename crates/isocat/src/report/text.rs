@@ -40,11 +40,9 @@ impl Report {
         }
         let judged = Nanos(self.judged_ns);
         let (cycle, seed) = (Nanos(self.cycle_ns), self.seed);
-        writeln!(
-            out,
-            "{QUIET}{}: cycle {cycle}, judged for {judged} of virtual time, seed {seed}{QUIET:#}",
-            self.segment_file
-        )?;
+        let run = format!(": cycle {cycle}, judged for {judged} of virtual time, seed {seed}");
+        let file = cut_front(&self.segment_file, WIDTH - run.chars().count());
+        writeln!(out, "{QUIET}{file}{run}{QUIET:#}")?;
         write_findings(out, &self.findings)?;
         if self.segment.plan.is_some() {
             self.write_devices(out)?;
@@ -256,6 +254,15 @@ pub(super) fn cut(text: &str, columns: usize) -> String {
     text.chars().take(columns - 1).chain(['…']).collect()
 }
 
+/// Keeps the end: of a path the name of the file.
+pub(super) fn cut_front(text: &str, columns: usize) -> String {
+    let all = text.chars().count();
+    if all <= columns {
+        return text.to_owned();
+    }
+    std::iter::once('…').chain(text.chars().skip(all - columns + 1)).collect()
+}
+
 /// Breaks at spaces; a word longer than the width stays whole.
 pub(crate) fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
@@ -280,5 +287,11 @@ mod tests {
         assert_eq!(wrap("one two three", 7), ["one two", "three"]);
         assert_eq!(wrap("", 7), Vec::<String>::new());
         assert_eq!(cut("abcdef", 4), "abc…");
+    }
+
+    #[test]
+    fn a_long_path_keeps_its_end() {
+        assert_eq!(cut_front("a/b.toml", 8), "a/b.toml");
+        assert_eq!(cut_front("/a/b.toml", 8), "…/b.toml");
     }
 }

@@ -7,7 +7,7 @@ use isocat_wire::time::Nanos;
 use super::build::is_synchronized;
 use super::{Harm, InterfaceReport, Machine, Series};
 use crate::report::text::{
-    BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, WIDTH, counters, cut, range, wrap,
+    BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, WIDTH, counters, cut, cut_front, range, wrap,
     write_findings, write_notes,
 };
 
@@ -29,10 +29,9 @@ impl InterfaceReport {
         let segment = self.segment_file.as_deref().unwrap_or("whatever is there");
         let (cycle, judged) = (Nanos(self.cycle_ns), seconds(Nanos(self.judged_ns)));
         let interface = &self.interface;
-        writeln!(
-            out,
-            "{QUIET}{segment} on {interface}: cycle {cycle}, judged for {judged} of host time{QUIET:#}"
-        )?;
+        let run = format!(" on {interface}: cycle {cycle}, judged for {judged} of host time");
+        let segment = cut_front(segment, WIDTH - run.chars().count());
+        writeln!(out, "{QUIET}{segment}{run}{QUIET:#}")?;
         write_findings(out, &self.findings)?;
         if self.plan.is_some() {
             self.write_devices(out)?;

@@ -289,6 +289,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         registers.store(register::PDI_INFORMATION, information);
         self.units = Units::new(self.chip, registers.load(register::ESC_CONFIGURATION));
+        self.shadow.open(&self.units);
         self.al.set_emulation(registers);
     }
 

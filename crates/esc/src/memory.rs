@@ -3,7 +3,9 @@
 use core::ops::Range;
 
 use isocat_wire::Register;
-use isocat_wire::register::{PROCESS_RAM, Value};
+use isocat_wire::register::{PROCESS_RAM, SHADOW_END, Value};
+
+use crate::access::{ECAT_WRITABLE, Gate, Units};
 
 /// Registers and user RAM, 0x0000-0x0FFF, as they are in force.
 ///
@@ -96,12 +98,31 @@ pub(crate) struct Shadow {
     written: [u16; LINES],
     /// One bit for each line with something written in it.
     lines: u64,
+    /// Bytes that ECAT may write whatever the state of the chip.
+    open: [u16; LINES],
 }
 
 impl Shadow {
     /// Nothing written.
     pub const fn new() -> Self {
-        Self { bytes: [0; 16 * LINES], written: [0; LINES], lines: 0 }
+        Self { bytes: [0; 16 * LINES], written: [0; LINES], lines: 0, open: [0; LINES] }
+    }
+
+    /// Takes note of the registers that ECAT may write whatever the state of the chip.
+    pub fn open(&mut self, units: &Units) {
+        self.open = [0; LINES];
+        let mut at = 0;
+        while at < SHADOW_END {
+            let (end, gate) = units.run(&ECAT_WRITABLE, at);
+            if gate == Some(Gate::Open) {
+                for address in at..end.min(SHADOW_END) {
+                    if let Some(line) = line_of(address) {
+                        self.open[line] |= 1 << (address & 15);
+                    }
+                }
+            }
+            at = end;
+        }
     }
 
     /// Writes the bits of `mask`; the others keep what was written before or else what is in force.
@@ -116,13 +137,27 @@ impl Shadow {
         self.lines |= 1 << line;
     }
 
-    /// Writes whole bytes, all of them in one line of 16 registers.
-    pub fn put_in_line(&mut self, address: u16, data: &[u8]) {
-        let Some(line) = line_of(address) else { return };
+    /// Writes whole bytes; does nothing and tells so unless all of them are in one line and open.
+    pub fn put_in_line(&mut self, address: u16, data: &[u8]) -> bool {
         let at = usize::from(address & 15);
-        self.bytes[16 * line + at..][..data.len()].copy_from_slice(data);
-        self.written[line] |= (((1u32 << data.len()) - 1) << at) as u16;
+        if at + data.len() > 16 {
+            return false;
+        }
+        let Some(line) = line_of(address) else { return false };
+        let mask = (((1u32 << data.len()) - 1) << at) as u16;
+        if mask & !self.open[line] != 0 {
+            return false;
+        }
+        let bytes = &mut self.bytes[16 * line + at..];
+        match *data {
+            // A datagram as the system time and most registers have it: no loop.
+            [a, b, c, d, e, f, g, h] => bytes[..8].copy_from_slice(&[a, b, c, d, e, f, g, h]),
+            [a, b, c, d] => bytes[..4].copy_from_slice(&[a, b, c, d]),
+            _ => bytes[..data.len()].copy_from_slice(data),
+        }
+        self.written[line] |= mask;
         self.lines |= 1 << line;
+        true
     }
 
     /// Forgets everything.
@@ -291,11 +326,17 @@ mod tests {
         assert!(shadow.touches_page(0x0F00) && !shadow.touches_page(0x0800));
         shadow.clear();
         assert!(shadow.is_empty() && shadow.byte(0x0010).is_none());
-        shadow.put_in_line(0x0910, &[1, 2, 3, 4]);
+        shadow.open(&Units::new(&crate::chip::ET1100, 0x0C));
+        assert!(shadow.put_in_line(0x0910, &[1, 2, 3, 4]));
         assert_eq!(shadow.byte(0x0913).zip(shadow.byte(0x0910)), Some((4, 1)));
         assert!(shadow.touches(0x0913..0x0914) && !shadow.touches(0x0914..0x0918));
         assert!(!shadow.touches(0x0900..0x0910) && shadow.touches(0x0900..0x0911));
-        shadow.put_in_line(0x0920, &[9; 16]);
-        assert!(shadow.byte(0x091F).is_none() && shadow.byte(0x092F) == Some(9));
+        assert!(shadow.put_in_line(0x0920, &[9; 12]));
+        assert!(shadow.byte(0x091F).is_none() && shadow.byte(0x092B) == Some(9));
+        // Bytes that cannot be written, that depend on something, or that lie in two lines.
+        for (address, len) in [(0x0928, 5), (0x0120, 2), (0x0060, 2), (0x060C, 8), (0x0918, 2)] {
+            assert!(!shadow.put_in_line(address, &[9; 8][..len]), "{address:#06x}");
+            assert!(shadow.byte(address + len as u16 - 1).is_none(), "{address:#06x}");
+        }
     }
 }

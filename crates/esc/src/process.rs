@@ -235,7 +235,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if command != Command::Lrd {
             let found = match self.fmmus.alone(Fmmu::WRITE, address, len) {
                 Ok(target) => {
-                    let any = target.is_some_and(|(to, at)| self.ecat_write(to, &data[at], 0xFF));
+                    let any = target.is_some_and(|(to, at)| self.write_mapped(to, &data[at]));
                     count += u16::from(any) << u16::from(command == Command::Lrw);
                     None
                 }
@@ -256,7 +256,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if command != Command::Lwr {
             let found = match self.fmmus.alone(Fmmu::READ, address, len) {
                 Ok(target) => {
-                    let any = target.is_some_and(|(from, at)| self.read_into(from, &mut data[at]));
+                    let any =
+                        target.is_some_and(|(from, at)| self.read_mapped(from, &mut data[at]));
                     count += u16::from(any);
                     None
                 }
@@ -269,6 +270,25 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             }
         }
         count
+    }
+
+    /// Writes where a FMMU alone decides: as a rule into a buffer, whole.
+    fn write_mapped(&mut self, address: u16, data: &[u8]) -> bool {
+        match address {
+            PROCESS_RAM.. => self.write_ram(address, data, 0xFF),
+            _ => self.ecat_write(address, data, 0xFF),
+        }
+    }
+
+    /// The same for reading.
+    fn read_mapped(&mut self, address: u16, data: &mut [u8]) -> bool {
+        match address {
+            PROCESS_RAM.. => {
+                let len = data.len();
+                self.read_ram(address, len, |memory, at| data[at].copy_from_slice(memory))
+            }
+            _ => self.read_into(address, data),
+        }
     }
 
     fn write_target(&mut self, target: &Target, data: &[u8]) -> bool {
@@ -363,18 +383,27 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 at = stop;
             }
         }
-        if ram > 0 && self.is_operational() {
-            let first = address.max(PROCESS_RAM);
-            self.reach_ram(first, ram);
-            let end = self.ram_len.min(self.ram.as_ref().len());
-            let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
-            let way = (Side::Ecat, Direction::Read);
-            let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
+        if ram > 0 {
+            any |= self.read_ram(address.max(PROCESS_RAM), ram, |memory, at| {
                 each(memory, at.start + registers..at.end + registers);
             });
-            any |= outcome.any;
         }
         any
+    }
+
+    fn read_ram(
+        &mut self,
+        address: u16,
+        len: usize,
+        each: impl FnMut(&mut [u8], Range<usize>),
+    ) -> bool {
+        if !self.is_operational() {
+            return false;
+        }
+        self.reach_ram(address, len);
+        let end = self.ram_len.min(self.ram.as_ref().len());
+        let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
+        self.sync_managers.access((Side::Ecat, Direction::Read), memory, address, len, each).any
     }
 
     /// Writes the bits of `mask` of each byte from the wire.
@@ -384,44 +413,49 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if registers > 0 {
             any = self.write_registers(address, &data[..registers], mask);
         }
-        if ram > 0 && self.is_operational() && !self.is_protected(PROCESS_RAM) {
-            let first = address.max(PROCESS_RAM);
+        if ram > 0 {
             let data = &data[registers..registers + ram];
-            self.reach_ram(first, ram);
-            let end = self.ram_len.min(self.ram.as_ref().len());
-            let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
-            let way = (Side::Ecat, Direction::Write);
-            let outcome = self.sync_managers.access(way, memory, first, ram, |memory, at| {
-                if mask == 0xFF {
-                    memory.copy_from_slice(&data[at]);
-                } else {
-                    for (byte, data) in memory.iter_mut().zip(&data[at]) {
-                        *byte = *byte & !mask | *data & mask;
-                    }
-                }
-            });
-            any |= outcome.any;
+            any |= self.write_ram(address.max(PROCESS_RAM), data, mask);
         }
         any
     }
 
+    fn write_ram(&mut self, address: u16, data: &[u8], mask: u8) -> bool {
+        if !self.is_operational() || self.is_protected(PROCESS_RAM) {
+            return false;
+        }
+        self.reach_ram(address, data.len());
+        let end = self.ram_len.min(self.ram.as_ref().len());
+        let memory = (&mut self.ram.as_mut()[..end], &mut self.registers);
+        let way = (Side::Ecat, Direction::Write);
+        let access = self.sync_managers.access(way, memory, address, data.len(), |memory, at| {
+            if mask == 0xFF {
+                memory.copy_from_slice(&data[at]);
+            } else {
+                for (byte, data) in memory.iter_mut().zip(&data[at]) {
+                    *byte = *byte & !mask | *data & mask;
+                }
+            }
+        });
+        access.any
+    }
+
     fn write_registers(&mut self, address: u16, data: &[u8], mask: u8) -> bool {
+        // The drift frame as a rule: no byte of it depends on the state of the chip.
+        if mask == 0xFF
+            && (WRITE_ENABLES..DIGITAL_OUTPUTS).contains(&address)
+            && !self.is_protected(address)
+            && self.shadow.put_in_line(address, data)
+        {
+            return true;
+        }
         let mut any = false;
         let end = address + data.len() as u16;
         let mut at = address;
         while at < end {
             let (stop, gate) = self.units.run(&ECAT_WRITABLE, at);
             let stop = stop.min(end);
-            let whole = mask == 0xFF
-                && gate == Some(Gate::Open)
-                && (at ^ (stop - 1)) & 0xFFF0 == 0
-                && (WRITE_ENABLES..SHADOW_END).contains(&at);
-            if whole && !self.is_protected(at) {
-                // No byte of it depends on the state of the chip.
-                let from = usize::from(at - address);
-                self.shadow.put_in_line(at, &data[from..from + usize::from(stop - at)]);
-                any = true;
-            } else if let Some(gate) = gate {
+            if let Some(gate) = gate {
                 for address_of_byte in at..stop {
                     if !self.ecat_may_write(gate, address_of_byte) {
                         continue;
@@ -497,7 +531,11 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Brings registers that move by themselves up to date before ECAT reads them, and notes which
     /// ECAT events the read acknowledges.
+    #[inline]
     fn show_to_ecat(&mut self, range: Range<u16>) {
+        if range.start >= LIVE_END {
+            return;
+        }
         let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
         if overlaps(0x0110, 0x0112) {
             self.flight.acknowledged |= ECAT_DL_STATUS;
@@ -554,5 +592,7 @@ fn bits_of(mask: u8, data_bit: i64) -> impl Iterator<Item = (u8, usize)> {
 
 /// Behind the registers that enable writing, which act within the frame.
 const WRITE_ENABLES: u16 = 0x0040;
+/// Behind the last register that moves by itself.
+const LIVE_END: u16 = 0x09D0;
 /// First register that a SyncManager of a device without CPU may guard.
 const DIGITAL_OUTPUTS: u16 = 0x0F00;

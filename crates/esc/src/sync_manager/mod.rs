@@ -112,7 +112,10 @@ impl SyncManagers {
         if let Some(number) = self.whole(first, end) {
             // Process data as a rule: one whole buffer, nothing to be cut.
             let way = (side, direction);
-            let place = self.guarded(way, registers, number, first..end, &mut outcome);
+            let place = match side {
+                Side::Ecat => self.ecat_whole(direction, registers, number),
+                Side::Pdi => self.guarded(way, registers, number, first..end, &mut outcome),
+            };
             if let Some(bytes) = place.and_then(|place| run(ram, place, len)) {
                 let len = bytes.len();
                 each(bytes, 0..len);
@@ -289,6 +292,25 @@ impl SyncManagers {
             }
         }
         events
+    }
+
+    /// ECAT opens, accesses and closes one area as a whole; gives its place in memory if allowed.
+    fn ecat_whole(
+        &mut self,
+        direction: Direction,
+        registers: &mut Registers,
+        number: usize,
+    ) -> Option<usize> {
+        let unit = &mut self.units[number];
+        if self.touched & 1 << number == 0 {
+            self.touched |= 1 << number;
+            self.before[number] = *unit;
+        }
+        let place = unit.admit(Side::Ecat, direction, 0)?;
+        unit.ecat_open = false;
+        self.closing |= 1 << number;
+        self.show(number, registers);
+        Some(place)
     }
 
     /// Opens, accesses and closes a part of one area; gives its place in memory if allowed.

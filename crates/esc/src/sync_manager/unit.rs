@@ -85,6 +85,7 @@ impl Unit {
     }
 
     /// Whether an access at `offset` of the area is allowed; its place in memory.
+    #[inline]
     pub fn admit(&mut self, side: Side, direction: Direction, offset: usize) -> Option<usize> {
         if self.direction_of(side) != direction || self.config.pdi_control & PDI_DEACTIVATED != 0 {
             return None;

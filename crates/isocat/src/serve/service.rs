@@ -59,6 +59,7 @@ pub fn run(
         caught_up: true,
         next_tick: clock::now(),
         spins: 0,
+        looked: clock::now(),
     };
     loop {
         let frames = match style.busy {
@@ -102,6 +103,8 @@ struct Service {
     caught_up: bool,
     next_tick: Time<Host>,
     spins: u32,
+    /// While spinning: when the SubDevices' own work was done last.
+    looked: Time<Host>,
 }
 
 /// Longer than any frame: what fills it was cut.
@@ -109,6 +112,10 @@ const BUFFER: usize = 2048;
 /// While spinning, SubDevices are kept this far behind the clock: a frame with a stamp earlier than that would be
 /// taken as of then.
 const BEHIND: Nanos = Nanos::micros(30);
+/// While spinning, SubDevices are looked at so often between two frames, and in steps of this size.
+const LOOKS: i64 = 4;
+const LEAST_STEP: Nanos = Nanos::micros(10);
+const MOST_STEP: Nanos = Nanos::millis(1);
 /// Spins between two looks at anything but the socket.
 const SPINS: u32 = 256;
 /// Distances of frames for which it pays to wake between them.
@@ -175,7 +182,12 @@ impl Service {
         }
         let now = clock::now();
         if now - self.last_frame < Nanos::millis(1_000) {
-            server.catch_up(now + -BEHIND);
+            // A few times between two frames, not at each turn: a frame that comes meanwhile waits.
+            let step = Nanos(self.distance.0 / LOOKS).clamp(LEAST_STEP, MOST_STEP);
+            if now - self.looked >= step {
+                self.looked = now;
+                server.catch_up(now + -BEHIND);
+            }
         } else if self.spins >= SPINS {
             server.idle(now);
         }

@@ -94,32 +94,41 @@ after=$(cut -d' ' -f1 "/proc/$served/schedstat")
 stop
 awk -v ns=$((after - before)) 'BEGIN { printf "built-in segment, nobody sends: %.3f %%\n", ns / 5e7 }'
 
-printf '\n## isocat run --interface: system calls and user instructions of a cycle, 10 SubDevices\n'
+printf '\n## isocat run --interface: system calls and user instructions of a cycle, 10 SubDevices, 10 ms\n'
+# As the difference of a run of 2 s and one of 32 s, so that the way up is in neither figure.
 tens=$(segment 10 simple_io16)
-sed -i 's/cycle = "1ms"/cycle = "20ms"/; s/200us/1ms/' "$tens"
-run() { ip netns exec $ns "$@" run "$tens" --interface $ns --json >/dev/null; }
+sed -i 's/cycle = "1ms"/cycle = "10ms"/; s/200us/1ms/' "$tens"
+run() { # DURATION TOOL...
+  local duration=$1
+  shift
+  serve "$tens"
+  # Slowed down as it is, it may lose sync: cycles are cycles.
+  ip netns exec $ns "$@" "$isocat" run "$tens" --interface $ns --for "$duration" --json > "$folder/run-$duration.json" 2> "$folder/log" || true
+  stop
+}
+cycles() { sed -n 's/.*"cycles": \([0-9]*\).*/\1/p' "$folder/run-$1.json" | head -1; }
+each() { # SHORT LONG WHAT
+  awk -v a="$1" -v b="$2" -v n=$(($(cycles 32s) - $(cycles 2s))) -v what="$3" 'BEGIN { printf "%s: %.2f\n", what, (b - a) / n }'
+}
 if command -v strace > /dev/null; then
-  calls() { # DURATION
-    serve "$tens"
-    strace -f -c -o "$folder/strace" ip netns exec $ns "$isocat" run "$tens" --interface $ns --for "$1" --json > "$folder/run.json" || true
-    stop
+  calls() {
+    run "$1" strace -f -c -o "$folder/strace"
     awk '$NF == "total" { print $4 }' "$folder/strace"
   }
-  short=$(calls 2s); long=$(calls 6s)
-  awk -v calls=$((long - short)) 'BEGIN { printf "system calls a cycle: %.2f\n", calls / 200 }'
+  short=$(calls 2s); long=$(calls 32s)
+  each "$short" "$long" "system calls a cycle"
 else
   echo "system calls: skipped, strace is missing (apt-get install strace)"
 fi
 if command -v valgrind > /dev/null; then
-  instructions() { # DURATION
-    serve "$tens"
-    ip netns exec $ns valgrind --tool=callgrind --callgrind-out-file=/dev/null "$isocat" run "$tens" --interface $ns --for "$1" --json \
-      2> "$folder/valgrind" > /dev/null || true
-    stop
-    sed -n 's/.*Collected : //p' "$folder/valgrind"
+  part() { # FUNCTION FILE: instructions of it and what it calls
+    callgrind_annotate --threshold=100 --inclusive=yes "$folder/callgrind-$2" 2>/dev/null | grep -F "$1" | head -1 | awk '{ gsub(",", "", $1); print $1 }'
   }
-  short=$(instructions 2s); long=$(instructions 6s)
-  awk -v all=$((long - short)) 'BEGIN { printf "user instructions a cycle: %.0f\n", all / 200 }'
+  for duration in 2s 32s; do run $duration valgrind --tool=callgrind --callgrind-out-file="$folder/callgrind-$duration"; done
+  total() { sed -n 's/^totals: //p' "$folder/callgrind-$1"; }
+  each "$(total 2s)" "$(total 32s)" "user instructions a cycle"
+  each "$(part 'exchange::spin' 2s)" "$(part 'exchange::spin' 32s)" "  of these, reading the clock until the instant has come"
+  each "$(part 'Control>::cycle' 2s)" "$(part 'Control>::cycle' 32s)" "  and the application that writes 160 bytes"
 else
   echo "user instructions: skipped, valgrind is missing (apt-get install valgrind)"
 fi

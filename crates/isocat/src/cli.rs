@@ -2,7 +2,7 @@
 //!
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
 //! sync or lost it, 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
-//! input.
+//! input. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused.
 
 #[cfg(target_os = "linux")]
 mod interface;
@@ -39,7 +39,7 @@ Examples:
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
 
-Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input.";
+Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. serve and control: 0 done as asked, 2 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";

@@ -84,6 +84,7 @@ pub(super) fn judge(
             what,
         }));
     }
+    findings.extend(skipped(outcome).map(|(since, what)| segment(None, since, what)));
     let with_clock = outcome.segment.reference.is_some();
     if outcome.judged.is_some() && with_clock && outcome.phase != Some(phase::State::Locked) {
         let state = match outcome.phase {
@@ -95,6 +96,20 @@ pub(super) fn judge(
     // What came first is nearest to the cause; what has no time of its own comes last.
     findings.sort_by_key(|finding| finding.since.unwrap_or(Nanos(i64::MAX)));
     outcome.findings = findings;
+}
+
+/// Cycles in which SYNC0 came and no outputs did. Counters of SubDevices may have gone down again since.
+fn skipped(outcome: &Outcome) -> Option<(Option<Nanos>, String)> {
+    outcome.judged?;
+    let (begin, end) = &outcome.statistics;
+    let count = end.cycles_skipped - begin.cycles_skipped;
+    let waits = outcome.segment.devices.iter().any(|device| device.mode.uses_dc());
+    let cycles = if count == 1 { "1 cycle was" } else { &format!("{count} cycles were") };
+    (count > 0 && waits).then(|| {
+        let what =
+            format!("{cycles} skipped: the machine woke too late, SYNC0 came without new outputs");
+        (outcome.stall.map(|(_, since)| since), what)
+    })
 }
 
 /// What speaks against one SubDevice, and since when.

@@ -3,19 +3,22 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+/// Runs in the folder of [`scratch`], so that no message depends on where this checkout lies.
 fn isocat(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_isocat")).args(arguments).output().expect("isocat starts")
+    let mut command = Command::new(env!("CARGO_BIN_EXE_isocat"));
+    command.current_dir(env!("CARGO_TARGET_TMPDIR")).args(arguments);
+    command.output().expect("isocat starts")
 }
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("isocat prints UTF-8")
 }
 
-/// A file of this test's own in the target directory.
+/// A file of this test's own in the target directory; its name there.
 fn scratch(name: &str, content: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::write(&path, content).expect("the target directory is writable");
-    path
+    PathBuf::from(name)
 }
 
 #[test]

@@ -107,14 +107,17 @@ fn respond(mut socket: RawSocket, mut segment: Segment, begin: Time<Host>, stop:
 fn slow_segment(name: &str) -> (PathBuf, SegmentFile) {
     let text = SegmentFile::built_in_text().replace("cycle = \"1ms\"", "cycle = \"10ms\"");
     assert_ne!(text, SegmentFile::built_in_text());
-    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}.toml"));
+    let name = PathBuf::from(format!("{name}.toml"));
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(&name);
     std::fs::write(&path, text).expect("the target directory is writable");
     let file = SegmentFile::read(path.to_str().expect("UTF-8")).expect("a segment");
-    (path, file)
+    (name, file)
 }
 
 fn command(wire: &Veth, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_isocat"));
+    // No message is to depend on where this checkout lies.
+    command.current_dir(env!("CARGO_TARGET_TMPDIR"));
     let interface = wire.main_end();
     command.args(["run", "--interface", &interface, "--netns", wire.namespace()]).args(arguments);
     command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -252,7 +255,7 @@ fn another_segment_than_the_file_expects_is_bad_input() {
     let one = "cycle = \"10ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n";
     std::fs::write(&path, one).expect("the target directory is writable");
     let _segment = Responder::begin(&wire, &file);
-    let output = command(&wire, &[path.to_str().unwrap()]).output().expect("isocat starts");
+    let output = command(&wire, &["interface_one.toml"]).output().expect("isocat starts");
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{message}{}", text(&output.stdout));
     assert!(message.contains("4 SubDevices answer, expected 1"), "{message}");

@@ -385,7 +385,7 @@ fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)
     }
     if let Some((at, first)) = deaf.first() {
         say(format!(
-            "SYNC0 runs, and {} takes no notice of it, first SubDevice {at} ({}), whose mode is {}: a SubDevice \
+            "SYNC0 runs and means nothing to {}, first SubDevice {at} ({}), whose mode is {}: a SubDevice \
              chooses on the way to SAFEOP, by 0x1C32:01 and the SYNC unit as they are then",
             count(deaf.len()),
             server.names()[*at],

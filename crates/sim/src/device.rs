@@ -285,6 +285,9 @@ impl Application for BoxedApplication {
     fn power_off(&mut self) {
         self.0.power_off();
     }
+    fn event(&mut self, event: Event) {
+        self.0.event(event);
+    }
     fn map_outputs(&mut self, outputs: &[u8]) {
         self.0.map_outputs(outputs);
     }

@@ -1,5 +1,6 @@
 //! What a device author writes.
 
+use isocat_sync::Event;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, ObjectAddress};
 
@@ -8,10 +9,15 @@ use isocat_wire::{AbortCode, ObjectAddress};
 /// The stack calls the steps of a cycle in the order and at the instants that the synchronization mode
 /// gives them (see `isocat_sync::Step`).
 pub trait Application {
+    /// An event came in SAFEOP or OP, before the steps that it starts: for programs that do more at an event than
+    /// the steps of the mode.
+    fn event(&mut self, _event: Event) {}
+
     /// Outputs have arrived: the process image of SM2. Called in OP only.
     fn map_outputs(&mut self, _outputs: &[u8]) {}
 
-    /// The application's own work, once a cycle of `cycle` (zero if unknown).
+    /// The application's own work, once a cycle of `cycle` (zero if unknown). With subordinated cycles
+    /// that is the cycle of SYNC0, unless the application runs at SYNC1.
     fn application(&mut self, _cycle: Nanos) {}
 
     /// The outputs act on the process from now on.

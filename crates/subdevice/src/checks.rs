@@ -7,7 +7,7 @@ use isocat_esc::{Pdi, PdiExt};
 use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
 };
-use isocat_sync::{SupportedTypes, SyncMode, SyncType};
+use isocat_sync::{Chain, SupportedTypes, SyncMode, SyncType};
 use isocat_wire::sii::MailboxArea;
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::{AlStatusCode, Nanos, register};
@@ -52,7 +52,9 @@ pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
     let (outputs, inputs) = process_data(pdi, description, output_length, input_length)?;
     let sync = sync(pdi, dictionary, chosen, outputs.is_used(), inputs.is_used())?;
     let one_buffer = |sm: &SyncManager, buffer: Buffer| buffer.is_used() && sm.is_mailbox();
-    if sync.mode == SyncMode::FreeRun && (one_buffer(&sm2, outputs) || one_buffer(&sm3, inputs)) {
+    if sync.chain.mode == SyncMode::FreeRun
+        && (one_buffer(&sm2, outputs) || one_buffer(&sm3, inputs))
+    {
         return Err(AlStatusCode::FREE_RUN_NEEDS_3_BUFFERS);
     }
     let watchdog = outputs.is_used() && sm2.control & SyncManager::CONTROL_WATCHDOG != 0;
@@ -197,6 +199,7 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     let unit_on = listens
         && (activation.active() || activation.0 & isocat_wire::dc::SyncActivation::AUTO != 0);
     let (sync0, sync1) = (unit_on && activation.sync0(), unit_on && activation.sync1());
+    let subordinated = sync1 && sync1_cycle > Nanos::ZERO && sync1_cycle >= sync0_cycle;
     if unit_on {
         if !sync0 {
             // Nothing enabled, or SYNC1 without the SYNC0 that it follows.
@@ -215,31 +218,26 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
         if sync1 && too_long(sync1_cycle) {
             return Err(AlStatusCode::DC_SYNC1_CYCLE);
         }
-        let subordinated = sync1 && sync1_cycle > Nanos::ZERO && sync1_cycle >= sync0_cycle;
         if subordinated && !supported.dc_subordinated() {
             return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
         }
     }
 
     let (output_type, input_type) = if chosen.nothing() {
-        if sync1 {
-            // The registers ask for a mode with SYNC1, which this stack does not have.
-            return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
-        }
-        let mode = if sync0 {
-            SyncMode::DcSync0
-        } else if supported.sm_synchronous() {
-            SyncMode::SmSynchronous
-        } else {
-            SyncMode::FreeRun
+        let mode = match (sync0, sync1, subordinated) {
+            (true, true, true) => SyncMode::DcSubordinated,
+            (true, true, false) => SyncMode::DcShiftSync1,
+            (true, false, _) => SyncMode::DcSync0,
+            _ if supported.sm_synchronous() => SyncMode::SmSynchronous,
+            _ => SyncMode::FreeRun,
         };
         (mode.output_type(), mode.input_type(has_outputs))
     } else {
-        chosen_types(dictionary, chosen, has_outputs)
+        chosen_types(dictionary, chosen, has_outputs, subordinated)
     };
     let types = [has_outputs.then_some(output_type), has_inputs.then_some(input_type)];
     let any = |wanted: &[SyncType]| types.iter().flatten().any(|t| wanted.contains(t));
-    if any(&[SyncType::DC_SYNC0]) && !sync0 || any(&[SyncType::DC_SYNC1]) {
+    if any(&[SyncType::DC_SYNC0]) && !sync0 || any(&[SyncType::DC_SYNC1]) && !sync1 {
         return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
     }
     if any(&[SyncType::FREE_RUN]) && !supported.free_run() {
@@ -248,12 +246,17 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     if any(&[SyncType::SM, SyncType::INPUTS_ON_SM2]) && !supported.sm_synchronous() {
         return Err(AlStatusCode::SYNCHRONIZATION_NOT_SUPPORTED);
     }
-    let mode = SyncMode::from_types(output_type, input_type, has_outputs, has_inputs)
+    let mode = SyncMode::from_types(output_type, input_type, has_outputs, has_inputs, subordinated)
         .ok_or(AlStatusCode::INCONSISTENT_SETTINGS)?;
 
     let cycle = if mode.uses_dc() {
         if sync0_cycle == Nanos::ZERO {
             // A single shot starts no cycle.
+            return Err(AlStatusCode::DC_SYNC0_CYCLE);
+        }
+        let fixed = description.behaviour.subordinated_sync0_cycle;
+        let needs_it = mode == SyncMode::DcSubordinated && fixed > Nanos::ZERO;
+        if needs_it && sync0_cycle != fixed {
             return Err(AlStatusCode::DC_SYNC0_CYCLE);
         }
         sync0_cycle
@@ -266,8 +269,17 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
         }
         cycle
     };
-    let acknowledge_sync0 = mode.uses_dc() && pdi.load(register::SYNC_PULSE_LENGTH) == 0;
-    Ok(Setup { mode, cycle, has_outputs, has_inputs, acknowledge_sync0 })
+    let acknowledge_sync = mode.uses_dc() && pdi.load(register::SYNC_PULSE_LENGTH) == 0;
+    let behaviour = &description.behaviour;
+    let chain = Chain {
+        mode,
+        has_outputs,
+        polls_outputs: behaviour.polls_outputs,
+        outputs_on_sync1: behaviour.outputs_on_sync1,
+        application_on_sync1: behaviour.application_on_sync1,
+    };
+    let sync1 = if mode.uses_sync1() { sync1_cycle } else { Nanos::ZERO };
+    Ok(Setup { chain, cycle, sync1, has_inputs, acknowledge_sync })
 }
 
 /// The types of both objects if the MainDevice wrote at least one; the other follows it.
@@ -275,6 +287,7 @@ fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     chosen: Chosen,
     has_outputs: bool,
+    subordinated: bool,
 ) -> (SyncType, SyncType) {
     let stored =
         |index| SyncType(dictionary.value(index, sub::SYNC_TYPE).unwrap_or_default() as u16);
@@ -283,6 +296,10 @@ fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
         SyncType::FREE_RUN => Some(SyncMode::FreeRun),
         SyncType::SM | SyncType::INPUTS_ON_SM2 => Some(SyncMode::SmSynchronous),
         SyncType::DC_SYNC0 => Some(SyncMode::DcSync0),
+        SyncType::DC_SYNC1 if subordinated => Some(SyncMode::DcSubordinated),
+        // Inputs alone at SYNC1 leave the outputs to SYNC0.
+        SyncType::DC_SYNC1 if chosen.output_type => Some(SyncMode::DcSync1),
+        SyncType::DC_SYNC1 => Some(SyncMode::DcShiftSync1),
         _ => None,
     };
     if !chosen.input_type {

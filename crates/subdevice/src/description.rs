@@ -1,11 +1,11 @@
 //! What is fixed about a device: its dictionary, its mailbox, its process data areas, its times.
 
 use isocat_sync::SupportedTypes;
-use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
+use isocat_wire::{AlStatusCode, ObjectAddress};
 
 /// Everything the stack must know about the device it runs in.
 #[derive(Clone, Debug)]
@@ -156,6 +156,20 @@ pub struct Behaviour {
     /// 0x1C32:00 reads 0 and its sub-indices do not exist in SAFEOP and OP while no outputs are
     /// transmitted; the same for 0x1C33 and inputs. Slave Stack Code devices keep the object.
     pub hide_unused_sync_objects: bool,
+    /// The program takes no interrupt from SM2: at SYNC0 it looks whether outputs have come.
+    pub polls_outputs: bool,
+    /// Outputs act at SYNC1 where inputs are taken at SYNC1 (types 2 and 3).
+    pub outputs_on_sync1: bool,
+    /// With subordinated cycles the application runs at SYNC1 and not at each SYNC0.
+    pub application_on_sync1: bool,
+    /// The SYNC0 cycle that subordinated cycles need (else 0x0036); zero for any.
+    pub subordinated_sync0_cycle: Nanos,
+    /// AL status codes for lost synchronization.
+    pub loss_codes: LossCodes,
+    /// What is measured on command.
+    pub measured: Measured,
+    /// The bit of the outputs that changes with each of them: 0x1C32:0E counts where it did not.
+    pub output_toggle: Option<u16>,
     /// Shift of Outputs Valid is done by a local timer: 0x1C32:03.
     pub shift_outputs: bool,
     /// Shift of Input Latch is done by a local timer: 0x1C33:03.
@@ -173,6 +187,55 @@ pub enum MissedEvents {
     /// Slave Stack Code: as above, but the first missing event is let pass, and the error comes when the
     /// counter reaches the limit.
     SlaveStackCode,
+    /// Events less pulses in OP, as SOES counts: error when they differ by more than the limit.
+    Balance,
+}
+
+/// AL status codes with which devices tell that they lost synchronization.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct LossCodes {
+    /// OP is given up since a SYNC signal was never seen.
+    pub no_sync: AlStatusCode,
+    /// A SYNC signal stays away in OP.
+    pub sync_lost: AlStatusCode,
+    /// Too many outputs came too late or not at all.
+    pub sequence: AlStatusCode,
+}
+
+impl LossCodes {
+    /// Those of the Slave Stack Code: 0x002D, 0x002C, 0x001A.
+    pub const SLAVE_STACK_CODE: Self = Self {
+        no_sync: AlStatusCode::NO_SYNC,
+        sync_lost: AlStatusCode::FATAL_SYNC_ERROR,
+        sequence: AlStatusCode::SYNCHRONIZATION_ERROR,
+    };
+    /// Those that drives use instead: 0x0032 (PLL) on the way up, 0x0034 (time-out) in OP.
+    pub const DRIVE: Self = Self {
+        no_sync: AlStatusCode::PLL_ERROR,
+        sync_lost: AlStatusCode::DC_SYNC_TIMEOUT,
+        sequence: AlStatusCode::DC_SYNC_TIMEOUT,
+    };
+}
+
+/// Quantities of 0x1C32 and 0x1C33 that a device measures in OP on command (sub-index 08), where it states 0.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Measured {
+    /// Sub-index 02, shortest cycle; without DC only.
+    pub cycle: bool,
+    /// Sub-index 03, from the event to Outputs Valid or Input Latch.
+    pub shift: bool,
+    /// Sub-index 05, longest work of a cycle.
+    pub minimum_cycle: bool,
+    /// Sub-index 06, longest mapping.
+    pub calc_and_copy: bool,
+    /// Sub-index 09, from the pulse to Outputs Valid or Input Latch.
+    pub delay: bool,
+}
+
+impl Measured {
+    /// What the Slave Stack Code measures.
+    pub const SLAVE_STACK_CODE: Self =
+        Self { cycle: true, shift: false, minimum_cycle: true, calc_and_copy: true, delay: false };
 }
 
 impl Default for Behaviour {
@@ -188,6 +251,13 @@ impl Default for Behaviour {
             cycle_granularity: Nanos::ZERO,
             watchdog_must_agree: true,
             hide_unused_sync_objects: false,
+            polls_outputs: false,
+            outputs_on_sync1: false,
+            application_on_sync1: false,
+            subordinated_sync0_cycle: Nanos::ZERO,
+            loss_codes: LossCodes::SLAVE_STACK_CODE,
+            measured: Measured::SLAVE_STACK_CODE,
+            output_toggle: None,
             shift_outputs: false,
             shift_inputs: false,
             identification: 0,

@@ -115,19 +115,20 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// Watches the time: OP that is asked for, SYNC0 in OP.
     pub(crate) fn supervise(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
-        let sync_lost = self.sync.sync0_deadline().is_some_and(|deadline| now >= deadline);
+        let sync_lost = self.sync.sync_deadline().is_some_and(|deadline| now >= deadline);
+        let codes = self.description().behaviour.loss_codes;
         if self.esm.state == AlState::Op {
             if sync_lost {
-                self.fall(AlState::SafeOp, AlStatusCode::FATAL_SYNC_ERROR, pdi);
+                self.fall(AlState::SafeOp, codes.sync_lost, pdi);
             } else if self.sync.sequence_lost() {
-                self.fall(AlState::SafeOp, AlStatusCode::SYNCHRONIZATION_ERROR, pdi);
+                self.fall(AlState::SafeOp, codes.sequence, pdi);
             }
             return;
         }
         let Some(mut pending) = self.esm.pending else { return };
         let with_dc = self.sync.mode().uses_dc();
         let valid = if with_dc {
-            self.sync.sync0_seen()
+            self.sync.sync_seen()
                 && !sync_lost
                 && self.sync.received()
                 && !self.sync.sequence_lost()
@@ -142,12 +143,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.esm.state = AlState::Op;
             self.publish(pdi);
         } else if now >= pending.deadline {
-            let code = if with_dc && !self.sync.sync0_seen() {
-                AlStatusCode::NO_SYNC
+            let code = if with_dc && !self.sync.sync_seen() {
+                codes.no_sync
             } else if !with_dc || !self.sync.received() {
                 AlStatusCode::WATCHDOG
             } else {
-                AlStatusCode::SYNCHRONIZATION_ERROR
+                codes.sequence
             };
             self.fall(AlState::SafeOp, code, pdi);
         }
@@ -156,7 +157,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// When [`Self::supervise`] has something to find without an event.
     pub(crate) fn supervision_due(&self) -> Option<Time<Device>> {
         let sync_lost = match (self.esm.state, self.esm.pending) {
-            (AlState::Op, _) | (_, Some(_)) => self.sync.sync0_deadline(),
+            (AlState::Op, _) | (_, Some(_)) => self.sync.sync_deadline(),
             _ => None,
         };
         let Some(pending) = self.esm.pending else { return sync_lost };
@@ -222,11 +223,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     fn try_enter_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) -> bool {
         let open = is_open(pdi, OUTPUTS) && is_open(pdi, INPUTS);
         let Some(found) = self.esm.opening.take_if(|_| open) else { return false };
-        let mode = found.sync.mode;
+        let chain = found.sync.chain;
+        let mode = chain.mode;
         let cycle = found.sync.cycle.to_u32().unwrap_or(u32::MAX);
         let types = [
             (OUTPUT_PARAMETER, mode.output_type()),
-            (INPUT_PARAMETER, mode.input_type(found.sync.has_outputs)),
+            (INPUT_PARAMETER, mode.input_type(chain.has_outputs)),
         ];
         for (index, sync_type) in types {
             self.dictionary.set(index, sub::SYNC_TYPE, u32::from(sync_type.0));

@@ -6,7 +6,7 @@
 //! 2. its state machine answers AL control, after checking what the MainDevice has set up;
 //! 3. its mailbox takes requests from SM0 and hands them to the CoE server, which reads and writes the
 //!    dictionary: what a device has is a [`Description`], its values live in a store of the caller;
-//! 4. its [`SyncEngine`] turns SM2, SYNC0 and the local timer into [`Steps`]: which pieces of the cycle
+//! 4. its [`SyncEngine`] turns SM2, SYNC0, SYNC1 and the local timer into [`Steps`]: which pieces of the cycle
 //!    start, when, and what is counted when one comes too late;
 //! 5. each step does its effect at its own instant: process data between the ESC's buffers and the
 //!    [`Application`], outputs valid, inputs latched.
@@ -31,6 +31,7 @@ pub mod drive;
 mod esm;
 pub mod io;
 mod mailbox;
+mod measurement;
 mod missed;
 mod objects;
 mod process_data;

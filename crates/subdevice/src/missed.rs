@@ -4,27 +4,44 @@ use crate::description::MissedEvents;
 
 /// The counter and its rule.
 ///
-/// It leaks: an event that came takes one, a missing one adds three, so that it tells frequent losses
-/// from rare ones. It does not grow once it is above the limit.
+/// Two rules leak: an event that came takes one, a missing one adds three, so that they tell frequent losses
+/// from rare ones, and they do not grow once they are above the limit. The third is the balance of events
+/// and pulses.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct MissedCounter {
     count: u16,
-    /// SYNC0 pulses since the last event, as far as the Slave Stack Code counts them.
-    window: u8,
+    /// Pulses since the last event, as far as the Slave Stack Code counts them.
+    window: u32,
+    /// Events less pulses.
+    balance: i16,
 }
 
 impl MissedCounter {
-    /// A SYNC0 pulse; `updated` says whether the event that must come before it came.
-    pub fn sync0(&mut self, updated: bool, rule: MissedEvents, limit: u16) {
+    /// An event in OP: SM2, or SM3 without outputs.
+    pub fn event(&mut self, rule: MissedEvents) {
+        if rule == MissedEvents::Balance {
+            self.balance = self.balance.saturating_add(1);
+        }
+    }
+
+    /// The pulse that outputs are for; `updated` says whether they are ready. `grace`: pulses without an
+    /// event that the Slave Stack Code lets pass.
+    pub fn pulse(&mut self, updated: bool, op: bool, rule: MissedEvents, limit: u16, grace: u32) {
         let missed = match rule {
             MissedEvents::Counted => !updated,
             MissedEvents::SlaveStackCode => {
                 if updated {
                     self.window = 0;
                 }
-                let missed = self.window > GRACE;
-                self.window = (self.window + 1).min(GRACE + 1);
+                let missed = self.window > grace;
+                self.window = self.window.saturating_add(1).min(grace.saturating_add(1));
                 missed
+            }
+            MissedEvents::Balance => {
+                if op {
+                    self.balance = self.balance.saturating_sub(1);
+                }
+                return;
             }
         };
         if updated {
@@ -47,13 +64,15 @@ impl MissedCounter {
 
     /// Value of sub-index 0B.
     pub const fn count(&self) -> u16 {
-        self.count
+        // One of them is 0: a device has one rule.
+        self.count.saturating_add(self.balance.unsigned_abs())
     }
 
     /// Whether so many events are missing that the device must leave OP.
     pub fn exceeded(&self, rule: MissedEvents, limit: u16) -> bool {
         match rule {
             MissedEvents::Counted => self.count > limit,
+            MissedEvents::Balance => self.balance.unsigned_abs() > limit,
             MissedEvents::SlaveStackCode => self.count >= limit.max(1),
         }
     }
@@ -61,8 +80,6 @@ impl MissedCounter {
 
 /// What a missing event adds.
 const PENALTY: u16 = 3;
-/// Missing events that the Slave Stack Code lets pass.
-const GRACE: u8 = 1;
 
 #[cfg(test)]
 mod tests {
@@ -77,7 +94,10 @@ mod tests {
         let mut counter = MissedCounter::default();
         let mut exceeded = None;
         let counts = updates.iter().enumerate().map(|(cycle, &updated)| {
-            counter.sync0(updated, rule, limit);
+            if updated {
+                counter.event(rule);
+            }
+            counter.pulse(updated, true, rule, limit, 1);
             if exceeded.is_none() && counter.exceeded(rule, limit) {
                 exceeded = Some(cycle);
             }
@@ -120,6 +140,42 @@ mod tests {
         assert_eq!(run(rule, 4, &half).0.iter().max(), Some(&0), "single misses never count");
         let (counts, exceeded) = run(rule, 3, &[true, false, false]);
         assert_eq!((counts.as_slice(), exceeded), (&[0, 0, 3][..], Some(2)), "at the limit");
+    }
+
+    /// Each loss is kept: the third one in sum is the error.
+    #[test]
+    fn the_balance_forgets_nothing() {
+        let rule = MissedEvents::Balance;
+        let (counts, exceeded) = run(rule, 2, &[true, false, false, false]);
+        assert_eq!((counts.as_slice(), exceeded), (&[0, 1, 2, 3][..], Some(3)));
+        let (counts, exceeded) = run(rule, 2, &[false, true, true].repeat(3));
+        assert_eq!((counts.as_slice(), exceeded), (&[1, 1, 1, 2, 2, 2, 3, 3, 3][..], Some(6)));
+        // Twice as many events as pulses are as wrong.
+        let mut counter = MissedCounter::default();
+        for _ in 0..3 {
+            assert!(!counter.exceeded(rule, 2));
+            counter.event(rule);
+            counter.event(rule);
+            counter.pulse(true, true, rule, 2, 1);
+        }
+        assert!(counter.exceeded(rule, 2));
+        // Before OP nothing is balanced.
+        let mut counter = MissedCounter::default();
+        counter.pulse(false, false, rule, 2, 1);
+        assert_eq!(counter.count(), 0);
+    }
+
+    #[test]
+    fn slave_stack_code_waits_for_all_pulses_of_a_subordinated_cycle() {
+        let mut counter = MissedCounter::default();
+        let (rule, limit, grace) = (MissedEvents::SlaveStackCode, 4, 4);
+        counter.pulse(true, true, rule, limit, grace);
+        for _ in 0..4 {
+            counter.pulse(false, true, rule, limit, grace);
+            assert_eq!(counter.count(), 0);
+        }
+        counter.pulse(false, true, rule, limit, grace);
+        assert_eq!(counter.count(), 3);
     }
 
     #[test]

@@ -255,7 +255,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         let own = if address.sub == 0 && self.is_hidden(address.index) {
             Some(0)
         } else {
-            self.sync.counter(address)
+            self.sync.counter(address).or_else(|| self.measured(address, entry))
         };
         if let Some(number) = own {
             for (target, byte) in target.iter_mut().zip(number.to_le_bytes()) {
@@ -268,6 +268,25 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         }
         target.copy_from_slice(self.dictionary.bytes(entry));
         Ok(len)
+    }
+
+    /// What was measured of a time that the device states as 0.
+    fn measured(&self, address: ObjectAddress, entry: &Entry) -> Option<u32> {
+        if !matches!(address.index, OUTPUT_PARAMETER | INPUT_PARAMETER) {
+            return None;
+        }
+        let measured = &self.dictionary.description().behaviour.measured;
+        let able = match address.sub {
+            sub::CYCLE_TIME => measured.cycle,
+            sub::SHIFT_TIME => measured.shift,
+            sub::MINIMUM_CYCLE_TIME => measured.minimum_cycle,
+            sub::CALC_AND_COPY_TIME => measured.calc_and_copy,
+            sub::DELAY_TIME => measured.delay,
+            _ => false,
+        };
+        let stated = entry.default.iter().any(|&byte| byte != 0);
+        let written = address.sub == sub::CYCLE_TIME && self.chosen.cycle;
+        if able && !stated && !written { self.sync.measured(address) } else { None }
     }
 
     /// The rules of the stack's own objects. `count` is the number of entries that comes in the same
@@ -348,8 +367,18 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
                     let other = if of_outputs { INPUT_PARAMETER } else { OUTPUT_PARAMETER };
                     self.dictionary.set(other, sub::CYCLE_TIME, number(value));
                 }
-                sub::GET_CYCLE_TIME if number(value) & RESET_COUNTERS != 0 => {
-                    self.sync.reset_counters();
+                sub::GET_CYCLE_TIME => {
+                    // One command for both directions; the value stays as it was written.
+                    if number(value) & RESET_COUNTERS != 0 {
+                        self.sync.reset_counters();
+                    }
+                    let other = if of_outputs { INPUT_PARAMETER } else { OUTPUT_PARAMETER };
+                    let others = self.dictionary.value(other, sub::GET_CYCLE_TIME).unwrap_or(0);
+                    if number(value) & MEASURE != 0 {
+                        self.sync.measure(true);
+                    } else if others & MEASURE == 0 {
+                        self.sync.measure(false);
+                    }
                 }
                 _ => {}
             },
@@ -457,5 +486,7 @@ fn number(value: &[u8]) -> u32 {
 const FIRST_SUB_BITS: u32 = 16;
 /// Right to read in PREOP.
 const READ_PREOP: u16 = 0x0001;
+/// Sub-index 08, bit 0: measure, anew.
+const MEASURE: u32 = 0x0001;
 /// Sub-index 08, bit 1: reset the error counters.
 const RESET_COUNTERS: u32 = 0x0002;

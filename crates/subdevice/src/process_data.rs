@@ -80,6 +80,11 @@ impl ProcessData {
         &self.output_image[..usize::from(self.outputs.length)]
     }
 
+    /// A bit of the outputs fetched last; `None` beyond their end.
+    pub fn output_bit(&self, at: u16) -> Option<bool> {
+        self.outputs().get(usize::from(at / 8)).map(|byte| byte >> (at % 8) & 1 != 0)
+    }
+
     /// The inputs to be handed over.
     pub fn inputs_mut(&mut self) -> &mut [u8] {
         &mut self.input_image[..usize::from(self.inputs.length)]

@@ -128,20 +128,24 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         if !self.esm.is_cyclic() {
             return Steps::EMPTY;
         }
-        if event == Event::Sync0 {
-            if self.sync.acknowledges_sync0() {
-                let _status = pdi.load(register::SYNC0_STATUS);
+        let sync = matches!(event, Event::Sync0 | Event::Sync1);
+        if sync {
+            if self.sync.acknowledges_sync() {
+                let first = event == Event::Sync0;
+                let status = if first { register::SYNC0_STATUS } else { register::SYNC1_STATUS };
+                let _status = pdi.load(status);
             }
             // A pulse that was overdue must not hide that it was.
             self.supervise(now, pdi);
         }
+        self.application.event(event);
         let op = self.esm.state == AlState::Op;
-        let new_outputs = event == Event::Timer
+        let new_outputs = self.sync.looks_for_outputs(event)
             && self.sync.has_outputs()
             && pdi.events() & al_event::sync_manager(2) != 0;
         match self.sync.react(now, event, new_outputs, op) {
             Reaction::Start(steps) => {
-                if event != Event::Sync0 {
+                if !sync {
                     return steps;
                 }
                 self.supervise(now, pdi);
@@ -163,14 +167,16 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// A step starts: outputs are fetched from the ESC, outputs act, inputs are taken.
     /// A step that no event started, or that a change of state ended, is ignored.
-    pub fn begin(&mut self, _now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
-        if !self.sync.is_running(step) {
+    pub fn begin(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
+        if !self.sync.begin(now, step) {
             return;
         }
         match step {
             Step::MapOutputs => {
                 self.process_data.fetch_outputs(pdi);
-                self.sync.outputs_fetched();
+                let toggle = self.description().behaviour.output_toggle;
+                let toggle = toggle.filter(|_| self.esm.state == AlState::Op);
+                self.sync.outputs_fetched(toggle.and_then(|at| self.process_data.output_bit(at)));
             }
             Step::OutputsValid if self.esm.state == AlState::Op => self.application.outputs_valid(),
             Step::LatchInputs => self.application.latch_inputs(),
@@ -184,7 +190,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// Outputs that end after the SYNC0 they were for are dropped: the application never sees them, so
     /// that the outputs of one cycle never act in the next.
     pub fn finish(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
-        if !self.sync.finish(step) {
+        if !self.sync.finish(now, step) {
             return;
         }
         match step {
@@ -195,7 +201,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 }
                 self.supervise(now, pdi);
             }
-            Step::Application => self.application.application(self.sync.cycle()),
+            Step::Application => self.application.application(self.sync.application_cycle()),
             Step::MapInputs => {
                 self.application.map_inputs(self.process_data.inputs_mut());
                 self.process_data.store_inputs(pdi);

@@ -23,5 +23,5 @@ pub mod mode;
 pub mod object;
 pub mod phase;
 
-pub use mode::{Event, Step, SyncMode};
+pub use mode::{Chain, Event, Step, SyncMode};
 pub use object::{SupportedTypes, SyncParameters, SyncType};

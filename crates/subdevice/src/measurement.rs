@@ -1,0 +1,211 @@
+//! Times that the device measures itself: sub-indices 02, 03, 05, 06 and 09 on command of sub-index 08, and the
+//! distances of SM events and SYNC0, 0x1C32:0F to :12.
+
+use isocat_sync::Step;
+use isocat_sync::object::{OUTPUT_PARAMETER, sub};
+use isocat_wire::time::{Device, Time};
+use isocat_wire::{Nanos, ObjectAddress};
+
+/// What was measured so far. All times in ns, and 0 before the first sample.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Measurement {
+    on: bool,
+    /// Some measurement was begun since power-on.
+    begun: bool,
+    /// When the step under way began, by step.
+    step_began: [Time<Device>; Step::ALL.len()],
+    /// The event to which Outputs Valid and Input Latch are related.
+    trigger: Time<Device>,
+    last_cycle: Option<Time<Device>>,
+    /// Work of the present cycle so far.
+    work: Nanos,
+    shortest_cycle: Option<Nanos>,
+    longest_work: Nanos,
+    /// Longest mapping and longest time to the act: outputs, inputs.
+    longest_mapping: [Nanos; 2],
+    longest_delay: [Nanos; 2],
+    last_sm_event: Option<Time<Device>>,
+    cycle_distance: Option<(Nanos, Nanos)>,
+    sm_sync_distance: Option<(Nanos, Nanos)>,
+}
+
+impl Measurement {
+    /// Sub-index 08 bit 0: begins anew, or ends; the values stay.
+    pub fn switch(&mut self, on: bool) {
+        if on {
+            *self = Self { on, begun: true, ..Self::default() };
+        }
+        self.on = on;
+    }
+
+    /// A new cyclic operation: distances are those of this one.
+    pub fn forget_distances(&mut self) {
+        self.last_sm_event = None;
+        self.last_cycle = None;
+        self.cycle_distance = None;
+        self.sm_sync_distance = None;
+    }
+
+    /// Outputs came; `begins_cycle`: and begin the cycle.
+    pub fn sm_event(&mut self, now: Time<Device>, begins_cycle: bool) {
+        if let Some(last) = self.last_sm_event.replace(now) {
+            widen(&mut self.cycle_distance, now - last);
+        }
+        if begins_cycle {
+            self.cycle_begins(now);
+        }
+    }
+
+    /// The event came that begins a cycle without DC.
+    pub fn cycle_begins(&mut self, now: Time<Device>) {
+        self.trigger = now;
+        if let Some(last) = self.last_cycle.replace(now).filter(|_| self.on) {
+            let cycle = now - last;
+            self.shortest_cycle = Some(self.shortest_cycle.map_or(cycle, |c| c.min(cycle)));
+        }
+    }
+
+    /// A SYNC0 pulse.
+    pub fn sync0(&mut self, now: Time<Device>) {
+        self.trigger = now;
+        if let Some(last) = self.last_sm_event {
+            widen(&mut self.sm_sync_distance, now - last);
+        }
+    }
+
+    /// A SYNC1 pulse.
+    pub fn sync1(&mut self, now: Time<Device>) {
+        self.trigger = now;
+    }
+
+    /// A step begins.
+    pub fn begins(&mut self, now: Time<Device>, step: Step) {
+        self.step_began[step as usize] = now;
+        let direction = match step {
+            Step::OutputsValid => 0,
+            Step::LatchInputs => 1,
+            _ => return,
+        };
+        if self.on {
+            let delay = now - self.trigger;
+            self.longest_delay[direction] = self.longest_delay[direction].max(delay);
+        }
+    }
+
+    /// A step has ended.
+    pub fn ends(&mut self, now: Time<Device>, step: Step) {
+        if !self.on {
+            return;
+        }
+        let took = now - self.step_began[step as usize];
+        match step {
+            Step::MapOutputs => self.mapped(0, took),
+            Step::MapInputs => self.mapped(1, took),
+            Step::Application => {}
+            Step::OutputsValid | Step::LatchInputs => return,
+        }
+        self.work = self.work + took;
+        self.longest_work = self.longest_work.max(self.work);
+        if step == Step::MapInputs {
+            self.work = Nanos::ZERO;
+        }
+    }
+
+    /// The measured value of a sub-index; `None` for others and before the first measurement.
+    pub fn value(&self, address: ObjectAddress) -> Option<u32> {
+        let direction = usize::from(address.index != OUTPUT_PARAMETER);
+        let value = match address.sub {
+            sub::CYCLE_TIME => self.shortest_cycle.unwrap_or(Nanos::ZERO),
+            sub::MINIMUM_CYCLE_TIME => self.longest_work,
+            sub::CALC_AND_COPY_TIME => self.longest_mapping[direction],
+            sub::SHIFT_TIME | sub::DELAY_TIME => self.longest_delay[direction],
+            _ => return None,
+        };
+        self.begun.then(|| saturated(value))
+    }
+
+    /// Value of 0x1C32:0F to :12; `None` for other sub-indices.
+    pub fn distance(&self, sub: u8) -> Option<u32> {
+        let (least, most) = (|d: (Nanos, Nanos)| d.0, |d: (Nanos, Nanos)| d.1);
+        let value = match sub {
+            sub::MINIMUM_CYCLE_DISTANCE => self.cycle_distance.map(least),
+            sub::MAXIMUM_CYCLE_DISTANCE => self.cycle_distance.map(most),
+            sub::MINIMUM_SM_SYNC_DISTANCE => self.sm_sync_distance.map(least),
+            sub::MAXIMUM_SM_SYNC_DISTANCE => self.sm_sync_distance.map(most),
+            _ => return None,
+        };
+        Some(saturated(value.unwrap_or(Nanos::ZERO)))
+    }
+
+    fn mapped(&mut self, direction: usize, took: Nanos) {
+        self.longest_mapping[direction] = self.longest_mapping[direction].max(took);
+    }
+}
+
+fn widen(range: &mut Option<(Nanos, Nanos)>, value: Nanos) {
+    let (least, most) = range.unwrap_or((value, value));
+    *range = Some((least.min(value), most.max(value)));
+}
+
+fn saturated(value: Nanos) -> u32 {
+    value.to_u32().unwrap_or(u32::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ns: u64) -> Time<Device> {
+        Time::new(ns)
+    }
+
+    #[test]
+    fn distances_count_from_the_second_event_and_saturate() {
+        let mut measured = Measurement::default();
+        let all = |m: &Measurement| [0x0F, 0x10, 0x11, 0x12].map(|sub| m.distance(sub).unwrap());
+        assert_eq!(all(&measured), [0; 4]);
+        measured.sync0(at(50));
+        measured.sm_event(at(100), false);
+        assert_eq!(all(&measured), [0; 4], "one event has no distance, no SYNC0 came behind it");
+        for (sm, sync0) in [(1_100, 1_500), (2_099, 2_500), (3_101, 3_500)] {
+            measured.sm_event(at(sm), false);
+            measured.sync0(at(sync0));
+        }
+        assert_eq!(all(&measured), [999, 1_002, 399, 401]);
+        measured.sm_event(at(3_101 + (1 << 32)), false);
+        assert_eq!(measured.distance(0x10), Some(u32::MAX));
+        assert_eq!(measured.distance(0x0B), None);
+        measured.forget_distances();
+        assert_eq!(all(&measured), [0; 4]);
+    }
+
+    #[test]
+    fn work_is_measured_only_on_command() {
+        let mut measured = Measurement::default();
+        let outputs = |sub| ObjectAddress::new(OUTPUT_PARAMETER, sub);
+        let cycle = |m: &mut Measurement, start: u64, map: u64| {
+            m.cycle_begins(at(start));
+            m.begins(at(start), Step::MapOutputs);
+            m.ends(at(start + map), Step::MapOutputs);
+            m.begins(at(start + map), Step::Application);
+            m.ends(at(start + map + 7), Step::Application);
+            m.begins(at(start + map + 7), Step::OutputsValid);
+            m.begins(at(start + map + 9), Step::MapInputs);
+            m.ends(at(start + map + 12), Step::MapInputs);
+        };
+        cycle(&mut measured, 0, 5);
+        assert_eq!(measured.value(outputs(sub::CALC_AND_COPY_TIME)), None);
+        measured.switch(true);
+        cycle(&mut measured, 1_000, 20);
+        cycle(&mut measured, 1_900, 5);
+        let values = [0x02, 0x05, 0x06, 0x09].map(|sub| measured.value(outputs(sub)));
+        assert_eq!(values, [Some(900), Some(30), Some(20), Some(27)]);
+        let inputs = ObjectAddress::new(0x1C33, sub::CALC_AND_COPY_TIME);
+        assert_eq!(measured.value(inputs), Some(3));
+        measured.switch(false);
+        cycle(&mut measured, 2_000, 90);
+        assert_eq!(measured.value(outputs(sub::CALC_AND_COPY_TIME)), Some(20), "values stay");
+        measured.switch(true);
+        assert_eq!(measured.value(outputs(sub::CALC_AND_COPY_TIME)), Some(0), "anew");
+    }
+}

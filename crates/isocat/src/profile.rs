@@ -325,6 +325,12 @@ impl Profile {
         let types = self.supported_types();
         SyncMode::ALL.into_iter().filter(move |mode| mode.is_supported(types))
     }
+
+    /// The mode in which it runs where nobody asks for another.
+    pub fn preferred_mode(&self) -> Option<SyncMode> {
+        let types = self.supported_types();
+        SyncMode::PREFERRED.into_iter().find(|mode| mode.is_supported(types))
+    }
 }
 
 /// The built-in profile with this id.

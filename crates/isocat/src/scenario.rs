@@ -121,10 +121,12 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
     DeviceConfig {
         name: device.name.clone(),
         identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
-        mode: device.mode.or_else(|| silent?.modes().last()),
+        mode: device.mode.or_else(|| silent?.preferred_mode()),
         outputs: list(&profile.assignment.outputs),
         inputs: list(&profile.assignment.inputs),
         shift_outputs: device.shift,
+        sync1: device.sync1,
+        sync0_cycle: device.sync0_cycle,
         assumed,
         ..DeviceConfig::default()
     }

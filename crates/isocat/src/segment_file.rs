@@ -105,6 +105,12 @@ pub struct SubDevice {
     /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
     /// device's own.
     pub shift: Option<Nanos>,
+    /// From SYNC0 to SYNC1. Key `sync1`, below one cycle; for the modes "dc-shift-sync1" and "dc-sync1". `None`:
+    /// a quarter of the cycle, and for "dc-sync1" what the device needs.
+    pub sync1: Option<Nanos>,
+    /// Cycle of SYNC0. Key `sync0_cycle`, a part of the cycle; for the mode "dc-subordinated". `None`: what the
+    /// device states in 0x1C32:0A.
+    pub sync0_cycle: Option<Nanos>,
     /// Line of the file at which it begins, for messages.
     pub line: usize,
 }
@@ -240,6 +246,8 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         "clock_step",
         "clock_walk",
         "shift",
+        "sync1",
+        "sync0_cycle",
         "calc_copy",
         "copy_time",
         "delay",
@@ -281,6 +289,17 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
             profile.supported_types()
         )));
     }
+    let sync1 = time("sync1", Nanos::ZERO..=cycle - Nanos(1))?;
+    only_in(&table, "sync1", mode, &[SyncMode::DcShiftSync1, SyncMode::DcSync1])?;
+    let sync0_cycle = time("sync0_cycle", Nanos(10)..=cycle - Nanos(1))?;
+    only_in(&table, "sync0_cycle", mode, &[SyncMode::DcSubordinated])?;
+    if let (Some(own), Some(value)) = (sync0_cycle, table.value("sync0_cycle"))
+        && cycle.0 % own.0 != 0
+    {
+        return Err(value.error(format!(
+            "sync0_cycle = {own} does not divide the cycle of {cycle}; expected a whole part of it"
+        )));
+    }
     let cable = match table.value("cable") {
         Some(value) => value.length(Length(10)..=Length::metres(2_000))?,
         None => Length::metres(10),
@@ -314,6 +333,8 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         },
         clock_shape: clock::shape(table)?,
         shift,
+        sync1,
+        sync0_cycle,
         line: table.error("").line,
     })
 }
@@ -335,6 +356,25 @@ fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Pro
         device.error(format!("device \"{name}\": the profile file {path} can't be read: {error}"))
     })?;
     Profile::from_toml(&path, &text)
+}
+
+/// A key that has a meaning in some modes only.
+fn only_in(
+    table: &Table<'_>,
+    key: &str,
+    mode: Option<SyncMode>,
+    modes: &[SyncMode],
+) -> Result<(), FileError> {
+    match table.value(key) {
+        Some(value) if !mode.is_some_and(|mode| modes.contains(&mode)) => {
+            let names: Vec<_> = modes.iter().map(|mode| format!("mode = \"{mode}\"")).collect();
+            Err(value.error(format!(
+                "{key} is given without a mode that has it; expected {}",
+                names.join(" or ")
+            )))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// A mode that the device announces, in a cycle that it can do.

@@ -187,11 +187,12 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     let phase = work.segment.timing.as_ref().and_then(|timing| timing.sync0);
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
         let now = sync::system_time(link, work.segment.devices[reference].station).await?;
-        let start = sync::start_time(now, config.timeouts.sync_lead, config.cycle, phase);
+        // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.
+        let acting = sync::start_time(now, config.timeouts.sync_lead, config.cycle, phase);
         each(&mut work.segment, |device| {
             Box::pin(async move {
                 match device.mode.uses_dc() {
-                    true => sync::program(link, device, config.cycle, start).await,
+                    true => sync::program(link, device, acting).await,
                     false => Ok(()),
                 }
             })

@@ -134,6 +134,12 @@ pub struct DeviceConfig {
     pub identity: Option<(u32, u32)>,
     /// Synchronization mode. `None`: the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
+    /// From SYNC0 to SYNC1 in the modes where SYNC1 is a part of the cycle behind SYNC0. `None`: for "DC
+    /// SYNC1" the time the device needs (0x1C32:06) in whole microseconds, for "DC shift SYNC1" a quarter
+    /// of the cycle.
+    pub sync1: Option<Nanos>,
+    /// Cycle of SYNC0 with subordinated cycles. `None`: as the device has it in 0x1C32:0A.
+    pub sync0_cycle: Option<Nanos>,
     /// PDOs to assign to 0x1C12. `None`: as the device has them.
     pub outputs: Option<Vec<u16>>,
     /// PDOs to assign to 0x1C13. `None`: as the device has them.

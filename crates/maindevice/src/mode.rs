@@ -4,9 +4,9 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use isocat_sync::SyncMode;
 use isocat_sync::budget::{self, Check, Line, budget, common_shift};
 use isocat_sync::object::{ShiftBy, SupportedTypes, SyncParameters};
+use isocat_sync::{Pulses, SyncMode};
 use isocat_wire::time::Nanos;
 
 use crate::config::{AssumedTimes, Config, DeviceConfig};
@@ -36,7 +36,7 @@ pub(crate) fn choose(
         }
         None => {
             let mut best = SyncMode::FreeRun;
-            for mode in SyncMode::ALL.into_iter().rev() {
+            for mode in SyncMode::PREFERRED {
                 // What is not announced at all is not chosen for it.
                 let refusal = match announced {
                     None if mode != SyncMode::FreeRun => Err(String::from(UNKNOWN_MODES)),
@@ -54,17 +54,59 @@ pub(crate) fn choose(
         }
     };
     device.mode = mode;
+    device.pulses = pulses(device, config, wish).map_err(|reason| Cause::Mode {
+        place: device.place(),
+        wish: mode,
+        reason,
+    })?;
     let demands = demands(device, assumed, wish);
     let jitter = if mode == SyncMode::SmSynchronous { config.host_jitter } else { Nanos::ZERO };
     let line = Line {
         check: Check::MinimumCycle,
         needed: demands.minimum_cycle + jitter,
-        available: config.cycle,
+        available: if mode == SyncMode::DcSubordinated {
+            device.pulses.sync0_cycle
+        } else {
+            config.cycle
+        },
     };
     if mode != SyncMode::FreeRun && !line.fits() && !config.force {
         return Err(Cause::Plan { place: device.place(), line });
     }
     Ok(())
+}
+
+/// The SYNC pulses that a SubDevice's mode asks for; or what is wrong with those that are wanted.
+fn pulses(
+    device: &SubDevice,
+    config: &Config,
+    wish: Option<&DeviceConfig>,
+) -> Result<Pulses, String> {
+    let (mode, cycle) = (device.mode, config.cycle);
+    let outputs = device.output_sync.as_ref().map(|object| object.values).unwrap_or_default();
+    let assumed = wish.and_then(|wish| wish.assumed.outputs_calc_and_copy);
+    let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(assumed);
+    let distance = wish.and_then(|wish| wish.sync1).unwrap_or(match mode {
+        SyncMode::DcSync1 => {
+            let copy = copy.unwrap_or(Nanos::ZERO).max(Nanos(1));
+            Nanos((copy.0 + 999) / 1_000 * 1_000)
+        }
+        _ => Nanos(cycle.0 / 4 / 10 * 10),
+    });
+    let stated = outputs.sync0_cycle_time.filter(|time| *time > Nanos::ZERO);
+    let sync0 = wish.and_then(|wish| wish.sync0_cycle).or(stated).unwrap_or(Nanos::ZERO);
+    if mode == SyncMode::DcSubordinated {
+        if sync0 <= Nanos::ZERO {
+            return Err(String::from(NO_SYNC0_CYCLE));
+        }
+        if sync0 >= cycle || cycle.0 % sync0.0 != 0 {
+            return Err(format!(
+                "a SYNC0 cycle of {sync0} does not go into the bus cycle of {cycle} more than once"
+            ));
+        }
+    }
+    let on_sync1 = outputs.supported.is_some_and(|types| types.shift() == ShiftBy::Sync1);
+    Ok(Pulses::new(mode, cycle, distance, sync0, on_sync1))
 }
 
 /// What the sync objects of the directions in use announce together; `None` if nothing is said.
@@ -118,6 +160,7 @@ pub(crate) fn demands(
     let input_shift = wish.and_then(|wish| wish.shift_inputs).or(inputs.shift_time);
     budget::Device {
         mode: device.mode,
+        pulses: device.pulses,
         outputs_arrival: None,
         inputs_fetched: None,
         // In Free Run the device's cycle is its own.
@@ -131,6 +174,7 @@ pub(crate) fn demands(
         output_shift: wish.and_then(|wish| wish.shift_outputs).filter(|_| local(&outputs)),
         input_calc_and_copy: stated(inputs.calc_and_copy_time, assumed.inputs_calc_and_copy),
         input_shift: input_shift.filter(|_| local(&inputs)).unwrap_or(Nanos::ZERO),
+        input_delay: stated(inputs.delay_time, assumed.inputs_delay),
     }
 }
 
@@ -196,6 +240,8 @@ fn delay(segment: &Segment, position: usize) -> Nanos {
     Nanos::ZERO
 }
 
+const NO_SYNC0_CYCLE: &str =
+    "the device states no SYNC0 cycle (0x1C32:0A), and none is given for subordinated cycles";
 const UNKNOWN_MODES: &str = "no direction with process data tells its modes (0x1C32:04, 0x1C33:04)";
 
 #[cfg(test)]

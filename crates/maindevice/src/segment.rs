@@ -5,7 +5,7 @@ use alloc::vec::Vec;
 
 use isocat_sync::budget::{self, Budget};
 use isocat_sync::object::{self, SyncParameters};
-use isocat_sync::{SyncMode, SyncType};
+use isocat_sync::{Pulses, SyncMode, SyncType};
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
 use isocat_wire::dl::DlStatus;
@@ -86,6 +86,8 @@ pub struct SubDevice {
     pub mode_reason: String,
     /// SYNC unit as programmed and verified; `None` in modes without SYNC.
     pub sync: Option<SyncSetting>,
+    /// The SYNC pulses that its mode asks for.
+    pub pulses: Pulses,
     /// Last AL status seen.
     pub al_status: AlStatus,
     /// Last AL status code read.
@@ -348,6 +350,8 @@ pub struct SyncSetting {
     pub activation: u8,
     /// Register 0x0990 read once the pulses ran: next pulse.
     pub next: Time<Dc>,
+    /// Register 0x0998 read once the pulses ran: next SYNC1, if it is in use.
+    pub next_sync1: Option<Time<Dc>>,
 }
 
 impl SubDevice {
@@ -374,6 +378,7 @@ impl SubDevice {
             offset: 0,
             difference: None,
             mode: SyncMode::FreeRun,
+            pulses: Pulses::default(),
             mode_reason: String::new(),
             sync: None,
             al_status: AlStatus(0),

@@ -36,7 +36,11 @@ pub(crate) async fn write_types(
         if writable(object, sub::SYNC_TYPE) && current != Some(direction.kind.into()) {
             refusable(mailbox, device, kind, &direction.kind.to_le_bytes()).await?;
         }
-        let cycle = config.cycle.to_u32().unwrap_or(u32::MAX);
+        let own = match device.mode {
+            SyncMode::DcSubordinated => device.pulses.sync0_cycle,
+            _ => config.cycle,
+        };
+        let cycle = own.to_u32().unwrap_or(u32::MAX);
         if device.mode != SyncMode::FreeRun && writable(object, sub::CYCLE_TIME) {
             let address = ObjectAddress::new(direction.index, sub::CYCLE_TIME);
             refusable(mailbox, device, address, &cycle.to_le_bytes()).await?;
@@ -181,13 +185,16 @@ pub(crate) async fn system_time(
 }
 
 /// Programs the SYNC unit: off, owner, cycles, start time, on. Cycles are one write of eight bytes,
-/// each step takes effect before the next.
+/// each step takes effect before the next. `acting`: a point of the acting pulses' grid.
 pub(crate) async fn program(
     link: &Link,
     device: &mut SubDevice,
-    cycle: Nanos,
-    start: Time<Dc>,
+    acting: Time<Dc>,
 ) -> Result<(), Cause> {
+    let pulses = device.pulses;
+    // SYNC0 comes first, and never earlier than the lead that all others have.
+    let ahead = (pulses.lead.0 + pulses.sync1_cycle().0 - 1) / pulses.sync1_cycle().0.max(1);
+    let start = acting + Nanos(ahead * pulses.sync1_cycle().0 - pulses.lead.0);
     let station = device.station;
     link.write(station, register::SYNC_ACTIVATION, SyncActivation(0)).await?;
     // Written only if it is not as it must be: devices are known that take offence at the mere
@@ -198,23 +205,26 @@ pub(crate) async fn program(
         link.write(station, register::CYCLIC_UNIT_CONTROL, control).await?;
     }
     let mut cycles = [0; 8];
-    cycles[..4].copy_from_slice(&cycle.to_u32().unwrap_or(0).to_le_bytes());
+    cycles[..4].copy_from_slice(&pulses.sync0_cycle.to_u32().unwrap_or(0).to_le_bytes());
+    cycles[4..].copy_from_slice(&pulses.sync1.to_u32().unwrap_or(0).to_le_bytes());
     link.fpwr(station, register::SYNC0_CYCLE.address, &cycles).expect(1).await?;
     link.write(station, register::SYNC_START_TIME, start.count()).await?;
-    let activation = SyncActivation(SyncActivation::ACTIVE | SyncActivation::SYNC0);
+    let sync1 = if device.mode.uses_sync1() { SyncActivation::SYNC1 } else { 0 };
+    let activation = SyncActivation(SyncActivation::ACTIVE | SyncActivation::SYNC0 | sync1);
     link.write(station, register::SYNC_ACTIVATION, activation).await?;
     device.sync = Some(SyncSetting {
         start,
-        sync0_cycle: cycle,
-        sync1_cycle: Nanos::ZERO,
+        sync0_cycle: pulses.sync0_cycle,
+        sync1_cycle: pulses.sync1,
         activation: activation.0,
         next: start,
+        next_sync1: None,
     });
     Ok(())
 }
 
-/// Sees that SYNC0 runs: no first pulse pending (0x0984, where it exists), and the next pulse
-/// (0x0990) lies within one cycle from now (0x0910) and on the grid.
+/// Sees that SYNC0 runs, and SYNC1 if it is in use: no first pulse pending (0x0984, where it exists), and
+/// the next pulse (0x0990, 0x0998) lies within one cycle from now (0x0910) and on the grid.
 pub(crate) async fn verify(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
     let Some(mut setting) = device.sync else { return Ok(()) };
     let station = device.station;
@@ -225,27 +235,31 @@ pub(crate) async fn verify(link: &Link, device: &mut SubDevice) -> Result<(), Ca
         // Queued together, so of one frame as a rule; a pulse in between is what a further try is
         // for.
         let now = link.fprd(station, register::SYSTEM_TIME.address, 8);
-        let next = link.fprd(station, register::SYNC_START_TIME.address, 8);
+        let next = link.fprd(station, register::SYNC_START_TIME.address, 16);
         let activation = link.fprd(station, register::SYNC_ACTIVATION.address, 1);
         let now = time(&now.expect(1).await?.data);
-        let next = time(&next.expect(1).await?.data);
+        let pulses = next.expect(1).await?.data;
+        let next = time(&pulses);
+        let next_sync1 = time(pulses.get(8..).unwrap_or_default());
         let activation = activation.expect(1).await?.data[0];
         let status = if device.esc.has(features::ENHANCED_SYNC_ACTIVATION) {
             link.try_read(station, register::ACTIVATION_STATUS).await?
         } else {
             None
         };
-        let (now, next) = match device.dc {
-            DcCapability::Clock64 => (now, next),
-            _ => (
-                extend(now.count() as u32, setting.start),
-                extend(next.count() as u32, setting.start),
-            ),
+        let wide = |time: Time<Dc>| match device.dc {
+            DcCapability::Clock64 => time,
+            _ => extend(time.count() as u32, setting.start),
         };
+        let (now, next, next_sync1) = (wide(now), wide(next), wide(next_sync1));
         // ECAT reads the time less the delay (0x0928); pulses are made by the time without it.
         let now = now + device.delay.unwrap_or(Nanos::ZERO);
         setting.next = next;
-        if runs(&setting, activation, status, now, next) {
+        setting.next_sync1 = device.mode.uses_sync1().then_some(next_sync1);
+        let sync1_cycle = device.pulses.sync1_cycle();
+        if runs(&setting, activation, status, now, next)
+            && sync1_runs(&setting, sync1_cycle, activation, status, now)
+        {
             device.sync = Some(setting);
             return Ok(());
         }
@@ -277,6 +291,21 @@ fn runs(
     let pending = status.is_some_and(|status| status.sync0_pending());
     let on = SyncActivation::ACTIVE | SyncActivation::SYNC0;
     activation & on == on && !pending && on_grid && ahead.0 > 0 && ahead <= cycle
+}
+
+/// The same for SYNC1, if it is in use.
+fn sync1_runs(
+    setting: &SyncSetting,
+    cycle: Nanos,
+    activation: u8,
+    status: Option<ActivationStatus>,
+    now: Time<Dc>,
+) -> bool {
+    let Some(next) = setting.next_sync1 else { return true };
+    let ahead = next - now;
+    let on_grid = (next - (setting.start + setting.sync1_cycle)).0.rem_euclid(cycle.0) == 0;
+    let pending = status.is_some_and(|status| status.sync1_pending());
+    activation & SyncActivation::SYNC1 != 0 && !pending && on_grid && ahead.0 > 0 && ahead <= cycle
 }
 
 fn time(bytes: &[u8]) -> Time<Dc> {
@@ -312,6 +341,7 @@ mod tests {
             sync1_cycle: Nanos::ZERO,
             activation: 3,
             next: Time::ZERO,
+            next_sync1: None,
         };
         let check = |activation, status, now, next| {
             runs(&setting, activation, status, Time::new(now), Time::new(next))

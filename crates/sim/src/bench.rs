@@ -1,6 +1,6 @@
 //! The judges' bench: hands what happens to the judges that it concerns.
 
-use isocat_subdevice::Step;
+use isocat_subdevice::{Chain, Step, SyncMode};
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
@@ -19,6 +19,8 @@ pub struct Intent {
     pub send: Grid,
     /// By SubDevice: when SYNC0 is to come; `None` where no SYNC0 was asked for.
     pub sync0: Vec<Option<Grid>>,
+    /// By SubDevice: when the pulse is to come at which its outputs act, SYNC0 or SYNC1.
+    pub acting: Vec<Option<Grid>>,
     /// Largest SYNC0 error allowed.
     pub sync0_limit: Picos,
 }
@@ -127,18 +129,22 @@ impl Bench {
             Observed::Sm2 => device.margin.sm2(device_at),
             Observed::Finished(Step::MapOutputs) => device.margin.ready(device_at),
             Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
-            Observed::Sync0 => {
-                device.margin.sync0(device_at);
-                if let Some(judge) = &mut device.sync0 {
-                    let at = true_time();
-                    device.outputs_delay.sync0(at);
-                    let reference = segment.devices()[intent.reference].system_time_ps(at);
+            Observed::Sync0 | Observed::Sync1 => {
+                let at = true_time();
+                let reference = segment.devices()[intent.reference].system_time_ps(at);
+                if let (Observed::Sync0, Some(judge)) = (event, &mut device.sync0) {
                     judge.edge(at, reference);
-                    device.cycle = intent.sync0[index].map(|grid| grid.index(reference));
+                }
+                let chain = segment.devices()[index].stack.sync().chain();
+                if event == acting(&chain) {
+                    device.margin.sync0(device_at);
+                    device.outputs_delay.sync0(at);
+                    device.cycle = intent.acting[index].map(|grid| grid.index(reference));
                 }
             }
             Observed::Began(Step::OutputsValid) => {
-                if let Some(cycle) = device.cycle {
+                // With subordinated cycles the first time counts; later ones act again.
+                if let Some(cycle) = device.cycle.take() {
                     let at = true_time();
                     device.outputs_delay.valid(at);
                     self.outputs_valid.valid(cycle, at);
@@ -147,6 +153,16 @@ impl Bench {
             _ => {}
         }
     }
+}
+
+/// The pulse at which outputs act, by what the SubDevice is bound to.
+fn acting(chain: &Chain) -> Observed {
+    let at_sync1 = match chain.mode {
+        SyncMode::DcSync1 | SyncMode::DcSubordinated => true,
+        SyncMode::DcShiftSync1 => chain.outputs_on_sync1 && chain.has_outputs,
+        _ => false,
+    };
+    if at_sync1 { Observed::Sync1 } else { Observed::Sync0 }
 }
 
 /// A frame whose first datagram distributes the system time, as the cyclic ones do.

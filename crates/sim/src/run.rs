@@ -3,7 +3,6 @@
 use std::fmt;
 
 use isocat_maindevice::{Event, RequestId, Stage};
-use isocat_sync::SyncMode;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Nanos, Picos, Time, True};
@@ -153,15 +152,21 @@ fn intent<T: Tap>(world: &World<Motion, T>, limit: Nanos) -> Intent {
     let timing = segment.timing.as_ref();
     let cycle = timing.map_or(Nanos(1_000_000), |timing| timing.cycle.cycle);
     let send = timing.map_or(Nanos::ZERO, |timing| timing.cycle.send);
-    let sync0 = timing.and_then(|timing| timing.sync0);
-    let grid = |device: &isocat_maindevice::segment::SubDevice| {
-        let phase = sync0.filter(|_| device.mode == SyncMode::DcSync0)?;
+    let devices =
+        || timing.into_iter().flat_map(|t| t.devices.iter().map(move |d| (t.sync0, &d.0)));
+    let sync0 = |(shift, device): (Option<Nanos>, &isocat_sync::budget::Device)| {
+        let phase = device.sync0_phase(shift.filter(|_| device.mode.uses_dc())?);
+        Some(Grid { cycle: device.pulses.sync0_cycle, phase })
+    };
+    let acting = |(shift, device): (Option<Nanos>, &isocat_sync::budget::Device)| {
+        let phase = shift.filter(|_| device.mode.uses_dc())?;
         Some(Grid { cycle, phase })
     };
     Intent {
         reference: segment.reference.unwrap_or(0),
         send: Grid { cycle, phase: send },
-        sync0: segment.devices.iter().map(grid).collect(),
+        sync0: devices().map(sync0).collect(),
+        acting: devices().map(acting).collect(),
         sync0_limit: limit.into(),
     }
 }

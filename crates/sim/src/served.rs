@@ -143,11 +143,26 @@ impl Served {
                 phase: Nanos(next.phase(cycle.into()) as i64),
             })
         });
-        let sync0 = sync0.collect();
+        let sync0: Vec<Option<Grid>> = sync0.collect();
+        let acting = self.segment.devices().iter().zip(&sync0).map(|(device, grid)| {
+            let grid = (*grid)?;
+            let chain = device.stack.sync().chain();
+            if !chain.mode.uses_sync1() {
+                return Some(grid);
+            }
+            // SYNC1 follows the first SYNC0 behind the last one by its distance.
+            let distance = i64::from(device.esc.register(register::SYNC1_CYCLE));
+            let cycles = distance.checked_div(grid.cycle.0).unwrap_or(0) + 1;
+            let next = device.esc.register(register::SYNC1_NEXT);
+            let cycle = Nanos(grid.cycle.0 * cycles);
+            Some(Grid { cycle, phase: Nanos(Time::<Dc>::new(next).phase(cycle.0 as u64) as i64) })
+        });
+        let acting = acting.collect();
         self.bench.begin(Intent {
             reference,
             send: Grid { cycle, phase: Nanos::ZERO },
             sync0,
+            acting,
             sync0_limit,
         });
         self.clashes.fill(0);

@@ -21,21 +21,7 @@ static DESCRIPTION: Description = Description {
     mailbox: None,
     outputs: ProcessDataArea { start: 0x1000, max_length: 64 },
     inputs: ProcessDataArea { start: 0x1100, max_length: 64 },
-    behaviour: Behaviour {
-        undeclared_types: isocat_sync::SupportedTypes(u16::MAX),
-        missed_events: isocat_subdevice::description::MissedEvents::Counted,
-        sync_error_limit: 4,
-        safeop_to_op_timeout: isocat_wire::Nanos::millis(9_000),
-        sync_settling: isocat_wire::Nanos::millis(200),
-        free_run_period: isocat_wire::Nanos::millis(1),
-        maximum_cycle_time: isocat_wire::Nanos::ZERO,
-        cycle_granularity: isocat_wire::Nanos::ZERO,
-        watchdog_must_agree: true,
-        hide_unused_sync_objects: false,
-        shift_outputs: false,
-        shift_inputs: false,
-        identification: 0,
-    },
+    behaviour: Behaviour::DEFAULT,
 };
 
 /// AL events that are interrupts of the cycle: SM2, SM3.

@@ -233,34 +233,47 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// Nothing.
+    pub const NOTHING: Self = Self {
+        cycle: false,
+        shift: false,
+        minimum_cycle: false,
+        calc_and_copy: false,
+        delay: false,
+    };
     /// What the Slave Stack Code measures.
     pub const SLAVE_STACK_CODE: Self =
         Self { cycle: true, shift: false, minimum_cycle: true, calc_and_copy: true, delay: false };
 }
 
+impl Behaviour {
+    /// What most devices do.
+    pub const DEFAULT: Self = Self {
+        undeclared_types: SupportedTypes(u16::MAX),
+        missed_events: MissedEvents::Counted,
+        sync_error_limit: 4,
+        safeop_to_op_timeout: Nanos::millis(9_000),
+        sync_settling: Nanos::millis(200),
+        free_run_period: Nanos::millis(1),
+        maximum_cycle_time: Nanos::ZERO,
+        cycle_granularity: Nanos::ZERO,
+        watchdog_must_agree: true,
+        hide_unused_sync_objects: false,
+        polls_outputs: false,
+        outputs_on_sync1: false,
+        application_on_sync1: false,
+        subordinated_sync0_cycle: Nanos::ZERO,
+        loss_codes: LossCodes::SLAVE_STACK_CODE,
+        measured: Measured::SLAVE_STACK_CODE,
+        output_toggle: None,
+        shift_outputs: false,
+        shift_inputs: false,
+        identification: 0,
+    };
+}
+
 impl Default for Behaviour {
     fn default() -> Self {
-        Self {
-            undeclared_types: SupportedTypes(u16::MAX),
-            missed_events: MissedEvents::default(),
-            sync_error_limit: 4,
-            safeop_to_op_timeout: Nanos::millis(9_000),
-            sync_settling: Nanos::millis(200),
-            free_run_period: Nanos::millis(1),
-            maximum_cycle_time: Nanos::ZERO,
-            cycle_granularity: Nanos::ZERO,
-            watchdog_must_agree: true,
-            hide_unused_sync_objects: false,
-            polls_outputs: false,
-            outputs_on_sync1: false,
-            application_on_sync1: false,
-            subordinated_sync0_cycle: Nanos::ZERO,
-            loss_codes: LossCodes::SLAVE_STACK_CODE,
-            measured: Measured::SLAVE_STACK_CODE,
-            output_toggle: None,
-            shift_outputs: false,
-            shift_inputs: false,
-            identification: 0,
-        }
+        Self::DEFAULT
     }
 }

@@ -45,7 +45,7 @@ pub use application::Application;
 pub use description::{Description, Entry, Object};
 pub use drive::Drive;
 pub use io::Io;
-pub use isocat_sync::{Event, Step};
+pub use isocat_sync::{Chain, Event, Step, SyncMode};
 pub use mailbox::{MAX_MAILBOX, MIN_MAILBOX};
 pub use objects::MAX_TRANSFER;
 pub use process_data::MAX_PROCESS_DATA;

@@ -104,7 +104,7 @@ impl Measurement {
             Step::Application => {}
             Step::OutputsValid | Step::LatchInputs => return,
         }
-        self.work = self.work + took;
+        self.work += took;
         self.longest_work = self.longest_work.max(self.work);
         if step == Step::MapInputs {
             self.work = Nanos::ZERO;

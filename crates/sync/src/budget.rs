@@ -16,6 +16,7 @@ use isocat_wire::time::Nanos;
 
 use crate::mode::SyncMode;
 use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
+use crate::pulses::Pulses;
 
 /// What all SubDevices share.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -35,6 +36,8 @@ pub struct Cycle {
 pub struct Device {
     /// How it is synchronized.
     pub mode: SyncMode,
+    /// Its SYNC pulses; nothing without DC.
+    pub pulses: Pulses,
     /// From the frame at the reference clock until the last output byte is stored here; `None` if it
     /// has no outputs.
     pub outputs_arrival: Option<Nanos>,
@@ -53,6 +56,16 @@ pub struct Device {
     pub input_calc_and_copy: Nanos,
     /// 0x1C33:03, if inputs are shifted by a local timer; else zero.
     pub input_shift: Nanos,
+    /// 0x1C33:09: counts where SYNC1 takes the inputs.
+    pub input_delay: Nanos,
+}
+
+impl Device {
+    /// Phase of its SYNC0, with the acting pulse at `shift`.
+    pub fn sync0_phase(&self, shift: Nanos) -> Nanos {
+        let phase = shift - self.pulses.lead;
+        Nanos(phase.0.checked_rem_euclid(self.pulses.sync0_cycle.0).unwrap_or(phase.0))
+    }
 }
 
 /// A demand on the cycle.
@@ -60,8 +73,14 @@ pub struct Device {
 pub enum Check {
     /// The cycle is not shorter than the SubDevice's minimum.
     MinimumCycle,
-    /// Outputs are copied and calculated before SYNC0.
+    /// Outputs are copied and calculated before the pulse that lets them act.
     OutputsBeforeSync0,
+    /// Outputs are stored before the SYNC0 that fetches them.
+    OutputsStoredBeforeSync0,
+    /// SYNC1 leaves the time to copy and calculate from SYNC0 on.
+    Sync1CoversCopy,
+    /// SYNC1 comes before the next SYNC0.
+    Sync1BeforeNextSync0,
     /// Inputs stand in the buffer before the frame that fetches them.
     InputsBeforeFrame,
     /// The shift of Outputs Valid is not shorter than the hardware needs.
@@ -75,7 +94,10 @@ impl Check {
     pub const fn object(self) -> ObjectAddress {
         let (index, sub) = match self {
             Check::MinimumCycle => (OUTPUT_PARAMETER, sub::MINIMUM_CYCLE_TIME),
-            Check::OutputsBeforeSync0 => (OUTPUT_PARAMETER, sub::CALC_AND_COPY_TIME),
+            Check::OutputsBeforeSync0
+            | Check::OutputsStoredBeforeSync0
+            | Check::Sync1CoversCopy => (OUTPUT_PARAMETER, sub::CALC_AND_COPY_TIME),
+            Check::Sync1BeforeNextSync0 => (OUTPUT_PARAMETER, sub::CYCLE_TIME),
             Check::InputsBeforeFrame => (INPUT_PARAMETER, sub::CALC_AND_COPY_TIME),
             Check::ShiftCoversDelay => (OUTPUT_PARAMETER, sub::DELAY_TIME),
             Check::ShiftWithinCycle => (OUTPUT_PARAMETER, sub::SHIFT_TIME),
@@ -90,6 +112,11 @@ impl Check {
             Check::OutputsBeforeSync0 => {
                 "outputs stored + send jitter + clock error + calc and copy time <= SYNC0"
             }
+            Check::OutputsStoredBeforeSync0 => {
+                "outputs stored + send jitter + clock error <= SYNC0 that fetches them"
+            }
+            Check::Sync1CoversCopy => "calc and copy time <= SYNC1 - SYNC0",
+            Check::Sync1BeforeNextSync0 => "SYNC1 - SYNC0 < SYNC0 cycle",
             Check::InputsBeforeFrame => {
                 "SYNC0 + input shift + calc and copy time + clock error <= next frame"
             }
@@ -133,7 +160,7 @@ impl fmt::Display for Line {
 /// The lines of one SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Budget {
-    lines: [Option<Line>; 5],
+    lines: [Option<Line>; 8],
 }
 
 impl Budget {
@@ -189,12 +216,29 @@ pub fn common_shift<'a>(
 pub fn budget(cycle: &Cycle, shift: Nanos, device: &Device) -> Budget {
     let mut budget = Budget::default();
     let jitter = if device.mode == SyncMode::SmSynchronous { cycle.jitter } else { Nanos::ZERO };
-    budget.push(Check::MinimumCycle, device.minimum_cycle + jitter, cycle.cycle);
+    let own_cycle = match device.mode {
+        SyncMode::DcSubordinated => device.pulses.sync0_cycle,
+        _ => cycle.cycle,
+    };
+    budget.push(Check::MinimumCycle, device.minimum_cycle + jitter, own_cycle);
     if !device.mode.uses_dc() {
         return budget;
     }
     if let Some(ready) = outputs_ready(cycle, device) {
-        budget.push(Check::OutputsBeforeSync0, ready, shift);
+        let pulses = &device.pulses;
+        if device.mode == SyncMode::DcSync1 {
+            let stored = ready - pulses.sync1;
+            budget.push(Check::OutputsStoredBeforeSync0, stored, shift - pulses.lead);
+            budget.push(Check::Sync1CoversCopy, device.output_calc_and_copy, pulses.sync1);
+        } else {
+            let lead =
+                if device.mode == SyncMode::DcShiftSync1 { pulses.lead } else { Nanos::ZERO };
+            budget.push(Check::OutputsBeforeSync0, ready - lead, shift - lead);
+        }
+    }
+    if matches!(device.mode, SyncMode::DcSync1 | SyncMode::DcShiftSync1) {
+        let needed = device.pulses.sync1 + Nanos(1);
+        budget.push(Check::Sync1BeforeNextSync0, needed, device.pulses.sync0_cycle);
     }
     if let Some(fetched) = device.inputs_fetched {
         let next_frame = cycle.send + cycle.cycle + fetched;
@@ -207,15 +251,27 @@ pub fn budget(cycle: &Cycle, shift: Nanos, device: &Device) -> Budget {
     budget
 }
 
-/// Latest phase at which outputs are copied and calculated.
+/// Earliest phase at which the acting pulse may come for the outputs' sake.
 fn outputs_ready(cycle: &Cycle, device: &Device) -> Option<Nanos> {
     let arrival = cycle.send + device.outputs_arrival? + cycle.jitter + cycle.clock_error;
-    Some(arrival + device.output_calc_and_copy)
+    Some(match device.mode {
+        // SYNC0 fetches them, SYNC1 is the acting pulse.
+        SyncMode::DcSync1 => arrival + device.pulses.sync1,
+        SyncMode::DcShiftSync1 => arrival + device.output_calc_and_copy + device.pulses.lead,
+        _ => arrival + device.output_calc_and_copy,
+    })
 }
 
-/// Time from SYNC0 until inputs stand in the buffer.
+/// Time from the acting pulse until inputs stand in the buffer.
 fn input_time(cycle: &Cycle, device: &Device) -> Nanos {
-    device.input_shift + device.input_calc_and_copy + cycle.clock_error
+    let pulses = &device.pulses;
+    let latch = match device.mode {
+        SyncMode::DcShiftSync1 => pulses.sync1 - pulses.lead + device.input_delay,
+        SyncMode::DcSync1 => Nanos::ZERO,
+        SyncMode::DcSubordinated => device.input_shift - pulses.behind_sync0(),
+        _ => device.input_shift,
+    };
+    latch + device.input_calc_and_copy + cycle.clock_error
 }
 
 #[cfg(test)]
@@ -233,6 +289,7 @@ mod tests {
     fn drive() -> Device {
         Device {
             mode: SyncMode::DcSync0,
+            pulses: Pulses { sync0_cycle: Nanos(1_000_000), ..Pulses::default() },
             outputs_arrival: Some(Nanos(12_345)),
             inputs_fetched: Some(Nanos(1_000)),
             minimum_cycle: Nanos(250_000),
@@ -241,6 +298,7 @@ mod tests {
             output_shift: None,
             input_calc_and_copy: Nanos(40_000),
             input_shift: Nanos(0),
+            input_delay: Nanos(700),
         }
     }
 
@@ -297,5 +355,71 @@ mod tests {
         assert!((before - after).abs() <= 2_000, "{before} {after}");
         let free = Device { mode: SyncMode::FreeRun, ..drive() };
         assert_eq!(common_shift(&CYCLE, [&free]), None);
+    }
+
+    /// SYNC0 fetches, SYNC1 acts: both distances to the nanosecond.
+    #[test]
+    fn dc_sync1_needs_the_outputs_before_sync0_and_the_copy_time_before_sync1() {
+        let distance = |sync1| Device {
+            mode: SyncMode::DcSync1,
+            pulses: Pulses::new(SyncMode::DcSync1, CYCLE.cycle, Nanos(sync1), Nanos::ZERO, false),
+            ..drive()
+        };
+        let device = distance(60_000);
+        let stored = 12_345 + 20_000 + 100;
+        let at = |shift, device: &Device, check| slack(&CYCLE, shift, device, check);
+        assert_eq!(at(stored + 60_000, &device, Check::OutputsStoredBeforeSync0), 0);
+        assert_eq!(at(stored + 59_999, &device, Check::OutputsStoredBeforeSync0), -1);
+        assert_eq!(at(500_000, &device, Check::Sync1CoversCopy), 0);
+        assert_eq!(at(500_000, &distance(59_999), Check::Sync1CoversCopy), -1);
+        assert_eq!(at(500_000, &distance(999_999), Check::Sync1BeforeNextSync0), 0);
+        assert_eq!(at(500_000, &distance(1_000_000), Check::Sync1BeforeNextSync0), -1);
+        assert_eq!(device.sync0_phase(Nanos(500_000)), Nanos(440_000));
+        assert_eq!(device.sync0_phase(Nanos(50_000)), Nanos(990_000));
+        // Inputs are taken at SYNC1 itself.
+        let last = 1_000_000 + 1_000 - 40_000 - 100;
+        assert_eq!(at(last, &device, Check::InputsBeforeFrame), 0);
+    }
+
+    #[test]
+    fn inputs_at_sync1_come_later_than_the_outputs() {
+        let device = Device {
+            mode: SyncMode::DcShiftSync1,
+            pulses: Pulses::new(
+                SyncMode::DcShiftSync1,
+                CYCLE.cycle,
+                Nanos(200_000),
+                Nanos::ZERO,
+                false,
+            ),
+            ..drive()
+        };
+        let last = 1_000_000 + 1_000 - 200_000 - 700 - 40_000 - 100;
+        assert_eq!(slack(&CYCLE, last, &device, Check::InputsBeforeFrame), 0);
+        assert_eq!(slack(&CYCLE, last + 1, &device, Check::InputsBeforeFrame), -1);
+        let ready = 12_345 + 20_000 + 100 + 60_000;
+        assert_eq!(slack(&CYCLE, ready, &device, Check::OutputsBeforeSync0), 0);
+        // Outputs at SYNC1 too: everything counts from there.
+        let both = Device { pulses: Pulses { lead: Nanos(200_000), ..device.pulses }, ..device };
+        assert_eq!(slack(&CYCLE, ready + 200_000, &both, Check::OutputsBeforeSync0), 0);
+        assert_eq!(slack(&CYCLE, last + 200_000, &both, Check::InputsBeforeFrame), 0);
+    }
+
+    #[test]
+    fn a_subordinated_cycle_is_measured_by_its_own_sync0() {
+        let device = |sync0| Device {
+            mode: SyncMode::DcSubordinated,
+            pulses: Pulses::new(
+                SyncMode::DcSubordinated,
+                CYCLE.cycle,
+                Nanos::ZERO,
+                Nanos(sync0),
+                false,
+            ),
+            ..drive()
+        };
+        assert_eq!(slack(&CYCLE, 500_000, &device(250_000), Check::MinimumCycle), 0);
+        assert_eq!(slack(&CYCLE, 500_000, &device(125_000), Check::MinimumCycle), -125_000);
+        assert_eq!(device(250_000).sync0_phase(Nanos(500_000)), Nanos(0));
     }
 }

@@ -22,6 +22,8 @@ pub mod drift;
 pub mod mode;
 pub mod object;
 pub mod phase;
+pub mod pulses;
 
 pub use mode::{Chain, Event, Step, SyncMode};
 pub use object::{SupportedTypes, SyncParameters, SyncType};
+pub use pulses::Pulses;

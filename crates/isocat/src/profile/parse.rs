@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use isocat_subdevice::description::{Behaviour, Mailbox, MissedEvents};
+use isocat_subdevice::description::{Behaviour, LossCodes, Mailbox, Measured, MissedEvents};
 use isocat_subdevice::{MAX_MAILBOX, MAX_PROCESS_DATA};
 use isocat_sync::{SupportedTypes, SyncMode};
 use isocat_wire::ObjectAddress;
@@ -290,11 +290,20 @@ fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
         "watchdog_must_agree",
         "hide_unused_sync_objects",
         "identification",
+        "polls_outputs",
+        "outputs_on_sync1",
+        "application_on_sync1",
+        "subordinated_sync0_cycle",
+        "cycle_granularity",
+        "loss_codes",
+        "measures",
+        "output_toggle",
     ])?;
     if let Some(value) = table.value("missed_events") {
         behaviour.missed_events = value.one_of(&[
             ("counted", MissedEvents::Counted),
             ("slave-stack-code", MissedEvents::SlaveStackCode),
+            ("balance", MissedEvents::Balance),
         ])?;
     }
     if let Some(value) = table.value("sync_error_limit") {
@@ -319,7 +328,52 @@ fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
     if let Some(value) = table.value("identification") {
         behaviour.identification = value.u16()?;
     }
+    for (key, flag) in [
+        ("polls_outputs", &mut behaviour.polls_outputs),
+        ("outputs_on_sync1", &mut behaviour.outputs_on_sync1),
+        ("application_on_sync1", &mut behaviour.application_on_sync1),
+    ] {
+        if let Some(value) = table.value(key) {
+            *flag = value.boolean()?;
+        }
+    }
+    for (key, time) in [
+        ("subordinated_sync0_cycle", &mut behaviour.subordinated_sync0_cycle),
+        ("cycle_granularity", &mut behaviour.cycle_granularity),
+    ] {
+        if let Some(value) = table.value(key) {
+            *time = value.duration(Nanos(1)..=Nanos::from_u32(u32::MAX))?;
+        }
+    }
+    if let Some(value) = table.value("loss_codes") {
+        behaviour.loss_codes = value.one_of(&[
+            ("slave-stack-code", LossCodes::SLAVE_STACK_CODE),
+            ("drive", LossCodes::DRIVE),
+        ])?;
+    }
+    if let Some(value) = table.value("measures") {
+        behaviour.measured = measured(&value)?;
+    }
+    if let Some(value) = table.value("output_toggle") {
+        let bits = 8 * MAX_PROCESS_DATA as i64;
+        behaviour.output_toggle = Some(value.integer(0..=bits - 1)? as u16);
+    }
     Ok(Placed { at: table.at, value: behaviour })
+}
+
+fn measured(list: &Value<'_>) -> Result<Measured, FileError> {
+    let mut measured = Measured::NOTHING;
+    for item in list.array("quantities such as \"calc-and-copy\"")? {
+        let what: fn(&mut Measured) -> &mut bool = item.one_of(&[
+            ("cycle", (|m| &mut m.cycle) as fn(&mut Measured) -> &mut bool),
+            ("shift", |m| &mut m.shift),
+            ("minimum-cycle", |m| &mut m.minimum_cycle),
+            ("calc-and-copy", |m| &mut m.calc_and_copy),
+            ("delay", |m| &mut m.delay),
+        ])?;
+        *what(&mut measured) = true;
+    }
+    Ok(measured)
 }
 
 fn assumed(root: Table<'_>) -> Result<Vec<Assumed>, FileError> {

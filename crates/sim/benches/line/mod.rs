@@ -44,21 +44,7 @@ static DESCRIPTION: Description = Description {
     mailbox: None,
     outputs: ProcessDataArea { start: OUTPUTS_AT, max_length: BYTES },
     inputs: ProcessDataArea { start: INPUTS_AT, max_length: BYTES },
-    behaviour: Behaviour {
-        undeclared_types: isocat_sync::SupportedTypes(u16::MAX),
-        missed_events: isocat_subdevice::description::MissedEvents::Counted,
-        sync_error_limit: 4,
-        safeop_to_op_timeout: Nanos::millis(9_000),
-        sync_settling: Nanos::millis(200),
-        free_run_period: Nanos::millis(1),
-        maximum_cycle_time: Nanos::ZERO,
-        cycle_granularity: Nanos::ZERO,
-        watchdog_must_agree: true,
-        hide_unused_sync_objects: false,
-        shift_outputs: false,
-        shift_inputs: false,
-        identification: 0,
-    },
+    behaviour: Behaviour::DEFAULT,
 };
 
 /// The line's connections. Clocks deviate by up to 20 ppm either way.

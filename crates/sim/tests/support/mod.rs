@@ -31,21 +31,7 @@ static DESCRIPTION: Description = Description {
     mailbox: None,
     outputs: ProcessDataArea { start: 0x1000, max_length: 0 },
     inputs: ProcessDataArea { start: 0x1000, max_length: 0 },
-    behaviour: Behaviour {
-        undeclared_types: isocat_sync::SupportedTypes(u16::MAX),
-        missed_events: isocat_subdevice::description::MissedEvents::Counted,
-        sync_error_limit: 4,
-        safeop_to_op_timeout: isocat_wire::Nanos(9_000_000_000),
-        sync_settling: isocat_wire::Nanos(200_000_000),
-        free_run_period: isocat_wire::Nanos(1_000_000),
-        maximum_cycle_time: isocat_wire::Nanos(0),
-        cycle_granularity: isocat_wire::Nanos(0),
-        watchdog_must_agree: true,
-        hide_unused_sync_objects: false,
-        shift_outputs: false,
-        shift_inputs: false,
-        identification: 0,
-    },
+    behaviour: Behaviour::DEFAULT,
 };
 
 /// Where a SubDevice hangs: parent and its port, and the own port upstream.

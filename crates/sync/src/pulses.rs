@@ -1,0 +1,88 @@
+//! What a SYNC unit is set to in each mode: cycles, and how the pulses lie about the one that acts.
+
+use isocat_wire::time::Nanos;
+
+use crate::mode::SyncMode;
+
+/// The pulses of one SubDevice in one bus cycle. "The acting pulse" is the one at which its outputs take
+/// effect: all SubDevices of a segment have theirs at one phase.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Pulses {
+    /// Register 0x09A0: from SYNC0 to SYNC0.
+    pub sync0_cycle: Nanos,
+    /// Register 0x09A4: from a SYNC0 to SYNC1. Zero if SYNC1 is not used.
+    pub sync1: Nanos,
+    /// From the first SYNC0 to the acting pulse.
+    pub lead: Nanos,
+}
+
+impl Pulses {
+    /// The pulses of a mode. `bus`: the bus cycle; `distance`: from SYNC0 to SYNC1 where SYNC1 is a part of
+    /// the cycle behind SYNC0; `sync0`: the cycle of SYNC0 with subordinated cycles. With
+    /// `outputs_on_sync1` outputs act at SYNC1 also where SYNC0 starts nothing but the calculation.
+    pub fn new(
+        mode: SyncMode,
+        bus: Nanos,
+        distance: Nanos,
+        sync0: Nanos,
+        outputs_on_sync1: bool,
+    ) -> Self {
+        match mode {
+            SyncMode::FreeRun | SyncMode::SmSynchronous => Self::default(),
+            SyncMode::DcSync0 => Self { sync0_cycle: bus, sync1: Nanos::ZERO, lead: Nanos::ZERO },
+            SyncMode::DcShiftSync1 => {
+                let lead = if outputs_on_sync1 { distance } else { Nanos::ZERO };
+                Self { sync0_cycle: bus, sync1: distance, lead }
+            }
+            SyncMode::DcSync1 => Self { sync0_cycle: bus, sync1: distance, lead: distance },
+            SyncMode::DcSubordinated => {
+                // SYNC1 comes this long after the first SYNC0 behind the last SYNC1: once a bus cycle.
+                let sync1 = bus - sync0;
+                Self { sync0_cycle: sync0, sync1, lead: sync1 }
+            }
+        }
+    }
+
+    /// From one acting pulse to the next, where SYNC1 acts; else the cycle of SYNC0. SYNC1 comes with every
+    /// SYNC0 that follows the last one by its distance.
+    pub fn sync1_cycle(&self) -> Nanos {
+        let count = self.sync1.0.checked_div(self.sync0_cycle.0).unwrap_or(0) + 1;
+        Nanos(self.sync0_cycle.0 * count)
+    }
+
+    /// From the last SYNC0 at or before SYNC1 to SYNC1.
+    pub fn behind_sync0(&self) -> Nanos {
+        Nanos(self.sync1.0.checked_rem(self.sync0_cycle.0).unwrap_or(0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Register values of devices in the field: bus cycle, SYNC0 cycle, distance; 0x09A4, cycle of SYNC1.
+    #[test]
+    fn registers_of_known_devices() {
+        let analog = Pulses::new(
+            SyncMode::DcShiftSync1,
+            Nanos(1_000_000),
+            Nanos(100_000),
+            Nanos::ZERO,
+            false,
+        );
+        assert_eq!((analog.sync0_cycle, analog.sync1), (Nanos(1_000_000), Nanos(100_000)));
+        assert_eq!((analog.sync1_cycle(), analog.lead), (Nanos(1_000_000), Nanos::ZERO));
+        for (bus, sync0, sync1) in [
+            (1_000_000, 250_000, 750_000),
+            (500_000, 62_500, 437_500),
+            (1_000_000, 500_000, 500_000),
+        ] {
+            let pulses =
+                Pulses::new(SyncMode::DcSubordinated, Nanos(bus), Nanos::ZERO, Nanos(sync0), false);
+            assert_eq!((pulses.sync1, pulses.sync1_cycle()), (Nanos(sync1), Nanos(bus)));
+            assert_eq!(pulses.behind_sync0(), Nanos::ZERO);
+        }
+        let odd = Pulses { sync0_cycle: Nanos(500_000), sync1: Nanos(750_000), lead: Nanos::ZERO };
+        assert_eq!((odd.sync1_cycle(), odd.behind_sync0()), (Nanos(1_000_000), Nanos(250_000)));
+    }
+}

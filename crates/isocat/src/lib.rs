@@ -33,6 +33,7 @@ pub mod scenario;
 pub mod segment_file;
 #[cfg(target_os = "linux")]
 pub mod serve;
+pub mod timeline;
 
 pub use isocat_wire::Nanos;
 pub use report::Report;

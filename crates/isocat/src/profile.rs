@@ -360,10 +360,11 @@ pub const CHIPS: [(&str, &Chip); 6] = [
     ("XMC4800", &chip::XMC4800),
 ];
 
-const BUILT_IN: [(&str, &str); 5] = [
+const BUILT_IN: [(&str, &str); 6] = [
     ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
     ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
     ("hpmicro_ecat_cia402_ssc", include_str!("../profiles/hpmicro_ecat_cia402_ssc.toml")),
     ("simple_io16", include_str!("../profiles/simple_io16.toml")),
     ("simple_io4", include_str!("../profiles/simple_io4.toml")),
+    ("model_every_mode", include_str!("../profiles/model_every_mode.toml")),
 ];

@@ -125,6 +125,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         outputs: list(&profile.assignment.outputs),
         inputs: list(&profile.assignment.inputs),
         shift_outputs: device.shift,
+        shift_inputs: device.input_shift,
         sync1: device.sync1,
         sync0_cycle: device.sync0_cycle,
         assumed,

@@ -105,6 +105,9 @@ pub struct SubDevice {
     /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
     /// device's own.
     pub shift: Option<Nanos>,
+    /// Wanted shift of its Input Latch, 0x1C33:03. Key `input_shift`, below one cycle; `None` leaves the
+    /// device's own.
+    pub input_shift: Option<Nanos>,
     /// From SYNC0 to SYNC1. Key `sync1`, below one cycle; for the modes "dc-shift-sync1" and "dc-sync1". `None`:
     /// a quarter of the cycle, and for "dc-sync1" what the device needs.
     pub sync1: Option<Nanos>,
@@ -246,6 +249,7 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         "clock_step",
         "clock_walk",
         "shift",
+        "input_shift",
         "sync1",
         "sync0_cycle",
         "calc_copy",
@@ -279,15 +283,20 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         None => None,
     };
     let shift = time("shift", Nanos::ZERO..=cycle - Nanos(1))?;
-    if let (Some(_), Some(value)) = (shift, table.value("shift"))
-        && !profile.description.behaviour.shift_outputs
-    {
-        return Err(value.error(format!(
-            "shift is given, but {} states {} = {}; expected a device with shift by local timer",
-            profile.name,
-            ObjectAddress::new(object::OUTPUT_PARAMETER, object::sub::SUPPORTED_TYPES),
-            profile.supported_types()
-        )));
+    let input_shift = time("input_shift", Nanos::ZERO..=cycle - Nanos(1))?;
+    let behaviour = &profile.description.behaviour;
+    for (key, index, able) in [
+        ("shift", object::OUTPUT_PARAMETER, behaviour.shift_outputs),
+        ("input_shift", object::INPUT_PARAMETER, behaviour.shift_inputs),
+    ] {
+        if let Some(value) = table.value(key).filter(|_| !able) {
+            return Err(value.error(format!(
+                "{key} is given, but {} states {} = {}; expected a device with shift by local timer",
+                profile.name,
+                ObjectAddress::new(index, object::sub::SUPPORTED_TYPES),
+                profile.supported_types()
+            )));
+        }
     }
     let sync1 = time("sync1", Nanos::ZERO..=cycle - Nanos(1))?;
     only_in(&table, "sync1", mode, &[SyncMode::DcShiftSync1, SyncMode::DcSync1])?;
@@ -333,6 +342,7 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         },
         clock_shape: clock::shape(table)?,
         shift,
+        input_shift,
         sync1,
         sync0_cycle,
         line: table.error("").line,

@@ -160,7 +160,7 @@ fn the_example_segment_runs_and_help_teaches_by_example() {
     assert_eq!(help.status.code(), Some(0));
     assert!(text(&help.stdout).contains("Examples:"));
     let devices = text(&isocat(&["devices"]).stdout);
-    assert_eq!(devices.lines().count(), 5, "{devices}");
+    assert_eq!(devices.lines().count(), 6, "{devices}");
 }
 
 #[test]

@@ -115,6 +115,7 @@ impl Cpu {
             if synchronized { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
         let at = at + Nanos(late as i64);
         let mut free = at;
+        let mut latched = at;
         for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
             let of_hardware = matches!(step, Step::OutputsValid | Step::LatchInputs);
             let due = at + delay;
@@ -124,9 +125,12 @@ impl Cpu {
                 Step::MapOutputs => begin + self.model.copy_outputs,
                 Step::Application => begin + self.model.application,
                 // Counted from the latch, so the application's work in between is part of it.
-                Step::MapInputs => begin.max(due + self.model.copy_inputs),
+                Step::MapInputs => begin.max(latched + self.model.copy_inputs),
                 Step::OutputsValid | Step::LatchInputs => begin,
             };
+            if step == Step::LatchInputs {
+                latched = begin;
+            }
             self.insert(begin, Action::Begin(step));
             self.insert(end, Action::Finish(step));
             free = free.max(end);

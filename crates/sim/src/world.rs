@@ -33,10 +33,13 @@ impl Control for () {
     fn cycle(&mut self, _: &mut MainDevice, _: u64) {}
 }
 
-/// Sees every frame on the MainDevice's port.
+/// Sees every frame on the MainDevice's port, and what happens at the SubDevices.
 pub trait Tap {
     /// A frame whose first bit left (`sent`) or came back at `at`.
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]);
+
+    /// Something happened at a SubDevice at `at`.
+    fn observed(&mut self, _at: Time<True>, _observation: &Observation) {}
 }
 
 /// A run in progress.
@@ -215,6 +218,10 @@ impl<C: Control, T: Tap> World<C, T> {
     fn judge(&mut self) {
         for observation in self.observations.drain(..) {
             self.bench.observe(&self.segment, &observation);
+            if let Some(tap) = &mut self.tap {
+                let device = &self.segment.devices()[observation.device];
+                tap.observed(device.oscillator().when(observation.device_at), &observation);
+            }
         }
     }
 }

@@ -552,7 +552,7 @@ impl SyncEngine {
         let settings = &self.settings;
         match (self.mode(), event) {
             (SyncMode::DcShiftSync1, _) => (settings.input_delay, false),
-            (SyncMode::DcSync1, _) => (Nanos::ZERO, false),
+            (SyncMode::DcSync1 | SyncMode::FreeRun, _) => (Nanos::ZERO, false),
             _ => {
                 let shift = settings.input_shift;
                 (shift, shift > Nanos::ZERO && shift < settings.input_delay)

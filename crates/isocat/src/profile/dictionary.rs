@@ -130,10 +130,11 @@ impl Draft<'_> {
             input_copy: follow(self.times.input_copy, object::INPUT_PARAMETER, "input_copy")?,
             jitter: self.times.jitter,
         };
-        let local_timer = |index| {
+        let shifts_by = |index, by| {
             self.value(index, object::sub::SUPPORTED_TYPES)
-                .is_some_and(|types| SupportedTypes(types as u16).shift() == ShiftBy::LocalTimer)
+                .is_some_and(|types| SupportedTypes(types as u16).shift() == by)
         };
+        let local_timer = |index| shifts_by(index, ShiftBy::LocalTimer);
         let area = |area: &Option<Area>| match area {
             Some(area) => ProcessDataArea { start: area.start, max_length: area.length },
             None => ProcessDataArea { start: 0, max_length: 0 },
@@ -149,6 +150,7 @@ impl Draft<'_> {
             behaviour: Behaviour {
                 shift_outputs: local_timer(object::OUTPUT_PARAMETER),
                 shift_inputs: local_timer(object::INPUT_PARAMETER),
+                outputs_on_sync1: shifts_by(object::OUTPUT_PARAMETER, ShiftBy::Sync1),
                 undeclared_types: match self.modes {
                     Some(modes) => modes.value,
                     None => self.behaviour.value.undeclared_types,

@@ -291,7 +291,6 @@ fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
         "hide_unused_sync_objects",
         "identification",
         "polls_outputs",
-        "outputs_on_sync1",
         "application_on_sync1",
         "subordinated_sync0_cycle",
         "cycle_granularity",
@@ -330,7 +329,6 @@ fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
     }
     for (key, flag) in [
         ("polls_outputs", &mut behaviour.polls_outputs),
-        ("outputs_on_sync1", &mut behaviour.outputs_on_sync1),
         ("application_on_sync1", &mut behaviour.application_on_sync1),
     ] {
         if let Some(value) = table.value(key) {

@@ -168,14 +168,15 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(
         hint.unwrap(),
         "did you mean \"kollmorgen_akd2g\"? expected one of: kollmorgen_akd2g, \
-         beckhoff_el2502-0010, hpmicro_ecat_cia402_ssc, simple_io16, simple_io4"
+         beckhoff_el2502-0010, hpmicro_ecat_cia402_ssc, simple_io16, simple_io4, model_every_mode"
     );
     let (_, hint) = refused("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"yaskawa\"");
     assert!(hint.unwrap().starts_with("expected one of: kollmorgen_akd2g"));
 
     let (message, hint) = refused(&one("mode = \"dc_sync0\""));
     assert_eq!(message, "4:8 unknown mode \"dc_sync0\"");
-    assert_eq!(hint.unwrap(), "did you mean \"dc-sync0\"? expected one of: free-run, sm, dc-sync0");
+    let all = "free-run, sm, dc-sync0, dc-shift-sync1, dc-sync1, dc-subordinated";
+    assert_eq!(hint.unwrap(), format!("did you mean \"dc-sync0\"? expected one of: {all}"));
 
     let (message, _) = refused("cycle = \"1ms\"\n[host]\njiter = \"1us\"");
     assert_eq!(message, "3:1 unknown key \"jiter\" in host");

@@ -14,6 +14,8 @@ pub(crate) struct MissedCounter {
     window: u32,
     /// Events less pulses.
     balance: i16,
+    /// A pulse has come in OP.
+    balanced: bool,
 }
 
 impl MissedCounter {
@@ -38,7 +40,11 @@ impl MissedCounter {
                 missed
             }
             MissedEvents::Balance => {
-                if op {
+                // OP begins between an event and its pulse, or between a pulse and the next event: the first
+                // pulse without an event belongs to the cycle in which it began.
+                let began_between = op && !self.balanced && self.balance == 0;
+                self.balanced |= op;
+                if op && !began_between {
                     self.balance = self.balance.saturating_sub(1);
                 }
                 return;
@@ -148,8 +154,11 @@ mod tests {
         let rule = MissedEvents::Balance;
         let (counts, exceeded) = run(rule, 2, &[true, false, false, false]);
         assert_eq!((counts.as_slice(), exceeded), (&[0, 1, 2, 3][..], Some(3)));
-        let (counts, exceeded) = run(rule, 2, &[false, true, true].repeat(3));
-        assert_eq!((counts.as_slice(), exceeded), (&[1, 1, 1, 2, 2, 2, 3, 3, 3][..], Some(6)));
+        let (counts, exceeded) = run(rule, 2, &[true, true, false].repeat(3));
+        assert_eq!((counts.as_slice(), exceeded), (&[0, 0, 1, 1, 1, 2, 2, 2, 3][..], Some(8)));
+        // The cycle in which OP begins has no event of its own.
+        let (counts, _) = run(rule, 2, &[false, true, false]);
+        assert_eq!(counts, [0, 0, 1]);
         // Twice as many events as pulses are as wrong.
         let mut counter = MissedCounter::default();
         for _ in 0..3 {

@@ -462,7 +462,8 @@ impl SyncEngine {
             return last;
         }
         if self.setup.chain.looks_for_outputs(Event::Sync0) {
-            self.updated |= new_outputs;
+            // That the last ones got ready says nothing of these.
+            self.updated = new_outputs;
         }
         self.expect_outputs(op);
         last

@@ -91,8 +91,11 @@ fn sync_parameter(o: &mut ObjectBuilder) {
     o.entry(8, 208, DataType::UNSIGNED16, RW, &[]);
     o.entry(9, 224, DataType::UNSIGNED32, RO, &30_000u32.to_le_bytes());
     o.entry(10, 256, DataType::UNSIGNED32, RO, &[]);
-    for (sub, offset) in [(11, 288), (12, 304), (13, 320)] {
+    for (sub, offset) in [(11, 288), (12, 304), (13, 320), (14, 336)] {
         o.entry(sub, offset, DataType::UNSIGNED16, RO, &[]);
+    }
+    for (sub, offset) in [(15, 352), (16, 384), (17, 416), (18, 448)] {
+        o.entry(sub, offset, DataType::UNSIGNED32, RO, &[]);
     }
     o.entry(32, 480, DataType::BOOLEAN, RO.with(Access::TX_MAPPABLE), &[]);
 }

@@ -2,10 +2,12 @@
 
 mod bench;
 mod coe;
+mod counters;
 mod device;
 mod esm;
 mod mailbox;
 mod random;
 mod simple;
 mod sync;
+mod sync1;
 mod with_esc;

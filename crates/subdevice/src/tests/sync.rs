@@ -15,7 +15,7 @@ use Step::{Application, LatchInputs, MapInputs, MapOutputs, OutputsValid};
 const CYCLE: Nanos = Nanos(1_000_000);
 
 /// A device in SAFEOP with SYNC0 every millisecond.
-fn dc_safe_op(device: impl FnOnce(&mut Builder)) -> Bench {
+pub(super) fn dc_safe_op(device: impl FnOnce(&mut Builder)) -> Bench {
     let mut bench = Bench::in_state(description(device), AlState::PreOp);
     bench.set_process_data(7, 7);
     bench.set_sync0(1_000_000);
@@ -25,7 +25,7 @@ fn dc_safe_op(device: impl FnOnce(&mut Builder)) -> Bench {
 }
 
 /// One cycle: outputs half a cycle before SYNC0, if they come.
-fn dc_cycle(bench: &mut Bench, with_outputs: bool) {
+pub(super) fn dc_cycle(bench: &mut Bench, with_outputs: bool) {
     bench.pass(Nanos(500_000));
     if with_outputs {
         bench.write_outputs(&[5; 7]);
@@ -36,7 +36,7 @@ fn dc_cycle(bench: &mut Bench, with_outputs: bool) {
 }
 
 /// A device in OP with SYNC0 every millisecond.
-fn dc_op(device: impl FnOnce(&mut Builder)) -> Bench {
+pub(super) fn dc_op(device: impl FnOnce(&mut Builder)) -> Bench {
     let mut bench = dc_safe_op(device);
     dc_cycle(&mut bench, true);
     assert_eq!(bench.ask(AlState::Op).0, AlStatus(4));
@@ -49,15 +49,15 @@ fn dc_op(device: impl FnOnce(&mut Builder)) -> Bench {
     bench
 }
 
-fn begin(bench: &mut Bench, step: Step) {
+pub(super) fn begin(bench: &mut Bench, step: Step) {
     bench.device.begin(bench.now, step, &mut bench.esc);
 }
 
-fn finish(bench: &mut Bench, step: Step) {
+pub(super) fn finish(bench: &mut Bench, step: Step) {
     bench.device.finish(bench.now, step, &mut bench.esc);
 }
 
-fn event(bench: &mut Bench, event: Event) -> Steps {
+pub(super) fn event(bench: &mut Bench, event: Event) -> Steps {
     bench.device.handle_event(bench.now, event, &mut bench.esc)
 }
 

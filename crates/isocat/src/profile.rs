@@ -67,6 +67,7 @@ use std::collections::HashMap;
 use std::sync::{LazyLock, Mutex, PoisonError};
 
 use isocat_esc::chip::{self, Chip};
+use isocat_sim::Unevenness;
 use isocat_subdevice::Description;
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
 use isocat_wire::ObjectAddress;
@@ -148,6 +149,8 @@ pub struct CpuTimes {
     /// Peak-to-peak spread of the steps that follow a SYNC0 event. The copy time of the outputs is the
     /// longest one: nothing is added to it.
     pub jitter: Nanos,
+    /// How uneven they are: `latency`, `variation` in percent, `overrun = { one_in, by }`, `timer_jitter`.
+    pub unevenness: Unevenness,
 }
 
 /// What a device does with its process data.

@@ -148,5 +148,6 @@ fn cpu(profile: &Profile) -> CpuModel {
         application: times.application,
         copy_inputs: times.input_copy,
         jitter: times.jitter,
+        unevenness: times.unevenness,
     }
 }

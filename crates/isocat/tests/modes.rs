@@ -235,3 +235,23 @@ fn dc_sync0_and_sync1_without_sm2() {
     assert_near(cycle.next(Moment::OutputsValid, sync0), sync0 + COPY + DELAY, "OV", &cycle);
     inputs_at(&cycle, sync0, sync0 + 100_000 + INPUT_DELAY);
 }
+
+/// An application that now and then takes longer than a cycle: 0x1C32:0C tells, and nothing else.
+#[test]
+fn an_application_that_overruns_is_counted() {
+    let overruns = |one_in: u32| {
+        let change = |text: String| {
+            let overrun = format!("overrun = {{ one_in = {one_in}, by = \"1ms\" }}\n");
+            text.replace("application = \"7us\"\n", &format!("application = \"7us\"\n{overrun}"))
+        };
+        let mut scenario = scenario("mode = \"sm\"\n", change);
+        scenario.duration = Nanos::millis(500);
+        let (_, report) = record(&scenario, 0, Nanos::ZERO, 1);
+        let counters = &report.devices[0].registers.output_counters;
+        assert_eq!(counters.sm_event_missed, Some(0));
+        (counters.cycle_time_too_small.expect("0C is there"), report.in_sync)
+    };
+    let (often, in_sync) = overruns(50);
+    assert!((3..=25).contains(&often) && !in_sync, "{often} of 500 cycles, one in 50 asked");
+    assert_eq!(overruns(1_000_000_000), (0, true));
+}

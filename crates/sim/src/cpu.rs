@@ -20,6 +20,33 @@ pub struct CpuModel {
     /// Spread, peak to peak, with which the steps of an event begin: interrupts do not always come
     /// through at once.
     pub jitter: Nanos,
+    /// How uneven the times above are.
+    pub unevenness: Unevenness,
+}
+
+/// How a CPU's times vary from cycle to cycle. The default: not at all.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Unevenness {
+    /// Longest interrupt latency: from the SM2 event until the outputs are fetched; as a rule it is much
+    /// shorter. Part of the copy time, not added to it.
+    pub latency: Nanos,
+    /// By how much copying and the application may be faster than their stated, longest time, in percent;
+    /// evenly spread.
+    pub variation: u8,
+    /// Now and then the application takes longer than it ever should.
+    pub overrun: Option<Overrun>,
+    /// Spread, peak to peak, of the local timer that shifts outputs and inputs, and of what else acts after a
+    /// delay.
+    pub timer_jitter: Nanos,
+}
+
+/// An application that takes too long, at random.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Overrun {
+    /// Once in so many cycles, on average.
+    pub one_in: u32,
+    /// By so much.
+    pub by: Nanos,
 }
 
 impl Default for CpuModel {
@@ -30,6 +57,7 @@ impl Default for CpuModel {
             application: Nanos(10_000),
             copy_inputs: Nanos(10_000),
             jitter: Nanos(0),
+            unevenness: Unevenness::default(),
         }
     }
 }
@@ -118,14 +146,21 @@ impl Cpu {
         let mut latched = at;
         for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
             let of_hardware = matches!(step, Step::OutputsValid | Step::LatchInputs);
-            let due = at + delay;
-            let begin =
+            let mut due = at + delay;
+            if of_hardware && delay > Nanos::ZERO {
+                due += self.at_random(self.model.unevenness.timer_jitter);
+            }
+            let mut begin =
                 if of_hardware && (delay > Nanos::ZERO || i == 0) { due } else { due.max(free) };
             let end = match step {
-                Step::MapOutputs => begin + self.model.copy_outputs,
-                Step::Application => begin + self.model.application,
+                Step::MapOutputs => {
+                    let end = begin + self.varied(self.model.copy_outputs);
+                    begin = (begin + self.latency()).min(end);
+                    end
+                }
+                Step::Application => begin + self.varied(self.model.application) + self.overrun(),
                 // Counted from the latch, so the application's work in between is part of it.
-                Step::MapInputs => begin.max(latched + self.model.copy_inputs),
+                Step::MapInputs => begin.max(latched + self.varied(self.model.copy_inputs)),
                 Step::OutputsValid | Step::LatchInputs => begin,
             };
             if step == Step::LatchInputs {
@@ -134,6 +169,38 @@ impl Cpu {
             self.insert(begin, Action::Begin(step));
             self.insert(end, Action::Finish(step));
             free = free.max(end);
+        }
+    }
+
+    /// Between nothing and `most`.
+    fn at_random(&mut self, most: Nanos) -> Nanos {
+        // Nothing is drawn where nothing varies: other figures stay as they were.
+        match most.0 {
+            1.. => Nanos(self.jitter.up_to(most.0 as u64) as i64),
+            _ => Nanos::ZERO,
+        }
+    }
+
+    fn varied(&mut self, longest: Nanos) -> Nanos {
+        let variation = i64::from(self.model.unevenness.variation.min(100));
+        longest - self.at_random(Nanos(longest.0 / 100 * variation))
+    }
+
+    fn latency(&mut self) -> Nanos {
+        match self.model.unevenness.latency.0 {
+            worst @ 1.. => Nanos(self.jitter.lateness(worst as u64) as i64),
+            _ => Nanos::ZERO,
+        }
+    }
+
+    fn overrun(&mut self) -> Nanos {
+        match self.model.unevenness.overrun {
+            Some(Overrun { one_in, by })
+                if self.jitter.up_to(u64::from(one_in.max(1)) - 1) == 0 =>
+            {
+                by
+            }
+            _ => Nanos::ZERO,
         }
     }
 
@@ -183,5 +250,45 @@ mod tests {
         assert_eq!(agenda(&mut cpu), [(50_000, Action::Poll)]);
         cpu.wake(Time::new(60_000));
         assert_eq!(cpu.next(), Time::new(110_000));
+    }
+
+    /// Thousand cycles: nothing beyond the longest time, spread over what may vary, overruns as rare as asked.
+    #[test]
+    fn uneven_times_stay_within_what_is_stated() {
+        let unevenness = Unevenness {
+            latency: Nanos(4_000),
+            variation: 50,
+            overrun: Some(Overrun { one_in: 100, by: Nanos(500_000) }),
+            timer_jitter: Nanos(300),
+        };
+        let model = CpuModel { unevenness, ..CpuModel::default() };
+        let mut cpu = Cpu::new(model, Stream::new(7, "test", 0));
+        let (mut latencies, mut copies, mut overruns, mut acts) = (vec![], vec![], 0, vec![]);
+        for cycle in 0..1_000u64 {
+            let start = Time::new(cycle * 1_000_000);
+            let mut steps = Steps::EMPTY;
+            steps.push(Step::MapOutputs, Nanos::ZERO);
+            steps.push(Step::Application, Nanos::ZERO);
+            steps.push(Step::OutputsValid, Nanos(100_000));
+            cpu.start(start, &steps);
+            for (at, action) in agenda(&mut cpu) {
+                let at = at - start.count();
+                match action {
+                    Action::Begin(Step::MapOutputs) => latencies.push(at),
+                    Action::Finish(Step::MapOutputs) => copies.push(at),
+                    Action::Finish(Step::Application) => overruns += u32::from(at > 500_000),
+                    Action::Begin(Step::OutputsValid) => acts.push(at),
+                    _ => {}
+                }
+            }
+        }
+        let range = |values: &[u64]| (*values.iter().min().unwrap(), *values.iter().max().unwrap());
+        let (least, most) = range(&latencies);
+        assert!(least < 200 && (2_500..=4_000).contains(&most), "{least} {most}");
+        let (least, most) = range(&copies);
+        assert!((10_000..10_300).contains(&least) && (19_700..=20_000).contains(&most), "{most}");
+        assert!((3..=25).contains(&overruns), "{overruns} of 1000, one in 100 asked");
+        let (least, most) = range(&acts);
+        assert!((100_000..100_010).contains(&least) && (100_290..=100_300).contains(&most));
     }
 }

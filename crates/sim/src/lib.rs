@@ -39,7 +39,7 @@ pub mod wiring;
 pub mod world;
 
 pub use cable::{Cable, Direction, Phy};
-pub use cpu::CpuModel;
+pub use cpu::{CpuModel, Overrun, Unevenness};
 pub use device::DeviceSetup;
 pub use disturbance::BitError;
 pub use host::HostModel;

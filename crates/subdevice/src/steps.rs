@@ -25,7 +25,7 @@ impl Steps {
 
     /// Adds a step behind all that are due no later. No step starts twice from one event, so the list
     /// holds them all.
-    pub(crate) fn push(&mut self, step: Step, delay: Nanos) {
+    pub fn push(&mut self, step: Step, delay: Nanos) {
         let mut at = self.len;
         // Most are pushed in order: nothing moves.
         while at > 0 && self.list[at - 1].1 > delay {

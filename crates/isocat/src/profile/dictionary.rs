@@ -129,6 +129,7 @@ impl Draft<'_> {
             application: self.times.application,
             input_copy: follow(self.times.input_copy, object::INPUT_PARAMETER, "input_copy")?,
             jitter: self.times.jitter,
+            unevenness: self.times.unevenness,
         };
         let shifts_by = |index, by| {
             self.value(index, object::sub::SUPPORTED_TYPES)

@@ -2,6 +2,7 @@
 //! came from.
 
 use isocat_esc::chip::Chip;
+use isocat_sim::Unevenness;
 use isocat_subdevice::description::{Behaviour, Mailbox};
 use isocat_sync::SupportedTypes;
 use isocat_wire::ObjectAddress;
@@ -129,6 +130,7 @@ pub(super) struct Times {
     pub application: Nanos,
     pub input_copy: Option<Nanos>,
     pub jitter: Nanos,
+    pub unevenness: Unevenness,
 }
 
 /// One item of `[[assumed]]`.

@@ -2,6 +2,7 @@
 
 use std::ops::RangeInclusive;
 
+use isocat_sim::{Overrun, Unevenness};
 use isocat_subdevice::description::{Behaviour, LossCodes, Mailbox, Measured, MissedEvents};
 use isocat_subdevice::{MAX_MAILBOX, MAX_PROCESS_DATA};
 use isocat_sync::{SupportedTypes, SyncMode};
@@ -261,7 +262,17 @@ fn op_mode(table: Table<'_>) -> Result<OpMode, FileError> {
 }
 
 fn times(table: Table<'_>) -> Result<Times, FileError> {
-    table.allow(&["reaction", "calc_and_copy", "application", "input_copy", "jitter"])?;
+    table.allow(&[
+        "reaction",
+        "calc_and_copy",
+        "application",
+        "input_copy",
+        "jitter",
+        "latency",
+        "variation",
+        "overrun",
+        "timer_jitter",
+    ])?;
     let time =
         |key, least| table.value(key).map(|value| value.duration(least..=LONGEST_STEP)).transpose();
     let needed = |key| {
@@ -275,6 +286,25 @@ fn times(table: Table<'_>) -> Result<Times, FileError> {
         application: needed("application")?,
         input_copy: time("input_copy", Nanos(1))?,
         jitter: time("jitter", Nanos::ZERO)?.unwrap_or(Nanos::ZERO),
+        unevenness: Unevenness {
+            latency: time("latency", Nanos::ZERO)?.unwrap_or(Nanos::ZERO),
+            variation: match table.value("variation") {
+                Some(value) => value.integer(0..=100)? as u8,
+                None => 0,
+            },
+            overrun: table.table("overrun")?.map(overrun).transpose()?,
+            timer_jitter: time("timer_jitter", Nanos::ZERO)?.unwrap_or(Nanos::ZERO),
+        },
+    })
+}
+
+fn overrun(table: Table<'_>) -> Result<Overrun, FileError> {
+    table.allow(&["one_in", "by"])?;
+    let count = table.required("one_in", "in how many cycles it happens once")?;
+    let by = table.required("by", "a duration with its unit, such as \"200us\"")?;
+    Ok(Overrun {
+        one_in: count.integer(1..=i64::from(u32::MAX))? as u32,
+        by: by.duration(Nanos(1)..=LONGEST_STEP)?,
     })
 }
 

@@ -6,7 +6,7 @@ use isocat_wire::register::al_event;
 use isocat_wire::time::{Device, Time};
 use isocat_wire::{Nanos, frame};
 
-use crate::device;
+use crate::{device, machine};
 
 /// The stack with the application of this device.
 pub type Stack = SubDevice<Io, [u8; device::STORE]>;
@@ -21,12 +21,30 @@ pub struct Bench {
     /// Steps that were started with a delay, and the instant at which each is due.
     waiting: [Option<(Time<Device>, Step)>; WAITING],
     frames: u32,
+    call_stack: CallStack,
+}
+
+/// The most call stack that the stack took, bytes, the software ESC's door included.
+#[derive(Clone, Copy, Default)]
+pub struct CallStack {
+    /// One turn of the main loop.
+    pub main_loop: usize,
+    /// One event of a cycle, with all its steps.
+    pub interrupt: usize,
 }
 
 impl Bench {
     /// The device, powered on at time 0.
     pub fn new(esc: &'static mut Esc<&'static mut [u8]>, stack: &'static mut Stack) -> Self {
-        Self { esc, stack, now: Time::ZERO, polling: None, waiting: [None; WAITING], frames: 0 }
+        Self {
+            esc,
+            stack,
+            now: Time::ZERO,
+            polling: None,
+            waiting: [None; WAITING],
+            frames: 0,
+            call_stack: CallStack::default(),
+        }
     }
 
     /// A frame of `len` bytes arrives now; returns when it has passed.
@@ -51,9 +69,7 @@ impl Bench {
             } else if let Some(step) = self.take_waiting() {
                 self.perform(step);
             } else {
-                self.polling = self.polling.filter(|due| *due > self.now);
-                self.handle(Event::Timer);
-                self.stack.poll(self.now, &mut self.esc.pdi(self.now));
+                self.main_loop();
             }
         }
         self.now = end;
@@ -69,6 +85,11 @@ impl Bench {
         self.frames
     }
 
+    /// The most call stack so far.
+    pub fn call_stack(&self) -> CallStack {
+        self.call_stack
+    }
+
     /// The stack, to look at.
     pub fn stack(&self) -> &Stack {
         self.stack
@@ -78,6 +99,15 @@ impl Bench {
         let waiting = self.waiting.iter().flatten().map(|(due, _)| *due);
         let own = [self.polling, self.stack.next_timeout()];
         own.into_iter().flatten().chain(waiting).fold(self.esc.next_event(), Time::min)
+    }
+
+    fn main_loop(&mut self) {
+        self.polling = self.polling.filter(|due| *due > self.now);
+        self.handle(Event::Timer);
+        let used = machine::call_stack_of(|| {
+            self.stack.poll(self.now, &mut self.esc.pdi(self.now));
+        });
+        self.call_stack.main_loop = self.call_stack.main_loop.max(used);
     }
 
     /// What wires from the ESC to the CPU do on a board.
@@ -104,6 +134,11 @@ impl Bench {
     }
 
     fn handle(&mut self, event: Event) {
+        let used = machine::call_stack_of(|| self.start(event));
+        self.call_stack.interrupt = self.call_stack.interrupt.max(used);
+    }
+
+    fn start(&mut self, event: Event) {
         let steps = self.stack.handle_event(self.now, event, &mut self.esc.pdi(self.now));
         for (step, delay) in steps {
             if delay == Nanos::ZERO {

@@ -1,31 +1,46 @@
-//! The CPU: how deep its call stack was, and what it does after a fault. The one file with unsafe code.
+//! The CPU: how much call stack something takes, and what comes after a fault. With `footprint`, which is another
+//! program, the only unsafe code.
 #![expect(
     unsafe_code,
     reason = "the call stack is looked at from outside; the handler must be unsafe"
 )]
 
-use core::ptr::{addr_of, read_volatile};
+use core::ptr::write_volatile;
+use core::ptr::{addr_of, read_volatile, with_exposed_provenance, with_exposed_provenance_mut};
 
-use cortex_m_rt::{ExceptionFrame, STACK_PAINT_VALUE};
+use cortex_m::register::msp;
+use cortex_m_rt::ExceptionFrame;
 use cortex_m_semihosting::debug::{self, EXIT_FAILURE};
 use cortex_m_semihosting::hprintln;
 
 unsafe extern "C" {
-    /// Behind the highest byte of the call stack.
-    static _stack_start: u32;
-    /// The lowest byte that it may use.
+    /// The lowest byte that the call stack may use: the linker script's.
     static _stack_end: u32;
 }
 
-/// Bytes of call stack that were ever used: it was painted before `main`.
-pub fn stack_used() -> usize {
-    let (mut at, top) = (addr_of!(_stack_end), addr_of!(_stack_start));
-    // SAFETY: the linker script sets both ends around memory that belongs to the call stack alone, word by
-    // word; it is read volatile since others write it.
-    while at < top && unsafe { read_volatile(at) } == STACK_PAINT_VALUE {
-        at = at.wrapping_add(1);
+/// Does something and tells how many bytes of call stack it took, down to the word: paints what is free, and
+/// looks what lost its paint.
+#[inline(never)]
+pub fn call_stack_of(work: impl FnOnce()) -> usize {
+    let top = msp::read() as usize;
+    let bottom = addr_of!(_stack_end) as usize;
+    let free = || (bottom..top - MARGIN).step_by(size_of::<u32>());
+    for at in free() {
+        // SAFETY: from the end of the call stack up to the stack pointer is nothing that anybody uses, and no
+        // interrupt is on.
+        unsafe { write_volatile(with_exposed_provenance_mut(at), PAINT) };
     }
-    top as usize - at as usize
+    apart(work);
+    // SAFETY: the same words.
+    let is_painted =
+        |at: usize| unsafe { read_volatile::<u32>(with_exposed_provenance(at)) } == PAINT;
+    free().find(|&at| !is_painted(at)).map_or(0, |at| top - at)
+}
+
+/// Keeps what the work needs out of the painter's own frame.
+#[inline(never)]
+fn apart(work: impl FnOnce()) {
+    work();
 }
 
 /// A call stack that is too small ends here, for instance.
@@ -35,3 +50,8 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     debug::exit(EXIT_FAILURE);
     unreachable!("the emulator has ended");
 }
+
+/// What nobody writes by accident.
+const PAINT: u32 = 0x5AFE_57AC;
+/// Bytes below the stack pointer that the painter itself may need.
+const MARGIN: usize = 64;

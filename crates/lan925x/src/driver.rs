@@ -24,6 +24,10 @@ use crate::system::{
 /// ended first. Zeros are no event and no state, so the stack waits meanwhile. Whoever runs the main
 /// loop looks at [`fault`](Self::fault) once a turn and decides.
 ///
+/// Process data are the exception: zeros may be outputs. As long as the buffer of SM2 was not read its event
+/// stands and the interrupt line stays active: a handler that runs until the line falls fetches it again.
+/// Where the chip had already given the buffer out, the application sees zeros for one cycle.
+///
 /// **Time.** The driver knows no clock: an access that the chip does not end is given up after a number
 /// of looks, [`with_polls`](Self::with_polls).
 #[derive(Debug)]

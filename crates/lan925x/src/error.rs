@@ -65,7 +65,10 @@ impl<E: fmt::Debug> fmt::Display for Error<E> {
         match self {
             Error::Bus(fault) => write!(f, "SPI: {fault:?}"),
             Error::ByteTest { found } => {
-                write!(f, "BYTE_TEST (0x064): expected {BYTE_TEST_VALUE:#010x}, found {found:#010x}")
+                write!(
+                    f,
+                    "BYTE_TEST (0x064): expected {BYTE_TEST_VALUE:#010x}, found {found:#010x}"
+                )
             }
             Error::NotReady { found } => write!(
                 f,

@@ -28,7 +28,7 @@ fn main() -> ! {
     let stack = SubDevice::new(&device::DESCRIPTION, [0; device::STORE], Io::new());
     let stack = STACK.write(stack);
     let mut chip = Lan925x::new(Spi);
-    while chip.reset(&mut Timer).is_err() {}
+    start(&mut chip);
     loop {
         let lines = read(LINES);
         for (line, event) in
@@ -48,9 +48,14 @@ fn main() -> ! {
         // What to do about a bus that fails is the device's own: here, a restart of the chip.
         if chip.take_fault().is_some() {
             stack.power_off();
-            while chip.reset(&mut Timer).is_err() {}
+            start(&mut chip);
         }
     }
+}
+
+/// Tries until there is a chip.
+fn start(chip: &mut Lan925x<Spi>) {
+    while chip.reset(&mut Timer).is_err() || chip.enable_interrupt(true).is_err() {}
 }
 
 /// The board's SPI with the chip's select line.

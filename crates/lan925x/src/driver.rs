@@ -6,12 +6,14 @@ use isocat_esc::Pdi;
 
 use crate::error::Error;
 use crate::system::{
-    self, BYTE_TEST, BYTE_TEST_VALUE, HW_CFG, HW_CFG_READY, ID_REV, RESET_CTL, RESET_DIGITAL,
+    self, BYTE_TEST, BYTE_TEST_VALUE, HW_CFG, HW_CFG_READY, ID_REV, INT_EN, INT_ESC,
+    IRQ_ACTIVE_HIGH, IRQ_CFG, IRQ_ENABLED, IRQ_PUSH_PULL, RESET_CTL, RESET_DIGITAL,
 };
 
 /// A LAN9252, LAN9253 or LAN9254 behind SPI.
 ///
-/// - start: [`reset`](Self::reset) or, if the chip was reset with the CPU, [`connect`](Self::connect);
+/// - start: [`reset`](Self::reset) or, if the chip was reset with the CPU, [`connect`](Self::connect); then
+///   [`enable_interrupt`](Self::enable_interrupt);
 /// - the stack's door: [`Pdi`], where nothing fails visibly;
 /// - the same with errors: [`try_read`](Self::try_read), [`try_write`](Self::try_write);
 /// - faults: [`fault`](Self::fault), [`take_fault`](Self::take_fault), [`faults`](Self::faults),
@@ -95,6 +97,14 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
         let found = self.read_system(ID_REV)?;
         let id = ChipId { chip: (found >> 16) as u16, revision: found as u16 };
         if KNOWN.contains(&id.chip) { Ok(id) } else { Err(Error::UnknownChip { found }) }
+    }
+
+    /// Lets the ESC's interrupt reach the pin, which drives both levels: a level, active as long as an AL
+    /// event stands that the mask (0x0204) lets through. A reset switches it off.
+    pub fn enable_interrupt(&mut self, active_high: bool) -> Result<(), Error<SPI::Error>> {
+        let polarity = if active_high { IRQ_ACTIVE_HIGH } else { 0 };
+        self.write_system(IRQ_CFG, IRQ_ENABLED | IRQ_PUSH_PULL | polarity)?;
+        self.write_system(INT_EN, INT_ESC)
     }
 
     /// Whether the chip still answers: reads BYTE_TEST once. A bus that reads zeros looks like an ESC

@@ -8,7 +8,7 @@ pub const PRAM_READ_DATA: u16 = 0x000;
 pub const PRAM_WRITE_DATA: u16 = 0x020;
 /// Chip in bits 31:16, revision in bits 15:0.
 pub const ID_REV: u16 = 0x050;
-/// Interrupt pin: polarity, buffer type, de-assertion time.
+/// Interrupt pin: push-pull 0, active high 4, enabled 8.
 pub const IRQ_CFG: u16 = 0x054;
 /// Which interrupts reach the pin; bit 0 is the ESC's.
 pub const INT_EN: u16 = 0x05C;
@@ -44,6 +44,14 @@ pub const CSR_READ: u32 = 1 << 30;
 /// Bit 30 of [`PRAM_READ_CMD`] and [`PRAM_WRITE_CMD`]: the access ends, its FIFO is emptied; clears
 /// itself.
 pub const PRAM_ABORT: u32 = 1 << 30;
+/// [`IRQ_CFG`] bit 0: the pin drives both levels, else it pulls down only.
+pub const IRQ_PUSH_PULL: u32 = 1 << 0;
+/// [`IRQ_CFG`] bit 4: the pin is high while an interrupt stands.
+pub const IRQ_ACTIVE_HIGH: u32 = 1 << 4;
+/// [`IRQ_CFG`] bit 8: the pin works.
+pub const IRQ_ENABLED: u32 = 1 << 8;
+/// [`INT_EN`] bit 0: an AL event of the ESC that its mask (0x0204) lets through reaches the pin.
+pub const INT_ESC: u32 = 1 << 0;
 /// Words that a FIFO holds.
 pub const FIFO_WORDS: usize = 16;
 

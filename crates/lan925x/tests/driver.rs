@@ -117,10 +117,13 @@ fn what_lies_beyond_the_address_space_reads_zero() {
 fn reset_waits_until_the_chip_is_ready() {
     let (board, mut driver) = ready();
     driver.try_write(0x1000, &[7; 8]).unwrap();
+    driver.enable_interrupt(true).unwrap();
+    assert_eq!(board.0.borrow().pin(), Some(false));
     let before = board.0.borrow().now;
     assert_eq!(driver.reset(&mut board.clone()).map(|id| id.chip), Ok(0x9252));
     assert!(board.0.borrow().now - before >= Nanos::millis(10), "that is how long it takes");
     assert_eq!(board.0.borrow().esc.ram()[..8], [0; 8], "the ESC began anew");
+    assert_eq!(board.0.borrow().pin(), None, "the pin is off again");
     assert_no_breach(&board);
 }
 

@@ -212,6 +212,25 @@ fn mailbox_over_spi() {
 }
 
 #[test]
+fn the_pin_is_a_level_as_long_as_an_event_stands() {
+    for active_high in [false, true] {
+        let mut rig = Rig::new();
+        let pin = |rig: &Rig| rig.board.0.borrow().pin();
+        // What is left of the start is done.
+        rig.until(rig.now() + Nanos::micros(100));
+        assert_eq!(pin(&rig), None);
+        rig.driver.enable_interrupt(active_high).unwrap();
+        assert_eq!(pin(&rig), Some(!active_high));
+        // The main loop looks 20 us after the frame.
+        rig.write(register::AL_CONTROL, AlControl::request(AlState::Init));
+        assert_eq!(pin(&rig), Some(active_high));
+        rig.until(rig.now() + Nanos::micros(100));
+        assert_eq!(pin(&rig), Some(!active_high));
+        rig.assert_clean();
+    }
+}
+
+#[test]
 fn from_init_to_op_with_sync0_over_spi() {
     let mut rig = Rig::new();
     rig.pre_op();

@@ -41,6 +41,8 @@ pub struct Chip {
     /// The bus reads this whatever is asked, if nobody drives it.
     pub floating: Option<u8>,
     reset: bool,
+    irq_cfg: u32,
+    int_en: u32,
     csr: Option<Command>,
     csr_data: u32,
     reader: Transfer,
@@ -103,6 +105,8 @@ impl Chip {
             word_time: Some(Nanos(300)),
             floating: None,
             reset: false,
+            irq_cfg: 0,
+            int_en: 0,
             csr: None,
             csr_data: 0,
             reader: Transfer::default(),
@@ -119,6 +123,13 @@ impl Chip {
             self.arriving.front().map(|(at, _)| *at),
         ];
         own.into_iter().flatten().fold(self.esc.next_event(), Time::min)
+    }
+
+    /// The level of the interrupt pin; `None` while nobody drives it.
+    pub fn pin(&self) -> Option<bool> {
+        let active = self.int_en & 1 != 0 && self.esc.interrupt(self.now);
+        let active_high = self.irq_cfg & 1 << 4 != 0;
+        (self.irq_cfg & 0x101 == 0x101).then_some(active == active_high)
     }
 
     /// Time passes, with everything that falls due.
@@ -272,7 +283,10 @@ impl Chip {
                     self.writer.due = Some(self.after(self.word_time));
                 }
             }
+            0x054 => self.irq_cfg = word,
+            0x05C => self.int_en = word,
             0x1F8 => {
+                (self.irq_cfg, self.int_en) = (0, 0);
                 self.reset = word & 1 != 0;
                 self.esc.power_on(self.now, Time::new(0));
                 self.ready_at = self.now + Nanos::millis(10);

@@ -13,7 +13,10 @@
 //! Both stand on the chip's own registers, which SPI reads and writes directly (`system`).
 //!
 //! The bus runs in mode 0 or 3, at up to 30 MHz: reads use the command without a dummy byte. The EEPROM must
-//! configure SPI with the LAN9252's indirect access as PDI.
+//! configure SPI with the LAN9252's indirect access as PDI. A cycle with DC SYNC0 and four bytes each way
+//! takes about 18 transactions and 126 bytes of the bus: 34 us at 30 MHz, pauses between them apart.
+//!
+//! The driver was tested against a model of the chip's registers (`tests/chip`), not on a chip yet.
 //!
 //! ```no_run
 //! # fn device<SPI: embedded_hal::spi::SpiDevice>(

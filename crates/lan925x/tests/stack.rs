@@ -221,8 +221,9 @@ fn the_pin_is_a_level_as_long_as_an_event_stands() {
         assert_eq!(pin(&rig), None);
         rig.driver.enable_interrupt(active_high).unwrap();
         assert_eq!(pin(&rig), Some(!active_high));
-        // The main loop looks 20 us after the frame.
+        // The ESC takes the frame over at its next tick, the main loop looks 20 us later.
         rig.write(register::AL_CONTROL, AlControl::request(AlState::Init));
+        rig.until(rig.now() + Nanos(10));
         assert_eq!(pin(&rig), Some(active_high));
         rig.until(rig.now() + Nanos::micros(100));
         assert_eq!(pin(&rig), Some(!active_high));
@@ -258,6 +259,8 @@ fn from_init_to_op_with_sync0_over_spi() {
     let bytes = cycle(bytes, rig.board.0.borrow().bytes);
     let transactions = cycle(transactions, rig.board.0.borrow().transactions);
     println!("a cycle of 4 bytes each way: {transactions} SPI transactions, {bytes} bytes");
+    assert!((15..=21).contains(&transactions), "18 as the crate's page says: {transactions}");
+    assert!((110..=140).contains(&bytes), "126 as the crate's page says: {bytes}");
     assert_eq!(rig.stack.sync().missed_events_total(), 0);
     assert_eq!(rig.stack.sync().cycle_time_too_small(), 0);
     rig.assert_clean();

@@ -118,7 +118,7 @@ impl Check {
             Check::Sync1CoversCopy => "calc and copy time <= SYNC1 - SYNC0",
             Check::Sync1BeforeNextSync0 => "SYNC1 - SYNC0 < SYNC0 cycle",
             Check::InputsBeforeFrame => {
-                "SYNC0 + input shift + calc and copy time + clock error <= next frame"
+                "pulse of Input Latch + input shift + calc and copy time + clock error <= next frame"
             }
             Check::ShiftCoversDelay => "delay time <= shift time",
             Check::ShiftWithinCycle => "shift time < cycle",

@@ -28,6 +28,10 @@ pub(crate) struct Mailbox {
     messages: [Message; 2],
     /// Which of them is the later one.
     latest: usize,
+    /// Which of them stands in SM1, or stood there last.
+    shown: usize,
+    /// Which of them the MainDevice read last; that one it may have lost.
+    read: Option<usize>,
     /// A message stands in SM1 and was not read yet.
     occupied: bool,
     /// The latest message had to make room for a repetition and is due again.
@@ -60,6 +64,8 @@ impl Mailbox {
             sent: 0,
             messages: [Message { bytes: [0; MAX_MAILBOX], len: 0 }; 2],
             latest: 0,
+            shown: 0,
+            read: None,
             occupied: false,
             again: false,
             emptying: None,
@@ -82,6 +88,7 @@ impl Mailbox {
         self.received = 0;
         self.sent = 0;
         self.latest = 0;
+        self.read = None;
         self.occupied = false;
         self.again = false;
         self.emptying = None;
@@ -112,15 +119,21 @@ impl Mailbox {
             return;
         }
         let full = sm.status & SyncManager::STATUS_FULL != 0;
-        if (full || self.is_repeating()) && self.messages[1 - self.latest].len > 0 {
-            // A newer message stands there already: it gives way and comes again afterwards.
-            if !self.empty_send_mailbox(sm.pdi_control & SyncManager::REPEAT, pdi) {
-                return;
+        if !full && !self.is_repeating() {
+            self.was_read();
+        }
+        match self.read {
+            Some(lost) if full && self.shown == lost => {}
+            Some(lost) => {
+                // A newer message may stand there already: it gives way and comes again afterwards.
+                let occupied = full || self.is_repeating();
+                if occupied && !self.empty_send_mailbox(sm.pdi_control & SyncManager::REPEAT, pdi) {
+                    return;
+                }
+                self.put(lost, pdi);
+                self.again = lost != self.latest;
             }
-            self.put(1 - self.latest, pdi);
-            self.again = true;
-        } else if !full && self.messages[self.latest].len > 0 {
-            self.put(self.latest, pdi);
+            None => {}
         }
         pdi.store(register::sm_pdi_control(SEND), asked);
     }
@@ -136,7 +149,7 @@ impl Mailbox {
         let Some(areas) = self.areas else { return };
         let was_read = events & al_event::sync_manager(SEND) != 0;
         if was_read {
-            self.occupied = false;
+            self.was_read();
         }
         if !self.occupied && core::mem::take(&mut self.again) {
             self.put(self.latest, pdi);
@@ -226,6 +239,14 @@ impl Mailbox {
             pdi.write(areas.send.start + (areas.send.length - 1), &[0]);
         }
         self.occupied = true;
+        self.shown = which;
+    }
+
+    /// The MainDevice has read what stood in SM1.
+    fn was_read(&mut self) {
+        if core::mem::take(&mut self.occupied) {
+            self.read = Some(self.shown);
+        }
     }
 
     /// Empties SM1 by switching it off and on. The ESC does each at the end of the frame that is passing;

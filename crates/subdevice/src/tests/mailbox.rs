@@ -105,6 +105,30 @@ fn an_answer_that_was_lost_comes_again() {
 }
 
 #[test]
+fn a_repetition_that_was_lost_too_comes_again() {
+    let mut bench = bench();
+    bench.send_raw(&request(1));
+    bench.poll();
+    let first = bench.receive();
+    bench.poll();
+    bench.send_raw(&request(2));
+    bench.poll();
+    toggle_repeat(&mut bench);
+    assert_eq!(bench.receive(), first);
+    // Asked again before the newer one stands there; and then twice without reading.
+    toggle_repeat(&mut bench);
+    assert_eq!(bench.receive(), first, "not the newer one, which was not lost");
+    bench.poll();
+    toggle_repeat(&mut bench);
+    toggle_repeat(&mut bench);
+    assert_eq!(bench.receive(), first);
+    bench.poll();
+    assert_eq!(bench.receive().unwrap().0.counter, 2);
+    bench.poll();
+    assert_eq!(bench.receive(), None, "each once");
+}
+
+#[test]
 fn a_repetition_waits_until_the_esc_has_emptied_the_mailbox() {
     let mut bench = bench();
     bench.send_raw(&request(1));

@@ -4,6 +4,7 @@
 //! sync or lost it, 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
 //! input. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused.
 
+mod explain;
 #[cfg(target_os = "linux")]
 mod interface;
 mod run;
@@ -38,6 +39,7 @@ Examples:
   isocat control ecat-seg pull 2      ... and something that happens to it
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
+  isocat explain modes                what each synchronization mode needs of a device
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. serve and control: 0 done as asked, 2 not.";
 
@@ -64,6 +66,8 @@ enum Verb {
     /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),
+    /// Tell what the standard says: explain modes
+    Explain(explain::Arguments),
     /// Print the built-in segment file
     Example,
     /// List the built-in device profiles; with a name, print that profile
@@ -91,6 +95,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Serve(arguments)) => serve::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Control(arguments)) => serve::control(&arguments),
+        Some(Verb::Explain(arguments)) => explain::run(&arguments),
         Some(Verb::Example) => print(crate::SegmentFile::built_in_text()),
         Some(Verb::Devices { name }) => devices(name.as_deref()),
     };

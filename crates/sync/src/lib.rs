@@ -2,8 +2,9 @@
 //!
 //! A SubDevice describes its synchronization in two objects, 0x1C32 for outputs and 0x1C33 for
 //! inputs; [`object`] holds them as typed values. [`mode`] says which event starts which step in each
-//! synchronization mode. From the times in the objects and the arrival of the frames [`budget`] makes
-//! the plan of one cycle: where SYNC0 must lie, with how much slack, or which line does not fit.
+//! synchronization mode, and [`table`] which sub-indices a mode needs and who may write them. From the
+//! times in the objects and the arrival of the frames [`budget`] makes the plan of one cycle: where SYNC0
+//! must lie, with how much slack, or which line does not fit.
 //!
 //! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays, [`drift`]
 //! judges from measured differences whether clocks have converged, [`phase`] is the servo that lets
@@ -23,6 +24,7 @@ pub mod mode;
 pub mod object;
 pub mod phase;
 pub mod pulses;
+pub mod table;
 
 pub use mode::{Chain, Event, Step, SyncMode};
 pub use object::{SupportedTypes, SyncParameters, SyncType};

@@ -1,0 +1,155 @@
+//! `isocat explain`: what the standard says, from the data that the stack runs on.
+
+use std::fmt::Write;
+
+use clap::{Args, Subcommand};
+use isocat_sync::object::{self, INPUT_PARAMETER, OUTPUT_PARAMETER};
+use isocat_sync::table::{Column, Condition, Need, Rights, SUBS, lookup};
+use serde::Serialize;
+
+use super::print;
+
+/// Arguments of `isocat explain`.
+#[derive(Args, Debug)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    topic: Topic,
+}
+
+#[derive(Subcommand, Debug)]
+enum Topic {
+    /// Which sub-indices of 0x1C32 and 0x1C33 each synchronization mode needs, and who may write them
+    Modes {
+        /// Print for a program
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Explains.
+pub(super) fn run(arguments: &Arguments) -> u8 {
+    match arguments.topic {
+        Topic::Modes { json: false } => print(&modes()),
+        Topic::Modes { json: true } => print(&modes_json()),
+    }
+}
+
+/// Both objects as tables of at most 100 columns.
+fn modes() -> String {
+    let mut text = String::from(
+        "Sub-indices of 0x1C32 and 0x1C33 by synchronization mode (ETG.1020).\n\
+         In each cell: who may write it, and whether it must be there.\n",
+    );
+    for (index, title) in OBJECTS {
+        let _ = writeln!(text, "\n0x{index:04X} {title}");
+        for line in HEADINGS {
+            let cells: String = line.iter().map(|word| format!(" {word:<7}")).collect();
+            let _ = writeln!(text, "{}", format!("{:NAME$}{cells}", "").trim_end());
+        }
+        for sub in SUBS {
+            let name = format!("{sub:02X} {}", name(index, sub));
+            let cells: String = Column::ALL
+                .iter()
+                .filter_map(|column| lookup(index, sub, *column))
+                .map(|cell| match cell.is_used() {
+                    true => format!(" {:<4} {:<2}", cell.rights, cell.need),
+                    false => format!(" {:<7}", "-"),
+                })
+                .collect();
+            let _ = writeln!(text, "{}", format!("{name:NAME$}{cells}").trim_end());
+        }
+    }
+    text += "\nR read only, RW writable, R/RW either, - not used in this mode\n\
+             M mandatory, O optional, C mandatory on a condition:\n";
+    for condition in Condition::ALL {
+        let _ = writeln!(text, "   {} if {}", condition.mark(), condition.in_words());
+    }
+    text + "Sub-index 00, the highest sub-index, is read only and always there.\n"
+}
+
+/// The same as JSON.
+fn modes_json() -> String {
+    let cell = |index, sub, column: &Column| {
+        let cell = lookup(index, sub, *column)?;
+        Some(Cell {
+            column: column.name(),
+            access: match cell.rights {
+                Rights::None => None,
+                Rights::Read => Some("R"),
+                Rights::ReadWrite => Some("RW"),
+                Rights::Either => Some("R/RW"),
+            },
+            need: match cell.need {
+                Need::None => "not used",
+                Need::Mandatory => "mandatory",
+                Need::Optional => "optional",
+                Need::Conditional(_) => "conditional",
+            },
+            condition: match cell.need {
+                Need::Conditional(condition) => Some(condition.in_words()),
+                _ => None,
+            },
+        })
+    };
+    let row = |index, sub| Row {
+        sub,
+        name: name(index, sub),
+        columns: Column::ALL.iter().filter_map(|column| cell(index, sub, column)).collect(),
+    };
+    let objects = OBJECTS.map(|(index, title)| Object {
+        index: format!("0x{index:04X}"),
+        name: title,
+        sub_indices: SUBS.iter().map(|sub| row(index, *sub)).collect(),
+    });
+    let json = serde_json::to_string_pretty(&Modes { objects });
+    json.expect("texts and numbers can be written as JSON") + "\n"
+}
+
+#[derive(Serialize)]
+struct Modes {
+    objects: [Object; 2],
+}
+
+#[derive(Serialize)]
+struct Object {
+    index: String,
+    name: &'static str,
+    sub_indices: Vec<Row>,
+}
+
+#[derive(Serialize)]
+struct Row {
+    sub: u8,
+    name: &'static str,
+    columns: Vec<Cell>,
+}
+
+#[derive(Serialize)]
+struct Cell {
+    column: &'static str,
+    /// Absent where the sub-index is not used.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    access: Option<&'static str>,
+    need: &'static str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    condition: Option<&'static str>,
+}
+
+/// What the sub-index is called in this object.
+fn name(index: u16, sub: u8) -> &'static str {
+    match (index, sub) {
+        (INPUT_PARAMETER, object::sub::MINIMUM_DELAY_TIME | 0x0F..=0x12) => "reserved",
+        _ => object::name(sub).unwrap_or("reserved"),
+    }
+}
+
+const OBJECTS: [(u16, &str); 2] =
+    [(OUTPUT_PARAMETER, "SM output parameter"), (INPUT_PARAMETER, "SM input parameter")];
+/// The names of the columns, in lines.
+const HEADINGS: [[&str; 8]; 3] = [
+    ["Free", "SM", "SM 2/3", "DC", "DC", "DC", "DC", "DC"],
+    ["Run", "2/3", "shift", "", "shift", "shift", "SYNC1", "subor-"],
+    ["", "", "", "", "", "SYNC1", "", "dinated"],
+];
+/// Width of sub-index and name.
+const NAME: usize = 34;

@@ -156,6 +156,20 @@ impl<'a> Table<'a> {
         })
     }
 
+    /// All keys with their values, in the order of the file.
+    pub fn values(&self) -> Vec<(&'a str, Value<'a>)> {
+        let mut all: Vec<_> = self
+            .entries
+            .iter()
+            .map(|(key, value)| {
+                let name: &'a str = key.get_ref().as_ref();
+                (name, Value { source: self.source, name, value })
+            })
+            .collect();
+        all.sort_by_key(|(_, value)| value.at());
+        all
+    }
+
     /// The tables of an array of tables `[[key]]`; none if it is absent.
     pub fn tables(&self, key: &'a str) -> Result<Vec<Table<'a>>, FileError> {
         match self.value(key) {

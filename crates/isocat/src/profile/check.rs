@@ -333,7 +333,18 @@ fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> 
             SyncType::DC_SYNC1 => types.dc_sync1(),
             _ => false,
         };
-        if !announced {
+        if announced && object.contradiction.is_some() {
+            return Err(draft.source.error(
+                object.at,
+                format!(
+                    "object 0x{:04X} has a contradiction written, but {} = {types} announces {sync_type}; \
+                     expected none",
+                    object.index,
+                    address(object::sub::SUPPORTED_TYPES)
+                ),
+            ));
+        }
+        if !announced && object.contradiction.is_none() {
             return Err(draft.source.error(
                 entry.at,
                 format!(

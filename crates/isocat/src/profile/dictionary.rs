@@ -393,7 +393,7 @@ fn row(sub: u8, name: &str, data_type: DataType, access: Access) -> Row<'_> {
 fn var(at: usize, index: u16, row: Row<'_>, value: Vec<u8>) -> draft::Object {
     let (code, data_type, name) = (ObjectCode::VAR, row.data_type, row.name.to_owned());
     let entries = vec![entry(at, index, row, value, &[])];
-    draft::Object { at, index, name, code, data_type, entries }
+    draft::Object { at, index, name, code, data_type, entries, contradiction: None }
 }
 
 fn entry(
@@ -428,8 +428,17 @@ struct Group {
 impl Group {
     fn new(at: usize, index: u16, name: &str, code: ObjectCode, data_type: DataType) -> Self {
         let (name, entries) = (name.to_owned(), Vec::new());
-        let mut group =
-            Self { object: draft::Object { at, index, name, code, data_type, entries } };
+        let mut group = Self {
+            object: draft::Object {
+                at,
+                index,
+                name,
+                code,
+                data_type,
+                entries,
+                contradiction: None,
+            },
+        };
         let count = row(0, "Highest sub-index supported", DataType::UNSIGNED8, Access::READ);
         group = group.entry(count, vec![0]);
         group

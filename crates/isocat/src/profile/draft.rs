@@ -104,6 +104,8 @@ pub(super) struct Object {
     pub code: ObjectCode,
     pub data_type: DataType,
     pub entries: Vec<Entry>,
+    /// Why the object says what can't be true together: its maker has published it so.
+    pub contradiction: Option<String>,
 }
 
 /// A row of an object.

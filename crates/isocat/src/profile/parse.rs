@@ -13,7 +13,7 @@ use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Property, Times};
-use super::rows::{object, parse_access, parse_hex, parse_object, parse_type};
+use super::rows::{objects, parse_access, parse_hex, parse_object, parse_type};
 use super::{ApplicationKind, CHIPS, Identity, OpMode};
 use crate::document::{FileError, Source, Table, Value};
 
@@ -34,6 +34,7 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         "inputs",
         "object",
         "opmode",
+        "opmodes",
         "times",
         "behaviour",
         "assumed",
@@ -85,8 +86,8 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         modes: modes(root, has_mailbox)?,
         outputs: area("outputs", 0x1600..=0x17FF)?,
         inputs: area("inputs", 0x1A00..=0x1BFF)?,
-        objects: root.tables("object")?.into_iter().map(object).collect::<Result<_, _>>()?,
-        op_modes: root.tables("opmode")?.into_iter().map(op_mode).collect::<Result<_, _>>()?,
+        objects: objects(root.tables("object")?)?,
+        op_modes: op_modes(root)?,
         times: times(section("times", "a table with application and others")?)?,
         behaviour: behaviour(root.table("behaviour")?)?,
         assumed: assumed(root)?,
@@ -158,8 +159,8 @@ fn modes(root: Table<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTy
 fn area(table: Table<'_>, pdos: RangeInclusive<i64>, has_mailbox: bool) -> Result<Area, FileError> {
     // Without a mailbox there is no 0x1C12 or 0x1C13 to be written.
     table.allow(match has_mailbox {
-        true => &["start", "length", "access", "slots", "default", "recommended", "pdo"],
-        false => &["start", "length", "default", "pdo"],
+        true => &["start", "length", "access", "slots", "default", "recommended", "pdo", "pdos"],
+        false => &["start", "length", "default", "pdo", "pdos"],
     })?;
     let list = |key| {
         table.value(key).map(|value| {
@@ -170,11 +171,16 @@ fn area(table: Table<'_>, pdos: RangeInclusive<i64>, has_mailbox: bool) -> Resul
             indices.iter().map(index).collect::<Result<Vec<_>, FileError>>()
         })
     };
-    let definitions = table
+    let mut definitions = table
         .tables("pdo")?
         .into_iter()
         .map(|table| pdo(table, pdos.clone()))
         .collect::<Result<Vec<_>, _>>()?;
+    if let Some(rows) = table.value("pdos") {
+        for row in rows.array("rows [PDO, bits]")? {
+            definitions.push(bare_pdo(&row, pdos.clone())?);
+        }
+    }
     let default = list("default").unwrap_or(Ok(Vec::new()))?;
     let recommended = list("recommended").unwrap_or_else(|| Ok(default.clone()))?;
     let slots = match table.value("slots") {
@@ -213,6 +219,22 @@ fn pdo(table: Table<'_>, indices: RangeInclusive<i64>) -> Result<Pdo, FileError>
     })
 }
 
+/// A PDO of which only the length matters: `[0x1A00, 32]`.
+fn bare_pdo(row: &Value<'_>, indices: RangeInclusive<i64>) -> Result<Pdo, FileError> {
+    let cells = row.array("a PDO and its bits")?;
+    let [index, bits] = cells[..] else { return Err(row.unexpected("a row [PDO, bits]")) };
+    let (index, mut left) = (index.integer(indices)? as u16, bits.integer(0..=16_000)?);
+    let mut entries = Vec::new();
+    while left > 0 {
+        let bits = left.min(64) as u8;
+        left -= i64::from(bits);
+        let (data_type, name) = (DataType::GAP, String::new());
+        entries.push(PdoEntry { at: row.at(), object: None, data_type, bits, name });
+    }
+    let direction = if index < 0x1800 { "RxPDO" } else { "TxPDO" };
+    Ok(Pdo { at: row.at(), index, name: format!("{direction} 0x{index:04X}"), entries })
+}
+
 fn pdo_entry(row: &Value<'_>) -> Result<PdoEntry, FileError> {
     if row.is_table() {
         let table = row.table()?;
@@ -239,6 +261,27 @@ fn pdo_entry(row: &Value<'_>) -> Result<PdoEntry, FileError> {
         bits: bits as u8,
         name: name.name("the entry's name")?.to_owned(),
     })
+}
+
+/// Reads `[[opmode]]`, or the short form of many: rows [name, description, assign_activate, factors].
+fn op_modes(root: Table<'_>) -> Result<Vec<OpMode>, FileError> {
+    let mut all = root.tables("opmode")?.into_iter().map(op_mode).collect::<Result<Vec<_>, _>>()?;
+    let Some(rows) = root.value("opmodes") else { return Ok(all) };
+    for row in rows.array("rows")? {
+        let cells = row.array("name, description, word and two factors")?;
+        let [name, description, word, sync0, sync1] = cells[..] else {
+            return Err(row.unexpected("[name, description, assign_activate, sync0, sync1]"));
+        };
+        let factor = |value: Value<'_>| value.integer(i64::from(i16::MIN)..=i64::from(i16::MAX));
+        all.push(OpMode {
+            name: name.name("the mode's name")?.to_owned(),
+            description: description.string("a description")?.to_owned(),
+            assign_activate: word.u16()?,
+            sync0_factor: factor(sync0)? as i16,
+            sync1_factor: factor(sync1)? as i16,
+        });
+    }
+    Ok(all)
 }
 
 fn op_mode(table: Table<'_>) -> Result<OpMode, FileError> {

@@ -6,25 +6,72 @@ use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::time::Nanos;
 
 use super::draft::{Entry, Object};
-use crate::document::{FileError, Table, Value, name_hint};
+use crate::document::{FileError, Source, Table, Value, name_hint};
 
-/// Reads `[[object]]`.
-pub(super) fn object(table: Table<'_>) -> Result<Object, FileError> {
-    table.allow(&["index", "name", "code", "type", "entries"])?;
-    let index = table.required("index", "the object's index")?.integer(0x1000..=0xFFFF)? as u16;
-    let rows = table.required("entries", "rows [sub-index, type, access, value, name]")?;
-    let mut entries: Vec<Entry> = Vec::new();
-    for row in rows.array("rows")? {
-        entry(&row, index, &mut entries)?;
+/// Reads every `[[object]]`.
+pub(super) fn objects(tables: Vec<Table<'_>>) -> Result<Vec<Object>, FileError> {
+    let mut all = Vec::new();
+    for table in tables {
+        all.push(object(table, &all)?);
     }
-    let code = match table.value("code") {
-        Some(value) => value.one_of(&[
+    Ok(all)
+}
+
+/// Reads `[[object]]`; `before` are those that stand before it.
+fn object(table: Table<'_>, before: &[Object]) -> Result<Object, FileError> {
+    table.allow(&[
+        "index",
+        "name",
+        "code",
+        "type",
+        "like",
+        "without",
+        "entries",
+        "values",
+        "contradiction",
+    ])?;
+    let index = table.required("index", "the object's index")?.integer(0x1000..=0xFFFF)? as u16;
+    let like = table.value("like").map(|value| inherited(&value, before)).transpose()?;
+    let mut entries = like.as_ref().map_or(Vec::new(), |like| like.entries.clone());
+    if let Some(subs) = table.value("without") {
+        for sub in subs.array("sub-indices")? {
+            let number = sub.integer(0..=255)? as u8;
+            let Some(at) = entries.iter().position(|entry| entry.sub == number) else {
+                return Err(sub.unexpected("a sub-index of the object that this one is like"));
+            };
+            entries.remove(at);
+        }
+    }
+    let rows = match (table.value("entries"), &like) {
+        (None, Some(_)) => Vec::new(),
+        _ => {
+            let rows = table.required("entries", "rows [sub-index, type, access, value, name]")?;
+            rows.array("rows")?
+        }
+    };
+    let mut own: Vec<Entry> = Vec::new();
+    for row in rows {
+        entry(&row, index, &mut own)?;
+    }
+    if like.is_some() {
+        entries.retain(|entry| own.iter().all(|own| own.sub != entry.sub));
+        entries.extend(own);
+        entries.sort_by_key(|entry| entry.sub);
+    } else {
+        entries = own;
+    }
+    if let Some(values) = table.value("values") {
+        set_values(values.table()?, &mut entries)?;
+    }
+    let code = match (table.value("code"), &like) {
+        (Some(value), _) => value.one_of(&[
             ("var", ObjectCode::VAR),
             ("array", ObjectCode::ARRAY),
             ("record", ObjectCode::RECORD),
         ])?,
-        None if entries.len() == 1 => ObjectCode::VAR,
-        None => ObjectCode::RECORD,
+        (None, Some(like)) => like.code,
+        (None, None) if entries.len() == 1 => ObjectCode::VAR,
+        (None, None) => ObjectCode::RECORD,
     };
     let data_type = match (table.value("type"), code) {
         (Some(value), _) => parse_type(&value)?,
@@ -32,14 +79,64 @@ pub(super) fn object(table: Table<'_>) -> Result<Object, FileError> {
         (None, ObjectCode::RECORD) => RECORD,
         (None, _) => entries.last().map_or(DataType::GAP, |entry| entry.data_type),
     };
-    Ok(Object {
-        at: table.at,
-        index,
-        name: table.required("name", "the object's name")?.name("the object's name")?.to_owned(),
-        code,
-        data_type,
-        entries,
-    })
+    let text = |key, expected| table.required(key, expected)?.name(expected).map(str::to_owned);
+    let contradiction = match table.value("contradiction") {
+        Some(_) => Some(text("contradiction", "what the maker's table contradicts")?),
+        None => None,
+    };
+    let name = match (table.value("name"), like) {
+        (None, Some(like)) => like.name,
+        _ => text("name", "the object's name")?,
+    };
+    Ok(Object { at: table.at, index, name, code, data_type, entries, contradiction })
+}
+
+/// The object that `like` names: `1C32` of this file, which stands before, or `name:1C32` of the built-in
+/// profile of this name. What is wrong with its rows is wrong at `like`.
+fn inherited(value: &Value<'_>, before: &[Object]) -> Result<Object, FileError> {
+    let expected = "an object of this file that stands before (\"1C32\") or of a built-in profile \
+                    (\"kollmorgen_akd2g:1C32\")";
+    let text = value.string(expected)?;
+    let unknown = || value.error(format!("like = \"{text}\" is not there; expected {expected}"));
+    let (profile, index) = match text.rsplit_once(':') {
+        Some((profile, index)) => (Some(profile), index),
+        None => (None, text),
+    };
+    let index = parse_hex(index, 4).ok_or_else(unknown)? as u16;
+    let there;
+    let objects = match profile {
+        None => before,
+        Some(name) => {
+            let text = super::built_in_text(name)
+                .ok_or_else(|| unknown().with_hint(name_hint(name, super::built_in_ids())))?;
+            let source = Source { path: name, text };
+            let document = source.parse()?;
+            there = self::objects(Table::root(source, &document).tables("object")?)?;
+            &there
+        }
+    };
+    let mut found = objects.iter().find(|o| o.index == index).ok_or_else(unknown)?.clone();
+    for entry in &mut found.entries {
+        entry.at = value.at();
+    }
+    Ok(found)
+}
+
+/// Reads `values = { 01 = 0x22, 05 = "1ms" }`: sub-indices in hex as in 1C32:0A.
+fn set_values(table: Table<'_>, entries: &mut [Entry]) -> Result<(), FileError> {
+    for (key, value) in table.values() {
+        let sub = parse_hex(key, 2).map(|sub| sub as u8);
+        let Some(entry) = entries.iter_mut().find(|entry| Some(entry.sub) == sub) else {
+            return Err(value.error(format!(
+                "values has the key \"{key}\"; expected a sub-index of the object in two hex digits"
+            )));
+        };
+        entry.default = parse_value(&value, entry.data_type)?;
+        entry.bits = entry.data_type.bits().unwrap_or(8 * entry.default.len() as u16);
+        entry.written = value.as_string().unwrap_or(value.written()).to_owned();
+        entry.at = value.at();
+    }
+    Ok(())
 }
 
 /// Reads one row; a row of gaps gives several entries.

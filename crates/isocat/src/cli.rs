@@ -109,7 +109,9 @@ fn devices(name: Option<&str>) -> u8 {
             .filter_map(profile::built_in)
             .map(|p| {
                 let modes: Vec<_> = p.modes().map(|mode| mode.name()).collect();
-                format!("{:<26} {} {}: {}\n", p.id, p.vendor, p.name, modes.join(", "))
+                let modes =
+                    if modes.is_empty() { "none announced".into() } else { modes.join(", ") };
+                format!("{:<28} {} {}: {modes}\n", p.id, p.vendor, p.name)
             })
             .collect();
         return print(&list);

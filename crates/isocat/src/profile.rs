@@ -57,6 +57,15 @@
 //! objects one behind the other, unless `offset` says otherwise. An object that is written out takes
 //! the place of the one that would be generated.
 //!
+//! Short forms. `pdos = [[0x1A00, 32]]` in `[inputs]` or `[outputs]` defines PDOs of which only the bits matter.
+//! `opmodes = [["DC", "DC SYNC0", 0x0300, 1, 0]]`, before the tables, lists choices as rows of name, description,
+//! AssignActivate and the factors of SYNC0 and SYNC1. An object may be like one that stands before in the file
+//! (`like = "1C32"`) or in a built-in profile (`like = "beckhoff_el2212:1C32"`); then `without = [0x0A]` leaves
+//! sub-indices out, `entries` replaces or adds rows, and `values = { 05 = "1ms" }` sets values alone.
+//!
+//! Makers' tables are not always free of contradictions. Where 0x1C32:01 or 0x1C33:01 presets a type that
+//! sub-index 04 does not announce, `contradiction = "..."` in the object says that it is no slip of ours.
+//!
 //! A simple device has no `[mailbox]`. Then it has no objects at all, its areas have exactly the `length` of
 //! the PDOs in `default`, and `modes = ["sm"]` says what it works by, since 0x1C32:04 can't.
 //!

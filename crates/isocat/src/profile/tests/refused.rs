@@ -311,7 +311,7 @@ fn names_that_are_not_there() {
     assert_eq!(
         refused_with_hint("[times]", "[tiems]"),
         "p.toml:42:2: unknown key \"tiems\" in the top level\n  did you mean \"times\"? expected one \
-         of: id, name, vendor, application, identity, esc, mailbox, modes, outputs, inputs, object, opmode, \
+         of: id, name, vendor, application, identity, esc, mailbox, modes, outputs, inputs, object, opmode, opmodes, \
          times, behaviour, assumed"
     );
     for (what, expected) in [
@@ -345,4 +345,93 @@ fn damaged_files_are_no_panic() {
         }
     }
     assert!(damaged > 1_000, "{damaged}");
+}
+
+/// The minimal profile with another object behind its last one.
+fn with_object(text: &str) -> Result<&'static Profile, String> {
+    let text = MINIMAL.replacen("[times]", &format!("[[object]]\n{text}\n\n[times]"), 1);
+    Profile::from_toml("p.toml", &text)
+        .map_err(|error| format!("{}:{} {}", error.line, error.column, error.message))
+}
+
+#[test]
+fn an_object_may_be_like_another() {
+    let profile = with_object(
+        "index = 0x1C33\nlike = \"1C32\"\nwithout = [0x06]\nentries = [[0x09, \"UNSIGNED32\", \"ro\", \
+         \"1us\", \"Delay\"]]\nvalues = { 01 = 0x22, 05 = \"200us\" }",
+    );
+    assert_eq!(
+        table(profile.unwrap(), 0x1C33),
+        lines(
+            "00 UNSIGNED8 8 0 0007 32
+            01 UNSIGNED16 16 16 000F 34
+            04 UNSIGNED16 16 96 0007 6
+            05 UNSIGNED32 32 112 0007 200000
+            09 UNSIGNED32 32 224 0007 1000"
+        )
+    );
+    let of_another =
+        with_object("index = 0x10F1\nlike = \"hpmicro_ecat_cia402_ssc:10F1\"").unwrap();
+    let drive = crate::profile::built_in("hpmicro_ecat_cia402_ssc").unwrap();
+    assert_eq!(table(of_another, 0x10F1), table(drive, 0x10F1));
+    let refused = |text: &str| with_object(text).unwrap_err();
+    assert!(
+        refused("index = 0x1C33\nlike = \"1C33\"")
+            .starts_with("44:8 like = \"1C33\" is not there;"),
+        "not like itself"
+    );
+    assert!(
+        refused("index = 0x1C33\nlike = \"kollmorgen:1C33\"")
+            .starts_with("44:8 like = \"kollmorgen:")
+    );
+    assert_eq!(
+        refused("index = 0x1C33\nlike = \"1C32\"\nvalues = { 07 = 1 }"),
+        "45:17 values has the key \"07\"; expected a sub-index of the object in two hex digits"
+    );
+    assert!(
+        refused("index = 0x1C33\nlike = \"1C32\"\nwithout = [7]").starts_with("45:12 without"),
+        "{}",
+        refused("index = 0x1C33\nlike = \"1C32\"\nwithout = [7]")
+    );
+    // What is wrong with what was taken over is wrong where it was.
+    let error = refused("index = 0x1C33\nlike = \"1C32\"\nvalues = { 04 = 4 }");
+    assert!(error.starts_with("44:8 0x1C33:01 is 1 (SM-synchronous), but"), "{error}");
+}
+
+#[test]
+fn a_contradiction_must_be_one() {
+    let object = "index = 0x1C33\nlike = \"1C32\"\ncontradiction = \"printed so\"\n";
+    let profile = with_object(&format!("{object}values = {{ 01 = 0 }}")).unwrap();
+    assert_eq!(profile.value(ObjectAddress::new(0x1C33, 1)), Some(0));
+    assert_eq!(
+        with_object(object).unwrap_err(),
+        "42:1 object 0x1C33 has a contradiction written, but 0x1C33:04 = 0x0006 (SM, DC SYNC0) announces \
+         1 (SM-synchronous); expected none"
+    );
+}
+
+#[test]
+fn short_forms_of_pdos_and_choices() {
+    let text = MINIMAL
+        .replace(
+            "default = [0x1600]",
+            "default = [0x1600, 0x1601]\npdos = [[0x1601, 100], [0x1602, 0]]",
+        )
+        .replace("[identity]", "opmodes = [[\"DC\", \"\", 0x0300, 1, -4]]\n\n[identity]");
+    let profile = Profile::from_toml("p.toml", &text).unwrap();
+    assert_eq!(
+        table(profile, 0x1601),
+        lines("00 UNSIGNED8 8 0 0007 2\n01 UNSIGNED32 32 16 0007 64\n02 UNSIGNED32 32 48 0007 36")
+    );
+    assert_eq!(table(profile, 0x1602), "00 UNSIGNED8 8 0 0007 0\n");
+    let mode = &profile.op_modes[0];
+    assert_eq!((mode.name.as_str(), mode.assign_activate), ("DC", 0x0300));
+    assert_eq!((mode.sync0_factor, mode.sync1_factor), (1, -4));
+    let broken = |from: &str, to: &str| {
+        let error = Profile::from_toml("p.toml", &text.replace(from, to)).unwrap_err();
+        error.message
+    };
+    assert!(broken("[0x1601, 100]", "[0x1601]").contains("expected a row [PDO, bits]"));
+    assert!(broken("0x0300, 1, -4", "0x0300, 1").contains("expected [name, description,"));
+    assert!(broken("[0x1602, 0]", "[0x1601, 0]").contains("0x1601 is defined twice"));
 }

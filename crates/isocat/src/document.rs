@@ -54,15 +54,24 @@ impl fmt::Display for FileError {
 
 impl std::error::Error for FileError {}
 
-/// A hint for `unknown` among `known`: the nearest name if there is one, then all of them.
+/// A hint for `unknown` among `known`: the nearest name if there is one, then all of them, or some if there
+/// are many.
 pub fn name_hint<'k>(unknown: &str, known: impl IntoIterator<Item = &'k str>) -> String {
     let known: Vec<&str> = known.into_iter().collect();
-    let all = known.join(", ");
+    let all = match known.len() {
+        0..=MOST_NAMES => format!("expected one of: {}", known.join(", ")),
+        count => {
+            format!("expected one of {count}, such as: {}", known[..MOST_NAMES / 4].join(", "))
+        }
+    };
     match nearest(unknown, &known) {
-        Some(near) => format!("did you mean \"{near}\"? expected one of: {all}"),
-        None => format!("expected one of: {all}"),
+        Some(near) => format!("did you mean \"{near}\"? {all}"),
+        None => all,
     }
 }
+
+/// Most names that a hint lists.
+const MOST_NAMES: usize = 20;
 
 /// The name that `unknown` was probably meant to be: one that contains it, or one a few typing
 /// errors away (a third of its letters).

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use bench::Bench;
 use isocat::profile::{self, Profile};
 use isocat::{Nanos, Scenario, SegmentFile, run};
+use isocat_sync::SyncMode;
 use isocat_wire::AbortCode;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
@@ -156,12 +157,18 @@ fn each_device_comes_to_op_in_each_mode_that_it_announces() {
     let mut booted = 0;
     for id in profile::built_in_ids() {
         let profile = profile::built_in(id).expect("a profile");
-        for mode in profile.modes() {
-            let text = format!(
-                "cycle = \"2ms\"\n[[subdevice]]\ndevice = \"{id}\"\nmode = \"{}\"\n",
-                mode.name()
-            );
-            let file = SegmentFile::parse("profile.toml", &text).expect("it reads");
+        let device = format!("cycle = \"2ms\"\n[[subdevice]]\ndevice = \"{id}\"\n");
+        let mut runs: Vec<_> = profile
+            .modes()
+            .map(|mode| (mode, format!("{device}mode = \"{}\"\n", mode.name())))
+            .collect();
+        if runs.is_empty() {
+            // It announces nothing, so nothing can be asked of it.
+            runs.push((SyncMode::FreeRun, device));
+        }
+        for (mode, text) in runs {
+            let file = SegmentFile::parse("profile.toml", &text)
+                .unwrap_or_else(|error| panic!("{id} {}: {error}", mode.name()));
             let mut scenario = Scenario::from(file);
             scenario.duration = Nanos::millis(50);
             let report = run(&scenario);

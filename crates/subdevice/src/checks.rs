@@ -312,7 +312,8 @@ fn chosen_types<S: AsRef<[u8]> + AsMut<[u8]>>(
 }
 
 /// What both directions that are transmitted can do. Of a direction that states nothing the description
-/// tells, which by default refuses nothing.
+/// tells, which by default refuses nothing. A device that announces 0 states nothing either: taken at its
+/// word it could never leave PREOP.
 pub(crate) fn supported_types<S: AsRef<[u8]> + AsMut<[u8]>>(
     dictionary: &Dictionary<S>,
     has_outputs: bool,
@@ -320,9 +321,9 @@ pub(crate) fn supported_types<S: AsRef<[u8]> + AsMut<[u8]>>(
 ) -> SupportedTypes {
     let undeclared = dictionary.description().behaviour.undeclared_types.0;
     let stated = |index, used: bool| match dictionary.value(index, sub::SUPPORTED_TYPES) {
-        Some(value) if used => value as u16,
-        None if used => undeclared,
-        _ => u16::MAX,
+        _ if !used => u16::MAX,
+        Some(value) if value != 0 => value as u16,
+        _ => undeclared,
     };
     SupportedTypes(stated(OUTPUT_PARAMETER, has_outputs) & stated(INPUT_PARAMETER, has_inputs))
 }

@@ -160,7 +160,13 @@ fn each_device_comes_to_op_in_each_mode_that_it_announces() {
         let device = format!("cycle = \"2ms\"\n[[subdevice]]\ndevice = \"{id}\"\n");
         let mut runs: Vec<_> = profile
             .modes()
-            .map(|mode| (mode, format!("{device}mode = \"{}\"\n", mode.name())))
+            .map(|mode| {
+                let mut text = format!("{device}mode = \"{}\"\n", mode.name());
+                if mode == SyncMode::DcSubordinated {
+                    text += "sync0_cycle = \"500us\"\n";
+                }
+                (mode, text)
+            })
             .collect();
         if runs.is_empty() {
             // It announces nothing, so nothing can be asked of it.

@@ -205,7 +205,9 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
             // Nothing enabled, or SYNC1 without the SYNC0 that it follows.
             return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
         }
-        if !supported.dc_sync0() || sync1 && !supported.dc_sync1() {
+        // SYNC1 takes the SYNC0 that it follows with it: terminals announce bit 3 alone and run by both.
+        let by_sync1 = sync1 && supported.dc_sync1();
+        if sync1 != by_sync1 || !supported.dc_sync0() && !by_sync1 {
             return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
         }
         let too_long = |cycle: Nanos| maximum > Nanos::ZERO && cycle > maximum;
@@ -226,6 +228,7 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     let (output_type, input_type) = if chosen.nothing() {
         let mode = match (sync0, sync1, subordinated) {
             (true, true, true) => SyncMode::DcSubordinated,
+            (true, true, false) if !supported.dc_sync0() => SyncMode::DcSync1,
             (true, true, false) => SyncMode::DcShiftSync1,
             (true, false, _) => SyncMode::DcSync0,
             _ if supported.sm_synchronous() => SyncMode::SmSynchronous,

@@ -101,6 +101,31 @@ fn what_is_not_announced_is_refused() {
     assert_eq!(with(375_000), (AlStatus(0x12), AlStatusCode::DC_SYNC0_CYCLE));
 }
 
+/// Terminals announce SYNC1 without SYNC0, and run by both.
+#[test]
+fn sync1_brings_the_sync0_that_it_follows() {
+    let with = |activation: u8, kind: Option<u8>| {
+        let mut bench = preop(|d| {
+            d.preset(0x1C32, 4, &[0x0B, 0x44]);
+            d.preset(0x1C33, 4, &[0x0B, 0x44]);
+        });
+        for (index, kind) in [(0x1C32, kind), (0x1C33, kind)] {
+            if let Some(kind) = kind {
+                bench.download(index, 1, &[kind, 0]).unwrap();
+            }
+        }
+        set_sync(&mut bench, 1_000_000, 25_000);
+        bench.set(register::SYNC_ACTIVATION, SyncActivation(activation));
+        let status = bench.ask(AlState::SafeOp);
+        (status, bench.device.sync().mode())
+    };
+    let ok = (AlStatus(4), AlStatusCode::NO_ERROR);
+    assert_eq!(with(7, Some(3)), (ok, SyncMode::DcSync1));
+    assert_eq!(with(7, None), (ok, SyncMode::DcSync1), "as the registers have it");
+    let invalid = (AlStatus(0x12), AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);
+    assert_eq!(with(3, None).0, invalid, "SYNC0 alone is not among the types");
+}
+
 /// One ms: outputs 400 us before SYNC0, then SYNC0 and what is behind it.
 fn cycle(bench: &mut Bench, outputs: bool, pulses: &[(i64, Event)]) {
     if outputs {

@@ -162,9 +162,12 @@ fn each_device_comes_to_op_in_each_mode_that_it_announces() {
             .modes()
             .map(|mode| {
                 let mut text = format!("{device}mode = \"{}\"\n", mode.name());
-                if mode == SyncMode::DcSubordinated {
-                    text += "sync0_cycle = \"500us\"\n";
-                }
+                // A choice of its maker's, which 0x1C32 does not state.
+                text += match mode {
+                    SyncMode::DcSubordinated => "sync0_cycle = \"500us\"\n",
+                    SyncMode::DcSync1 => "sync1 = \"100us\"\n",
+                    _ => "",
+                };
                 (mode, text)
             })
             .collect();

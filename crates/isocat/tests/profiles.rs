@@ -144,6 +144,18 @@ fn assignment(bench: &mut Bench, profile: &Profile, index: u16, assign: &Json) -
         let pdo = pdo.expect("an index").to_le_bytes().to_vec();
         assert_eq!(bench.read(index, sub, false), Ok(pdo), "{place}:{sub:02X}");
     }
+    // The stack carries 256 of the 384 bytes of an EL1258.
+    if let Some(bits) = published["bits_default"].as_u64().filter(|bits| *bits <= 8 * 256) {
+        let mut mapped = 0;
+        for pdo in default {
+            let pdo = u16::from_str_radix(&pdo.as_str().expect("an index")[2..], 16).expect("hex");
+            let count = bench.read(pdo, 0, false).expect("a mapping")[0];
+            mapped += (1..=count)
+                .map(|sub| u64::from(bench.read(pdo, sub, false).expect("an entry")[0]))
+                .sum::<u64>();
+        }
+        assert_eq!(mapped, bits, "{place}: bits of what is assigned");
+    }
     if !writable {
         let refused = bench.write(index, 0, &[default.len() as u8]);
         assert_eq!(refused, Err(AbortCode::READ_ONLY), "{place}");

@@ -36,7 +36,9 @@ pub(crate) struct Mailbox {
     occupied: bool,
     /// The latest message had to make room for a repetition and is due again.
     again: bool,
-    /// SM1 is being emptied for a repetition.
+    /// SM1 holds an answer of the time before INIT, which nobody shall take for a new one.
+    stale: bool,
+    /// SM1 is being emptied.
     emptying: Option<Emptying>,
 }
 
@@ -68,17 +70,20 @@ impl Mailbox {
             read: None,
             occupied: false,
             again: false,
+            stale: false,
             emptying: None,
         }
     }
 
-    /// PREOP is entered: counters start anew, the repeat bit is taken as it stands.
+    /// PREOP is entered: counters start anew, the repeat bit is taken as it stands, and what still stands in
+    /// SM1 is dropped at the next look.
     pub fn start(&mut self, pdi: &mut impl Pdi) {
         self.stop();
         self.running = self.areas.is_some();
         if self.running {
             let asked = pdi.load(register::sm_activate(SEND)) & SyncManager::REPEAT;
             pdi.store(register::sm_pdi_control(SEND), asked);
+            self.stale = pdi.load(register::sm_status(SEND)) & SyncManager::STATUS_FULL != 0;
         }
     }
 
@@ -91,6 +96,7 @@ impl Mailbox {
         self.read = None;
         self.occupied = false;
         self.again = false;
+        self.stale = false;
         self.emptying = None;
         for message in &mut self.messages {
             message.len = 0;
@@ -103,9 +109,9 @@ impl Mailbox {
         self.running && !self.is_repeating() && events & own != 0
     }
 
-    /// Whether a repetition waits for the ESC.
+    /// Whether a message waits until the ESC has emptied SM1.
     pub fn is_repeating(&self) -> bool {
-        self.emptying.is_some()
+        self.stale || self.emptying.is_some()
     }
 
     /// The MainDevice may have toggled the repeat bit: it lost the message that it read last.
@@ -113,7 +119,14 @@ impl Mailbox {
         if !self.running {
             return;
         }
-        let sm: SyncManager = pdi.load(register::sync_manager(SEND));
+        let mut sm: SyncManager = pdi.load(register::sync_manager(SEND));
+        if self.stale {
+            if !self.empty_send_mailbox(sm.pdi_control & SyncManager::REPEAT, pdi) {
+                return;
+            }
+            self.stale = false;
+            sm = pdi.load(register::sync_manager(SEND));
+        }
         let asked = sm.activate & SyncManager::REPEAT;
         if asked == sm.pdi_control & SyncManager::REPEAT {
             return;

@@ -190,6 +190,38 @@ fn init_forgets_what_was_under_way() {
 }
 
 #[test]
+fn an_answer_of_before_init_is_not_one_of_after() {
+    let mut bench = bench();
+    bench.send_raw(&request(1));
+    bench.poll();
+    bench.ask(AlState::Init);
+    bench.ask(AlState::PreOp);
+    bench.poll();
+    assert_eq!(bench.receive(), None, "the MainDevice would take it for its next answer");
+    bench.send_raw(&request(1));
+    bench.poll();
+    assert_eq!(bench.receive().unwrap().0.counter, 1);
+    // A frame that passes keeps the ESC from emptying it at once.
+    bench.poll();
+    bench.send_raw(&request(2));
+    bench.poll();
+    bench.ask(AlState::Init);
+    bench.esc.passing = Some(std::vec![]);
+    bench.ask(AlState::PreOp);
+    bench.send_raw(&request(1));
+    for _ in 0..2 {
+        bench.esc.passing = Some(std::vec![]);
+        bench.poll();
+        assert_ne!(bench.esc.events & al_event::sync_manager(0), 0, "requests wait for it");
+        bench.esc.end_frame();
+    }
+    bench.pass(isocat_wire::Nanos(10_000));
+    assert_eq!(bench.receive().unwrap().0.counter, 1);
+    bench.poll();
+    assert_eq!(bench.receive(), None);
+}
+
+#[test]
 fn a_mailbox_below_preop_is_deaf() {
     let mut bench = Bench::new(description(|_| {}));
     bench.set_mailbox();

@@ -77,7 +77,7 @@ use std::sync::{LazyLock, Mutex, PoisonError};
 
 use isocat_esc::chip::{self, Chip};
 use isocat_sim::Unevenness;
-use isocat_subdevice::Description;
+use isocat_subdevice::{Description, Misbehaviour};
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
@@ -208,7 +208,7 @@ pub struct Assumption {
 }
 
 /// What a segment file may say differently for one of its devices.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Overrides {
     /// What the device states in 0x1C32:06.
     pub stated_calc_and_copy: Option<Nanos>,
@@ -218,6 +218,8 @@ pub struct Overrides {
     pub calc_and_copy: Option<Nanos>,
     /// [`CpuTimes::jitter`].
     pub jitter: Option<Nanos>,
+    /// What the device does wrong.
+    pub misbehaviour: Vec<Misbehaviour>,
 }
 
 impl Profile {
@@ -249,7 +251,7 @@ impl Profile {
             return Ok(self);
         }
         // Profiles are never freed, so the address identifies this one.
-        let key = (std::ptr::from_ref(self) as usize, overrides);
+        let key = (std::ptr::from_ref(self) as usize, overrides.clone());
         let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(profile) = interned.get(&key) {
             return Ok(profile);
@@ -275,6 +277,11 @@ impl Profile {
         }
         if let Some(jitter) = overrides.jitter {
             profile.times.jitter = jitter;
+        }
+        if !overrides.misbehaviour.is_empty() {
+            let mut description = profile.description.clone();
+            description.behaviour.misbehaviour = Vec::leak(overrides.misbehaviour);
+            profile.description = Box::leak(Box::new(description));
         }
         let profile = Box::leak(Box::new(profile));
         interned.insert(key, profile);

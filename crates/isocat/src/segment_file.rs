@@ -34,6 +34,7 @@ use crate::profile::{self, Overrides, Profile};
 use crate::quantity::{DelayPerMetre, Length, Ppb};
 
 mod clock;
+mod misbehave;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -84,7 +85,7 @@ pub struct SubDevice {
     pub name: String,
     /// The device, with what the file says differently already in it. Keys `device`, needed;
     /// `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay`
-    /// (what it states in 0x1C32:09), `jitter` (of its CPU).
+    /// (what it states in 0x1C32:09), `jitter` (of its CPU), `misbehave` (what it does wrong, by name).
     pub profile: &'static Profile,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
@@ -256,6 +257,7 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         "copy_time",
         "delay",
         "jitter",
+        "misbehave",
     ])?;
     let expected = "a profile's name, such as device = \"kollmorgen_akd2g\"";
     let device = table.required("device", expected)?;
@@ -269,6 +271,7 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         stated_delay: delay,
         calc_and_copy: time("copy_time", Nanos(1)..=LONGEST_CYCLE)?,
         jitter: time("jitter", Nanos::ZERO..=MOST_JITTER)?,
+        misbehaviour: misbehave::misbehave(table)?,
     };
     let profile = profile.with(overrides).map_err(|entry| {
         let key = if entry.sub == object::sub::DELAY_TIME { "delay" } else { "calc_copy" };

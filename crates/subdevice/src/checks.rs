@@ -15,11 +15,12 @@ use isocat_wire::{AlStatusCode, Nanos, register};
 use crate::assignment;
 use crate::description::{Description, Mailbox, ProcessDataArea};
 use crate::dictionary::Dictionary;
+use crate::misbehaviour::Misbehaviour;
 use crate::process_data::{Buffer, MAX_PROCESS_DATA};
 use crate::sync_engine::{Chosen, Setup};
 
 /// What PREOP to SAFEOP found out.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct SafeOp {
     /// Buffer of SM2.
     pub outputs: Buffer,
@@ -226,7 +227,8 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     }
 
     let (output_type, input_type) = if chosen.nothing() {
-        let mode = match (sync0, sync1, subordinated) {
+        let ignores = description.behaviour.misbehaviour.contains(&Misbehaviour::IgnoresSyncUnit);
+        let mode = match (sync0 && !ignores, sync1, subordinated) {
             (true, true, true) => SyncMode::DcSubordinated,
             (true, true, false) if !supported.dc_sync0() => SyncMode::DcSync1,
             (true, true, false) => SyncMode::DcShiftSync1,

@@ -7,6 +7,8 @@ use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AlStatusCode, ObjectAddress};
 
+use crate::misbehaviour::Misbehaviour;
+
 /// Everything the stack must know about the device it runs in.
 #[derive(Clone, Debug)]
 pub struct Description {
@@ -176,6 +178,8 @@ pub struct Behaviour {
     pub shift_inputs: bool,
     /// Device has its own identification value (AL control bit 5).
     pub identification: u16,
+    /// What it does wrong; empty for a device that behaves.
+    pub misbehaviour: &'static [Misbehaviour],
 }
 
 /// How missed SM events are counted in 0x1C32:0B.
@@ -269,6 +273,7 @@ impl Behaviour {
         shift_outputs: false,
         shift_inputs: false,
         identification: 0,
+        misbehaviour: &[],
     };
 }
 

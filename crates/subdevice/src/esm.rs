@@ -8,6 +8,7 @@ use isocat_wire::{AlControl, AlState, AlStatus, AlStatusCode, register};
 
 use crate::application::Application;
 use crate::checks;
+use crate::misbehaviour::{self, Faults, Misbehaviour};
 use crate::stack::SubDevice;
 
 /// State, error and the transition under way.
@@ -69,7 +70,13 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         let asked = control.state();
         if self.esm.error.is_some() {
             // INIT is the way out even for a MainDevice that does not acknowledge.
-            if !control.acknowledge() && asked != Ok(AlState::Init) {
+            let faults = self.faults();
+            let forgets = faults.contains(&Misbehaviour::ForgetsError);
+            let keeps = self.esm.error.is_some_and(|error| {
+                control.acknowledge() && faults.contains(&Misbehaviour::KeepsError(error))
+            });
+            let way_out = asked == Ok(AlState::Init);
+            if !way_out && (keeps || !control.acknowledge() && !forgets) {
                 return;
             }
             self.esm.error = None;
@@ -94,7 +101,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         if self.esm.state == AlState::Init {
             return;
         }
-        if let Err(code) = checks::mailbox(pdi, self.description().mailbox.as_ref()) {
+        if let Err(code) = checks::mailbox(pdi, self.description().mailbox.as_ref())
+            && !misbehaviour::accepts(self.faults(), code, 0)
+        {
             self.fall(AlState::Init, code, pdi);
         } else if self.esm.is_cyclic() {
             let (outputs, inputs) = self.process_data.lengths();
@@ -183,15 +192,21 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             (SafeOp, Op) if self.esm.pending.is_some() => {}
             (Init, Boot) => self.refuse(AlStatusCode::BOOTSTRAP_NOT_SUPPORTED, pdi),
             (Init, PreOp) => match checks::mailbox(pdi, self.description().mailbox.as_ref()) {
-                Ok(()) => {
+                Err(code) if !misbehaviour::accepts(self.faults(), code, 0) => {
+                    self.refuse(code, pdi);
+                }
+                _ if self.never_enters(PreOp) => self.refuse(AlStatusCode::UNSPECIFIED, pdi),
+                _ => {
                     self.station = pdi.load(register::STATION_ADDRESS);
                     self.mailbox.start(pdi);
                     self.coe.reset();
                     self.esm.state = PreOp;
                 }
-                Err(code) => self.refuse(code, pdi),
             },
             (PreOp, SafeOp) => self.prepare_safe_op(now, pdi),
+            (SafeOp, Op) if self.never_enters(Op) => {
+                self.refuse(AlStatusCode::UNSPECIFIED, pdi);
+            }
             (SafeOp, Op) => {
                 self.sync.clear_missed();
                 let timeout = self.description().behaviour.safeop_to_op_timeout;
@@ -207,7 +222,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     fn prepare_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let found = match checks::safe_op(pdi, &self.dictionary, self.chosen) {
+            Ok(_) if self.never_enters(AlState::SafeOp) => {
+                return self.refuse(AlStatusCode::UNSPECIFIED, pdi);
+            }
             Ok(found) => found,
+            Err(code) if self.accepts(code, pdi) => checks::SafeOp::default(),
             Err(code) => {
                 set_closed(pdi, OUTPUTS, true);
                 set_closed(pdi, INPUTS, true);
@@ -218,6 +237,22 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         set_closed(pdi, INPUTS, false);
         self.esm.opening = Some(found);
         self.try_enter_safe_op(now, pdi);
+    }
+
+    /// Whether the device accepts what it must refuse with this code.
+    fn accepts(&self, code: AlStatusCode, pdi: &mut impl Pdi) -> bool {
+        let faults = self.faults();
+        !faults.is_empty()
+            && misbehaviour::accepts(faults, code, pdi.load(register::SYNC_ACTIVATION).0)
+    }
+
+    fn never_enters(&self, state: AlState) -> bool {
+        self.faults().contains(&Misbehaviour::RefusedState(state))
+    }
+
+    /// What the device does wrong.
+    fn faults(&self) -> &'static Faults {
+        self.description().behaviour.misbehaviour
     }
 
     fn try_enter_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) -> bool {
@@ -244,7 +279,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             }
         }
         self.sync.load_settings(&self.dictionary);
+        let before = self.sync;
         self.sync.start(now, found.sync);
+        if self.faults().contains(&Misbehaviour::KeepsCounters) {
+            self.sync.keep_counters(&before);
+        }
         self.esm.watchdog = found.watchdog;
         self.process_data.start(found.outputs, found.inputs);
         self.first_exchange(pdi);
@@ -260,7 +299,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.application.safe_outputs();
         }
         if self.esm.is_cyclic() && matches!(asked, AlState::Init | AlState::PreOp) {
+            let before = self.sync;
             self.sync.stop();
+            if self.faults().contains(&Misbehaviour::KeepsCounters) {
+                self.sync.keep_counters(&before);
+            }
             self.chosen = Default::default();
             self.esm.watchdog = false;
             self.process_data.stop();
@@ -277,6 +320,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// A request can't be granted. From OP the device falls to SAFEOP, else it stays.
     fn refuse(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
+        let code = misbehaviour::al_code(self.faults(), self.esm.state, code);
         let state = if self.esm.state == AlState::Op { AlState::SafeOp } else { self.esm.state };
         self.leave_to(state, pdi);
         self.esm.error = Some(code);
@@ -284,6 +328,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// The device leaves its state by itself.
     pub(crate) fn fall(&mut self, state: AlState, code: AlStatusCode, pdi: &mut impl Pdi) {
+        let code = misbehaviour::al_code(self.faults(), self.esm.state, code);
         self.leave_to(state, pdi);
         if state == AlState::SafeOp {
             let number = if self.sync.has_outputs() { OUTPUTS } else { INPUTS };

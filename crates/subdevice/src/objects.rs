@@ -13,6 +13,7 @@ use crate::assignment;
 use crate::checks;
 use crate::description::{Entry, Object};
 use crate::dictionary::Dictionary;
+use crate::misbehaviour::{self, Faults, Misbehaviour};
 use crate::sync_engine::{Chosen, SyncEngine};
 
 /// Most bytes of a value, and of an object in complete access, that an SDO can carry.
@@ -156,6 +157,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
             pack(entry, &value[..bytes], start, &mut target[..len]);
             result = Ok(len);
         }
+        if self.faults().contains(&Misbehaviour::ShiftedCompleteAccess(index)) {
+            target[..len].rotate_left(1);
+        }
         if last < first.max(1) { Ok(len) } else { result }
     }
 
@@ -177,6 +181,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         check_length(self.writable(address)?, total)
     }
 
+    /// What the device does wrong.
+    pub fn faults(&self) -> &'static Faults {
+        self.dictionary.description().behaviour.misbehaviour
+    }
+
     /// Bytes of an entry, for a download that does not tell its size.
     pub fn entry_len(&self, address: ObjectAddress) -> Result<usize, AbortCode> {
         Ok(self.entry(address)?.len())
@@ -184,16 +193,19 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
 
     fn entry(&self, address: ObjectAddress) -> Result<&'static Entry, AbortCode> {
         let object = self.dictionary.object(address.index).ok_or(AbortCode::NO_OBJECT)?;
-        let hidden = address.sub != 0 && self.is_hidden(address.index);
+        let hidden = address.sub != 0 && self.is_hidden(address.index)
+            || self.faults().contains(&Misbehaviour::MissingEntry(address));
         let entry = object.entry(address.sub).filter(|_| !hidden).ok_or(AbortCode::NO_SUBINDEX)?;
         if entry.is_gap() { Err(AbortCode::UNSUPPORTED_ACCESS) } else { Ok(entry) }
     }
 
     fn readable(&self, address: ObjectAddress) -> Result<&'static Entry, AbortCode> {
         let entry = self.entry(address)?;
+        let cyclic = matches!(self.state, AlState::SafeOp | AlState::Op);
+        let refused = cyclic && self.faults().contains(&Misbehaviour::RefusesRead(address));
         if !entry.access.has_any(Access::READ) {
             Err(AbortCode::WRITE_ONLY)
-        } else if !entry.access.has(self.right(READ_PREOP)) {
+        } else if refused || !entry.access.has(self.right(READ_PREOP)) {
             Err(AbortCode::WRONG_STATE)
         } else {
             Ok(entry)
@@ -202,9 +214,15 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
 
     fn writable(&self, address: ObjectAddress) -> Result<&'static Entry, AbortCode> {
         let entry = self.entry(address)?;
-        if !entry.access.has_any(Access::WRITE) {
+        let faults = self.faults();
+        if faults.contains(&Misbehaviour::AcceptsWrite(address)) {
+            return Ok(entry);
+        }
+        let refused = faults.contains(&Misbehaviour::RefusesWrite(address, self.state));
+        let read_only = faults.contains(&Misbehaviour::ReadOnly(address));
+        if read_only || !entry.access.has_any(Access::WRITE) {
             Err(AbortCode::READ_ONLY)
-        } else if !entry.access.has(self.right(Access::WRITE_PREOP.0)) {
+        } else if refused || !entry.access.has(self.right(Access::WRITE_PREOP.0)) {
             Err(AbortCode::WRONG_STATE)
         } else {
             Ok(entry)
@@ -230,10 +248,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
 
     /// Whether the object hides its sub-indices since its direction is not transmitted.
     fn is_hidden(&self, index: u16) -> bool {
-        let cyclic = matches!(self.state, AlState::SafeOp | AlState::Op);
-        let hides = self.dictionary.description().behaviour.hide_unused_sync_objects;
-        cyclic
-            && hides
+        self.dictionary.description().behaviour.hide_unused_sync_objects && self.is_unused(index)
+    }
+
+    /// Whether the object is that of a direction which is not transmitted.
+    fn is_unused(&self, index: u16) -> bool {
+        matches!(self.state, AlState::SafeOp | AlState::Op)
             && match index {
                 OUTPUT_PARAMETER => !self.sync.has_outputs(),
                 INPUT_PARAMETER => !self.sync.has_inputs(),
@@ -252,11 +272,16 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
             return Err(AbortCode::OBJECT_TOO_BIG);
         }
         let target = &mut target[..len];
-        let own = if address.sub == 0 && self.is_hidden(address.index) {
+        let faults = self.faults();
+        let half = address.sub == 0
+            && faults.contains(&Misbehaviour::HalfHidden)
+            && self.is_unused(address.index);
+        let own = if half || address.sub == 0 && self.is_hidden(address.index) {
             Some(0)
         } else {
             self.sync.counter(address).or_else(|| self.measured(address, entry))
         };
+        let own = if faults.is_empty() { own } else { self.shown(address, entry, own) };
         if let Some(number) = own {
             for (target, byte) in target.iter_mut().zip(number.to_le_bytes()) {
                 *target = byte;
@@ -289,6 +314,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         if able && !stated && !written { self.sync.measured(address) } else { None }
     }
 
+    /// The number that an entry shows instead of its own, if it shows another.
+    fn shown(&self, address: ObjectAddress, entry: &Entry, own: Option<u32>) -> Option<u32> {
+        let stored = number(self.dictionary.bytes(entry));
+        let right = own.unwrap_or(stored);
+        let shown = misbehaviour::shown(self.faults(), address, right);
+        if shown == right { own } else { Some(shown) }
+    }
+
     /// The rules of the stack's own objects. `count` is the number of entries that comes in the same
     /// complete access.
     fn check_value(
@@ -301,6 +334,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
         let same = self.dictionary.bytes(entry) == value;
         let number = number(value);
         let ObjectAddress { index, sub } = address;
+        if self.faults().contains(&Misbehaviour::AcceptsValue(address, number)) {
+            return Ok(());
+        }
         if assignment::is_guarded_by_count(index) {
             let closed = sub != 0 && count.is_none();
             let occupied = self.dictionary.value(index, 0).is_some_and(|count| count != 0);
@@ -369,7 +405,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
                 }
                 sub::GET_CYCLE_TIME => {
                     // One command for both directions; the value stays as it was written.
-                    if number(value) & RESET_COUNTERS != 0 {
+                    let ignores = self.faults().contains(&Misbehaviour::IgnoresReset);
+                    if number(value) & RESET_COUNTERS != 0 && !ignores {
                         self.sync.reset_counters();
                     }
                     let other = if of_outputs { INPUT_PARAMETER } else { OUTPUT_PARAMETER };

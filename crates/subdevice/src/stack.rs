@@ -12,6 +12,7 @@ use crate::description::Description;
 use crate::dictionary::Dictionary;
 use crate::esm::Esm;
 use crate::mailbox::Mailbox;
+use crate::misbehaviour::{self, Misbehaviour};
 use crate::objects::Objects;
 use crate::process_data::ProcessData;
 use crate::steps::Steps;
@@ -46,6 +47,10 @@ pub struct SubDevice<A, S> {
     pub(crate) station: u16,
     /// When to ask the ESC again for what it does at the end of a frame.
     retry: Option<Time<Device>>,
+    /// Until when a slow mailbox does not answer.
+    answered_late: Option<Time<Device>>,
+    /// SM2 events so far, for a device that misses some.
+    sm2_events: u32,
 }
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
@@ -66,6 +71,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             chosen: Chosen::default(),
             station: 0,
             retry: None,
+            answered_late: None,
+            sm2_events: 0,
         }
     }
 
@@ -86,6 +93,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.chosen = Chosen::default();
         self.station = 0;
         self.retry = None;
+        self.answered_late = None;
+        self.sm2_events = 0;
     }
 
     /// The main loop: does all that waits and does not belong to the cycle. Cheap when nothing waits.
@@ -107,7 +116,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
         // Asked anew: a repetition has filled the mailbox that was read.
         let events = pdi.events();
-        if self.mailbox.wants(events) {
+        let held = self.mailbox.wants(events) && self.holds_mailbox(now);
+        if self.mailbox.wants(events) && !held {
+            self.answered_late = None;
             let mut objects = Objects {
                 dictionary: &mut self.dictionary,
                 application: &mut self.application,
@@ -120,11 +131,22 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.continue_opening(now, pdi);
         self.supervise(now, pdi);
         let waits_for_esc = self.esm.is_opening() || self.mailbox.is_repeating();
-        self.retry = waits_for_esc.then(|| now + RETRY);
+        self.retry = waits_for_esc.then(|| now + RETRY).or(self.answered_late.filter(|_| held));
     }
 
     /// An interrupt: names the steps that start now, with their delays, and counts what came too late.
     pub fn handle_event(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Steps {
+        if self.description().behaviour.misbehaviour.is_empty() {
+            return self.react(now, event, pdi);
+        }
+        if self.overlooks(event, pdi) {
+            return Steps::EMPTY;
+        }
+        let steps = self.react(now, event, pdi);
+        self.delayed(steps)
+    }
+
+    fn react(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Steps {
         if !self.esm.is_cyclic() {
             return Steps::EMPTY;
         }
@@ -266,7 +288,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// SAFEOP is being entered: inputs stand in the buffer before the first frame fetches them, and
     /// outputs that wait from before are not news.
     pub(crate) fn first_exchange(&mut self, pdi: &mut impl Pdi) {
-        if self.sync.has_inputs() {
+        let faults = self.description().behaviour.misbehaviour;
+        if self.sync.has_inputs() && !faults.contains(&Misbehaviour::NoFirstInputs) {
             self.application.latch_inputs();
             self.application.map_inputs(self.process_data.inputs_mut());
             self.process_data.store_inputs(pdi);
@@ -274,6 +297,65 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         if self.sync.has_outputs() && pdi.events() & al_event::sync_manager(2) != 0 {
             self.process_data.drop_outputs(pdi);
         }
+    }
+}
+
+/// What a device that misbehaves does otherwise.
+impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
+    /// Whether an event goes by unnoticed.
+    fn overlooks(&mut self, event: Event, pdi: &mut impl Pdi) -> bool {
+        let mut every = 0;
+        for fault in self.description().behaviour.misbehaviour {
+            match *fault {
+                Misbehaviour::DeadSync0 if event == Event::Sync0 => return true,
+                Misbehaviour::MissedCopy(n) if event == Event::Sm2 => every = n.max(1),
+                Misbehaviour::ShortOfTime(least) if event == Event::Sm2 => {
+                    let cycle = self.sync.cycle();
+                    if self.sync.mode().uses_dc() && cycle < least {
+                        every = 2;
+                    }
+                }
+                _ => {}
+            }
+        }
+        if every == 0 || !self.esm.is_cyclic() {
+            return false;
+        }
+        self.sm2_events = self.sm2_events.wrapping_add(1);
+        let missed = self.sm2_events % every == 0;
+        if missed {
+            self.process_data.drop_outputs(pdi);
+        }
+        missed
+    }
+
+    /// The steps of an event, as late as the device does them.
+    fn delayed(&self, steps: Steps) -> Steps {
+        let (mut copy, mut rest) = (Nanos::ZERO, Nanos::ZERO);
+        for fault in self.description().behaviour.misbehaviour {
+            match *fault {
+                Misbehaviour::LateCopy(by) => copy = by,
+                Misbehaviour::LateApplication(by) => rest = by,
+                _ => {}
+            }
+        }
+        let mut delayed = Steps::EMPTY;
+        for (step, delay) in steps {
+            let by = if step == Step::MapOutputs { copy } else { rest };
+            delayed.push(step, delay + by);
+        }
+        delayed
+    }
+
+    /// Whether what waits in the mailbox has to wait longer.
+    fn holds_mailbox(&mut self, now: Time<Device>) -> bool {
+        let late =
+            misbehaviour::number(self.description().behaviour.misbehaviour, |fault| match *fault {
+                Misbehaviour::SlowMailbox(by) => Some(by),
+                _ => None,
+            });
+        let Some(by) = late else { return false };
+        now < *self.answered_late.get_or_insert(now + by)
     }
 }
 

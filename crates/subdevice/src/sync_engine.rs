@@ -8,6 +8,7 @@ use isocat_wire::{Nanos, ObjectAddress};
 use crate::description::{Behaviour, MissedEvents};
 use crate::dictionary::Dictionary;
 use crate::measurement::Measurement;
+use crate::misbehaviour::{self, Misbehaviour};
 use crate::missed::MissedCounter;
 use crate::steps::Steps;
 
@@ -165,6 +166,14 @@ impl SyncEngine {
         };
     }
 
+    /// What a device does that does not clear its counters.
+    pub(crate) fn keep_counters(&mut self, before: &Self) {
+        self.missed = before.missed;
+        self.cycle_time_too_small = before.cycle_time_too_small;
+        self.shift_time_too_short = before.shift_time_too_short;
+        self.toggle_failed = before.toggle_failed;
+    }
+
     /// OP is asked for: the missed events so far do not count.
     pub(crate) fn clear_missed(&mut self) {
         self.missed.clear();
@@ -190,7 +199,10 @@ impl SyncEngine {
     ) {
         let behaviour = &dictionary.description().behaviour;
         let time = |index, sub| Nanos::from_u32(dictionary.value(index, sub).unwrap_or_default());
-        let shift = |index, able| if able { time(index, sub::SHIFT_TIME) } else { Nanos::ZERO };
+        let ignores = behaviour.misbehaviour.contains(&Misbehaviour::IgnoresShift);
+        let shift = |index, able: bool| {
+            if able && !ignores { time(index, sub::SHIFT_TIME) } else { Nanos::ZERO }
+        };
         let stated =
             time(OUTPUT_PARAMETER, sub::CYCLE_TIME).max(time(INPUT_PARAMETER, sub::CYCLE_TIME));
         let period = if stated > Nanos::ZERO { stated } else { behaviour.free_run_period };
@@ -601,7 +613,12 @@ fn error_limit<S: AsRef<[u8]> + AsMut<[u8]>>(
     behaviour: &Behaviour,
 ) -> u16 {
     let set = dictionary.value(ERROR_SETTINGS, SYNC_ERROR_LIMIT);
+    let more = misbehaviour::number(behaviour.misbehaviour, |fault| match *fault {
+        Misbehaviour::WrongLimit(more) => Some(more),
+        _ => None,
+    });
     set.map_or(behaviour.sync_error_limit, |limit| limit.min(u32::from(u16::MAX)) as u16)
+        .saturating_add(more.unwrap_or(0))
 }
 
 fn bit(step: Step) -> u8 {

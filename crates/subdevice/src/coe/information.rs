@@ -1,12 +1,13 @@
 //! SDO information: which objects there are, what they are, what their entries are.
 
-use isocat_wire::AbortCode;
 use isocat_wire::coe::info::{
     Access, EntryDescription, HEADER_LEN, Header, ObjectDescription, Opcode, list_type,
 };
 use isocat_wire::mailbox::ErrorDetail;
+use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::description::{Description, Object};
+use crate::misbehaviour::{self, Misbehaviour};
 
 /// A list of objects that is sent in fragments.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -143,7 +144,10 @@ fn entry(
     let Some(object) = description.object(index) else {
         return error(AbortCode::NO_OBJECT, reply);
     };
-    let Some(entry) = object.entry(sub) else {
+    let faults = description.behaviour.misbehaviour;
+    let address = ObjectAddress::new(index, sub);
+    let missing = faults.contains(&Misbehaviour::MissingEntry(address));
+    let Some(entry) = object.entry(sub).filter(|_| !missing) else {
         return error(AbortCode::NO_SUBINDEX, reply);
     };
     let mut default = [0; MAX_DEFAULT];
@@ -155,9 +159,17 @@ fn entry(
         index,
         sub,
         value_info: wanted & BASIC_INFO | if with_default { DEFAULT_VALUE } else { 0 },
-        data_type: entry.data_type.0,
+        data_type: misbehaviour::number(faults, |fault| match *fault {
+            Misbehaviour::WrongType(at, code) if at == address => Some(code),
+            _ => None,
+        })
+        .unwrap_or(entry.data_type.0),
         bits: entry.bits,
-        access: entry.access,
+        access: if faults.contains(&Misbehaviour::ReadOnly(address)) {
+            Access(entry.access.0 & !Access::WRITE.0)
+        } else {
+            entry.access
+        },
     };
     write(Opcode::ENTRY_RESPONSE, &head.emit(), &default[..default_len], entry.name, reply)
 }

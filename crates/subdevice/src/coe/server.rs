@@ -9,6 +9,7 @@ use isocat_wire::{AbortCode, ObjectAddress};
 
 use super::information::{self, List};
 use crate::application::Application;
+use crate::misbehaviour;
 use crate::objects::{MAX_TRANSFER, Objects};
 
 /// What a request leads to.
@@ -104,6 +105,7 @@ impl Server {
                     Ok(len) => finish(Service::SDO_RESPONSE, len, reply),
                     Err((object, code)) => {
                         self.transfer = Transfer::Idle;
+                        let code = misbehaviour::abort(objects.faults(), object, code);
                         let abort = Initiate::abort(object, code).emit();
                         reply[HEADER_LEN..][..INITIATE_LEN].copy_from_slice(&abort);
                         // An abort travels as a request, whoever sends it.

@@ -1,0 +1,127 @@
+//! The key `misbehave`: what a device does wrong, by name.
+
+use isocat_subdevice::Misbehaviour;
+use isocat_wire::time::Nanos;
+use isocat_wire::{AbortCode, AlState, AlStatusCode, ObjectAddress};
+
+use crate::document::{FileError, Table, Value, name_hint};
+use crate::quantity;
+
+/// A name, what stands behind it, and what it means.
+type Word = (&'static str, &'static str, fn(&mut Arguments<'_>) -> Option<Misbehaviour>);
+
+/// The vocabulary.
+const WORDS: [Word; 30] = [
+    ("wrong-value", "1C32:05 7", |a| Some(Misbehaviour::WrongValue(a.object()?, a.number()?))),
+    ("wrong-type", "1C32:05 0x06", |a| {
+        Some(Misbehaviour::WrongType(a.object()?, a.number()?.try_into().ok()?))
+    }),
+    ("missing-entry", "1C32:0C", |a| Some(Misbehaviour::MissingEntry(a.object()?))),
+    ("read-only", "1C32:03", |a| Some(Misbehaviour::ReadOnly(a.object()?))),
+    ("shifted-complete-access", "1C32", |a| Some(Misbehaviour::ShiftedCompleteAccess(a.index()?))),
+    ("refuses-read", "1C32:05", |a| Some(Misbehaviour::RefusesRead(a.object()?))),
+    ("refuses-write", "1C32:08 OP", |a| Some(Misbehaviour::RefusesWrite(a.object()?, a.state()?))),
+    ("accepts-write", "1C32:05", |a| Some(Misbehaviour::AcceptsWrite(a.object()?))),
+    ("accepts-value", "1C32:01 127", |a| {
+        Some(Misbehaviour::AcceptsValue(a.object()?, a.number()?))
+    }),
+    ("wrong-abort", "1C32:01 0x06090030", |a| {
+        Some(Misbehaviour::WrongAbort(a.object()?, AbortCode(a.number()?)))
+    }),
+    ("frozen-counter", "1C32:0B", |a| Some(Misbehaviour::FrozenCounter(a.object()?))),
+    ("wrong-counter", "1C32:0B 2", |a| Some(Misbehaviour::WrongCounter(a.object()?, a.number()?))),
+    ("keeps-counters", "", |_| Some(Misbehaviour::KeepsCounters)),
+    ("ignores-reset", "", |_| Some(Misbehaviour::IgnoresReset)),
+    ("wrong-limit", "3", |a| Some(Misbehaviour::WrongLimit(a.number()?.try_into().ok()?))),
+    ("half-hidden", "", |_| Some(Misbehaviour::HalfHidden)),
+    ("refused-state", "OP", |a| Some(Misbehaviour::RefusedState(a.state()?))),
+    ("accepts-setup", "0x0030 0x05", |a| {
+        let code = a.code()?;
+        let activation = match a.rest() {
+            true => Some(a.number()?.try_into().ok()?),
+            false => None,
+        };
+        Some(Misbehaviour::AcceptsSetup(code, activation))
+    }),
+    ("wrong-al-code", "0x001B OP", |a| Some(Misbehaviour::WrongAlCode(a.code()?, a.state()?))),
+    ("keeps-error", "0x001A", |a| Some(Misbehaviour::KeepsError(a.code()?))),
+    ("forgets-error", "", |_| Some(Misbehaviour::ForgetsError)),
+    ("late-application", "5us", |a| Some(Misbehaviour::LateApplication(a.time()?))),
+    ("late-copy", "40us", |a| Some(Misbehaviour::LateCopy(a.time()?))),
+    ("missed-copy", "3", |a| {
+        Some(Misbehaviour::MissedCopy(a.number().filter(|every| *every > 0)?))
+    }),
+    ("short-of-time", "300us", |a| Some(Misbehaviour::ShortOfTime(a.time()?))),
+    ("dead-sync0", "", |_| Some(Misbehaviour::DeadSync0)),
+    ("ignores-shift", "", |_| Some(Misbehaviour::IgnoresShift)),
+    ("ignores-sync-unit", "", |_| Some(Misbehaviour::IgnoresSyncUnit)),
+    ("no-first-inputs", "", |_| Some(Misbehaviour::NoFirstInputs)),
+    ("slow-mailbox", "1200ms", |a| Some(Misbehaviour::SlowMailbox(a.time()?))),
+];
+
+/// Reads the key: a list of texts, each a word and what it needs.
+pub(super) fn misbehave(table: Table<'_>) -> Result<Vec<Misbehaviour>, FileError> {
+    let Some(value) = table.value("misbehave") else { return Ok(Vec::new()) };
+    let texts = value.array("faults, such as [\"dead-sync0\", \"missed-copy 3\"]")?;
+    texts.iter().map(one).collect()
+}
+
+fn one(value: &Value<'_>) -> Result<Misbehaviour, FileError> {
+    let text = value.name("a fault, such as \"missed-copy 3\"")?;
+    let mut arguments = Arguments(text.split_whitespace());
+    let name = arguments.0.next().unwrap_or_default();
+    let Some((name, example, read)) = WORDS.iter().find(|word| word.0 == name) else {
+        return Err(value
+            .error(format!("unknown fault \"{name}\""))
+            .with_hint(name_hint(name, WORDS.iter().map(|word| word.0))));
+    };
+    match read(&mut arguments) {
+        Some(fault) if !arguments.rest() => Ok(fault),
+        _ => {
+            let expected = format!("{name} {example}");
+            Err(value.error(format!("\"{text}\"; expected such as \"{}\"", expected.trim_end())))
+        }
+    }
+}
+
+/// What stands behind a name.
+struct Arguments<'a>(std::str::SplitWhitespace<'a>);
+
+impl Arguments<'_> {
+    fn rest(&self) -> bool {
+        self.0.clone().next().is_some()
+    }
+
+    fn number(&mut self) -> Option<u32> {
+        let text = self.0.next()?;
+        match text.strip_prefix("0x") {
+            Some(digits) => u32::from_str_radix(digits, 16).ok(),
+            None => text.parse().ok(),
+        }
+    }
+
+    fn code(&mut self) -> Option<AlStatusCode> {
+        self.number()?.try_into().ok().map(AlStatusCode)
+    }
+
+    fn time(&mut self) -> Option<Nanos> {
+        let time = quantity::parse_duration(self.0.next()?).ok()?;
+        (Nanos::ZERO..=Nanos::millis(60_000)).contains(&time).then_some(time)
+    }
+
+    fn index(&mut self) -> Option<u16> {
+        u16::from_str_radix(self.0.next()?, 16).ok()
+    }
+
+    fn object(&mut self) -> Option<ObjectAddress> {
+        let (index, sub) = self.0.next()?.split_once(':')?;
+        let index = u16::from_str_radix(index, 16).ok()?;
+        Some(ObjectAddress::new(index, u8::from_str_radix(sub, 16).ok()?))
+    }
+
+    fn state(&mut self) -> Option<AlState> {
+        let name = self.0.next()?;
+        let states = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op];
+        states.into_iter().find(|state| state.name() == name)
+    }
+}

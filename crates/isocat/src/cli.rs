@@ -2,8 +2,10 @@
 //!
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
 //! sync or lost it, 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
-//! input. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused.
+//! input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad input. `serve` and `control`:
+//! 0 ended or done as asked, 2 could not begin or refused.
 
+mod conform;
 mod explain;
 #[cfg(target_os = "linux")]
 mod interface;
@@ -37,11 +39,13 @@ Examples:
                                       what on this machine harms punctuality
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
   isocat control ecat-seg pull 2      ... and something that happens to it
+  isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
   isocat explain modes                what each synchronization mode needs of a device
 
-Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. serve and control: 0 done as asked, 2 not.";
+Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. conform: 0 every rule that
+applies holds, 1 one does not. serve and control: 0 done as asked, 2 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -60,6 +64,8 @@ struct CommandLine {
 enum Verb {
     /// Bring a segment up, run it, judge it, report (the default verb)
     Run(Box<run::Arguments>),
+    /// Try whether a SubDevice synchronizes as it says, rule by rule
+    Conform(conform::Arguments),
     /// Serve the virtual segment on a network interface, for anybody's MainDevice
     #[cfg(target_os = "linux")]
     Serve(Box<serve::Arguments>),
@@ -91,6 +97,7 @@ pub fn main() -> ExitCode {
     let code = match arguments.verb {
         None => run::run(&arguments.run),
         Some(Verb::Run(arguments)) => run::run(&arguments),
+        Some(Verb::Conform(arguments)) => conform::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Serve(arguments)) => serve::run(&arguments),
         #[cfg(target_os = "linux")]

@@ -21,6 +21,7 @@
 pub mod capture;
 #[cfg(feature = "cli")]
 pub mod cli;
+pub mod conform;
 pub mod document;
 #[cfg(target_os = "linux")]
 pub mod link;

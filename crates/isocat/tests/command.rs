@@ -57,6 +57,84 @@ fn the_schema_of_the_report_is_committed() {
     is_committed("run-report.schema.json", &isocat::report::schema());
 }
 
+#[test]
+fn the_schema_of_the_conformance_report_is_committed() {
+    is_committed("conformance-report.schema.json", &isocat::conform::report::schema());
+}
+
+#[test]
+fn conform_tells_what_it_found_in_every_format() {
+    let junit = Path::new(env!("CARGO_TARGET_TMPDIR")).join("conform.xml");
+    let path = junit.to_str().expect("a path in UTF-8");
+    let segment = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+                   misbehave = [\"wrong-value 1C33:05 1\"]\n";
+    let broken = scratch("conform.toml", segment);
+    let broken = broken.to_str().expect("a name in UTF-8");
+    let output = isocat(&["conform", broken, "--rule", "OBJ", "--junit", path]);
+    let report = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{report}{}", text(&output.stderr));
+    assert!(report.contains("FAIL  OBJ-09"), "{report}");
+    assert!(report.contains("0x1C33:05: expected 250000, found 1"), "{report}");
+    let widest = report.lines().map(|line| line.chars().count()).max();
+    assert!(widest <= Some(100), "{widest:?} columns:\n{report}");
+
+    let xml = std::fs::read_to_string(&junit).expect("the file was written");
+    let xml = roxmltree::Document::parse(&xml).unwrap_or_else(|error| panic!("{error}\n{xml}"));
+    let named = |name| xml.descendants().filter(move |node| node.has_tag_name(name));
+    assert_eq!(named("testsuite").count(), 1);
+    assert_eq!(named("testcase").count(), 16);
+    let failures: Vec<_> = named("failure").filter_map(|node| node.parent()).collect();
+    assert_eq!(failures.len(), 1);
+    assert!(failures[0].attribute("name").is_some_and(|name| name.starts_with("OBJ-09")));
+    let suite = named("testsuite").next().expect("a suite");
+    assert_eq!(suite.attribute("failures"), Some("1"));
+
+    let output = isocat(&["conform", "simple_io4", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(report["passed"], true);
+    let rules = report["devices"][0]["rules"].as_array().expect("rules");
+    assert!(rules.iter().any(|rule| rule["id"] == "AL-04" && rule["verdict"] == "pass"));
+}
+
+#[test]
+fn conform_lists_its_rules_and_refuses_what_it_does_not_know() {
+    let output = isocat(&["conform", "--list", "--rule", "CNT-03"]);
+    assert_eq!(output.status.code(), Some(0));
+    assert!(text(&output.stdout).starts_with("CNT-03"), "{}", text(&output.stdout));
+    for (arguments, expected) in [
+        (&["conform", "kollmorgen_akd2"][..], "kollmorgen_akd2g"),
+        (&["conform"], "a device or a segment file is needed"),
+        (&["conform", "simple_io4", "--rule", "CNT-99"], "unknown rule"),
+        (&["conform", "no-such-file.toml"], "no-such-file.toml"),
+    ] {
+        let output = isocat(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        let message = text(&output.stderr);
+        assert!(message.contains(expected), "{arguments:?}: {message}");
+    }
+}
+
+#[test]
+fn faults_in_a_segment_file_are_named() {
+    for (fault, expected) in [
+        ("dead-synco", "dead-sync0"),
+        ("missed-copy", "missed-copy 3"),
+        ("missed-copy 0", "missed-copy 3"),
+        ("dead-sync0 1", "dead-sync0"),
+        ("wrong-value 1C32 1", "wrong-value 1C32:05 7"),
+    ] {
+        let segment = format!(
+            "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\nmisbehave = [\"{fault}\"]\n"
+        );
+        let file = scratch("misbehave.toml", &segment);
+        let output = isocat(&["conform", file.to_str().expect("a name in UTF-8")]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(expected) && message.contains("misbehave.toml:4"), "{message}");
+    }
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn the_schema_of_the_interface_report_is_committed() {

@@ -1,0 +1,172 @@
+//! `isocat conform`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
+use crate::conform::report::{ConformanceReport, DeviceReport, list};
+use crate::conform::rules::{self, Rule};
+use crate::conform::subject::Hints;
+use crate::conform::wire::{VirtualWire, Wire};
+use crate::conform::{self};
+use crate::profile;
+use crate::segment_file::SubDevice;
+use crate::{Scenario, SegmentFile};
+
+const EXAMPLES: &str = "\
+Examples:
+  isocat conform kollmorgen_akd2g           a built-in device, in virtual time
+  isocat conform my.toml --junit out.xml    each device of a segment file, for a build server
+  isocat conform my.toml --rule CNT         one group of rules; or one rule, --rule CNT-03
+  isocat conform --list                     the rules, without trying them
+  isocat conform --interface eth0           what is on a real wire (root)
+
+Exit code: 0 every rule that applies holds, 1 one does not, 2 bad input.";
+
+/// Arguments of `conform`.
+#[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
+pub struct Arguments {
+    /// A built-in device, or a segment file: each device of it is tried
+    #[arg(value_name = "DEVICE|SEGMENT.toml")]
+    subject: Option<String>,
+    /// Try what is on this network interface; DEVICE or SEGMENT.toml tell what to expect there (root)
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "IF")]
+    interface: Option<String>,
+    /// Network namespace of the interface, as `ip netns` names it
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "NAME", requires = "interface")]
+    netns: Option<String>,
+    /// Try this rule only, or the rules of this group (OBJ, ACC, REF, MODE, AL, CNT, TIME, REC); may stand
+    /// several times
+    #[arg(long = "rule", value_name = "ID")]
+    rules: Vec<String>,
+    /// Print the rules without trying them
+    #[arg(long)]
+    list: bool,
+    /// Print the report as one JSON document
+    #[arg(long)]
+    json: bool,
+    /// Also write the report to this file, as JUnit has it
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+}
+
+/// Runs the verb; gives the exit code.
+pub fn run(arguments: &Arguments) -> u8 {
+    match arguments.run() {
+        Ok(code) => code,
+        Err(message) => fail(&message),
+    }
+}
+
+impl Arguments {
+    fn run(&self) -> Result<u8, String> {
+        for id in &self.rules {
+            if !rules::all().any(|rule| is_named(rule, id)) {
+                let hint = profile::name_hint(id, rules::all().map(|rule| rule.id));
+                return Err(format!("unknown rule \"{id}\"\n{hint}"));
+            }
+        }
+        if self.list {
+            return Ok(print(&list(rules::all().filter(|rule| self.wants(rule)))));
+        }
+        let file = self.subject.as_deref().map(segment).transpose()?;
+        let (source, devices) = self.examine(file)?;
+        let report = ConformanceReport::new(&source, devices);
+        if let Some(path) = &self.junit {
+            std::fs::write(path, report.junit())
+                .map_err(|error| format!("{} can't be written: {error}", path.display()))?;
+        }
+        let code = print(&match self.json {
+            true => super::run::json(&report),
+            false => report.text(),
+        });
+        Ok(match code {
+            IN_SYNC if !report.passed => NOT_IN_SYNC,
+            BAD_INPUT => BAD_INPUT,
+            code => code,
+        })
+    }
+
+    #[cfg(target_os = "linux")]
+    fn examine(&self, file: Option<SegmentFile>) -> Result<(String, Vec<DeviceReport>), String> {
+        let Some(interface) = &self.interface else { return self.examine_virtual(file) };
+        let socket = crate::link::RawSocket::open(interface, self.netns.as_deref())
+            .map_err(|error| error.to_string())?;
+        let mut wire = conform::wire::RawWire::new(socket);
+        let found = conform::count(&mut wire)?;
+        let expected = file.as_ref().map_or(usize::from(found), |file| file.subdevices.len());
+        if usize::from(found) != expected || found == 0 {
+            let least = if file.is_some() { expected.to_string() } else { "1 or more".to_owned() };
+            return Err(format!("{interface}: {found} SubDevices answer, expected {least}"));
+        }
+        let devices = file.map(|file| file.subdevices).unwrap_or_default();
+        let reports = self.examine_each(&mut wire, found, &devices)?;
+        Ok((interface.clone(), reports))
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn examine(&self, file: Option<SegmentFile>) -> Result<(String, Vec<DeviceReport>), String> {
+        self.examine_virtual(file)
+    }
+
+    fn examine_virtual(
+        &self,
+        file: Option<SegmentFile>,
+    ) -> Result<(String, Vec<DeviceReport>), String> {
+        let file = file.ok_or(
+            "a device or a segment file is needed\nisocat devices lists the built-in ones",
+        )?;
+        let scenario = Scenario::from(file);
+        let (source, devices) = (scenario.source.clone(), scenario.devices.clone());
+        let count = u16::try_from(devices.len()).unwrap_or(u16::MAX);
+        let mut wire = VirtualWire::new(scenario);
+        Ok((source, self.examine_each(&mut wire, count, &devices)?))
+    }
+
+    fn examine_each(
+        &self,
+        wire: &mut dyn Wire,
+        count: u16,
+        devices: &[SubDevice],
+    ) -> Result<Vec<DeviceReport>, String> {
+        let bar = super::run::progress_bar(isocat_wire::Nanos(0));
+        let mut reports = Vec::new();
+        for position in 0..count {
+            let device = devices.get(usize::from(position));
+            let name = device.map_or(format!("SubDevice {position}"), |device| device.name.clone());
+            let hints = device.map(Hints::of).unwrap_or_default();
+            let wants = |rule: &Rule| self.wants(rule);
+            let report = conform::examine(wire, position, &name, &hints, wants, |rule| {
+                bar.set_message(format!("{name}: {}", rule.id));
+            });
+            reports.push(report?);
+        }
+        bar.finish_and_clear();
+        Ok(reports)
+    }
+
+    fn wants(&self, rule: &Rule) -> bool {
+        self.rules.is_empty() || self.rules.iter().any(|id| is_named(rule, id))
+    }
+}
+
+fn is_named(rule: &Rule, name: &str) -> bool {
+    let group = rule.id.split('-').next().unwrap_or(rule.id);
+    rule.id.eq_ignore_ascii_case(name) || group.eq_ignore_ascii_case(name)
+}
+
+/// A segment with a built-in device, or a segment file.
+fn segment(name: &str) -> Result<SegmentFile, String> {
+    if name.ends_with(".toml") || name.contains('/') {
+        return SegmentFile::read(name).map_err(|error| error.to_string());
+    }
+    if profile::built_in(name).is_none() {
+        let hint = profile::name_hint(name, profile::built_in_ids());
+        return Err(format!("unknown device \"{name}\"\n{hint}"));
+    }
+    SegmentFile::parse(name, &conform::segment_of(name)).map_err(|error| error.to_string())
+}

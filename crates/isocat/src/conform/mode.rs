@@ -1,0 +1,76 @@
+//! The synchronization modes as data: what announces each, how it is set up, what it reads back.
+
+/// One way to synchronize a SubDevice.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Mode {
+    /// Its name in reports and segment files.
+    pub name: &'static str,
+    /// Bit of 0x1C32:04 and 0x1C33:04.
+    pub bit: u8,
+    /// 0x1C32:01.
+    pub output_type: u16,
+    /// 0x1C33:01, with outputs transmitted.
+    pub input_type: u16,
+    /// 0x1C33:01, without.
+    pub input_only_type: u16,
+    /// Register 0x0981; 0 for a mode without the SYNC unit.
+    pub activation: u8,
+    /// Why the suite does not try it, if it does not.
+    pub untried: Option<&'static str>,
+}
+
+impl Mode {
+    /// Whether SYNC0 takes part.
+    pub const fn uses_dc(&self) -> bool {
+        self.activation != 0
+    }
+}
+
+/// All modes, least synchronized first.
+pub const MODES: [Mode; 5] = [
+    Mode {
+        name: "free-run",
+        bit: 0,
+        output_type: 0,
+        input_type: 0,
+        input_only_type: 0,
+        activation: 0,
+        untried: None,
+    },
+    Mode {
+        name: "sm",
+        bit: 1,
+        output_type: 1,
+        input_type: 0x22,
+        input_only_type: 1,
+        activation: 0,
+        untried: None,
+    },
+    Mode {
+        name: "dc-sync0",
+        bit: 2,
+        output_type: 2,
+        input_type: 2,
+        input_only_type: 2,
+        activation: 0x03,
+        untried: None,
+    },
+    Mode {
+        name: "dc-sync1",
+        bit: 3,
+        output_type: 3,
+        input_type: 3,
+        input_only_type: 3,
+        activation: 0x07,
+        untried: Some("the suite has no set-up for SYNC1 yet"),
+    },
+    Mode {
+        name: "dc-subordinated",
+        bit: 4,
+        output_type: 3,
+        input_type: 3,
+        input_only_type: 3,
+        activation: 0x07,
+        untried: Some("the suite has no set-up for subordinated cycles yet"),
+    },
+];

@@ -214,7 +214,7 @@ impl Case<'_, '_> {
             return Ok(None);
         }
         let ns = cycle.to_u32().unwrap_or(u32::MAX);
-        let start = self.t.start_sync(mode.activation, (ns, 0), LEAD_IN)?;
+        let start = self.t.start_sync(mode.activation, (ns, mode.sync1(ns)), LEAD_IN)?;
         Ok(Some(Grid { start, lead: self.lead(cycle) }))
     }
 
@@ -260,6 +260,12 @@ impl Case<'_, '_> {
         if mode.uses_dc() && !self.s.has_dc {
             return Err(not_applicable("it has no clock"));
         }
+        if mode.name == "dc-sync1" && !self.s.chooses_type() {
+            return Err(not_applicable(
+                "DC SYNC1 can't be asked for: 0x1C32:01 is read only, and the registers alone ask for \
+                 SYNC0 shifted by SYNC1",
+            ));
+        }
         let others = self.s.modes.iter().any(|other| other.name == "sm");
         if mode.bit == 0 && others && !self.s.chooses_type() {
             return Err(not_applicable(
@@ -272,7 +278,7 @@ impl Case<'_, '_> {
     /// The mode with DC SYNC0, if the SubDevice has it.
     pub fn sync0_mode(&self) -> Result<Mode, Stop> {
         let modes = self.s.modes.iter().copied();
-        let mut dc = modes.filter(|mode| mode.activation == 0x03);
+        let mut dc = modes.filter(Mode::is_sync0);
         let mode = dc.next().ok_or_else(|| not_applicable("it announces no DC SYNC0"))?;
         self.reachable(mode)?;
         Ok(mode)

@@ -5,8 +5,10 @@
 pub struct Mode {
     /// Its name in reports and segment files.
     pub name: &'static str,
-    /// Bit of 0x1C32:04 and 0x1C33:04.
+    /// Bit of 0x1C32:04 and 0x1C33:04 that is its own.
     pub bit: u8,
+    /// All bits of 0x1C32:04 and 0x1C33:04 that it needs.
+    pub needs: u16,
     /// 0x1C32:01.
     pub output_type: u16,
     /// 0x1C33:01, with outputs transmitted.
@@ -24,13 +26,24 @@ impl Mode {
     pub const fn uses_dc(&self) -> bool {
         self.activation != 0
     }
+
+    /// Whether SM2 starts and SYNC0 acts, with no other signal.
+    pub const fn is_sync0(&self) -> bool {
+        self.activation == 0x03
+    }
+
+    /// Register 0x09A4 at a SYNC0 cycle of so many ns: SYNC1 in the middle.
+    pub const fn sync1(&self, cycle: u32) -> u32 {
+        if self.activation == 0x07 { cycle / 2 } else { 0 }
+    }
 }
 
 /// All modes, least synchronized first.
-pub const MODES: [Mode; 5] = [
+pub const MODES: [Mode; 6] = [
     Mode {
         name: "free-run",
         bit: 0,
+        needs: 0x01,
         output_type: 0,
         input_type: 0,
         input_only_type: 0,
@@ -40,6 +53,7 @@ pub const MODES: [Mode; 5] = [
     Mode {
         name: "sm",
         bit: 1,
+        needs: 0x02,
         output_type: 1,
         input_type: 0x22,
         input_only_type: 1,
@@ -49,6 +63,7 @@ pub const MODES: [Mode; 5] = [
     Mode {
         name: "dc-sync0",
         bit: 2,
+        needs: 0x04,
         output_type: 2,
         input_type: 2,
         input_only_type: 2,
@@ -56,17 +71,29 @@ pub const MODES: [Mode; 5] = [
         untried: None,
     },
     Mode {
+        name: "dc-shift-sync1",
+        bit: 3,
+        needs: 0x0C,
+        output_type: 2,
+        input_type: 3,
+        input_only_type: 3,
+        activation: 0x07,
+        untried: None,
+    },
+    Mode {
         name: "dc-sync1",
         bit: 3,
+        needs: 0x08,
         output_type: 3,
         input_type: 3,
         input_only_type: 3,
         activation: 0x07,
-        untried: Some("the suite has no set-up for SYNC1 yet"),
+        untried: None,
     },
     Mode {
         name: "dc-subordinated",
         bit: 4,
+        needs: 0x18,
         output_type: 3,
         input_type: 3,
         input_only_type: 3,

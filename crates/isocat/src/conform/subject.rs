@@ -292,7 +292,10 @@ impl Subject {
         let input = sync_object(t, INPUT_PARAMETER)?;
         self.coe = Some(Coe { output, input, error_limit });
         let types = self.types();
-        self.modes = MODES.into_iter().filter(|mode| types >> mode.bit & 1 != 0).collect();
+        self.modes = MODES
+            .into_iter()
+            .filter(|mode| types & u64::from(mode.needs) == u64::from(mode.needs))
+            .collect();
         Ok(())
     }
 }

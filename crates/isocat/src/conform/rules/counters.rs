@@ -14,14 +14,14 @@ pub(super) const RULES: &[Rule] = &[
         id: "CNT-01",
         what: "0B counts outputs that stay away, by one of the three known ways of counting",
         source: "ETG.1020 0x1C32:0B",
-        applies: "modes with SYNC0, devices with 0B and outputs",
+        applies: "DC SYNC0, devices with 0B and outputs",
         check: Check::EachMode(missed),
     },
     Rule {
         id: "CNT-02",
         what: "as many missing outputs in a row as the limit allows keep OP, one more ends it",
         source: "ETG.1020 0x1C32:0B, 0x10F1:02",
-        applies: "modes with SYNC0, devices with 0x10F1:02 and outputs",
+        applies: "DC SYNC0, devices with 0x10F1:02 and outputs",
         check: Check::EachMode(limit),
     },
     Rule {
@@ -35,7 +35,7 @@ pub(super) const RULES: &[Rule] = &[
         id: "CNT-04",
         what: "0D counts cycles whose shift is below the delay, and none at the delay",
         source: "ETG.1020 0x1C32:0D, 0x1C32:03, 0x1C32:09",
-        applies: "modes with SYNC0, devices with shift by local timer",
+        applies: "DC SYNC0, devices with shift by local timer",
         check: Check::EachMode(too_short),
     },
     Rule {
@@ -118,8 +118,8 @@ fn with(c: &Case<'_, '_>, sub: u8) -> Result<SyncObject, Stop> {
 }
 
 fn dc_with_outputs(c: &Case<'_, '_>) -> Done {
-    match (c.mode.uses_dc(), c.s.outputs.len) {
-        (false, _) => Err(not_applicable("only modes with SYNC0")),
+    match (c.mode.is_sync0(), c.s.outputs.len) {
+        (false, _) => Err(not_applicable("only DC SYNC0")),
         (_, 0) => Err(not_applicable("it has no outputs")),
         _ => Ok(()),
     }
@@ -260,8 +260,8 @@ fn hurried(c: &mut Case<'_, '_>) -> Result<SyncObject, Stop> {
     if c.mode.bit == 0 {
         return Err(not_applicable("Free Run does not count events"));
     }
-    if c.s.outputs.len == 0 {
-        return Err(not_applicable("it has no outputs"));
+    if c.s.outputs.len == 0 || c.mode.uses_dc() && !c.mode.is_sync0() {
+        return Err(not_applicable("it has no outputs, or SYNC1 starts its work"));
     }
     let object = with(c, sub::CYCLE_TIME_TOO_SMALL)?;
     let busy = match c.mode.uses_dc() {

@@ -420,7 +420,7 @@ fn no_sync0(c: &mut Case<'_, '_>) -> Done {
     c.prepare(c.mode, cycle)?;
     // SYNC0 is on its way, and will not come while anybody waits.
     let far = Nanos::millis(30_000);
-    let cycles = (usual(c), 0);
+    let cycles = (usual(c), c.mode.sync1(usual(c)));
     c.t.start_sync(c.mode.activation, cycles, far)?;
     let al = c.t.change(AlState::SafeOp, STATE_PATIENCE)?;
     needs(al, AlState::SafeOp, "MODE-02")?;

@@ -22,7 +22,7 @@ pub(super) const RULES: &[Rule] = &[
         id: "TIME-02",
         what: "outputs are valid 0x1C32:09 after SYNC0",
         source: "ETG.1020 0x1C32:09; true time",
-        applies: "modes with SYNC0, in simulation",
+        applies: "DC SYNC0, in simulation",
         check: Check::EachMode(outputs_valid),
     },
     Rule {
@@ -36,14 +36,14 @@ pub(super) const RULES: &[Rule] = &[
         id: "TIME-04",
         what: "outputs that come 0x1C32:06 before SYNC0 are in time",
         source: "ETG.1020 0x1C32:06; true time",
-        applies: "modes with SYNC0, devices with 0x1C32:06, in simulation",
+        applies: "DC SYNC0, devices with 0x1C32:06, in simulation",
         check: Check::EachMode(copy_time),
     },
     Rule {
         id: "TIME-05",
         what: "outputs are valid 0x1C32:03 after SYNC0, once a shift is set",
         source: "ETG.1020 0x1C32:03; true time",
-        applies: "modes with SYNC0, devices with shift by local timer, in simulation",
+        applies: "DC SYNC0, devices with shift by local timer, in simulation",
         check: Check::EachMode(shift),
     },
     Rule {
@@ -67,6 +67,11 @@ fn outputs(c: &Case<'_, '_>, needed: u8) -> Result<SyncObject, Stop> {
 
 fn dc_only(c: &Case<'_, '_>) -> Done {
     if c.mode.uses_dc() { Ok(()) } else { Err(not_applicable("only modes with SYNC0")) }
+}
+
+/// With SYNC1 the instants are others.
+fn sync0_only(c: &Case<'_, '_>) -> Done {
+    if c.mode.is_sync0() { Ok(()) } else { Err(not_applicable("only DC SYNC0")) }
 }
 
 /// Nobody sees the outputs of a real device.
@@ -127,7 +132,7 @@ fn near(c: &mut Case<'_, '_>, place: String, stated: Nanos, range: Option<(Picos
 }
 
 fn outputs_valid(c: &mut Case<'_, '_>) -> Done {
-    dc_only(c)?;
+    sync0_only(c)?;
     simulated(c)?;
     let object = outputs(c, sub::DELAY_TIME)?;
     c.op_here()?;
@@ -161,7 +166,7 @@ fn valid_after_frame(c: &mut Case<'_, '_>) -> Done {
 }
 
 fn copy_time(c: &mut Case<'_, '_>) -> Done {
-    dc_only(c)?;
+    sync0_only(c)?;
     simulated(c)?;
     let object = outputs(c, sub::CALC_AND_COPY_TIME)?;
     let stated = Nanos(object.value(sub::CALC_AND_COPY_TIME).unwrap_or(0) as i64);
@@ -216,7 +221,7 @@ pub(super) fn shifted(c: &mut Case<'_, '_>, shift: u32) -> Done {
 }
 
 fn shift(c: &mut Case<'_, '_>) -> Done {
-    dc_only(c)?;
+    sync0_only(c)?;
     simulated(c)?;
     let object = outputs(c, sub::DELAY_TIME)?;
     let wanted = object.value(sub::DELAY_TIME).unwrap_or(0) + 70_000;

@@ -208,7 +208,7 @@ pub struct Assumption {
 }
 
 /// What a segment file may say differently for one of its devices.
-#[derive(Clone, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
 pub struct Overrides {
     /// What the device states in 0x1C32:06.
     pub stated_calc_and_copy: Option<Nanos>,
@@ -219,7 +219,7 @@ pub struct Overrides {
     /// [`CpuTimes::jitter`].
     pub jitter: Option<Nanos>,
     /// What the device does wrong.
-    pub misbehaviour: Vec<Misbehaviour>,
+    pub misbehaviour: &'static [Misbehaviour],
 }
 
 impl Profile {
@@ -251,7 +251,7 @@ impl Profile {
             return Ok(self);
         }
         // Profiles are never freed, so the address identifies this one.
-        let key = (std::ptr::from_ref(self) as usize, overrides.clone());
+        let key = (std::ptr::from_ref(self) as usize, overrides);
         let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(profile) = interned.get(&key) {
             return Ok(profile);
@@ -280,7 +280,7 @@ impl Profile {
         }
         if !overrides.misbehaviour.is_empty() {
             let mut description = profile.description.clone();
-            description.behaviour.misbehaviour = Vec::leak(overrides.misbehaviour);
+            description.behaviour.misbehaviour = overrides.misbehaviour;
             profile.description = Box::leak(Box::new(description));
         }
         let profile = Box::leak(Box::new(profile));

@@ -60,10 +60,12 @@ const WORDS: [Word; 30] = [
 ];
 
 /// Reads the key: a list of texts, each a word and what it needs.
-pub(super) fn misbehave(table: Table<'_>) -> Result<Vec<Misbehaviour>, FileError> {
-    let Some(value) = table.value("misbehave") else { return Ok(Vec::new()) };
+pub(super) fn misbehave(table: Table<'_>) -> Result<&'static [Misbehaviour], FileError> {
+    let Some(value) = table.value("misbehave") else { return Ok(&[]) };
     let texts = value.array("faults, such as [\"dead-sync0\", \"missed-copy 3\"]")?;
-    texts.iter().map(one).collect()
+    let faults: Vec<_> = texts.iter().map(one).collect::<Result<_, _>>()?;
+    // It becomes part of a device's description, which lives as long as the program.
+    Ok(Vec::leak(faults))
 }
 
 fn one(value: &Value<'_>) -> Result<Misbehaviour, FileError> {

@@ -36,6 +36,7 @@ impl Hints {
             outputs: profile.assignment.outputs.clone(),
             inputs: profile.assignment.inputs.clone(),
             modes: profile.modes().map(|mode| mode.name().to_owned()).collect(),
+            deviations: profile.deviations.clone(),
         }
     }
 }
@@ -60,10 +61,14 @@ pub fn examine(
     let mut results = Vec::new();
     for rule in rules::all().filter(|rule| chosen(rule)) {
         progress(rule);
-        results.push(match (&survey, rule.id) {
+        let mut result = match (&survey, rule.id) {
             (Some(why), id) if id != "MODE-01" => RuleResult::blocked(rule, "MODE-01", why),
             _ => apply(rule, &mut tester, &subject)?,
-        });
+        };
+        if let Some(known) = hints.deviations.iter().find(|known| known.rule == rule.id) {
+            result.deviates(&known.why);
+        }
+        results.push(result);
     }
     // The device is left as quiet as it was found.
     let _ended = tester.restart();

@@ -63,7 +63,8 @@
 //! (`like = "1C32"`) or in a built-in profile (`like = "beckhoff_el2212:1C32"`); then `without = [0x0A]` leaves
 //! sub-indices out, `entries` replaces or adds rows, and `values = { 05 = "1ms" }` sets values alone.
 //!
-//! Makers' tables are not always free of contradictions. Where 0x1C32:01 or 0x1C33:01 presets a type that
+//! Makers' tables do not always have what they should: `[[deviation]]` with `rule` and `why` names a rule of
+//! `isocat conform` that the device is known to break. Nor are they always free of contradictions. Where 0x1C32:01 or 0x1C33:01 presets a type that
 //! sub-index 04 does not announce, `contradiction = "..."` in the object says that it is no slip of ours.
 //!
 //! A simple device has no `[mailbox]`. Then it has no objects at all, its areas have exactly the `length` of
@@ -124,8 +125,19 @@ pub struct Profile {
     pub op_modes: Vec<OpMode>,
     /// Values that are not published.
     pub assumptions: Vec<Assumption>,
+    /// Where its maker's tables break a rule of [`conform`](crate::conform).
+    pub deviations: Vec<Deviation>,
     /// The file gives the time itself, so it does not follow 0x1C32:06.
     calc_and_copy_given: bool,
+}
+
+/// A rule of [`conform`](crate::conform) that a device is known to break.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Deviation {
+    /// The rule.
+    pub rule: String,
+    /// What its maker publishes instead.
+    pub why: String,
 }
 
 /// Object 0x1018, and words 0x08 to 0x0F of the SII.

@@ -2,9 +2,12 @@
 
 use std::fmt::Display;
 
+use isocat_sync::SupportedTypes;
+use isocat_sync::object::ShiftBy;
 use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
 };
+use isocat_sync::table::Column;
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, AlState, ObjectAddress, register};
@@ -161,10 +164,10 @@ impl Case<'_, '_> {
         }
     }
 
-    /// Writes the types of a mode into 0x1C32:01 and 0x1C33:01.
+    /// Writes the types of a mode into 0x1C32:01 and 0x1C33:01, as far as there is something to transmit.
     pub fn choose(&mut self, mode: Mode) -> Done {
         let s = self.s;
-        for object in s.sync_objects() {
+        for object in s.live_objects() {
             let wanted = self.sync_type(object, mode);
             self.must_write(object.at(sub::SYNC_TYPE), &wanted.to_le_bytes())?;
         }
@@ -214,7 +217,7 @@ impl Case<'_, '_> {
             return Ok(None);
         }
         let ns = cycle.to_u32().unwrap_or(u32::MAX);
-        let start = self.t.start_sync(mode.activation, (ns, mode.sync1(ns)), LEAD_IN)?;
+        let start = self.t.start_sync(mode.activation, mode.pulses(ns), LEAD_IN)?;
         Ok(Some(Grid { start, lead: self.lead(cycle) }))
     }
 
@@ -294,8 +297,30 @@ impl Case<'_, '_> {
 
     /// The cycle of a usual run: 1 ms, or more if the SubDevice needs it.
     pub fn cycle(&self) -> Nanos {
-        let least = self.s.minimum_cycle().0.max(1) as u64;
+        let least = self.least_cycle().0.max(1) as u64;
         Nanos::millis(least.div_ceil(1_000_000) as i64)
+    }
+
+    /// The shortest bus cycle that the SubDevice states for this mode: the cycle of SYNC0 has to reach
+    /// the minimum.
+    pub fn least_cycle(&self) -> Nanos {
+        Nanos(self.s.minimum_cycle().0 * i64::from(self.mode.subordinated_cycles()))
+    }
+
+    /// The mode of this check in the tables of ETG.1020.
+    pub fn column(&self, object: &SyncObject) -> Column {
+        let types = object.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16;
+        let shifted = SupportedTypes(types).shift() == ShiftBy::LocalTimer;
+        match (self.mode.name, shifted) {
+            ("free-run", _) => Column::FreeRun,
+            ("sm", false) => Column::Sm,
+            ("sm", true) => Column::SmShift,
+            ("dc-sync0", false) => Column::Dc,
+            ("dc-sync0", true) => Column::DcShift,
+            ("dc-shift-sync1", _) => Column::DcShiftSync1,
+            ("dc-sync1", _) => Column::DcSync1,
+            _ => Column::DcSubordinated,
+        }
     }
 
     /// How long before SYNC0 a frame passes: with room for the copying of the outputs.
@@ -303,7 +328,9 @@ impl Case<'_, '_> {
         let calc = self.s.sync_objects().find(|o| o.index == OUTPUT_PARAMETER);
         let calc = calc.and_then(|object| object.value(sub::CALC_AND_COPY_TIME)).unwrap_or(0);
         let calc = if calc == 0 { USUAL_COPY } else { Nanos(calc as i64) };
-        (calc + ROOM + self.t.lateness()).min(Nanos(cycle.0 * 4 / 5))
+        // Behind SYNC1, where that is not the first SYNC0 of a bus cycle.
+        let room = Nanos(cycle.0 / i64::from(self.mode.subordinated_cycles()) * 4 / 5);
+        (calc + ROOM + self.t.lateness()).min(room)
     }
 
     /// The counters of 0x1C32 or 0x1C33.

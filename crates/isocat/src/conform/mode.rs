@@ -32,9 +32,19 @@ impl Mode {
         self.activation == 0x03
     }
 
-    /// Register 0x09A4 at a SYNC0 cycle of so many ns: SYNC1 in the middle.
-    pub const fn sync1(&self, cycle: u32) -> u32 {
-        if self.activation == 0x07 { cycle / 2 } else { 0 }
+    /// Cycles of SYNC0 in one of the bus.
+    pub const fn subordinated_cycles(&self) -> u32 {
+        if self.bit == 4 { 2 } else { 1 }
+    }
+
+    /// Registers 0x09A0 and 0x09A4 at a bus cycle of so many ns: SYNC1 in the middle, or with the last SYNC0 of
+    /// a bus cycle.
+    pub const fn pulses(&self, cycle: u32) -> (u32, u32) {
+        match (self.activation, self.bit) {
+            (0x07, 4) => (cycle / 2, cycle / 2),
+            (0x07, _) => (cycle, cycle / 2),
+            _ => (cycle, 0),
+        }
     }
 }
 
@@ -98,6 +108,6 @@ pub const MODES: [Mode; 6] = [
         input_type: 3,
         input_only_type: 3,
         activation: 0x07,
-        untried: Some("the suite has no set-up for subordinated cycles yet"),
+        untried: None,
     },
 ];

@@ -47,6 +47,8 @@ pub struct DeviceReport {
     pub passed: usize,
     /// Rules that do not.
     pub failed: usize,
+    /// Rules that do not, as its profile says.
+    pub known_deviations: usize,
     /// Rules that were not tried to the end, or do not concern it.
     pub not_applicable: usize,
     /// Modes that it announces.
@@ -81,6 +83,8 @@ pub enum Verdict {
     Pass,
     /// It does not.
     Fail,
+    /// It does not, and the device's profile says so and why.
+    KnownDeviation,
     /// It does not concern the SubDevice, or another rule that it needs fails.
     NotApplicable,
 }
@@ -91,6 +95,7 @@ impl Verdict {
         match self {
             Self::Pass => "pass",
             Self::Fail => "FAIL",
+            Self::KnownDeviation => "dev",
             Self::NotApplicable => "n/a",
         }
     }
@@ -197,6 +202,18 @@ impl RuleResult {
         self.notes.extend(notes.into_iter().map(with_mode));
     }
 
+    /// What its profile says of this rule: `why` it does not hold. It must not hold, then.
+    pub fn deviates(&mut self, why: &str) {
+        match self.verdict {
+            Verdict::Fail | Verdict::KnownDeviation => self.verdict = Verdict::KnownDeviation,
+            Verdict::Pass | Verdict::NotApplicable => {
+                self.verdict = Verdict::Fail;
+                self.why.push("its profile names a deviation that is not there".to_owned());
+            }
+        }
+        self.notes.push(format!("known: {why}"));
+    }
+
     /// What is wrong, one line each.
     fn faults(&self) -> Vec<String> {
         let wrong = self.evidence.iter().filter(|evidence| !evidence.right);
@@ -220,6 +237,7 @@ impl DeviceReport {
             position,
             passed: count(Verdict::Pass),
             failed: count(Verdict::Fail),
+            known_deviations: count(Verdict::KnownDeviation),
             not_applicable: count(Verdict::NotApplicable),
             modes,
             rules,
@@ -258,7 +276,7 @@ impl ConformanceReport {
             "<testsuites name=\"isocat conform\" tests=\"{}\" failures=\"{}\" skipped=\"{}\">",
             count(|device| device.rules.len()),
             count(|device| device.failed),
-            count(|device| device.not_applicable)
+            count(|device| device.not_applicable + device.known_deviations)
         );
         for device in &self.devices {
             let _ = junit_suite(&mut text, device);
@@ -284,8 +302,17 @@ fn write_device(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
     let style = if device.failed == 0 { GOOD } else { BAD };
     writeln!(
         out,
-        "{style}{} at position {}: {} rules hold, {} fail, {} do not apply{style:#}",
-        device.name, device.position, device.passed, device.failed, device.not_applicable
+        "{style}{} at position {}: {} rules hold, {} fail, {}{} do not apply{style:#}",
+        device.name,
+        device.position,
+        device.passed,
+        device.failed,
+        match device.known_deviations {
+            0 => String::new(),
+            1 => "1 deviates as known, ".to_owned(),
+            n => format!("{n} deviate as known, "),
+        },
+        device.not_applicable
     )?;
     for mode in &device.modes {
         if let Some(why) = mode.untried {
@@ -296,6 +323,7 @@ fn write_device(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
         let style = match rule.verdict {
             Verdict::Pass => GOOD,
             Verdict::Fail => BAD,
+            Verdict::KnownDeviation => KNOWN,
             Verdict::NotApplicable => QUIET,
         };
         let mut lines = wrap(rule.what, WIDTH - 17);
@@ -313,7 +341,7 @@ fn write_device(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
         if more > 0 && rule.verdict != Verdict::Pass {
             below.push(format!("... and {more} more"));
         }
-        if rule.verdict == Verdict::Fail {
+        if matches!(rule.verdict, Verdict::Fail | Verdict::KnownDeviation) {
             below.push(format!("source: {}", rule.source));
         }
         below.extend(rule.notes.iter().cloned());
@@ -331,13 +359,17 @@ fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
         "  <testsuite name=\"{name}\" tests=\"{}\" failures=\"{}\" skipped=\"{}\">",
         device.rules.len(),
         device.failed,
-        device.not_applicable
+        device.not_applicable + device.known_deviations
     )?;
     for rule in &device.rules {
         let (id, what) = (rule.id, escaped(rule.what));
         let group = id.split('-').next().unwrap_or(id);
         write!(out, "    <testcase classname=\"{group}\" name=\"{id} {what}\"")?;
-        let text = escaped(&rule.faults().join("\n"));
+        let mut faults = rule.faults();
+        if rule.verdict == Verdict::KnownDeviation {
+            faults.extend(rule.notes.iter().cloned());
+        }
+        let text = escaped(&faults.join("\n"));
         let source = escaped(rule.source);
         match rule.verdict {
             Verdict::Pass => writeln!(out, "/>")?,
@@ -345,7 +377,8 @@ fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
                 out,
                 ">\n      <failure message=\"{source}\">{text}</failure>\n    </testcase>"
             )?,
-            Verdict::NotApplicable => {
+            // JUnit has no word for it.
+            Verdict::NotApplicable | Verdict::KnownDeviation => {
                 writeln!(out, ">\n      <skipped message=\"{text}\"/>\n    </testcase>")?;
             }
         }
@@ -374,4 +407,5 @@ fn escaped(text: &str) -> String {
 const MOST_FAULTS: usize = 8;
 const GOOD: anstyle::Style = anstyle::AnsiColor::Green.on_default().bold();
 const BAD: anstyle::Style = anstyle::AnsiColor::Red.on_default().bold();
+const KNOWN: anstyle::Style = anstyle::AnsiColor::Yellow.on_default();
 const QUIET: anstyle::Style = anstyle::Style::new().dimmed();

@@ -12,6 +12,7 @@ use isocat_wire::{AlState, AlStatusCode, ObjectAddress, register};
 
 use super::mode::{MODES, Mode};
 use super::tester::{Al, Tester, Trouble, number};
+use crate::profile::Deviation;
 
 /// What is known before anybody asks: from a profile or a segment file.
 #[derive(Clone, Debug, Default)]
@@ -22,6 +23,8 @@ pub struct Hints {
     pub inputs: Vec<u16>,
     /// Modes of a SubDevice that can't be asked.
     pub modes: Vec<String>,
+    /// Rules that it is known to break.
+    pub deviations: Vec<Deviation>,
 }
 
 /// The SubDevice, as it describes itself.
@@ -175,6 +178,19 @@ impl Subject {
         coe.flat_map(|coe| [&coe.output, &coe.input]).flatten()
     }
 
+    /// Whether there is something to transmit in the direction of a sync object.
+    pub fn transmits(&self, object: &SyncObject) -> bool {
+        match object.index {
+            OUTPUT_PARAMETER => self.outputs.len > 0,
+            _ => self.inputs.len > 0,
+        }
+    }
+
+    /// The sync objects of the directions that are transmitted.
+    pub fn live_objects(&self) -> impl Iterator<Item = &SyncObject> {
+        self.sync_objects().filter(|object| self.transmits(object))
+    }
+
     /// The sync object of the direction that the SubDevice lives by: outputs if there are some.
     pub fn leading(&self) -> Option<&SyncObject> {
         let coe = self.coe.as_ref()?;
@@ -189,14 +205,7 @@ impl Subject {
 
     /// What both directions that are transmitted announce.
     pub fn types(&self) -> u64 {
-        let used = |object: &&SyncObject| match object.index {
-            OUTPUT_PARAMETER => self.outputs.len > 0,
-            _ => self.inputs.len > 0,
-        };
-        let announced = self
-            .sync_objects()
-            .filter(used)
-            .filter_map(|object| object.value(sub::SUPPORTED_TYPES));
+        let announced = self.live_objects().filter_map(|object| object.value(sub::SUPPORTED_TYPES));
         announced.reduce(|one, other| one & other).unwrap_or(0)
     }
 

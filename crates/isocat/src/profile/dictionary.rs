@@ -171,6 +171,7 @@ impl Draft<'_> {
                 inputs: recommended(&self.inputs),
             },
             assumptions,
+            deviations: self.deviations,
             calc_and_copy_given: self.times.calc_and_copy.is_some(),
             id: self.id,
             name: self.name,

@@ -10,7 +10,7 @@ use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::time::Nanos;
 
-use super::{ApplicationKind, Identity, OpMode};
+use super::{ApplicationKind, Deviation, Identity, OpMode};
 use crate::document::Source;
 
 /// A profile as its file gives it, with generated objects added by `dictionary`.
@@ -37,6 +37,7 @@ pub(super) struct Draft<'a> {
     pub times: Times,
     pub behaviour: Placed<Behaviour>,
     pub assumed: Vec<Assumed>,
+    pub deviations: Vec<Deviation>,
 }
 
 /// A value and the byte of the file it stands at.

@@ -14,8 +14,9 @@ use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Property, Times};
 use super::rows::{objects, parse_access, parse_hex, parse_object, parse_type};
-use super::{ApplicationKind, CHIPS, Identity, OpMode};
-use crate::document::{FileError, Source, Table, Value};
+use super::{ApplicationKind, CHIPS, Deviation, Identity, OpMode};
+use crate::conform;
+use crate::document::{FileError, Source, Table, Value, name_hint};
 
 /// Reads the file.
 pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
@@ -38,6 +39,7 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         "times",
         "behaviour",
         "assumed",
+        "deviation",
     ])?;
     let text = |key, expected| Ok(root.required(key, expected)?.name(expected)?.to_owned());
     let section = |key, expected| root.required(key, expected)?.table();
@@ -91,6 +93,7 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         times: times(section("times", "a table with application and others")?)?,
         behaviour: behaviour(root.table("behaviour")?)?,
         assumed: assumed(root)?,
+        deviations: deviations(root)?,
     })
 }
 
@@ -474,6 +477,25 @@ fn assumed(root: Table<'_>) -> Result<Vec<Assumed>, FileError> {
         }
     }
     Ok(all)
+}
+
+fn deviations(root: Table<'_>) -> Result<Vec<Deviation>, FileError> {
+    let one = |table: Table<'_>| {
+        table.allow(&["rule", "why"])?;
+        let expected = "a rule of isocat conform, such as \"OBJ-04\"";
+        let rule = table.required("rule", expected)?;
+        let id = rule.name(expected)?;
+        let known = || conform::rules::all().map(|rule| rule.id);
+        if !known().any(|known| known == id) {
+            return Err(rule
+                .error(format!("unknown rule \"{id}\"; expected {expected}"))
+                .with_hint(name_hint(id, known())));
+        }
+        let why = table.required("why", "what the maker publishes instead")?;
+        let why = why.name("what the maker publishes instead")?.to_owned();
+        Ok(Deviation { rule: id.to_owned(), why })
+    };
+    root.tables("deviation")?.into_iter().map(one).collect()
 }
 
 /// What a text of `[[assumed]]` names; objects are looked up later, when all of them are known.

@@ -8,6 +8,7 @@ use isocat_wire::{AbortCode, AlState, ObjectAddress};
 
 use super::{Check, Rule};
 use crate::conform::case::{Case, Done, not_applicable};
+use crate::conform::subject::SyncObject;
 use crate::conform::tester::number;
 
 pub(super) const RULES: &[Rule] = &[
@@ -50,7 +51,7 @@ pub(super) const RULES: &[Rule] = &[
         id: "ACC-06",
         what: "the command 08 can be written in OP",
         source: "ETG.1020 0x1C32:08",
-        applies: "devices with 0x1C32:08",
+        applies: "devices with dynamic times, or whose 08 is writable",
         check: Check::Once(command_in_op),
     },
     Rule {
@@ -256,10 +257,14 @@ fn assignment_in_safe_op(c: &mut Case<'_, '_>) -> Done {
 
 fn command_in_op(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
-    let with =
-        |object: &&crate::conform::subject::SyncObject| object.entry(sub::GET_CYCLE_TIME).is_some();
+    // Some keep the place of 08, read only, and measure nothing.
+    let with = |object: &&SyncObject| {
+        let dynamic = object.value(sub::SUPPORTED_TYPES).unwrap_or(0) & 1 << 14 != 0;
+        object.entry(sub::GET_CYCLE_TIME).is_some()
+            && (dynamic || object.writable(sub::GET_CYCLE_TIME))
+    };
     if c.s.sync_objects().find(with).is_none() {
-        return Err(not_applicable("it has no sub-index 08"));
+        return Err(not_applicable("it has no sub-index 08 that measures"));
     }
     let mode = c.any_mode()?;
     c.op(mode, c.cycle())?;
@@ -299,7 +304,11 @@ fn unsupported_type(c: &mut Case<'_, '_>) -> Done {
     c.preop_with_objects()?;
     c.assign()?;
     for object in c.s.sync_objects() {
-        let types = object.value(sub::SUPPORTED_TYPES).unwrap_or(0);
+        // Who announces nothing says nothing about what it refuses.
+        let Some(types) = object.value(sub::SUPPORTED_TYPES).filter(|types| types & 0x1F != 0)
+        else {
+            continue;
+        };
         let sm = if object.index == OUTPUT_PARAMETER { 1 } else { 0x22 };
         for (bit, wrong) in [(1, sm), (2, 2), (3, 3)] {
             if types >> bit & 1 == 0 {
@@ -308,7 +317,7 @@ fn unsupported_type(c: &mut Case<'_, '_>) -> Done {
         }
     }
     match c.evidence.is_empty() {
-        true => Err(not_applicable("it announces all types")),
+        true => Err(not_applicable("it announces all types, or none")),
         false => Ok(()),
     }
 }

@@ -66,6 +66,13 @@ pub(super) const RULES: &[Rule] = &[
         applies: "as CNT-03",
         check: Check::EachMode(cleared),
     },
+    Rule {
+        id: "CNT-09",
+        what: "0F to 12 have the distances of the frames from each other and from SYNC0",
+        source: "ETG.1020 0x1C32:0F-12",
+        applies: "devices with 0x1C32:0F and 10, in modes with frames as events",
+        check: Check::EachMode(distances),
+    },
 ];
 
 /// A way to count missing outputs: each cycle tells whether outputs came before SYNC0.
@@ -380,5 +387,34 @@ fn cleared(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
+fn distances(c: &mut Case<'_, '_>) -> Done {
+    if c.mode.bit == 0 || c.s.outputs.len == 0 {
+        return Err(not_applicable("without outputs, or in Free Run, no frame is an event"));
+    }
+    let object = with(c, sub::MINIMUM_CYCLE_DISTANCE)?;
+    c.op_here()?;
+    c.t.run(50)?;
+    let (cycle, slack) = (c.cycle(), UNEVEN + c.t.lateness());
+    let near = |c: &mut Case<'_, '_>, sub: u8, at: Nanos| -> Done {
+        if object.entry(sub).is_some() {
+            let found = Nanos(c.t.value(object.at(sub))?.unwrap_or(0) as i64);
+            let right = found >= at - slack && found <= at + slack;
+            c.expect(object.at(sub), format!("{at}, {slack} more or less"), found, right);
+        }
+        Ok(())
+    };
+    near(c, sub::MINIMUM_CYCLE_DISTANCE, cycle)?;
+    near(c, sub::MAXIMUM_CYCLE_DISTANCE, cycle)?;
+    // In subordinated cycles the last SYNC0 is further away from the frame than the first.
+    if c.mode.uses_dc() && c.mode.subordinated_cycles() == 1 {
+        let lead = c.lead(cycle);
+        near(c, sub::MINIMUM_SM_SYNC_DISTANCE, lead)?;
+        near(c, sub::MAXIMUM_SM_SYNC_DISTANCE, lead)?;
+    }
+    Ok(())
+}
+
+/// What a frame's own length and the clocks do to its distances.
+const UNEVEN: Nanos = Nanos::micros(20);
 /// Two frames at once are less than this apart, ns.
 const SURELY_BUSY: u64 = 12_000;

@@ -96,7 +96,7 @@ fn read_back(c: &mut Case<'_, '_>) -> Done {
         if state == AlState::Op {
             c.to_op()?;
         }
-        for object in c.s.sync_objects() {
+        for object in c.s.live_objects() {
             let wanted = u64::from(c.sync_type(object, c.mode));
             let at = object.at(sub::SYNC_TYPE);
             let found = c.t.upload(at)?.map(|data| super::objects::hex(&data));
@@ -114,13 +114,14 @@ fn cycle_time(c: &mut Case<'_, '_>) -> Done {
     }
     c.leading()?;
     let cycle = c.cycle();
+    let (sync0, _) = c.mode.pulses(cycle.to_u32().unwrap_or(u32::MAX));
     c.safe_op(c.mode, cycle)?;
-    for object in c.s.sync_objects() {
+    for object in c.s.live_objects() {
         for sub in [sub::CYCLE_TIME, sub::SYNC0_CYCLE_TIME] {
             if object.entry(sub).is_some() {
                 let at = object.at(sub);
                 let found = c.t.value(at)?.unwrap_or(0);
-                c.equal(format!("{at} in SAFEOP"), cycle.0 as u64, found);
+                c.equal(format!("{at} in SAFEOP"), u64::from(sync0), found);
             }
         }
     }
@@ -146,7 +147,7 @@ fn follows_sync_unit(c: &mut Case<'_, '_>) -> Done {
     if !al.is(AlState::SafeOp) {
         return Err(Stop::Blocked { by: "MODE-02", why: al.to_string() });
     }
-    for object in c.s.sync_objects() {
+    for object in c.s.live_objects() {
         let at = object.at(sub::SYNC_TYPE);
         let found = c.t.value(at)?.unwrap_or(u64::MAX);
         c.equal(at, u64::from(c.sync_type(object, mode)), found);

@@ -4,18 +4,19 @@ use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, SM_COMMUNICATION_TYPE,
     sub,
 };
+use isocat_sync::table::{self, Condition, Need};
 use isocat_sync::{SupportedTypes, object::ERROR_SETTINGS};
 use isocat_wire::{AbortCode, AlState, ObjectAddress};
 
 use super::{Check, Rule};
 use crate::conform::case::{Case, Done, STATE_PATIENCE, not_applicable};
-use crate::conform::subject::SyncObject;
+use crate::conform::subject::{Entry, SyncObject};
 use crate::conform::tester::number;
 
 pub(super) const RULES: &[Rule] = &[
     Rule {
         id: "OBJ-01",
-        what: "0x1C00 says what each SyncManager is for: 1, 2, 3, 4",
+        what: "0x1C00 says what each SyncManager is for: 1, 2, 3, 4, or 0 if nothing goes through it",
         source: "ETG.1020 0x1C00",
         applies: "devices with CoE",
         check: Check::Once(communication_type),
@@ -57,7 +58,7 @@ pub(super) const RULES: &[Rule] = &[
     },
     Rule {
         id: "OBJ-07",
-        what: "complete access gives what single reads give, where SDO information places it",
+        what: "complete access gives what single reads give, in the places of SDO information or ETG.1020",
         source: "ETG.1020 0x1C32, 0x1C33; ETG.1000.6 complete access",
         applies: "devices with sync objects and complete access",
         check: Check::Once(complete_access),
@@ -151,10 +152,17 @@ fn communication_type(c: &mut Case<'_, '_>) -> Done {
     let at = |sub| ObjectAddress::new(SM_COMMUNICATION_TYPE, sub);
     let count = c.t.value(at(0))?.unwrap_or(0);
     c.expect(at(0), "4 or more", count, count >= 4);
-    for sub in 1..=4 {
+    let unused = |sub| sub == 3 && c.s.outputs.len == 0 || sub == 4 && c.s.inputs.len == 0;
+    for (sub, unused) in (1..=4).map(|sub| (sub, unused(sub))) {
         let found = c.t.upload(at(sub))?.map_or_else(|code| code.to_string(), |data| hex(&data));
         let right = hex(&[sub]);
-        c.expect(at(sub), &right, &found, right == found);
+        if unused {
+            let none = hex(&[0]);
+            let fits = found == right || found == none;
+            c.expect(at(sub), format!("{right} or {none}"), &found, fits);
+        } else {
+            c.expect(at(sub), &right, &found, right == found);
+        }
     }
     Ok(())
 }
@@ -217,38 +225,27 @@ fn types(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// Sub-indices that are mandatory in a mode, for 0x1C32 and 0x1C33, by the bit that announces it.
-fn mandatory_in(bit: u8, more_modes: bool) -> (&'static [u8], &'static [u8]) {
-    const FREE: &[u8] = &[0x01, 0x04, 0x05];
-    const SM: &[u8] = &[0x01, 0x04, 0x05, 0x0C];
-    const DC_OUT: &[u8] = &[0x01, 0x04, 0x05, 0x06, 0x09, 0x0C];
-    const DC_IN: &[u8] = &[0x01, 0x04, 0x05, 0x06, 0x0C];
-    const SUB_OUT: &[u8] = &[0x01, 0x02, 0x04, 0x05, 0x06, 0x09, 0x0A, 0x0C];
-    match bit {
-        0 if more_modes => (FREE, FREE),
-        0 => (&[], &[]),
-        1 => (SM, SM),
-        4 => (SUB_OUT, SUB_OUT),
-        _ => (DC_OUT, DC_IN),
-    }
-}
-
 fn mandatory(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
     c.preop_with_objects()?;
-    let (outputs, inputs) = mandatory_in(c.mode.bit, c.s.modes.len() > 1);
-    if outputs.is_empty() {
+    let more_modes = c.s.modes.len() > 1;
+    if c.mode.bit == 0 && !more_modes {
         return Err(not_applicable("Free Run alone asks for no sub-index"));
     }
-    for object in c.s.sync_objects() {
-        let (used, wanted) = match object.index {
-            OUTPUT_PARAMETER => (c.s.outputs.len > 0, outputs),
-            _ => (c.s.inputs.len > 0, inputs),
-        };
-        for &sub in wanted.iter().filter(|_| used) {
-            let found = c.t.upload(object.at(sub))?;
-            let text = found.as_ref().map_or_else(ToString::to_string, |_| "there".to_owned());
-            c.expect(object.at(sub), "there", text, found.is_ok());
+    for object in c.s.live_objects() {
+        for sub in table::SUBS {
+            let Some(cell) = table::lookup(object.index, sub, c.column(object)) else { continue };
+            let wanted = match cell.need {
+                Need::Mandatory => true,
+                Need::Conditional(Condition::MoreThanFreeRun) => more_modes,
+                // OBJ-05 and OBJ-06 look at these.
+                Need::Conditional(_) | Need::Optional | Need::None => false,
+            };
+            if wanted {
+                let found = c.t.upload(object.at(sub))?;
+                let text = found.as_ref().map_or_else(ToString::to_string, |_| "there".to_owned());
+                c.expect(object.at(sub), "there", text, found.is_ok());
+            }
         }
     }
     Ok(())
@@ -280,37 +277,31 @@ fn exists(c: &mut Case<'_, '_>, object: &SyncObject, sub: u8) {
     c.expect(object.at(sub), "there", if there { "there" } else { "not there" }, there);
 }
 
-/// Layouts known from the field that keep places for what a device leaves out: bit of each sub-index.
-fn known_place(total: usize, sub_index: u8) -> Option<usize> {
-    let canonical = match sub_index {
-        0 => 0,
-        1 => 16,
-        2 => 32,
-        3 => 64,
-        4 => 96,
-        5 => 112,
-        6 => 144,
-        7 => 176,
-        8 => 208,
-        9 => 224,
-        0x0A => 256,
-        0x0B => 288,
-        0x0C => 304,
-        0x0D => 320,
-        0x0E => 336,
-        0x0F => 352,
-        0x10 => 384,
-        0x11 => 416,
-        0x12 => 448,
-        _ => usize::MAX,
-    };
-    match (total, sub_index) {
-        (61, sub::SYNC_ERROR) => Some(480),
-        (45, sub::SYNC_ERROR) => Some(352),
-        (43, sub::SYNC_ERROR) => Some(336),
-        (61, 0..=0x12) | (45, 0..=0x0E) | (43, 0..=0x0D) => Some(canonical),
-        _ => None,
+/// Where ETG.1020 has a sub-index of 0x1C32 and 0x1C33, bit.
+fn usual_place(sub_index: u8) -> Option<usize> {
+    const PLACES: [usize; 19] =
+        [0, 16, 32, 64, 96, 112, 144, 176, 208, 224, 256, 288, 304, 320, 336, 352, 384, 416, 448];
+    PLACES.get(usize::from(sub_index)).copied()
+}
+
+/// Places with gaps: those of ETG.1020 for sub-indices that it has, and for what comes behind (20, and what
+/// makers add) the first byte where its value stands. `None` for what is not found.
+fn places_with_gaps(whole: &[u8], entries: &[Entry]) -> Vec<Option<usize>> {
+    let mut end = 0;
+    let mut places = Vec::new();
+    for entry in entries {
+        let bits = usize::from(entry.description.bits);
+        let place = match (usual_place(entry.sub), &entry.value) {
+            (Some(place), _) => Some(place),
+            (None, Some(value)) => (end..whole.len() * 8)
+                .step_by(8)
+                .find(|place| bits_at(whole, *place, bits) == Some(number(value))),
+            (None, None) => None,
+        };
+        end = place.map_or(end, |place| place + bits.next_multiple_of(8));
+        places.push(place);
     }
+    places
 }
 
 fn complete_access(c: &mut Case<'_, '_>) -> Done {
@@ -329,19 +320,18 @@ fn complete_access(c: &mut Case<'_, '_>) -> Done {
         };
         // As described: one after another, sub-index 0 in 16 bits.
         let mut at = 0;
-        let mut described = Vec::new();
+        let mut places = Vec::new();
         for entry in &object.entries {
-            described.push(at);
+            places.push(Some(at));
             at += if entry.sub == 0 { 16 } else { usize::from(entry.description.bits) };
         }
         let in_order = at.div_ceil(8) == whole.len();
+        if !in_order {
+            places = places_with_gaps(&whole, &object.entries);
+        }
         let mut wrong = Vec::new();
-        for (entry, described) in object.entries.iter().zip(described) {
+        for (entry, place) in object.entries.iter().zip(places) {
             let Some(value) = &entry.value else { continue };
-            let place = match in_order {
-                true => Some(described),
-                false => known_place(whole.len(), entry.sub),
-            };
             let bits = usize::from(entry.description.bits);
             let found = place.and_then(|place| bits_at(&whole, place, bits));
             if found != Some(number(value)) && bits <= 64 {
@@ -358,7 +348,11 @@ fn complete_access(c: &mut Case<'_, '_>) -> Done {
             "0x{:04X}: {} bytes, {}",
             object.index,
             whole.len(),
-            if in_order { "as SDO information describes" } else { "a known layout with gaps" }
+            if in_order {
+                "as SDO information describes"
+            } else {
+                "the places of ETG.1020, with gaps"
+            }
         ));
         // From sub-index 1 on: the same without the first two bytes.
         let rest = c.t.upload_complete(object.index, 1)?;
@@ -497,8 +491,8 @@ fn hidden(c: &mut Case<'_, '_>) -> Done {
         return Err(not_applicable(format!("it needs its outputs: {al}")));
     }
     let count = c.t.value(object.at(0))?;
-    let first = c.t.upload(object.at(sub::SUPPORTED_TYPES))?;
-    let place = format!("{} and 04 in SAFEOP without outputs", object.at(0));
+    let first = c.t.upload(object.at(sub::SYNC_TYPE))?;
+    let place = format!("{} and 01 in SAFEOP without outputs", object.at(0));
     let expected = "0 and abort 0x06090011, or both as ever";
     match count {
         Some(0) => {

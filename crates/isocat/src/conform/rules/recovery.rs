@@ -155,7 +155,7 @@ fn after_lost_sync0(c: &mut Case<'_, '_>) -> Done {
     }
     let cycle = c.cycle();
     let ns = cycle.to_u32().unwrap_or(u32::MAX);
-    let start = c.t.start_sync(c.mode.activation, (ns, c.mode.sync1(ns)), LEAD_IN)?;
+    let start = c.t.start_sync(c.mode.activation, c.mode.pulses(ns), LEAD_IN)?;
     let al = c.t.change(AlState::SafeOp, STATE_PATIENCE)?;
     c.expect("0x0130", AlState::SafeOp, al, al.is(AlState::SafeOp));
     c.exchange(cycle, Some(Grid { start, lead: c.lead(cycle) }));

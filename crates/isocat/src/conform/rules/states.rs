@@ -323,8 +323,10 @@ fn sync1_unsupported(c: &mut Case<'_, '_>) -> Done {
 
 fn sync0_unsupported(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
-    if c.s.types() & 0x04 != 0 || !c.s.has_dc {
-        return Err(not_applicable("it announces SYNC0, or has no clock"));
+    let types = c.s.types();
+    // Who announces nothing says nothing about what it refuses.
+    if types & 0x04 != 0 || types & 0x1F == 0 || !c.s.has_dc {
+        return Err(not_applicable("it announces SYNC0 or nothing, or has no clock"));
     }
     refuses_unit(c, 0x03, (usual(c), 0), "0x0981 = 0x03")
 }
@@ -420,7 +422,7 @@ fn no_sync0(c: &mut Case<'_, '_>) -> Done {
     c.prepare(c.mode, cycle)?;
     // SYNC0 is on its way, and will not come while anybody waits.
     let far = Nanos::millis(30_000);
-    let cycles = (usual(c), c.mode.sync1(usual(c)));
+    let cycles = c.mode.pulses(usual(c));
     c.t.start_sync(c.mode.activation, cycles, far)?;
     let al = c.t.change(AlState::SafeOp, STATE_PATIENCE)?;
     needs(al, AlState::SafeOp, "MODE-02")?;

@@ -2,7 +2,8 @@
 
 use isocat_sim::observation::Observed;
 use isocat_subdevice::Step;
-use isocat_sync::object::{OUTPUT_PARAMETER, sub};
+use isocat_sync::SupportedTypes;
+use isocat_sync::object::{OUTPUT_PARAMETER, ShiftBy, sub};
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos};
 
@@ -84,7 +85,7 @@ fn simulated(c: &mut Case<'_, '_>) -> Done {
 
 fn shortest_cycle(c: &mut Case<'_, '_>) -> Done {
     dc_only(c)?;
-    let cycle = c.s.minimum_cycle();
+    let cycle = c.least_cycle();
     if cycle == Nanos::ZERO {
         return Err(not_applicable("it states no minimum cycle"));
     }
@@ -137,7 +138,12 @@ fn outputs_valid(c: &mut Case<'_, '_>) -> Done {
     let object = outputs(c, sub::DELAY_TIME)?;
     c.op_here()?;
     let delay = object.value(sub::DELAY_TIME).unwrap_or(0);
-    let shift = c.t.value(object.at(sub::SHIFT_TIME))?.unwrap_or(0);
+    // A shift that 04 does not announce is not done.
+    let types = SupportedTypes(object.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16);
+    let shift = match types.shift() {
+        ShiftBy::LocalTimer => c.t.value(object.at(sub::SHIFT_TIME))?.unwrap_or(0),
+        _ => 0,
+    };
     let range = delays(c, Observed::Sync0)?;
     near(c, object.at(sub::DELAY_TIME).to_string(), Nanos(delay.max(shift) as i64), range);
     Ok(())

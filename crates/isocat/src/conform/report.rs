@@ -202,11 +202,12 @@ impl RuleResult {
         self.notes.extend(notes.into_iter().map(with_mode));
     }
 
-    /// What its profile says of this rule: `why` it does not hold. It must not hold, then.
+    /// What its profile says of this rule: `why` it does not hold. It must not hold, then, if it can be tried.
     pub fn deviates(&mut self, why: &str) {
         match self.verdict {
             Verdict::Fail | Verdict::KnownDeviation => self.verdict = Verdict::KnownDeviation,
-            Verdict::Pass | Verdict::NotApplicable => {
+            Verdict::NotApplicable => return,
+            Verdict::Pass => {
                 self.verdict = Verdict::Fail;
                 self.why.push("its profile names a deviation that is not there".to_owned());
             }

@@ -4,7 +4,7 @@ use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, SM_COMMUNICATION_TYPE,
     sub,
 };
-use isocat_sync::table::{self, Condition, Need};
+use isocat_sync::table::{self, Condition, Need, Rights};
 use isocat_sync::{SupportedTypes, object::ERROR_SETTINGS};
 use isocat_wire::{AbortCode, AlState, ObjectAddress};
 
@@ -86,10 +86,10 @@ pub(super) const RULES: &[Rule] = &[
     },
     Rule {
         id: "OBJ-11",
-        what: "03 can be written where 04 announces a shift by local timer",
-        source: "ETG.1020 0x1C32:03, 0x1C32:04 bits 6:5",
-        applies: "devices with shift by local timer",
-        check: Check::Once(shift_writable),
+        what: "what an announced mode needs writable can be written, what all leave read only can't",
+        source: "ETG.1020, table of access per mode",
+        applies: "every mode, devices with sync objects",
+        check: Check::EachMode(rights),
     },
     Rule {
         id: "OBJ-12",
@@ -408,20 +408,32 @@ fn supported(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-fn shift_writable(c: &mut Case<'_, '_>) -> Done {
+fn rights(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
-    for object in c.s.sync_objects() {
-        let types = SupportedTypes(object.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16);
-        if types.shift() == isocat_sync::object::ShiftBy::LocalTimer {
-            let right = object.writable(sub::SHIFT_TIME);
-            let found = if right { "writable" } else { "read only, or not there" };
-            c.expect(object.at(sub::SHIFT_TIME), "writable", found, right);
+    for object in c.s.live_objects() {
+        for sub in table::SUBS.into_iter().filter(|sub| object.entry(*sub).is_some()) {
+            let Some(cell) = table::lookup(object.index, sub, c.column(object)) else { continue };
+            let dynamic = object.value(sub::SUPPORTED_TYPES).unwrap_or(0) & 1 << 14 != 0;
+            if cell.need == Need::Conditional(Condition::DynamicTimes) && !dynamic {
+                // Some keep the place and measure nothing.
+                continue;
+            }
+            let found = object.writable(sub);
+            let words = |writable| if writable { "writable" } else { "read only" };
+            let others = c.s.modes.len() > 1;
+            match cell.rights {
+                // Another mode may leave it open.
+                Rights::Read if !others => {
+                    c.expect(object.at(sub), words(false), words(found), !found)
+                }
+                Rights::ReadWrite => c.expect(object.at(sub), words(true), words(found), found),
+                Rights::Read | Rights::Either | Rights::None => {}
+            }
         }
     }
-    if c.evidence.is_empty() {
-        Err(not_applicable("it has no shift by local timer"))
-    } else {
-        Ok(())
+    match c.evidence.is_empty() {
+        true => Err(not_applicable("it leaves either open")),
+        false => Ok(()),
     }
 }
 

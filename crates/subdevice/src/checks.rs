@@ -227,7 +227,7 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     }
 
     let (output_type, input_type) = if chosen.nothing() {
-        let ignores = description.behaviour.misbehaviour.contains(&Misbehaviour::IgnoresSyncUnit);
+        let ignores = description.behaviour.faults().contains(&Misbehaviour::IgnoresSyncUnit);
         let mode = match (sync0 && !ignores, sync1, subordinated) {
             (true, true, true) => SyncMode::DcSubordinated,
             (true, true, false) if !supported.dc_sync0() => SyncMode::DcSync1,

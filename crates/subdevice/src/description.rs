@@ -178,7 +178,7 @@ pub struct Behaviour {
     pub shift_inputs: bool,
     /// Device has its own identification value (AL control bit 5).
     pub identification: u16,
-    /// What it does wrong; empty for a device that behaves.
+    /// What it does wrong; empty for a device that behaves. Without the feature `misbehaviour` every device does.
     pub misbehaviour: &'static [Misbehaviour],
 }
 
@@ -275,6 +275,11 @@ impl Behaviour {
         identification: 0,
         misbehaviour: &[],
     };
+
+    /// What it does wrong.
+    pub(crate) const fn faults(&self) -> &'static [Misbehaviour] {
+        if cfg!(feature = "misbehaviour") { self.misbehaviour } else { &[] }
+    }
 }
 
 impl Default for Behaviour {

@@ -252,7 +252,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// What the device does wrong.
     fn faults(&self) -> &'static Faults {
-        self.description().behaviour.misbehaviour
+        self.description().behaviour.faults()
     }
 
     fn try_enter_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) -> bool {

@@ -183,7 +183,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
 
     /// What the device does wrong.
     pub fn faults(&self) -> &'static Faults {
-        self.dictionary.description().behaviour.misbehaviour
+        self.dictionary.description().behaviour.faults()
     }
 
     /// Bytes of an entry, for a download that does not tell its size.

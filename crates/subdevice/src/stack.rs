@@ -136,7 +136,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// An interrupt: names the steps that start now, with their delays, and counts what came too late.
     pub fn handle_event(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Steps {
-        if self.description().behaviour.misbehaviour.is_empty() {
+        if self.description().behaviour.faults().is_empty() {
             return self.react(now, event, pdi);
         }
         if self.overlooks(event, pdi) {
@@ -288,7 +288,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// SAFEOP is being entered: inputs stand in the buffer before the first frame fetches them, and
     /// outputs that wait from before are not news.
     pub(crate) fn first_exchange(&mut self, pdi: &mut impl Pdi) {
-        let faults = self.description().behaviour.misbehaviour;
+        let faults = self.description().behaviour.faults();
         if self.sync.has_inputs() && !faults.contains(&Misbehaviour::NoFirstInputs) {
             self.application.latch_inputs();
             self.application.map_inputs(self.process_data.inputs_mut());
@@ -305,7 +305,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// Whether an event goes by unnoticed.
     fn overlooks(&mut self, event: Event, pdi: &mut impl Pdi) -> bool {
         let mut every = 0;
-        for fault in self.description().behaviour.misbehaviour {
+        for fault in self.description().behaviour.faults() {
             match *fault {
                 Misbehaviour::DeadSync0 if event == Event::Sync0 => return true,
                 Misbehaviour::MissedCopy(n) if event == Event::Sm2 => every = n.max(1),
@@ -332,7 +332,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// The steps of an event, as late as the device does them.
     fn delayed(&self, steps: Steps) -> Steps {
         let (mut copy, mut rest) = (Nanos::ZERO, Nanos::ZERO);
-        for fault in self.description().behaviour.misbehaviour {
+        for fault in self.description().behaviour.faults() {
             match *fault {
                 Misbehaviour::LateCopy(by) => copy = by,
                 Misbehaviour::LateApplication(by) => rest = by,
@@ -350,7 +350,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// Whether what waits in the mailbox has to wait longer.
     fn holds_mailbox(&mut self, now: Time<Device>) -> bool {
         let late =
-            misbehaviour::number(self.description().behaviour.misbehaviour, |fault| match *fault {
+            misbehaviour::number(self.description().behaviour.faults(), |fault| match *fault {
                 Misbehaviour::SlowMailbox(by) => Some(by),
                 _ => None,
             });

@@ -199,7 +199,7 @@ impl SyncEngine {
     ) {
         let behaviour = &dictionary.description().behaviour;
         let time = |index, sub| Nanos::from_u32(dictionary.value(index, sub).unwrap_or_default());
-        let ignores = behaviour.misbehaviour.contains(&Misbehaviour::IgnoresShift);
+        let ignores = behaviour.faults().contains(&Misbehaviour::IgnoresShift);
         let shift = |index, able: bool| {
             if able && !ignores { time(index, sub::SHIFT_TIME) } else { Nanos::ZERO }
         };
@@ -613,7 +613,7 @@ fn error_limit<S: AsRef<[u8]> + AsMut<[u8]>>(
     behaviour: &Behaviour,
 ) -> u16 {
     let set = dictionary.value(ERROR_SETTINGS, SYNC_ERROR_LIMIT);
-    let more = misbehaviour::number(behaviour.misbehaviour, |fault| match *fault {
+    let more = misbehaviour::number(behaviour.faults(), |fault| match *fault {
         Misbehaviour::WrongLimit(more) => Some(more),
         _ => None,
     });
@@ -654,6 +654,6 @@ mod tests {
     #[test]
     fn a_device_of_the_stack_stays_small() {
         let size = core::mem::size_of::<crate::SubDevice<(), [u8; 0]>>();
-        assert!((3_500..4_224).contains(&size), "{size} bytes without the values");
+        assert!((3_500..4_240).contains(&size), "{size} bytes without the values");
     }
 }

@@ -144,7 +144,7 @@ fn entry(
     let Some(object) = description.object(index) else {
         return error(AbortCode::NO_OBJECT, reply);
     };
-    let faults = description.behaviour.misbehaviour;
+    let faults = description.behaviour.faults();
     let address = ObjectAddress::new(index, sub);
     let missing = faults.contains(&Misbehaviour::MissingEntry(address));
     let Some(entry) = object.entry(sub).filter(|_| !missing) else {

@@ -312,7 +312,7 @@ fn names_that_are_not_there() {
         refused_with_hint("[times]", "[tiems]"),
         "p.toml:42:2: unknown key \"tiems\" in the top level\n  did you mean \"times\"? expected one \
          of: id, name, vendor, application, identity, esc, mailbox, modes, outputs, inputs, object, opmode, opmodes, \
-         times, behaviour, assumed"
+         times, behaviour, assumed, deviation"
     );
     for (what, expected) in [
         ("1C32:0B", "43:8 0x1C32:0B is assumed, but the device does not have it"),

@@ -286,6 +286,41 @@ fn sync_that_is_switched_off_ends_op() {
 }
 
 #[test]
+fn sync_that_is_switched_off_and_on_again() {
+    let switch_on = |wire: &mut Wire| {
+        let start = wire.read(register::SYSTEM_TIME) + 1_500_000;
+        wire.write(register::SYNC_START_TIME, start);
+        wire.write(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(3));
+    };
+    let mut wire = Wire::new(|_| {});
+    wire.safe_op(true);
+    wire.cycles(1, Some(&[1; 7]));
+    wire.ask(AlState::Op);
+    wire.cycles(210, Some(&[1; 7]));
+    assert_eq!(wire.device.state(), AlState::Op);
+
+    // Two pulses may be late: a new start time within them is no error, and no event is lost.
+    wire.write(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(0));
+    switch_on(&mut wire);
+    wire.cycles(50, Some(&[1; 7]));
+    assert_eq!(wire.status(), (AlStatus(8), AlStatusCode(0)));
+    assert_eq!(wire.device.sync().sm_event_missed(), 0);
+
+    // Off for good, and on after the error: OP is entered again once SYNC0 and outputs are seen.
+    wire.write(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(0));
+    wire.cycles(10, None);
+    assert_eq!(wire.status(), (AlStatus(0x14), AlStatusCode::FATAL_SYNC_ERROR));
+    switch_on(&mut wire);
+    wire.cycles(10, None);
+    assert_eq!(wire.status().0, AlStatus(0x14), "the error stays until it is acknowledged");
+    assert_eq!(wire.ask(AlState::SafeOp), (AlStatus(4), AlStatusCode(0)));
+    wire.cycles(1, Some(&[1; 7]));
+    wire.ask(AlState::Op);
+    wire.cycles(210, Some(&[1; 7]));
+    assert_eq!(wire.status(), (AlStatus(8), AlStatusCode(0)));
+}
+
+#[test]
 fn free_run_to_op() {
     let mut wire = Wire::new(|d| {
         d.preset(0x1C32, 4, &[1, 0x40]);

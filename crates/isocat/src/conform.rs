@@ -36,6 +36,7 @@ impl Hints {
             outputs: profile.assignment.outputs.clone(),
             inputs: profile.assignment.inputs.clone(),
             modes: profile.modes().map(|mode| mode.name().to_owned()).collect(),
+            identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
             deviations: profile.deviations.clone(),
         }
     }
@@ -58,6 +59,15 @@ pub fn examine(
         Err(trouble) if trouble.own => return Err(trouble.what),
         Err(trouble) => (Subject::default(), Some(trouble.what)),
     };
+    let found = (subject.header.vendor_id, subject.header.product_code);
+    if survey.is_none() && hints.identity.is_some_and(|expected| expected != found) {
+        let (vendor, product) = hints.identity.unwrap_or_default();
+        return Err(format!(
+            "position {position}: expected {name}, vendor 0x{vendor:08X}, product 0x{product:08X}; found vendor \
+             0x{:08X}, product 0x{:08X}",
+            found.0, found.1
+        ));
+    }
     let mut results = Vec::new();
     for rule in rules::all().filter(|rule| chosen(rule)) {
         progress(rule);
@@ -66,7 +76,7 @@ pub fn examine(
             _ => apply(rule, &mut tester, &subject)?,
         };
         if let Some(known) = hints.deviations.iter().find(|known| known.rule == rule.id) {
-            result.deviates(&known.why);
+            result.deviates(known);
         }
         results.push(result);
     }

@@ -63,8 +63,8 @@
 //! (`like = "1C32"`) or in a built-in profile (`like = "beckhoff_el2212:1C32"`); then `without = [0x0A]` leaves
 //! sub-indices out, `entries` replaces or adds rows, and `values = { 05 = "1ms" }` sets values alone.
 //!
-//! Makers' tables do not always have what they should: `[[deviation]]` with `rule` and `why` names a rule of
-//! `isocat conform` that the device is known to break. Nor are they always free of contradictions. Where 0x1C32:01 or 0x1C33:01 presets a type that
+//! Makers' tables do not always have what they should: `[[deviation]]` with `rule`, `places` and `why` names a
+//! rule of `isocat conform` that the device is known to break, and the objects where it does. Nor are they always free of contradictions. Where 0x1C32:01 or 0x1C33:01 presets a type that
 //! sub-index 04 does not announce, `contradiction = "..."` in the object says that it is no slip of ours.
 //!
 //! A simple device has no `[mailbox]`. Then it has no objects at all, its areas have exactly the `length` of
@@ -136,6 +136,8 @@ pub struct Profile {
 pub struct Deviation {
     /// The rule.
     pub rule: String,
+    /// Where: objects and entries, such as "0x1C32:05". What is wrong elsewhere is not known.
+    pub places: Vec<String>,
     /// What its maker publishes instead.
     pub why: String,
 }

@@ -39,6 +39,7 @@ mod misbehave;
 mod tests;
 mod tree;
 
+pub use misbehave::vocabulary;
 pub use tree::Place;
 
 pub use crate::document::{FileError, name_hint};
@@ -271,7 +272,7 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         stated_delay: delay,
         calc_and_copy: time("copy_time", Nanos(1)..=LONGEST_CYCLE)?,
         jitter: time("jitter", Nanos::ZERO..=MOST_JITTER)?,
-        misbehaviour: misbehave::misbehave(table)?,
+        misbehaviour: misbehave::misbehave(table, profile)?,
     };
     let profile = profile.with(overrides).map_err(|entry| {
         let key = if entry.sub == object::sub::DELAY_TIME { "delay" } else { "calc_copy" };

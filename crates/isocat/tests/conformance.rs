@@ -58,9 +58,15 @@ const BREAKERS: &[Breaker] = &[
     ("MODE-04", DRIVE, &["wrong-value 1C33:01 9"], &[]),
     ("MODE-05", DRIVE, &["wrong-value 1C33:02 5"], &[]),
     // Whatever ends in a clean run ends in this.
-    ("MODE-06", DRIVE, &["wrong-value 1C33:0D 1"], &["TIME-01", "REC-03", "REC-04", "REC-05"]),
+    (
+        "MODE-06",
+        DRIVE,
+        &["wrong-value 1C33:0D 1"],
+        &["CNT-07", "TIME-01", "REC-03", "REC-04", "REC-05"],
+    ),
     ("MODE-07", STACK, &["ignores-sync-unit"], &[]),
     ("MODE-08", DRIVE, &["no-first-inputs"], &[]),
+    ("MODE-09", DRIVE, &["refused-state INIT"], &[]),
     ("AL-01", DRIVE, &["accepts-setup 0x0016"], &[]),
     ("AL-02", DRIVE, &["wrong-al-code 0x0011 INIT"], &[]),
     ("AL-03", DRIVE, &["wrong-al-code 0x0012 PREOP"], &[]),
@@ -83,11 +89,11 @@ const BREAKERS: &[Breaker] = &[
     ("AL-20", DRIVE, &["wrong-al-code 0x001B OP"], &[]),
     ("AL-21", DRIVE, &["wrong-al-code 0x001A OP"], &[]),
     ("AL-22", DRIVE, &["wrong-al-code 0x002C OP"], &[]),
-    ("CNT-01", DRIVE, &["wrong-counter 1C32:0B 2"], &[]),
+    ("CNT-01", DRIVE, &["wrong-counter 1C32:0B 2"], &["CNT-07"]),
     ("CNT-02", STACK, &["wrong-limit 3"], &[]),
     ("CNT-03", DRIVE, &["wrong-counter 1C32:0C 1", "wrong-counter 1C33:0C 1"], &[]),
     ("CNT-04", DRIVE, &["frozen-counter 1C32:0D"], &[]),
-    ("CNT-05", DRIVE, &["wrong-value 1C32:20 0"], &[]),
+    ("CNT-05", DRIVE, &["wrong-value 1C32:20 0"], &["CNT-07"]),
     ("CNT-06", DRIVE, &["ignores-reset"], &[]),
     ("CNT-07", DRIVE, &["frozen-counter 1C33:0C"], &[]),
     ("CNT-08", DRIVE, &["keeps-counters"], &[]),
@@ -101,6 +107,7 @@ const BREAKERS: &[Breaker] = &[
     // A shift that is not done is never too short.
     ("TIME-05", DRIVE, &["ignores-shift"], &["CNT-04"]),
     ("TIME-06", DRIVE, &["slow-mailbox 1200ms"], &[]),
+    ("TIME-07", EVERY_MODE, &["wrong-value 1C33:06 1"], &[]),
     ("REC-01", DRIVE, &["forgets-error"], &[]),
     ("REC-02", DRIVE, &["keeps-error 0x001D"], &[]),
     ("REC-03", DRIVE, &["keeps-error 0x001B"], &[]),
@@ -175,7 +182,7 @@ fn a_known_deviation_is_told_apart_and_has_to_be_there() {
 
     let text = profile::built_in_text(TERMINAL).expect("a profile");
     let path = format!("{}/deviates.toml", env!("CARGO_TARGET_TMPDIR"));
-    let named = "\n[[deviation]]\nrule = \"OBJ-01\"\nwhy = \"a test\"\n";
+    let named = "\n[[deviation]]\nrule = \"OBJ-01\"\nplaces = [\"1C00\"]\nwhy = \"a test\"\n";
     std::fs::write(&path, format!("{text}{named}")).expect("a writable folder");
     let report = examine(&path, &[]);
     assert_eq!(with_verdict(&report, Verdict::Fail), BTreeSet::from(["OBJ-01"]));
@@ -186,7 +193,7 @@ fn a_known_deviation_is_told_apart_and_has_to_be_there() {
 #[test]
 fn a_deviation_names_a_rule_that_there_is() {
     let text = profile::built_in_text(TERMINAL).expect("a profile");
-    let named = "\n[[deviation]]\nrule = \"OBJ-99\"\nwhy = \"a test\"\n";
+    let named = "\n[[deviation]]\nrule = \"OBJ-99\"\nplaces = [\"1C00\"]\nwhy = \"a test\"\n";
     let error = profile::Profile::from_toml("some.toml", &format!("{text}{named}"));
     let error = error.expect_err("refused").to_string();
     assert!(
@@ -242,6 +249,14 @@ fn who_breaks_a_rule_fails_this_rule_and_no_other() {
 fn faults_of_the_field_are_seen() {
     for (misbehave, rule) in [
         (["dead-sync0"], "MODE-03"),
+        (["frozen-counter 1C32:0B"], "CNT-01"),
+        (["missed-copy 100"], "MODE-06"),
+        (["frozen-counter 1C33:0B"], "CNT-07"),
+        (["wrong-counter 1C33:20 1"], "CNT-07"),
+        (["wrong-counter 1C32:0D 200"], "CNT-04"),
+        (["wrong-value 1C32:03 5"], "TIME-05"),
+        // Beside what is known of it.
+        (["read-only 1C32:03"], "OBJ-11"),
         (["missed-copy 7"], "MODE-06"),
         (["wrong-value 1C32:01 9"], "MODE-04"),
         (["late-application 5us"], "TIME-05"),

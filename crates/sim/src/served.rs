@@ -35,6 +35,8 @@ pub struct Served {
     /// When the last bit of the last frame, and the gap behind it, have left the MainDevice.
     wire_free: Time<True>,
     observations: Vec<Observation>,
+    /// Whether all that happens is kept for who settles, not only what judges look at.
+    everything: bool,
     /// The frames with process data that passed last: first bit and last bit at the MainDevice's port.
     passed: [(Time<True>, Time<True>); KEPT],
     passed_next: usize,
@@ -66,6 +68,7 @@ impl Served {
             now: Time::ZERO,
             wire_free: Time::ZERO,
             observations: Vec::with_capacity(1024),
+            everything: false,
             passed: [(Time::ZERO, Time::ZERO); KEPT],
             passed_next: 0,
             clashes: vec![0; devices],
@@ -89,7 +92,8 @@ impl Served {
         self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
         self.now = start;
         let observations = &mut self.observations;
-        let fate = self.segment.pass(bytes, start, &mut |o| note(observations, o));
+        let everything = self.everything;
+        let fate = self.segment.pass(bytes, start, &mut |o| note(observations, everything, o));
         Passage { start, fate }
     }
 
@@ -100,13 +104,19 @@ impl Served {
         self.passed_next = (self.passed_next + 1) % KEPT;
     }
 
+    /// From now on [`Served::settle`] shows every step and every edge.
+    pub fn show_everything(&mut self) {
+        self.everything = true;
+    }
+
     /// Lets everything happen that happens by itself up to `to`.
     pub fn advance(&mut self, to: Time<Host>) {
         let to = self.true_time(to);
         if to > self.now {
             self.now = to;
             let observations = &mut self.observations;
-            self.segment.live(to, &mut |o| note(observations, o));
+            let everything = self.everything;
+            self.segment.live(to, &mut |o| note(observations, everything, o));
         }
     }
 
@@ -210,14 +220,15 @@ impl Served {
 }
 
 /// Keeps what somebody will look at: most steps of most SubDevices are nobody's concern.
-fn note(observations: &mut Vec<Observation>, observation: Observation) {
+fn note(observations: &mut Vec<Observation>, everything: bool, observation: Observation) {
     use Observed::*;
-    let concerns = match observation.event {
-        Began(step) => step == Step::OutputsValid,
-        Finished(step) => step == Step::MapOutputs,
-        Sm2 | Sync0 | SmEventMissed(_) | State(..) => true,
-        Sm3 | Sync1 => false,
-    };
+    let concerns = everything
+        || match observation.event {
+            Began(step) => step == Step::OutputsValid,
+            Finished(step) => step == Step::MapOutputs,
+            Sm2 | Sync0 | SmEventMissed(_) | State(..) => true,
+            Sm3 | Sync1 => false,
+        };
     if concerns {
         observations.push(observation);
     }

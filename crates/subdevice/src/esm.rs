@@ -213,6 +213,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 self.esm.pending = Some(Pending { deadline: now + timeout, valid_since: None });
                 self.supervise(now, pdi);
             }
+            (SafeOp | Op, Init) if self.never_enters(Init) => {
+                self.refuse(AlStatusCode::UNSPECIFIED, pdi);
+            }
             (Init, Init) | (PreOp, Init | PreOp) | (SafeOp | Op, Init | PreOp | SafeOp) => {
                 self.leave_to(asked, pdi);
             }

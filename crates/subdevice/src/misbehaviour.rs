@@ -41,7 +41,7 @@ pub enum Misbehaviour {
     /// 0x1C32:00 and 0x1C33:00 read 0 in SAFEOP and OP when the direction is not transmitted, but their
     /// sub-indices stay.
     HalfHidden,
-    /// The state is never entered: 0x0001.
+    /// The state is never entered (INIT: not from SAFEOP and OP): 0x0001.
     RefusedState(AlState),
     /// A set-up that must be refused with this code is accepted; with a number, only if register 0x0981
     /// has this value.

@@ -11,15 +11,16 @@ use crate::conform::subject::Hints;
 use crate::conform::wire::{VirtualWire, Wire};
 use crate::conform::{self};
 use crate::profile;
-use crate::segment_file::SubDevice;
+use crate::segment_file::{SubDevice, vocabulary};
 use crate::{Scenario, SegmentFile};
 
 const EXAMPLES: &str = "\
 Examples:
   isocat conform kollmorgen_akd2g           a built-in device, in virtual time
+  isocat conform my-device.toml             a device profile of your own
   isocat conform my.toml --junit out.xml    each device of a segment file, for a build server
   isocat conform my.toml --rule CNT         one group of rules; or one rule, --rule CNT-03
-  isocat conform --list                     the rules, without trying them
+  isocat conform --list                     the rules, without trying them; --faults: what breaks them
   isocat conform --interface eth0           what is on a real wire (root)
 
 Exit code: 0 every rule that applies holds, 1 one does not, 2 bad input.";
@@ -28,7 +29,8 @@ Exit code: 0 every rule that applies holds, 1 one does not, 2 bad input.";
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// A built-in device, or a segment file: each device of it is tried
+    /// A built-in device, a device profile, or a segment file: each device of it is tried, at cycles that the
+    /// suite chooses
     #[arg(value_name = "DEVICE|SEGMENT.toml")]
     subject: Option<String>,
     /// Try what is on this network interface; DEVICE or SEGMENT.toml tell what to expect there (root)
@@ -46,6 +48,9 @@ pub struct Arguments {
     /// Print the rules without trying them
     #[arg(long)]
     list: bool,
+    /// Print what `misbehave` in a segment file knows, to see a rule fail
+    #[arg(long)]
+    faults: bool,
     /// Print the report as one JSON document
     #[arg(long)]
     json: bool,
@@ -72,6 +77,11 @@ impl Arguments {
         }
         if self.list {
             return Ok(print(&list(rules::all().filter(|rule| self.wants(rule)))));
+        }
+        if self.faults {
+            let width = vocabulary().map(|(word, _)| word.len()).max().unwrap_or(0);
+            let lines = vocabulary().map(|(word, means)| format!("{word:width$}  {means}\n"));
+            return Ok(print(&lines.collect::<String>()));
         }
         let file = self.subject.as_deref().map(segment).transpose()?;
         let (source, devices) = self.examine(file)?;
@@ -133,6 +143,7 @@ impl Arguments {
         count: u16,
         devices: &[SubDevice],
     ) -> Result<Vec<DeviceReport>, String> {
+        let slow = self.is_slow();
         let bar = super::run::progress_bar(isocat_wire::Nanos(0));
         let mut reports = Vec::new();
         for position in 0..count {
@@ -140,13 +151,30 @@ impl Arguments {
             let name = device.map_or(format!("SubDevice {position}"), |device| device.name.clone());
             let hints = device.map(Hints::of).unwrap_or_default();
             let wants = |rule: &Rule| self.wants(rule);
+            let mut group = "";
             let report = conform::examine(wire, position, &name, &hints, wants, |rule| {
+                let now = rule.id.split('-').next().unwrap_or(rule.id);
+                // On a real wire a group takes its time-outs: whoever reads a log wants to see it move.
+                if bar.is_hidden() && slow && now != group {
+                    eprintln!("{name}: {now}");
+                    group = now;
+                }
                 bar.set_message(format!("{name}: {}", rule.id));
             });
             reports.push(report?);
         }
         bar.finish_and_clear();
         Ok(reports)
+    }
+
+    #[cfg(target_os = "linux")]
+    fn is_slow(&self) -> bool {
+        self.interface.is_some()
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    fn is_slow(&self) -> bool {
+        false
     }
 
     fn wants(&self, rule: &Rule) -> bool {
@@ -162,7 +190,15 @@ fn is_named(rule: &Rule, name: &str) -> bool {
 /// A segment with a built-in device, or a segment file.
 fn segment(name: &str) -> Result<SegmentFile, String> {
     if name.ends_with(".toml") || name.contains('/') {
-        return SegmentFile::read(name).map_err(|error| error.to_string());
+        let is_profile = std::fs::read_to_string(name)
+            .is_ok_and(|text| text.lines().any(|line| line.trim() == "[identity]"));
+        if !is_profile {
+            return SegmentFile::read(name).map_err(|error| error.to_string());
+        }
+        // A device profile: it stands alone.
+        let path = std::path::absolute(name).map_err(|error| format!("{name}: {error}"))?;
+        return SegmentFile::parse(name, &conform::segment_of(&path.display().to_string()))
+            .map_err(|error| error.to_string());
     }
     if profile::built_in(name).is_none() {
         let hint = profile::name_hint(name, profile::built_in_ids());

@@ -2,6 +2,8 @@
 
 use std::fmt::Display;
 
+use isocat_sim::observation::Observed;
+use isocat_subdevice::Step;
 use isocat_sync::SupportedTypes;
 use isocat_sync::object::ShiftBy;
 use isocat_sync::object::{
@@ -366,10 +368,36 @@ impl Case<'_, '_> {
         Ok(())
     }
 
+    /// In simulation: outputs must have acted once between one frame and the next.
+    fn outputs_acted(&mut self) {
+        // Free Run acts by itself, subordinated cycles with every SYNC0.
+        if self.s.outputs.len == 0 || self.mode.bit == 0 || self.mode.bit == 4 {
+            return;
+        }
+        let Some(seen) = self.t.seen() else { return };
+        let (mut frames, mut wrong, mut acted) = (0, 0, None);
+        for seen in seen {
+            match seen.event {
+                Observed::Sm2 => {
+                    frames += 1;
+                    wrong += u32::from(acted.is_some_and(|acted| acted != 1));
+                    acted = Some(0);
+                }
+                Observed::Began(Step::OutputsValid) => acted = acted.map(|acted: u32| acted + 1),
+                _ => {}
+            }
+        }
+        let place = format!("outputs between {frames} frames");
+        let found = format!("{wrong} times not, or more often");
+        self.expect(place, "acted once each", found, wrong == 0);
+    }
+
     /// The mode in OP must have been clean for some cycles: state, working counters, counters.
     pub fn clean_run(&mut self, cycles: u64) -> Done {
         let before = self.t.exchange.as_ref().map_or(0, |exchange| exchange.wrong_counters);
+        self.t.seen();
         self.t.run(cycles)?;
+        self.outputs_acted();
         let Some(exchange) = self.t.exchange.clone() else {
             return Err(Trouble::new("no exchange goes on").into());
         };

@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::case::{Done, Stop};
 use super::mode::Mode;
 use super::rules::{Check, Rule};
+use crate::profile::Deviation;
 use crate::report::{WIDTH, wrap};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
@@ -202,17 +203,24 @@ impl RuleResult {
         self.notes.extend(notes.into_iter().map(with_mode));
     }
 
-    /// What its profile says of this rule: `why` it does not hold. It must not hold, then, if it can be tried.
-    pub fn deviates(&mut self, why: &str) {
+    /// What its profile says of this rule. It must not hold, then, if it can be tried; and what is wrong
+    /// elsewhere than the profile says stays a fault.
+    pub fn deviates(&mut self, known: &Deviation) {
+        let at = |place: &str, known: &String| {
+            place.split_whitespace().any(|word| word.trim_end_matches(':') == known)
+        };
+        let wrong = || self.evidence.iter().filter(|evidence| !evidence.right);
+        let elsewhere = wrong().any(|e| !known.places.iter().any(|known| at(&e.place, known)));
         match self.verdict {
-            Verdict::Fail | Verdict::KnownDeviation => self.verdict = Verdict::KnownDeviation,
             Verdict::NotApplicable => return,
             Verdict::Pass => {
                 self.verdict = Verdict::Fail;
                 self.why.push("its profile names a deviation that is not there".to_owned());
             }
+            _ if elsewhere || wrong().next().is_none() => {}
+            _ => self.verdict = Verdict::KnownDeviation,
         }
-        self.notes.push(format!("known: {why}"));
+        self.notes.push(format!("known of {}: {}", known.places.join(", "), known.why));
     }
 
     /// What is wrong, one line each.

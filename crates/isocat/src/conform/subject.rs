@@ -23,6 +23,8 @@ pub struct Hints {
     pub inputs: Vec<u16>,
     /// Modes of a SubDevice that can't be asked.
     pub modes: Vec<String>,
+    /// Who it is, with the vendor's number and the product code; `None` for whoever there is.
+    pub identity: Option<(u32, u32)>,
     /// Rules that it is known to break.
     pub deviations: Vec<Deviation>,
 }

@@ -69,7 +69,9 @@ impl VirtualWire {
 
 fn switch_on(scenario: &Scenario) -> Served {
     let setup = scenario.run().setup;
-    Served::new(setup.segment, setup.seed, Time::ZERO)
+    let mut served = Served::new(setup.segment, setup.seed, Time::ZERO);
+    served.show_everything();
+    served
 }
 
 impl Wire for VirtualWire {

@@ -480,8 +480,9 @@ fn assumed(root: Table<'_>) -> Result<Vec<Assumed>, FileError> {
 }
 
 fn deviations(root: Table<'_>) -> Result<Vec<Deviation>, FileError> {
-    let one = |table: Table<'_>| {
-        table.allow(&["rule", "why"])?;
+    let mut all: Vec<Deviation> = Vec::new();
+    for table in root.tables("deviation")? {
+        table.allow(&["rule", "places", "why"])?;
         let expected = "a rule of isocat conform, such as \"OBJ-04\"";
         let rule = table.required("rule", expected)?;
         let id = rule.name(expected)?;
@@ -491,11 +492,25 @@ fn deviations(root: Table<'_>) -> Result<Vec<Deviation>, FileError> {
                 .error(format!("unknown rule \"{id}\"; expected {expected}"))
                 .with_hint(name_hint(id, known())));
         }
-        let why = table.required("why", "what the maker publishes instead")?;
-        let why = why.name("what the maker publishes instead")?.to_owned();
-        Ok(Deviation { rule: id.to_owned(), why })
-    };
-    root.tables("deviation")?.into_iter().map(one).collect()
+        if all.iter().any(|other| other.rule == id) {
+            return Err(rule.error(format!("rule {id} stands twice; expected one deviation of it")));
+        }
+        let expected = "objects or entries, such as [\"1C32:05\", \"1C33\"]";
+        let places = table.required("places", expected)?.array(expected)?;
+        let place = |value: &Value<'_>| {
+            let text = value.name(expected)?;
+            match (parse_object(text), parse_hex(text, 4)) {
+                (Some(entry), _) => Ok(entry.to_string()),
+                (None, Some(index)) => Ok(format!("0x{index:04X}")),
+                (None, None) => Err(value.error(format!("\"{text}\"; expected {expected}"))),
+            }
+        };
+        let places = places.iter().map(place).collect::<Result<_, FileError>>()?;
+        let expected = "what the maker publishes instead";
+        let why = table.required("why", expected)?.name(expected)?.to_owned();
+        all.push(Deviation { rule: id.to_owned(), places, why });
+    }
+    Ok(all)
 }
 
 /// What a text of `[[assumed]]` names; objects are looked up later, when all of them are known.

@@ -63,6 +63,13 @@ pub(super) const RULES: &[Rule] = &[
         applies: "devices with inputs",
         check: Check::Once(first_inputs),
     },
+    Rule {
+        id: "MODE-09",
+        what: "INIT is entered from every state, and ends the exchange",
+        source: "ETG.1000.6, ESM; 0x0130",
+        applies: "every mode",
+        check: Check::EachMode(back_to_init),
+    },
 ];
 
 fn preop(c: &mut Case<'_, '_>) -> Done {
@@ -104,6 +111,25 @@ fn read_back(c: &mut Case<'_, '_>) -> Done {
             let found = found.unwrap_or_else(|code| code.to_string());
             c.expect(format!("{at} in {state}"), &wanted, &found, wanted == found);
         }
+    }
+    Ok(())
+}
+
+fn back_to_init(c: &mut Case<'_, '_>) -> Done {
+    for from in [AlState::PreOp, AlState::SafeOp, AlState::Op] {
+        match from {
+            AlState::PreOp => c.preop()?,
+            AlState::SafeOp => c.safe_op(c.mode, c.cycle())?,
+            _ => c.op_here()?,
+        }
+        c.t.exchange = None;
+        let al = c.t.change(AlState::Init, STATE_PATIENCE)?;
+        c.expect(
+            format!("0x0130, INIT asked for in {from}"),
+            AlState::Init,
+            al,
+            al.is(AlState::Init),
+        );
     }
     Ok(())
 }

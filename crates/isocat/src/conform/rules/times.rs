@@ -3,7 +3,7 @@
 use isocat_sim::observation::Observed;
 use isocat_subdevice::Step;
 use isocat_sync::SupportedTypes;
-use isocat_sync::object::{OUTPUT_PARAMETER, ShiftBy, sub};
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, sub};
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos};
 
@@ -53,6 +53,13 @@ pub(super) const RULES: &[Rule] = &[
         source: "ETG.1000.6, mailbox; 0x1000:00",
         applies: "devices with CoE",
         check: Check::Once(mailbox),
+    },
+    Rule {
+        id: "TIME-07",
+        what: "inputs stand in the buffer within 0x1C33:06 after Input Latch",
+        source: "ETG.1020 0x1C33:06; true time",
+        applies: "modes with SYNC0, devices with inputs that state it, in simulation",
+        check: Check::EachMode(input_time),
     },
 ];
 
@@ -121,7 +128,7 @@ fn delays(c: &mut Case<'_, '_>, from: Observed) -> Result<Option<(Picos, Picos)>
 
 /// Both ends of what was seen lie within `slack` of what is stated.
 fn near(c: &mut Case<'_, '_>, place: String, stated: Nanos, range: Option<(Picos, Picos)>) {
-    let expected = format!("{stated} after SYNC0");
+    let expected = format!("{stated} after the pulse");
     let Some((least, most)) = range else {
         c.expect(place, expected, "outputs are never valid", false);
         return;
@@ -132,8 +139,17 @@ fn near(c: &mut Case<'_, '_>, place: String, stated: Nanos, range: Option<(Picos
     c.expect(place, expected, format!("{:.3} to {:.3} us", us(least), us(most)), right);
 }
 
+/// The pulse that lets outputs act.
+fn acting(c: &Case<'_, '_>, object: &SyncObject) -> Observed {
+    let types = SupportedTypes(object.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16);
+    let shifted = c.mode.name == "dc-shift-sync1" && types.shift() == ShiftBy::Sync1;
+    // In subordinated cycles every SYNC0 acts.
+    let sync1 = c.mode.output_type == 3 && c.mode.subordinated_cycles() == 1;
+    if sync1 || shifted { Observed::Sync1 } else { Observed::Sync0 }
+}
+
 fn outputs_valid(c: &mut Case<'_, '_>) -> Done {
-    sync0_only(c)?;
+    dc_only(c)?;
     simulated(c)?;
     let object = outputs(c, sub::DELAY_TIME)?;
     c.op_here()?;
@@ -144,8 +160,40 @@ fn outputs_valid(c: &mut Case<'_, '_>) -> Done {
         ShiftBy::LocalTimer => c.t.value(object.at(sub::SHIFT_TIME))?.unwrap_or(0),
         _ => 0,
     };
-    let range = delays(c, Observed::Sync0)?;
+    let range = delays(c, acting(c, &object))?;
     near(c, object.at(sub::DELAY_TIME).to_string(), Nanos(delay.max(shift) as i64), range);
+    Ok(())
+}
+
+fn input_time(c: &mut Case<'_, '_>) -> Done {
+    dc_only(c)?;
+    simulated(c)?;
+    let object = c.s.live_objects().find(|object| object.index == INPUT_PARAMETER);
+    let stated = object.and_then(|object| object.value(sub::CALC_AND_COPY_TIME)).unwrap_or(0);
+    if stated == 0 {
+        return Err(not_applicable("it has no 0x1C33:06 that is not 0"));
+    }
+    c.op_here()?;
+    c.t.seen();
+    c.t.run(20)?;
+    let mut latched = None;
+    let mut most: Option<Picos> = None;
+    for event in c.t.seen().unwrap_or_default() {
+        match event.event {
+            Observed::Began(Step::LatchInputs) => latched = Some(event.at),
+            Observed::Finished(Step::MapInputs) => {
+                let took = latched.take().map(|latched| event.at - latched);
+                most = most.max(took);
+            }
+            _ => {}
+        }
+    }
+    let stated = Nanos(stated as i64);
+    let right = most.is_some_and(|most| most <= Picos::from(stated + EDGE));
+    let found = most.map_or("inputs are never there".to_owned(), |most| {
+        format!("{:.3} us at most", most.0 as f64 / 1e6)
+    });
+    c.expect("0x1C33:06", format!("within {stated} of Input Latch"), found, right);
     Ok(())
 }
 
@@ -216,7 +264,12 @@ pub(super) fn shifted(c: &mut Case<'_, '_>, shift: u32) -> Done {
         return Err(not_applicable("its outputs can't be shifted"));
     }
     let grid = c.prepare(mode, cycle)?;
-    c.must_write(object.at(sub::SHIFT_TIME), &shift.to_le_bytes())?;
+    let at = object.at(sub::SHIFT_TIME);
+    c.must_write(at, &shift.to_le_bytes())?;
+    let found = c.t.value(at)?.unwrap_or(0);
+    if found != u64::from(shift) {
+        c.equal(format!("{at} after it was written"), u64::from(shift), found);
+    }
     let al = c.t.change(AlState::SafeOp, crate::conform::case::STATE_PATIENCE)?;
     if !al.is(AlState::SafeOp) {
         return Err(Stop::Blocked { by: "MODE-02", why: al.to_string() });

@@ -34,12 +34,14 @@ pub mod scenario;
 pub mod segment_file;
 #[cfg(target_os = "linux")]
 pub mod serve;
+pub mod start_up;
 pub mod timeline;
 
 pub use isocat_wire::Nanos;
 pub use report::Report;
 pub use scenario::Scenario;
 pub use segment_file::SegmentFile;
+pub use start_up::StartUp;
 
 /// Runs a scenario in virtual time and reports on it.
 pub fn run(scenario: &Scenario) -> Report {

@@ -12,7 +12,8 @@ mod text;
 pub(crate) use build::{span, spread};
 
 #[cfg(feature = "cli")]
-pub(crate) use text::{WIDTH, wrap};
+pub(crate) use text::WIDTH;
+pub(crate) use text::wrap;
 
 use schemars::JsonSchema;
 use serde::Serialize;

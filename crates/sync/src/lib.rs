@@ -6,6 +6,9 @@
 //! times in the objects and the arrival of the frames [`budget`] makes the plan of one cycle: where SYNC0
 //! must lie, with how much slack, or which line does not fit.
 //!
+//! A device's maker states its wish in the ESI: [`opmode`] turns it, for a bus cycle, into the registers of
+//! the SYNC unit and names every doubt; [`start`] finds the instant at which all units begin in phase.
+//!
 //! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays, [`drift`]
 //! judges from measured differences whether clocks have converged, [`phase`] is the servo that lets
 //! the host follow the reference clock.
@@ -22,10 +25,13 @@ pub mod delay;
 pub mod drift;
 pub mod mode;
 pub mod object;
+pub mod opmode;
 pub mod phase;
 pub mod pulses;
+pub mod start;
 pub mod table;
 
 pub use mode::{Chain, Event, Step, SyncMode};
 pub use object::{SupportedTypes, SyncParameters, SyncType};
+pub use opmode::OpMode;
 pub use pulses::Pulses;

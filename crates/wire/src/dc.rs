@@ -102,6 +102,42 @@ impl AssignActivate {
     /// Active with SYNC0 and SYNC1.
     pub const SYNC0_AND_SYNC1: Self = Self(0x0700);
 
+    /// Active without a pulse: for time stamps of the latch units.
+    pub const UNIT_ONLY: Self = Self(0x0100);
+    /// Bit 0: the SYNC unit belongs to the PDI.
+    pub const UNIT_AT_PDI: u16 = 1 << 0;
+    /// Bit 4: latch unit 0 belongs to the PDI.
+    pub const LATCH0_AT_PDI: u16 = 1 << 4;
+    /// Bit 5: latch unit 1 belongs to the PDI.
+    pub const LATCH1_AT_PDI: u16 = 1 << 5;
+    /// Bits of 0x0980 that mean nothing.
+    pub const RESERVED: u16 = 0x00CE;
+
+    /// The SYNC unit belongs to the PDI: the SubDevice programs it, what the MainDevice writes to it from
+    /// 0x0981 on is ignored.
+    pub const fn unit_at_pdi(self) -> bool {
+        self.0 & Self::UNIT_AT_PDI != 0
+    }
+    /// Latch unit 0 belongs to the PDI.
+    pub const fn latch0_at_pdi(self) -> bool {
+        self.0 & Self::LATCH0_AT_PDI != 0
+    }
+    /// Latch unit 1 belongs to the PDI.
+    pub const fn latch1_at_pdi(self) -> bool {
+        self.0 & Self::LATCH1_AT_PDI != 0
+    }
+    /// The unit is switched on, at once or by the write of the start time.
+    pub const fn activates(self) -> bool {
+        self.activation().0 & (SyncActivation::ACTIVE | SyncActivation::AUTO) != 0
+    }
+    /// The unit is on and makes SYNC0.
+    pub const fn makes_sync0(self) -> bool {
+        self.activates() && self.activation().sync0()
+    }
+    /// The unit is on and makes SYNC1.
+    pub const fn makes_sync1(self) -> bool {
+        self.activates() && self.activation().sync1()
+    }
     /// The byte for 0x0981.
     pub const fn activation(self) -> SyncActivation {
         SyncActivation((self.0 >> 8) as u8)
@@ -136,5 +172,37 @@ mod tests {
         let word = AssignActivate(0x0300);
         assert!(word.activation().active() && word.activation().sync0());
         assert!(!AssignActivate(0x0100).activation().sync0());
+        assert!(AssignActivate(0x0200).activation().sync0());
+    }
+
+    /// Every word of the field: unit on, SYNC0, SYNC1, unit, latch 0 and latch 1 at the PDI.
+    #[test]
+    fn words_of_the_field() {
+        for (word, expected) in [
+            (0x0000, [false; 6]),
+            (0x0300, [true, true, false, false, false, false]),
+            (0x0700, [true, true, true, false, false, false]),
+            (0x0730, [true, true, true, false, true, true]),
+            (0x0320, [true, true, false, false, false, true]),
+            (0x0310, [true, true, false, false, true, false]),
+            (0x0301, [true, true, false, true, false, false]),
+            (0x0500, [true, false, true, false, false, false]),
+            (0x0100, [true, false, false, false, false, false]),
+            (0x0130, [true, false, false, false, true, true]),
+            (0x0030, [false, false, false, false, true, true]),
+            (0x0600, [false; 6]),
+        ] {
+            let it = AssignActivate(word);
+            let found = [
+                it.activates(),
+                it.makes_sync0(),
+                it.makes_sync1(),
+                it.unit_at_pdi(),
+                it.latch0_at_pdi(),
+                it.latch1_at_pdi(),
+            ];
+            assert_eq!(found, expected, "{it}");
+        }
+        assert!(AssignActivate(0x0B00).makes_sync0(), "on by the write of the start time");
     }
 }

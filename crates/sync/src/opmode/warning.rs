@@ -1,0 +1,232 @@
+//! What is doubtful in an OpMode, by name.
+
+use core::fmt;
+
+use isocat_wire::dc::AssignActivate;
+use isocat_wire::time::Nanos;
+
+/// A doubt about an OpMode at one bus cycle. The registers are those of the answer that the text names.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+#[expect(missing_docs, reason = "fields are the figures that the text prints")]
+pub enum Warning {
+    /// The OpMode leaves the SYNC unit off.
+    SyncOff,
+    /// SYNC0 or SYNC1 is asked for, and the unit is not switched on.
+    NotActivated { word: AssignActivate },
+    /// The unit is switched on and makes no pulse: for time stamps.
+    NoPulses { word: AssignActivate },
+    /// The device has a system time and no SYNC unit.
+    ClockOnly,
+    /// The SYNC unit belongs to the PDI.
+    UnitAtPdi,
+    /// Bits of AssignActivate that mean nothing are set.
+    ReservedBits { word: AssignActivate },
+    /// CycleTimeSync0 is missing, or 0 without a factor.
+    Sync0Undefined,
+    /// CycleTimeSync0 is below 0.
+    NegativeSync0 { value: i64 },
+    /// CycleTimeSync0 has both a time and a factor.
+    Sync0ValueAndFactor { value: i64, factor: i32 },
+    /// SYNC0 is faster than what is known of any device, or of this one.
+    BelowLeast { cycle: Nanos, least: Nanos },
+    /// The bus cycle can't be divided into so many whole nanoseconds.
+    BrokenPart { bus: Nanos, parts: u32 },
+    /// A fixed SYNC0 cycle that fits other bus cycles only.
+    FixedSync0 { cycle: Nanos, bus: Nanos },
+    /// A SYNC0 cycle that does not go into the bus cycle, nor the bus cycle into it.
+    Sync0OffBus { cycle: Nanos, bus: Nanos },
+    /// The device runs slower than the bus.
+    SlowerThanBus { times: u32 },
+    /// The device runs faster than the bus, and no SYNC1 marks the bus cycle.
+    FasterThanBus { times: u32 },
+    /// The pulses repeat out of step with the bus cycle.
+    PeriodOffBus { period: Nanos, bus: Nanos },
+    /// Times for SYNC1 are given, and SYNC1 is off.
+    Sync1Unused,
+    /// SYNC1 is asked for without SYNC0.
+    Sync1Alone,
+    /// CycleTimeSync1 is missing, or 0 without a factor, and SYNC1 is on.
+    Sync1Undefined,
+    /// CycleTimeSync1 is below 0.
+    NegativeSync1 { value: i64 },
+    /// CycleTimeSync1 has both a time and a factor.
+    Sync1ValueAndFactor { value: i64, factor: i32 },
+    /// A fixed CycleTimeSync1 and a ShiftTimeSync1.
+    Sync1FixedAndShift { value: i64, shift: i64 },
+    /// SYNC1 would have to come before the SYNC0 that it follows.
+    Sync1BeforeSync0 { by: Nanos },
+    /// The ESC makes SYNC1 at another period than the file asks for.
+    Sync1Period { wanted: Nanos, found: Nanos },
+    /// SYNC1 falls on SYNC0.
+    PulsesCoincide,
+    /// A time is no multiple of the ESC's step of 10 ns.
+    OffTick,
+    /// The shift is longer than the cycle.
+    LongShift { shift: Nanos, phase: Nanos },
+}
+
+impl Warning {
+    /// A short name, for lists and counts.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::SyncOff => "sync-off",
+            Self::NotActivated { .. } => "not-activated",
+            Self::NoPulses { .. } => "no-pulses",
+            Self::ClockOnly => "clock-only",
+            Self::UnitAtPdi => "unit-at-pdi",
+            Self::ReservedBits { .. } => "reserved-bits",
+            Self::Sync0Undefined => "sync0-undefined",
+            Self::NegativeSync0 { .. } => "negative-sync0",
+            Self::Sync0ValueAndFactor { .. } => "sync0-value-and-factor",
+            Self::BelowLeast { .. } => "below-least",
+            Self::BrokenPart { .. } => "broken-part",
+            Self::FixedSync0 { .. } => "fixed-sync0",
+            Self::Sync0OffBus { .. } => "sync0-off-bus",
+            Self::SlowerThanBus { .. } => "slower-than-bus",
+            Self::FasterThanBus { .. } => "faster-than-bus",
+            Self::PeriodOffBus { .. } => "period-off-bus",
+            Self::Sync1Unused => "sync1-unused",
+            Self::Sync1Alone => "sync1-alone",
+            Self::Sync1Undefined => "sync1-undefined",
+            Self::NegativeSync1 { .. } => "negative-sync1",
+            Self::Sync1ValueAndFactor { .. } => "sync1-value-and-factor",
+            Self::Sync1FixedAndShift { .. } => "sync1-fixed-and-shift",
+            Self::Sync1BeforeSync0 { .. } => "sync1-before-sync0",
+            Self::Sync1Period { .. } => "sync1-period",
+            Self::PulsesCoincide => "pulses-coincide",
+            Self::OffTick => "off-tick",
+            Self::LongShift { .. } => "long-shift",
+        }
+    }
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::SyncOff => f.write_str(
+                "the OpMode leaves the SYNC unit off: Free Run or SM-synchronous, the file does not say which",
+            ),
+            Self::NotActivated { word } => write!(
+                f,
+                "AssignActivate {word} asks for pulses and does not switch the unit on (bit 8): it stays off"
+            ),
+            Self::NoPulses { word } => write!(
+                f,
+                "AssignActivate {word} switches the unit on without a pulse: for time stamps only; stacks \
+                 that look at 0x0981 may refuse SAFEOP with 0x0030"
+            ),
+            Self::ClockOnly => f.write_str(
+                "TimeLoopControlOnly: the device has a system time and no SYNC unit, nothing is written to it",
+            ),
+            Self::UnitAtPdi => f.write_str(
+                "the SYNC unit belongs to the PDI: the device programs it, the registers are what it should \
+                 come to",
+            ),
+            Self::ReservedBits { word } => {
+                write!(f, "AssignActivate {word} has bits that mean nothing (0x00CE)")
+            }
+            Self::Sync0Undefined => {
+                f.write_str("CycleTimeSync0 is not given: the bus cycle is taken")
+            }
+            Self::NegativeSync0 { value } => {
+                write!(f, "CycleTimeSync0 of {value} ns is below 0: the bus cycle is taken")
+            }
+            Self::Sync0ValueAndFactor { value, factor } => write!(
+                f,
+                "CycleTimeSync0 has a time, {value} ns, and a factor, {factor}: the time counts"
+            ),
+            Self::BelowLeast { cycle, least } => {
+                write!(f, "a SYNC0 cycle of {cycle} is below the least known, {least}")
+            }
+            Self::BrokenPart { bus, parts } => write!(
+                f,
+                "a bus cycle of {bus} has no {parts} equal parts of whole nanoseconds: rounded down, \
+                 pulses drift against the bus"
+            ),
+            Self::FixedSync0 { cycle, bus } => write!(
+                f,
+                "the fixed SYNC0 cycle of {cycle} does not go into a bus cycle of {bus}: choose a multiple \
+                 of it"
+            ),
+            Self::Sync0OffBus { cycle, bus } => {
+                write!(f, "a SYNC0 cycle of {cycle} is in no step with a bus cycle of {bus}")
+            }
+            Self::SlowerThanBus { times } => write!(
+                f,
+                "the device takes one of {times} cycles of the bus: outputs in between are overwritten"
+            ),
+            Self::FasterThanBus { times } => write!(
+                f,
+                "{times} pulses in a bus cycle, and no SYNC1 marks it: a device that counts SM events against \
+                 SYNC0 counts misses"
+            ),
+            Self::PeriodOffBus { period, bus } => {
+                write!(f, "the pulses repeat every {period}, in no step with a bus cycle of {bus}")
+            }
+            Self::Sync1Unused => {
+                f.write_str("times for SYNC1 are given and SYNC1 is off: they have no effect")
+            }
+            Self::Sync1Alone => f.write_str(
+                "SYNC1 without SYNC0: SYNC0's cycle is set all the same; stacks that look at 0x0981 may \
+                 refuse SAFEOP with 0x0030",
+            ),
+            Self::Sync1Undefined => {
+                f.write_str("CycleTimeSync1 is not given and SYNC1 is on: it follows each SYNC0")
+            }
+            Self::NegativeSync1 { value } => {
+                write!(f, "CycleTimeSync1 of {value} ns is below 0: SYNC1 follows each SYNC0")
+            }
+            Self::Sync1ValueAndFactor { value, factor } => write!(
+                f,
+                "CycleTimeSync1 has a time, {value} ns, and a factor, {factor}: the time counts"
+            ),
+            Self::Sync1FixedAndShift { value, shift } => write!(
+                f,
+                "CycleTimeSync1 is fixed at {value} ns: ShiftTimeSync1 of {shift} ns is not added"
+            ),
+            Self::Sync1BeforeSync0 { by } => write!(
+                f,
+                "SYNC1 would have to come {by} before SYNC0: it comes as much before the next one"
+            ),
+            Self::Sync1Period { wanted, found } => write!(
+                f,
+                "SYNC1 is asked for every {wanted}, the ESC makes it every {found} with these values"
+            ),
+            Self::PulsesCoincide => f.write_str("SYNC1 falls on SYNC0: it adds nothing"),
+            Self::OffTick => {
+                f.write_str("a time is no multiple of 10 ns, the ESC's step: pulses spread by a step")
+            }
+            Self::LongShift { shift, phase } => write!(
+                f,
+                "a shift of {shift} is longer than the cycle: what counts is {phase} within it"
+            ),
+        }
+    }
+}
+
+/// The warnings of one OpMode, in the order in which they came up.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Warnings {
+    list: [Option<Warning>; MOST],
+}
+
+impl Warnings {
+    pub(super) fn push(&mut self, warning: Warning) {
+        let free = self.list.iter_mut().find(|place| place.is_none());
+        *free.expect("no OpMode has as many doubts as there are kinds") = Some(warning);
+    }
+
+    /// The warnings.
+    pub fn iter(&self) -> impl Iterator<Item = Warning> + '_ {
+        self.list.iter().copied().flatten()
+    }
+
+    /// There are none.
+    pub fn is_empty(&self) -> bool {
+        self.list[0].is_none()
+    }
+}
+
+/// Room for every doubt that one OpMode can have at once: reserved bits, unit at the PDI, three of SYNC0,
+/// four of SYNC1, four of how they lie, and some to spare.
+const MOST: usize = 16;

@@ -188,7 +188,8 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
         let now = sync::system_time(link, work.segment.devices[reference].station).await?;
         // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.
-        let acting = sync::start_time(now, config.timeouts.sync_lead, config.cycle, phase);
+        let grid = sync::grid(&work.segment, config.cycle);
+        let acting = grid.start(now, config.timeouts.sync_lead, phase);
         each(&mut work.segment, |device| {
             Box::pin(async move {
                 match device.mode.uses_dc() {

@@ -5,6 +5,7 @@ use alloc::vec::Vec;
 
 use isocat_sync::SyncMode;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, sub};
+use isocat_sync::start::Grid;
 use isocat_wire::coe::info::Access;
 use isocat_wire::dc::{ActivationStatus, SyncActivation};
 use isocat_wire::register::{self, Value, features};
@@ -18,7 +19,7 @@ use crate::error::{AccessError, Cause, SdoError};
 use crate::link::Link;
 use crate::mailbox::Mailbox;
 use crate::objects::{number, sdo};
-use crate::segment::{DcCapability, SubDevice, SyncObject, SyncSetting};
+use crate::segment::{DcCapability, Segment, SubDevice, SyncObject, SyncSetting};
 
 /// Writes the type of synchronization (01), the cycle time (02) and the shift time (03) of both
 /// sync objects, in PREOP, where the device lets itself be told. A refused type is no error yet:
@@ -167,13 +168,14 @@ async fn expect_value(
     }
 }
 
-/// The first pulse of all SYNC units: on the grid of the cycle, at the planned phase, at least
-/// `lead` ahead. Made from one reading of the reference clock, so that clocks of 32 and 64 bits get
-/// the same grid.
-pub(crate) fn start_time(now: Time<Dc>, lead: Nanos, cycle: Nanos, phase: Nanos) -> Time<Dc> {
-    let earliest = now + lead;
-    let into = (earliest + -phase).phase(cycle.0 as u64) as i64;
-    earliest + Nanos(if into == 0 { 0 } else { cycle.0 - into })
+/// The grid of all SYNC units: its period holds whole cycles of the bus and of each SubDevice's pulses, so that
+/// pulses of equal cycle fall together however often one falls out of step with the bus.
+pub(crate) fn grid(segment: &Segment, cycle: Nanos) -> Grid {
+    let synced = segment.devices.iter().filter(|device| device.mode.uses_dc());
+    let periods = synced.map(|device| device.pulses.sync1_cycle());
+    // Where cycles do not meet within what a 32-bit clock can wait for, the bus cycle is what they share.
+    let bus = || Grid::of([cycle]).expect("the cycle was checked: above 0, below 2^31 ns");
+    Grid::of(periods.chain([cycle])).unwrap_or_else(|_| bus())
 }
 
 /// System time of the reference clock, in 64 bits; the upper half of a 32-bit clock is 0 here.
@@ -324,13 +326,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_start_lies_on_the_grid_and_far_enough_ahead() {
-        let start = |now| {
-            start_time(Time::new(now), Nanos(100_000_000), Nanos(1_000_000), Nanos(300_000)).count()
+    fn the_grid_holds_the_cycles_of_all_devices() {
+        let bus = Nanos(1_000_000);
+        let device = |position, mode, sync0, sync1| {
+            let mut device = SubDevice::new(position, StationAddress(0x1001));
+            device.mode = mode;
+            device.pulses = isocat_sync::Pulses {
+                sync0_cycle: Nanos(sync0),
+                sync1: Nanos(sync1),
+                lead: Nanos::ZERO,
+            };
+            device
         };
-        assert_eq!(start(7_000_300_000), 7_100_300_000);
-        assert_eq!(start(7_000_300_001), 7_101_300_000);
-        assert_eq!(start(7_000_299_999), 7_100_300_000);
+        let mut segment = Segment::default();
+        assert_eq!(grid(&segment, bus).period(), bus);
+        segment.devices.push(device(0, SyncMode::DcSubordinated, 250_000, 750_000));
+        assert_eq!(grid(&segment, bus).period(), bus);
+        // SYNC1 every 2 ms and every 3 ms.
+        segment.devices.push(device(1, SyncMode::DcSync1, 1_000_000, 1_500_000));
+        assert_eq!(grid(&segment, bus).period(), Nanos(2_000_000));
+        segment.devices.push(device(2, SyncMode::DcSync1, 1_000_000, 2_500_000));
+        assert_eq!(grid(&segment, bus).period(), Nanos(6_000_000));
+        segment.devices.push(device(3, SyncMode::FreeRun, 7_000_000, 0));
+        assert_eq!(grid(&segment, bus).period(), Nanos(6_000_000));
+        segment.devices.push(device(4, SyncMode::DcSync0, 999_999_937, 0));
+        assert_eq!(grid(&segment, bus).period(), bus);
     }
 
     #[test]

@@ -11,6 +11,9 @@ macro_rules! codes {
         impl AbortCode {
             $(#[doc = $text] pub const $name: Self = Self($code);)*
 
+            /// Every code that this crate knows, in ascending order.
+            pub const ALL: &[Self] = &[$(Self::$name),*];
+
             /// What the code means, in words; `None` for a code this crate does not know.
             pub const fn meaning(self) -> Option<&'static str> {
                 match self.0 { $($code => Some($text),)* _ => None }

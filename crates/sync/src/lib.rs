@@ -9,6 +9,8 @@
 //! A device's maker states its wish in the ESI: [`opmode`] turns it, for a bus cycle, into the registers of
 //! the SYNC unit and names every doubt; [`start`] finds the instant at which all units begin in phase.
 //!
+//! [`explain`] says in plain words what codes, objects and registers mean and what to do about them.
+//!
 //! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays, [`drift`]
 //! judges from measured differences whether clocks have converged, [`phase`] is the servo that lets
 //! the host follow the reference clock.
@@ -23,6 +25,7 @@ extern crate std;
 pub mod budget;
 pub mod delay;
 pub mod drift;
+pub mod explain;
 pub mod mode;
 pub mod object;
 pub mod opmode;

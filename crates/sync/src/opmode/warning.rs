@@ -104,23 +104,26 @@ impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::SyncOff => f.write_str(
-                "the OpMode leaves the SYNC unit off: Free Run or SM-synchronous, the file does not say which",
+                "the OpMode leaves the SYNC unit off: Free Run or SM-synchronous, the file does \
+                 not say which",
             ),
             Self::NotActivated { word } => write!(
                 f,
-                "AssignActivate {word} asks for pulses and does not switch the unit on (bit 8): it stays off"
+                "AssignActivate {word} asks for pulses and does not switch the unit on (bit 8): \
+                 it stays off"
             ),
             Self::NoPulses { word } => write!(
                 f,
-                "AssignActivate {word} switches the unit on without a pulse: for time stamps only; stacks \
-                 that look at 0x0981 may refuse SAFEOP with 0x0030"
+                "AssignActivate {word} switches the unit on without a pulse: for time stamps \
+                 only; stacks that look at 0x0981 may refuse SAFEOP with 0x0030"
             ),
             Self::ClockOnly => f.write_str(
-                "TimeLoopControlOnly: the device has a system time and no SYNC unit, nothing is written to it",
+                "TimeLoopControlOnly: the device has a system time and no SYNC unit, nothing is \
+                 written to it",
             ),
             Self::UnitAtPdi => f.write_str(
-                "the SYNC unit belongs to the PDI: the device programs it, the registers are what it should \
-                 come to",
+                "the SYNC unit belongs to the PDI: the device programs it, the registers are what \
+                 it should come to",
             ),
             Self::ReservedBits { word } => {
                 write!(f, "AssignActivate {word} has bits that mean nothing (0x00CE)")
@@ -140,25 +143,26 @@ impl fmt::Display for Warning {
             }
             Self::BrokenPart { bus, parts } => write!(
                 f,
-                "a bus cycle of {bus} has no {parts} equal parts of whole nanoseconds: rounded down, \
-                 pulses drift against the bus"
+                "a bus cycle of {bus} has no {parts} equal parts of whole nanoseconds: rounded \
+                 down, pulses drift against the bus"
             ),
             Self::FixedSync0 { cycle, bus } => write!(
                 f,
-                "the fixed SYNC0 cycle of {cycle} does not go into a bus cycle of {bus}: choose a multiple \
-                 of it"
+                "the fixed SYNC0 cycle of {cycle} does not go into a bus cycle of {bus}: choose a \
+                 multiple of it"
             ),
             Self::Sync0OffBus { cycle, bus } => {
                 write!(f, "a SYNC0 cycle of {cycle} is in no step with a bus cycle of {bus}")
             }
             Self::SlowerThanBus { times } => write!(
                 f,
-                "the device takes one of {times} cycles of the bus: outputs in between are overwritten"
+                "the device takes one of {times} cycles of the bus: outputs in between are \
+                 overwritten"
             ),
             Self::FasterThanBus { times } => write!(
                 f,
-                "{times} pulses in a bus cycle, and no SYNC1 marks it: a device that counts SM events against \
-                 SYNC0 counts misses"
+                "{times} pulses in a bus cycle, and no SYNC1 marks it: a device that counts SM \
+                 events against SYNC0 counts misses"
             ),
             Self::PeriodOffBus { period, bus } => {
                 write!(f, "the pulses repeat every {period}, in no step with a bus cycle of {bus}")
@@ -167,8 +171,8 @@ impl fmt::Display for Warning {
                 f.write_str("times for SYNC1 are given and SYNC1 is off: they have no effect")
             }
             Self::Sync1Alone => f.write_str(
-                "SYNC1 without SYNC0: SYNC0's cycle is set all the same; stacks that look at 0x0981 may \
-                 refuse SAFEOP with 0x0030",
+                "SYNC1 without SYNC0: SYNC0's cycle is set all the same; stacks that look at \
+                 0x0981 may refuse SAFEOP with 0x0030",
             ),
             Self::Sync1Undefined => {
                 f.write_str("CycleTimeSync1 is not given and SYNC1 is on: it follows each SYNC0")
@@ -190,12 +194,14 @@ impl fmt::Display for Warning {
             ),
             Self::Sync1Period { wanted, found } => write!(
                 f,
-                "SYNC1 is asked for every {wanted}, the ESC makes it every {found} with these values"
+                "SYNC1 is asked for every {wanted}, the ESC makes it every {found} with these \
+                 values"
             ),
             Self::PulsesCoincide => f.write_str("SYNC1 falls on SYNC0: it adds nothing"),
-            Self::OffTick => {
-                f.write_str("a time is no multiple of 10 ns, the ESC's step: pulses spread by a step")
-            }
+            Self::OffTick => f.write_str(
+                "a time is no multiple of 10 ns, the ESC's step: pulses spread by a \
+                 step",
+            ),
             Self::LongShift { shift, phase } => write!(
                 f,
                 "a shift of {shift} is longer than the cycle: what counts is {phase} within it"

@@ -42,6 +42,7 @@ Examples:
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
+  isocat explain 0x001A               what a code, an object, a register or a mode means
   isocat explain modes                what each synchronization mode needs of a device
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. conform: 0 every rule that
@@ -72,7 +73,7 @@ enum Verb {
     /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),
-    /// Tell what the standard says: explain modes
+    /// Say what a code, an object, a register or a mode means, and what to do about it
     Explain(explain::Arguments),
     /// Print the built-in segment file
     Example,

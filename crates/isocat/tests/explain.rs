@@ -52,3 +52,47 @@ fn modes_for_a_program() {
     assert_eq!(delay[4]["need"], "not used", "1C33:09 without SYNC1");
     assert_eq!((&delay[5]["access"], &delay[5]["need"]), (&"R".into(), &"mandatory".into()));
 }
+
+/// One of each kind, as printed.
+#[test]
+fn explanations_as_committed() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/explain.txt");
+    let asked: [&[&str]; 8] = [
+        &["0x001A"],
+        &["0x06090030"],
+        &["0x1C32:0B"],
+        &["SI4", "0x0427"],
+        &["0x0300"],
+        &["0x092C=0x000000FD"],
+        &["dc-sync0"],
+        &["0xC007"],
+    ];
+    let text: String = asked
+        .map(|what| format!("$ isocat explain {}\n{}\n", what.join(" "), explain(what)))
+        .concat();
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        std::fs::write(&golden, &text).expect("the golden file can be written");
+    }
+    let expected = std::fs::read_to_string(golden).unwrap_or_default();
+    assert!(text == expected, "explanations changed: run with UPDATE_GOLDEN=1\n{text}");
+}
+
+#[test]
+fn an_explanation_for_a_program() {
+    let json: serde_json::Value = serde_json::from_str(&explain(&["0x0300", "--json"])).unwrap();
+    assert_eq!(json["format"], "isocat-explain/1");
+    assert_eq!(json["what"], "0x0300");
+    let meanings = json["meanings"].as_array().unwrap();
+    assert_eq!(meanings[0]["kind"], "AssignActivate");
+    assert_eq!(meanings[1]["kind"], "register");
+    assert!(meanings[0]["value"][0].as_str().unwrap().starts_with("bit 8"));
+}
+
+#[test]
+fn what_is_not_known_is_bad_input() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_isocat"));
+    let output = command.args(["explain", "0x0038"]).output().expect("isocat starts");
+    assert_eq!(output.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(words.contains("0x0038") && words.contains("understood:"), "{words}");
+}

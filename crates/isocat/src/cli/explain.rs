@@ -1,36 +1,51 @@
-//! `isocat explain`: what the standard says, from the data that the stack runs on.
+//! `isocat explain`: what a code, an object, a register or a mode means, from the data that the stack runs on.
 
 use std::fmt::Write;
 
-use clap::{Args, Subcommand};
+use clap::Args;
 use isocat_sync::object::{self, INPUT_PARAMETER, OUTPUT_PARAMETER};
 use isocat_sync::table::{Column, Condition, Need, Rights, SUBS, lookup};
 use serde::Serialize;
 
-use super::print;
+use super::{fail, print};
+use crate::explain;
+
+const EXAMPLES: &str = "\
+Examples:
+  isocat explain 0x001A               an AL status code
+  isocat explain 0x06090030           an SDO abort code
+  isocat explain 0x1C32:0B            an entry of an object
+  isocat explain 0x1C32:04=0x0427     a value of it, taken apart; the same: SI4 0x0427
+  isocat explain 0x0990               a register of the ESC
+  isocat explain AssignActivate 0x0730
+  isocat explain dc-sync0             a synchronization mode
+  isocat explain modes                what each mode needs of 0x1C32 and 0x1C33
+
+A number that may be several things is explained as each, the likeliest first; AL, abort, object, register,
+AssignActivate or SI4 before it says which one is meant. Exit code: 0 explained, 2 not known.";
 
 /// Arguments of `isocat explain`.
 #[derive(Args, Debug)]
+#[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    #[command(subcommand)]
-    topic: Topic,
-}
-
-#[derive(Subcommand, Debug)]
-enum Topic {
-    /// Which sub-indices of 0x1C32 and 0x1C33 each synchronization mode needs, and who may write them
-    Modes {
-        /// Print for a program
-        #[arg(long)]
-        json: bool,
-    },
+    /// A code, an object, a register, a mode, or "modes"
+    #[arg(required = true, value_name = "WHAT")]
+    what: Vec<String>,
+    /// Print for a program
+    #[arg(long)]
+    json: bool,
 }
 
 /// Explains.
 pub(super) fn run(arguments: &Arguments) -> u8 {
-    match arguments.topic {
-        Topic::Modes { json: false } => print(&modes()),
-        Topic::Modes { json: true } => print(&modes_json()),
+    let what = arguments.what.join(" ");
+    if what == "modes" {
+        return print(&if arguments.json { modes_json() } else { modes() });
+    }
+    match explain::explain(&what) {
+        Ok(meanings) if arguments.json => print(&explain::json(&what, &meanings)),
+        Ok(meanings) => print(&explain::text(&meanings)),
+        Err(unknown) => fail(&unknown.to_string()),
     }
 }
 

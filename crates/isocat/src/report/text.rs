@@ -191,6 +191,22 @@ pub(super) fn write_findings(out: &mut String, findings: &[Finding]) -> fmt::Res
         let more = findings.len() - MOST_FINDINGS;
         writeln!(out, "  - and {more} more; --json lists them all")?;
     }
+    write_where_to_read(out, findings)
+}
+
+/// Where to read what the AL status codes among the findings mean.
+fn write_where_to_read(out: &mut String, findings: &[Finding]) -> fmt::Result {
+    let mut codes: Vec<&str> = Vec::new();
+    for finding in findings {
+        let Some((_, code)) = finding.what.split_once("AL status code ") else { continue };
+        let code = code.split(' ').next().unwrap_or_default();
+        if code != "0x0000" && !codes.contains(&code) {
+            codes.push(code);
+        }
+    }
+    for code in codes.iter().take(3) {
+        writeln!(out, "  isocat explain {code} tells the usual causes and what to change")?;
+    }
     Ok(())
 }
 

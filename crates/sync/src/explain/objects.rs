@@ -72,6 +72,12 @@ pub const SUPPORTED_BITS: [&str; 16] = [
     "reserved; set in many device descriptions, it means nothing",
 ];
 
+/// Values of sub-index 04 that are common enough for a bare number to be one.
+pub const COMMON_SUPPORTED: [u16; 20] = [
+    0x0005, 0x0007, 0x000A, 0x000B, 0x000F, 0x0017, 0x001C, 0x001F, 0x0027, 0x040B, 0x0427, 0x0804,
+    0x0806, 0x080F, 0x0C07, 0x4001, 0x440B, 0x8007, 0xC003, 0xC007,
+];
+
 static COMMUNICATION_TYPE: Entry = entry(
     "What each SyncManager is for: sub-index n+1 speaks of SM n. 0 unused, 1 mailbox out, 2 \
      mailbox in, 3 outputs, 4 inputs.",

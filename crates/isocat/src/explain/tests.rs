@@ -1,0 +1,134 @@
+//! What is typed finds its meaning, and the likeliest comes first.
+
+use super::*;
+
+fn kinds(what: &str) -> Vec<&'static str> {
+    explain(what).unwrap().iter().map(|meaning| meaning.kind).collect()
+}
+
+#[test]
+fn numbers_that_are_several_things() {
+    assert_eq!(kinds("0x001A"), ["AL status code"]);
+    assert_eq!(kinds("0x0030"), ["AL status code", "AssignActivate"]);
+    assert_eq!(kinds("0x0300"), ["AssignActivate", "register"]);
+    assert_eq!(kinds("0x0310"), ["AssignActivate", "register"]);
+    assert_eq!(kinds("0x0730"), ["AssignActivate"]);
+    assert_eq!(kinds("0x0130"), ["register"]);
+    assert_eq!(kinds("0x0990"), ["register"]);
+    assert_eq!(kinds("0x1C32"), ["object"]);
+    assert_eq!(kinds("0x0427"), ["value of 0x1C32:04 and 0x1C33:04"]);
+    assert_eq!(kinds("0xC007"), ["AL status code", "value of 0x1C32:04 and 0x1C33:04"]);
+    assert_eq!(kinds("0x06090030"), ["SDO abort code"]);
+    assert_eq!(kinds("06090030"), ["SDO abort code"]);
+    assert_eq!(kinds("26"), ["AL status code"]);
+}
+
+#[test]
+fn a_kind_says_which_one_is_meant() {
+    for (what, kind, found) in [
+        ("AL 0x0030", "AL status code", "0x0030"),
+        ("al=0x0030", "AL status code", "0x0030"),
+        ("register 0x0300", "register", "0x0300"),
+        ("aa 0x0330", "AssignActivate", "0x0330"),
+        ("AssignActivate 0x0500", "AssignActivate", "0x0500"),
+        ("SI4 0x0427", "value of 0x1C32:04 and 0x1C33:04", "0x0427"),
+        ("abort 0x08000022", "SDO abort code", "0x08000022"),
+        ("object 0x1C33:06", "object", "0x1C33:06"),
+        ("dc-sync0", "mode", "dc-sync0"),
+        ("DC-Sync0", "mode", "dc-sync0"),
+    ] {
+        let meanings = explain(what).unwrap_or_else(|unknown| panic!("{unknown}"));
+        assert_eq!(meanings.len(), 1, "{what}");
+        assert_eq!((meanings[0].kind, meanings[0].what.as_str()), (kind, found), "{what}");
+    }
+}
+
+#[test]
+fn values_are_taken_apart() {
+    let value = |what: &str| explain(what).unwrap().remove(0).value;
+    let supported = value("0x1C32:04=0x0427");
+    assert_eq!(supported, value("SI4 0x0427"));
+    assert_eq!(supported.last().unwrap(), "modes: free-run, sm, dc-sync0");
+    assert_eq!(supported.len(), 6, "bits 0, 1, 2, 5, 10: {supported:?}");
+    assert_eq!(value("0x1C33:01=0x22"), ["0x22 (SM-synchronous with SM2)"]);
+    assert_eq!(value("0x1C32:02=1000000"), ["1 ms"]);
+    assert_eq!(value("0x1C32:0B=5"), ["5 (0x5)"]);
+    let difference = "the local clock is -253 ns ahead of the time received";
+    assert_eq!(value("0x092C=0x000000FD"), [difference]);
+    assert_eq!(value("0x0130=0x14"), ["SAFEOP+ERR"]);
+    let word = value("0x0980=0x0730");
+    assert_eq!(word, value("AssignActivate 0x0730"));
+    assert_eq!(word.last().unwrap(), "modes: dc-shift-sync1, dc-sync1");
+}
+
+#[test]
+fn codes_of_makers_are_said_to_be_theirs() {
+    let meanings = explain("AL 0xC007").unwrap();
+    assert_eq!(meanings[0].name, "the maker's own");
+    assert!(meanings[0].value[0].contains("0x8000 to 0xFFFF"));
+    let text = text(&meanings);
+    assert!(text.contains("manual") && text.contains("no maker's code is known here"), "{text}");
+}
+
+#[test]
+fn what_is_not_known_names_what_is_near() {
+    let hint = |what: &str| {
+        let unknown = explain(what).unwrap_err();
+        assert!(unknown.hint.contains("understood: ") || unknown.hint.contains("expected one of"));
+        unknown.to_string()
+    };
+    assert!(hint("0x0038").contains("0x0037 (DC: invalid SYNC1 cycle time)"));
+    assert!(hint("0x06090039").contains("0x06090030"));
+    assert!(hint("dc-sync").contains("did you mean \"dc-sync0\""));
+    assert!(hint("0x1C32:13").contains("nothing is known of object 0x1C32:13"));
+    assert!(hint("0x6060:00").contains("0x6060:00"));
+    assert!(hint("0x1C32:04=abc").contains("\"abc\" is no number"));
+    assert!(hint("SI4 0x10427").contains("is no SI4"));
+    assert!(hint("1C32:").contains("index and a sub-index"));
+    assert!(hint("").contains("is not understood"));
+    assert!(hint("0x0038").contains("understood: 0x001A"));
+}
+
+/// Everything that is typed gets an answer or a reason, whatever it is.
+#[test]
+fn nothing_that_is_typed_panics() {
+    for short in (0..0x1000).chain((0x1000..=0xFFFFu32).step_by(13)) {
+        for what in [format!("0x{short:04X}"), format!("SI4 {short:#x}"), format!("aa {short:#x}")]
+        {
+            if let Ok(meanings) = explain(&what) {
+                assert!(!meanings.is_empty() && !text(&meanings).is_empty());
+            }
+        }
+    }
+    for sub in 0..=0xFFu32 {
+        for index in objects::OBJECTS {
+            let _ = explain(&format!("{index:04X}:{sub:02X}=0xFFFFFFFF"));
+        }
+    }
+    for what in [
+        "=",
+        ":",
+        "=:",
+        "0x",
+        "AL",
+        "AL ",
+        "AL =",
+        "::",
+        "0x0300=",
+        "é:é",
+        "al\u{a0}1",
+        "0x1C32:-1",
+    ] {
+        assert!(explain(what).is_err(), "{what}");
+    }
+}
+
+#[test]
+fn text_keeps_within_a_hundred_columns() {
+    for what in ["0x001A", "0x0300", "0x1C32:0B", "0x092C", "dc-subordinated", "0xC007"] {
+        let text = text(&explain(what).unwrap());
+        for line in text.lines() {
+            assert!(line.chars().count() <= 100 && line == line.trim_end(), "{line:?}");
+        }
+    }
+}

@@ -3,9 +3,10 @@
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
 //! sync or lost it, 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
 //! input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad input. `serve` and `control`:
-//! 0 ended or done as asked, 2 could not begin or refused.
+//! 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
 
 mod conform;
+mod eni;
 mod explain;
 #[cfg(target_os = "linux")]
 mod interface;
@@ -42,6 +43,7 @@ Examples:
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
+  isocat eni network.xml              what a configuration tool's ENI file writes, and its doubts
   isocat explain 0x001A               what a code, an object, a register or a mode means
   isocat explain modes                what each synchronization mode needs of a device
 
@@ -75,6 +77,8 @@ enum Verb {
     Control(serve::ControlArguments),
     /// Say what a code, an object, a register or a mode means, and what to do about it
     Explain(explain::Arguments),
+    /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it can be run
+    Eni(eni::Arguments),
     /// Print the built-in segment file
     Example,
     /// List the built-in device profiles; with a name, print that profile
@@ -104,6 +108,7 @@ pub fn main() -> ExitCode {
         #[cfg(target_os = "linux")]
         Some(Verb::Control(arguments)) => serve::control(&arguments),
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
+        Some(Verb::Eni(arguments)) => eni::run(&arguments),
         Some(Verb::Example) => print(crate::SegmentFile::built_in_text()),
         Some(Verb::Devices { name }) => devices(name.as_deref()),
     };

@@ -23,6 +23,7 @@ pub mod capture;
 pub mod cli;
 pub mod conform;
 pub mod document;
+pub mod eni;
 pub mod explain;
 #[cfg(target_os = "linux")]
 pub mod link;

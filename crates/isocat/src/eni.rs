@@ -112,17 +112,14 @@ impl Eni {
     pub fn runnable(&self) -> Result<&StartUp, Vec<String>> {
         let mut reasons = Vec::new();
         let list = &self.start_up;
-        let steps = |device: &crate::start_up::DeviceStartUp| {
-            !device.registers.is_empty() || !device.objects.is_empty()
-        };
+        let registers = |device: &crate::start_up::DeviceStartUp| !device.registers.is_empty();
         if list.devices.is_empty() {
             reasons.push("it names no SubDevice".to_owned());
-        } else if !list.devices.iter().any(steps)
+        } else if !list.devices.iter().any(registers)
             && list.before.is_empty()
             && list.frames.is_empty()
         {
-            let why =
-                "it has neither start-up commands nor cyclic frames: a list of SubDevices, no more";
+            let why = "it has neither register commands (InitCmds) nor cyclic frames: a list of SubDevices, no more";
             reasons.push(why.to_owned());
         } else if list.frames.iter().all(|frame| frame.datagrams.is_empty()) {
             reasons.push(

@@ -79,7 +79,7 @@ fn a_minimum_by_hand() {
     assert_eq!(kinds(&eni), ["ccs-of-download", "hex-number", "mailbox-receive"]);
     let reasons = eni.runnable().unwrap_err().join("; ");
     assert!(
-        reasons.contains("no cyclic frames") && reasons.contains("no station address"),
+        reasons.contains("nor cyclic frames") && reasons.contains("no station address"),
         "{reasons}"
     );
     let objects = &eni.start_up.devices[0].objects;
@@ -91,7 +91,7 @@ fn a_foreign_file_of_the_same_root() {
     let Some(path) = file("beremiz_etherlab_config.xml") else { return };
     let eni = Eni::read(path).unwrap();
     let reasons = eni.runnable().unwrap_err().join("; ");
-    assert!(reasons.contains("neither start-up commands nor cyclic frames"), "{reasons}");
+    assert!(reasons.contains("neither register commands"), "{reasons}");
 }
 
 /// The command: exit codes 0, 1 and 2, text and JSON.
@@ -122,7 +122,7 @@ fn the_command_tells_what_is_in_a_file() {
     assert_eq!(output.status.code(), Some(1));
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["start_up"]["devices"][0]["station"], "0x1001");
-    assert!(json["not_runnable"][0].as_str().unwrap().contains("neither start-up commands"));
+    assert!(json["not_runnable"][0].as_str().unwrap().contains("neither register commands"));
     std::fs::write(&path, "<EtherCATConfig>").unwrap();
     let output = run(&path, false);
     assert_eq!(output.status.code(), Some(2));

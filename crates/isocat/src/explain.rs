@@ -285,8 +285,10 @@ fn register_meaning(address: u16, value: Option<u32>) -> Option<Meaning> {
             (0x0130, Ok(status)) => AlStatus(status).to_string(),
             (0x0134, Ok(code)) => AlStatusCode(code).to_string(),
             (0x092C, _) => {
-                let ahead = SystemTimeDifference(value).nanos();
-                format!("the local clock is {ahead} ahead of the time received")
+                let difference = SystemTimeDifference(value);
+                let size = Nanos::from_u32(difference.magnitude());
+                let side = if difference.nanos().0 < 0 { "behind" } else { "ahead of" };
+                format!("the local clock is {size} {side} the time received")
             }
             (0x0980, Ok(word)) => return Some(word_meaning(word)),
             (0x0928 | 0x09A0 | 0x09A4, _) => Nanos::from_u32(value).to_string(),

@@ -145,19 +145,18 @@ impl Reader<'_> {
     /// Hex bytes of an element.
     pub fn bytes(&self, node: Node) -> Result<Vec<u8>> {
         let text: String = text(node).split_whitespace().collect();
-        let wrong = || {
-            let name = node.tag_name().name();
-            self.error(
-                node,
-                format!("{name} \"{text}\" is no row of bytes; expected two hex digits each"),
-            )
+        let digit = |byte: &u8| char::from(*byte).to_digit(16);
+        let byte = |pair: &[u8]| match pair {
+            [high, low] => Some((digit(high)? << 4 | digit(low)?) as u8),
+            _ => None,
         };
-        if text.len() % 2 != 0 || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-            return Err(wrong());
-        }
-        (0..text.len() / 2)
-            .map(|at| u8::from_str_radix(&text[2 * at..2 * at + 2], 16).map_err(|_| wrong()))
-            .collect()
+        let bytes: Option<Vec<u8>> = text.as_bytes().chunks(2).map(byte).collect();
+        bytes.ok_or_else(|| {
+            let name = node.tag_name().name();
+            let message =
+                format!("{name} \"{text}\" is no row of bytes; expected two hex digits each");
+            self.error(node, message)
+        })
     }
 }
 

@@ -225,8 +225,7 @@ pub static CODES: [(u16, Entry); 63] = [
                 "the host wakes up late now and then; the device allows few misses (0x10F1:02)",
                 "lost frames",
                 "clocks had not converged when SYNC0 was started",
-                "OP was asked for before frames ran in phase: SYNC0 needs a predecessor in each \
-                 cycle",
+                "OP was asked for before frames ran in phase: each SYNC0 needs a frame before it",
             ],
             &[
                 "0x1C32:0B and :0C, 0x1C33:0B: which event was missed",

@@ -1,9 +1,9 @@
 //! ENI: what a configuration tool wrote for a MainDevice (ETG.2100), read into a [`StartUp`] list and written
 //! from one.
 //!
-//! Bytes become a tree ([`read`]), the tree an [`Eni`]: the list, what the list has no place for (PDOs with their
-//! entries), and every doubt as a [`Warning`] of a fixed name with its place. What is broken is a [`FileError`] with
-//! line and column. A file that is well-formed may still be nothing that a MainDevice can run:
+//! Bytes become a tree (`tree`), the tree an [`Eni`] (`read`, `slave`): the list, what the list has no place for
+//! (PDOs with their entries), and every doubt as a [`Warning`] of a fixed name with its place. What is broken is a
+//! [`FileError`] with line and column. A file that is well-formed may still be nothing that a MainDevice can run:
 //! [`Eni::runnable`] says why. [`write`](fn@write) makes an ENI of a list; what ENI can't say stands in comments.
 //!
 //! Two things in every ENI are not to be taken literally: the start time (0x0990) is a placeholder, which the

@@ -365,7 +365,12 @@ fn object_address(text: &str) -> Option<ObjectAddress> {
 
 fn near_al_code(code: u16) -> Option<String> {
     let (near, _) = al_codes::CODES.iter().min_by_key(|(known, _)| known.abs_diff(code))?;
-    Some(format!("the nearest AL status code is {}", AlStatusCode(*near)))
+    if near.abs_diff(code) <= 0x10 {
+        return Some(format!("the nearest AL status code is {}", AlStatusCode(*near)));
+    }
+    let near = objects::OBJECTS.into_iter().min_by_key(|index| index.abs_diff(code))?;
+    let (name, _) = objects::object(near)?;
+    (near.abs_diff(code) <= 0x100).then(|| format!("the nearest object is 0x{near:04X} ({name})"))
 }
 
 fn near_abort(code: u32) -> Option<String> {

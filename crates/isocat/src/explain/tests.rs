@@ -79,6 +79,8 @@ fn what_is_not_known_names_what_is_near() {
         unknown.to_string()
     };
     assert!(hint("0x0038").contains("0x0037 (DC: invalid SYNC1 cycle time)"));
+    assert!(hint("0x1C34").contains("nearest object is 0x1C33 (SM input parameter)"));
+    assert!(!hint("0x5000").contains("nearest"));
     assert!(hint("0x06090039").contains("0x06090030"));
     assert!(hint("dc-sync").contains("did you mean \"dc-sync0\""));
     assert!(hint("0x1C32:13").contains("nothing is known of object 0x1C32:13"));

@@ -79,22 +79,24 @@ fn the_list_in_words() {
 Start-up of bench: cycle 1 ms, 1 SubDevice
 
 all SubDevices, before each one
-  IP  BWR  0x0981     00                               SYNC off
+  IP  BWR  0x0981     00                                  SYNC off
 
 0 drive, station 0x1001
   vendor 0x0000006A, product 0x00000000, revision 0x00000000
-  IP  APWR 0x0010     0110                             station address
-  IP  SDO  0x1C12:00  00                               no PDOs
-  PS  SDO  0x1C12:00  02                               two PDOs
-  PS  FPWR 0x09A0     40420f00 00000000                cycles
-  PS  FPWR 0x0990     00000000 00000000                start time, to be replaced
-  PS  FPWR 0x0980     0003                             SYNC0 on
-  PSc FPWR 0x0120     0400                             SAFEOP is asked for
-  PSc FPRD 0x0130     = 04000000 0000 & 1f000000 0000  SAFEOP must be reached
+  IP  APWR 0x0010     0110                                station address
+  IP  SDO  0x1C12:00  00                                  no PDOs
+  PS  SDO  0x1C12:00  02                                  two PDOs
+  PS  FPWR 0x09A0     40420f00 00000000                   cycles
+  PS  FPWR 0x0990     00000000 00000000                   start time, to be replaced
+  PS  FPWR 0x0980     0003                                SYNC0 on
+  PSc FPWR 0x0120     0400                                SAFEOP is asked for
+  PSc FPRD 0x0130     = 04000000 0000 & 1f000000 0000     SAFEOP must be reached
   DC: SYNC0 1 ms, SYNC1 0 ns after it, shift -500 ns, its clock leads
 
 each cycle: 0 bytes of inputs, 0 of outputs
   frame 0  ARMW 0x0910         4 bytes  in SAFEOP, OP  system time
+
+c, f: in a cycle or frame of its own; SDO*: complete access; = what a read must find
 ";
     assert_eq!(list().text(), expected);
 }

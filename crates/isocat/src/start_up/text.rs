@@ -35,7 +35,9 @@ impl StartUp {
         for (number, frame) in self.frames.iter().enumerate() {
             write_frame(out, number, frame)?;
         }
-        write_notes(out, &self.notes)
+        write_notes(out, &self.notes)?;
+        let mark = "\nc, f: in a cycle or frame of its own; SDO*: complete access; = what a read must find";
+        writeln!(out, "{mark}")
     }
 }
 
@@ -96,7 +98,7 @@ fn write_step(out: &mut String, transition: Transition, step: Step<'_>) -> fmt::
         Step::Register(RegisterStep { own: Own::Cycle, .. }) => "c",
         _ => " ",
     };
-    let line = format!("  {transition}{own} {what:<4} {place:<10} {data:<32} {comment}");
+    let line = format!("  {transition}{own} {what:<4} {place:<10} {data:<35} {comment}");
     writeln!(out, "{}", line.trim_end())
 }
 
@@ -133,7 +135,7 @@ fn place(address: Address) -> String {
 
 /// Hex digits by four bytes; what is long is told by its beginning and length.
 fn bytes(bytes: &[u8]) -> String {
-    if bytes.len() > 16 && bytes.iter().all(|byte| *byte == 0) {
+    if bytes.len() >= 16 && bytes.iter().all(|byte| *byte == 0) {
         return format!("{} zeros", bytes.len());
     }
     let shown = &bytes[..bytes.len().min(12)];

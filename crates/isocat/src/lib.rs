@@ -25,6 +25,7 @@ pub mod conform;
 pub mod document;
 pub mod eni;
 pub mod explain;
+pub mod esi;
 #[cfg(target_os = "linux")]
 pub mod link;
 #[cfg(target_os = "linux")]

@@ -1,0 +1,345 @@
+//! ESI: device descriptions of makers (ETG.2000), read into plain values.
+//!
+//! Bytes become text (`decode`), text a tree (`tree`, which bounds what a file may ask for), the tree
+//! an [`EsiFile`] of [`EsiDevice`]s. Every value keeps the byte at which it stands, so that whoever uses it later can
+//! still say where. Three kinds of trouble are told apart:
+//!
+//! * A file that is not well-formed, or asks for too much, is refused as a whole: a [`FileError`] with line and
+//!   column. Nothing of it is imported.
+//! * A device that can't be read (a broken number, say) is refused with its place; its neighbours stay:
+//!   [`EsiFile::refused`].
+//! * What can be read in more than one way is taken in one way, and a [`Warning`] of a fixed name says
+//!   which.
+//!
+//! ```
+//! use isocat::esi::EsiFile;
+//! let text = br##"<EtherCATInfo><Vendor><Id>#x1</Id><Name>Nobody</Name></Vendor><Descriptions><Groups/>
+//!     <Devices><Device Physics="YY"><Type ProductCode="#x2" RevisionNo="3">Box</Type></Device></Devices>
+//!     </Descriptions></EtherCATInfo>"##;
+//! let file = EsiFile::from_bytes("box.xml", text).unwrap();
+//! assert_eq!(file.devices[0].product_code, Some(2));
+//! assert!(file.warnings().any(|(_, warning)| warning.kind.name() == "group-unknown"));
+//! ```
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use crate::document::{FileError, Source, name_hint};
+
+mod dc;
+mod decode;
+mod device;
+mod dictionary;
+mod eeprom;
+mod image;
+mod mailbox;
+mod modules;
+mod numbers;
+mod pdo;
+mod read;
+mod sync_manager;
+mod tree;
+mod warning;
+
+pub use dc::{CycleTime, EsiDc, EsiOpMode, OpModeAssignment, ShiftTime};
+pub use decode::Encoding;
+pub use device::EsiDevice;
+pub use dictionary::{EsiEntry, EsiObject, EsiProfile};
+pub use eeprom::{EsiEeprom, EsiTimeouts};
+pub use mailbox::{EsiCoe, EsiMailbox, InitCommand};
+pub use modules::{EsiModule, EsiSlot, EsiSlots};
+pub use pdo::{Direction, EsiPdo, EsiPdoEntry};
+pub use sync_manager::{EsiSyncManager, Purpose};
+pub use warning::{Warning, WarningKind};
+
+use tree::{Element, Malformed, Problem};
+use warning::Warnings;
+
+/// A description, read.
+#[derive(Clone, Debug)]
+pub struct EsiFile {
+    /// The file, as errors name it.
+    pub path: String,
+    /// How its bytes were read.
+    pub encoding: Encoding,
+    /// `Vendor/Id`; 0 for a file of modules, which may have none.
+    pub vendor_id: u32,
+    /// `Vendor/Name`.
+    pub vendor: String,
+    /// Devices in the order of the file.
+    pub devices: Vec<EsiDevice>,
+    /// Modules in the order of the file.
+    pub modules: Vec<EsiModule>,
+    /// Devices and modules that could not be read, each with its place.
+    pub refused: Vec<FileError>,
+    /// Doubts about the file as a whole.
+    pub file_warnings: Vec<Warning>,
+    text: String,
+    /// Byte at which each line begins.
+    lines: Vec<usize>,
+}
+
+/// A place in a file: line and column, both from 1.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub struct Place {
+    /// Line.
+    pub line: usize,
+    /// Column in characters.
+    pub column: usize,
+}
+
+impl EsiFile {
+    /// Reads a file from disk. One above 64 MB is refused before it is read.
+    pub fn read(path: &str) -> Result<Self, FileError> {
+        let unreadable = |error| FileError::unreadable(path, &error);
+        let length = std::fs::metadata(Path::new(path)).map_err(unreadable)?.len();
+        if length > LONGEST_FILE as u64 {
+            return Err(too_long(path, length));
+        }
+        Self::from_bytes(path, &std::fs::read(path).map_err(unreadable)?)
+    }
+
+    /// Reads the bytes of a file; `path` names it in errors.
+    pub fn from_bytes(path: &str, bytes: &[u8]) -> Result<Self, FileError> {
+        if bytes.len() > LONGEST_FILE {
+            return Err(too_long(path, bytes.len() as u64));
+        }
+        let decoded = decode::decode(bytes).map_err(|error| FileError {
+            path: path.to_owned(),
+            line: error.line,
+            column: error.column,
+            message: error.message,
+            hint: None,
+        })?;
+        let source = Source { path, text: &decoded.text };
+        let document = tree::parse(&decoded.text).map_err(|error| match error {
+            Malformed::At(Problem { at, message }) => source.error(at, message),
+            Malformed::Place(line, column, message) => {
+                FileError { path: path.to_owned(), line, column, message, hint: None }
+            }
+        })?;
+        let mut warnings = Warnings::default();
+        match decoded.doubt {
+            Some(decode::Doubt::Name(name)) => {
+                warnings.add(WarningKind::EncodingName, 0, || {
+                    format!("\"{name}\" is no registered name; {} is taken", decoded.encoding.name())
+                });
+            }
+            Some(decode::Doubt::Contradiction(what)) => {
+                warnings.add(WarningKind::EncodingMismatch, 0, || what);
+            }
+            None => {}
+        }
+        let mut file = Self {
+            path: path.to_owned(),
+            encoding: decoded.encoding,
+            vendor_id: 0,
+            vendor: String::new(),
+            devices: Vec::new(),
+            modules: Vec::new(),
+            refused: Vec::new(),
+            file_warnings: Vec::new(),
+            text: String::new(),
+            lines: Vec::new(),
+        };
+        let mut refused = Vec::new();
+        let content = file.content(Element::root(&document), &mut warnings, &mut refused);
+        drop(document);
+        content.map_err(|Problem { at, message }| source.error(at, message))?;
+        file.text = decoded.text.into_owned();
+        file.lines = line_starts(&file.text);
+        file.refused =
+            refused.into_iter().map(|problem| file.error(problem.at, problem.message)).collect();
+        file.file_warnings = warnings.0;
+        Ok(file)
+    }
+
+    fn content(
+        &mut self,
+        root: Element<'_>,
+        warnings: &mut Warnings,
+        refused: &mut Vec<Problem>,
+    ) -> Result<(), Problem> {
+        // A file of modules has its list at the top.
+        let (is_module_file, descriptions) = match root.name() {
+            "EtherCATInfo" => (false, root.child("Descriptions")),
+            "EtherCATModule" => (true, Some(root.child("Descriptions").unwrap_or(root))),
+            other => {
+                let message = format!("the root is <{other}>; expected <EtherCATInfo>");
+                return Err(Problem::new(root.at(), message));
+            }
+        };
+        let vendor = root.child("Vendor");
+        match vendor {
+            Some(vendor) => {
+                self.vendor_id = read::required(vendor, "Id", read::U32, warnings)? as u32;
+                self.vendor = read::name(vendor);
+                if self.vendor.is_empty() {
+                    warnings.add(WarningKind::VendorNameMissing, vendor.at(), || {
+                        format!("vendor {:#x} has no name", self.vendor_id)
+                    });
+                }
+            }
+            None if !is_module_file => {
+                return Err(Problem::new(root.at(), "the file lacks <Vendor>; expected its Id"));
+            }
+            None => {}
+        }
+        for reference in root.children("InfoReference") {
+            warnings.add(WarningKind::ReferencedFileNotRead, reference.at(), || {
+                format!("\"{}\"", read::cut(&reference.text()))
+            });
+        }
+        let Some(descriptions) = descriptions else {
+            let message = "the file lacks <Descriptions>; expected devices or modules in it";
+            return Err(Problem::new(root.at(), message));
+        };
+        if let Some(list) = descriptions.child("Modules") {
+            self.modules = modules::modules(list, warnings, refused);
+        }
+        let groups: Vec<String> = descriptions
+            .child("Groups")
+            .iter()
+            .flat_map(|groups| groups.children("Group"))
+            .map(|group| group.child_text("Type").into_owned())
+            .collect();
+        let list = descriptions.child("Devices");
+        for element in list.iter().flat_map(|list| list.children("Device")) {
+            match device::read(element, &groups, &self.modules) {
+                Ok(device) => self.devices.push(device),
+                Err(problem) => refused.push(problem),
+            }
+        }
+        self.compare(list);
+        Ok(())
+    }
+
+    /// What only all devices together tell: who is hidden, who stands twice.
+    fn compare(&mut self, list: Option<Element<'_>>) {
+        let mut hidden = std::collections::HashSet::new();
+        for element in list.iter().flat_map(|list| list.children("Device")) {
+            for hide in element.children("HideType") {
+                let mut ignored = Warnings::default();
+                let mut number = |name| read::attribute(hide, name, read::U32, &mut ignored).ok()?;
+                if let Some(revision) = number("RevisionNo") {
+                    let product = number("ProductCode").map(|code| code as u32);
+                    hidden.insert((hide.text().into_owned(), product, revision as u32));
+                }
+            }
+        }
+        let mut first: HashMap<(u32, Option<u32>), usize> = HashMap::new();
+        for (place, device) in self.devices.iter_mut().enumerate() {
+            let key = |product| (device.type_name.clone(), product, device.revision.unwrap_or(0));
+            device.hidden = hidden.contains(&key(None)) || hidden.contains(&key(device.product_code));
+            let Some(product) = device.product_code else { continue };
+            if first.insert((product, device.revision), place).is_some() {
+                let mut warnings = Warnings(std::mem::take(&mut device.warnings));
+                warnings.add(WarningKind::IdentityRepeated, device.at, || {
+                    format!("product {product:#x} with this revision stands before, too")
+                });
+                device.warnings = warnings.0;
+            }
+        }
+    }
+
+    /// The device of a type: that of a revision, or the newest.
+    ///
+    /// Without a wish it is the highest revision. With one it must be that revision, or else the newest that is not
+    /// newer than the wish.
+    pub fn device(&self, type_name: &str, revision: Option<u32>) -> Result<Choice<'_>, String> {
+        let type_name = type_name.trim();
+        let of_type = |device: &&EsiDevice| device.type_name == type_name;
+        let known = || self.devices.iter().filter(|device| device.product_code.is_some());
+        let mut candidates: Vec<&EsiDevice> = known().filter(of_type).collect();
+        if candidates.is_empty() {
+            let placeholder = self.devices.iter().any(|device| device.type_name == type_name);
+            let mut names: Vec<&str> = known().map(|device| device.type_name.as_str()).collect();
+            names.dedup();
+            let message = match (placeholder, names.is_empty()) {
+                (true, _) => format!("\"{type_name}\" has no product code: it is a placeholder"),
+                (false, true) => "the file has no device that can be chosen".to_owned(),
+                (false, false) => {
+                    format!("no type \"{type_name}\" in the file; {}", name_hint(type_name, names))
+                }
+            };
+            return Err(message);
+        }
+        candidates.sort_by_key(|device| device.revision.unwrap_or(0));
+        let number = |device: &EsiDevice| device.revision.unwrap_or(0);
+        let Some(wanted) = revision else {
+            let newest = candidates[candidates.len() - 1];
+            let note = (candidates.len() > 1).then(|| {
+                let all = candidates.len();
+                format!("the newest of {all} revisions, {:#010x}, is taken", number(newest))
+            });
+            return Ok(Choice { device: newest, note });
+        };
+        let exact = candidates.iter().find(|device| number(device) == wanted);
+        if let Some(device) = exact {
+            return Ok(Choice { device, note: None });
+        }
+        let older = candidates.iter().rev().find(|device| number(device) < wanted);
+        match older {
+            Some(device) => Ok(Choice {
+                device,
+                note: Some(format!(
+                    "no revision {wanted:#010x} in the file; {:#010x}, the newest below, is taken",
+                    number(device)
+                )),
+            }),
+            None => {
+                let all: Vec<_> =
+                    candidates.iter().map(|device| format!("{:#010x}", number(device))).collect();
+                let all = all.join(", ");
+                Err(format!("no revision {wanted:#010x} or older in the file; it has: {all}"))
+            }
+        }
+    }
+
+    /// Line and column of a byte of the text.
+    pub fn place(&self, at: usize) -> Place {
+        let line = self.lines.partition_point(|start| *start <= at);
+        let start = self.lines.get(line.wrapping_sub(1)).copied().unwrap_or(0);
+        let before = self.text.get(start..at).unwrap_or_default();
+        Place { line: line.max(1), column: before.chars().count() + 1 }
+    }
+
+    /// An error about something at a byte of the text.
+    pub fn error(&self, at: usize, message: impl Into<String>) -> FileError {
+        let Place { line, column } = self.place(at);
+        FileError { path: self.path.clone(), line, column, message: message.into(), hint: None }
+    }
+
+    /// All warnings: those of the file, then those of each device.
+    pub fn warnings(&self) -> impl Iterator<Item = (Option<&EsiDevice>, &Warning)> {
+        let of_file = self.file_warnings.iter().map(|warning| (None, warning));
+        let of_devices = self
+            .devices
+            .iter()
+            .flat_map(|device| device.warnings.iter().map(move |warning| (Some(device), warning)));
+        of_file.chain(of_devices)
+    }
+}
+
+/// A device of a file, and what should be known about its choice.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Choice<'f> {
+    /// The device.
+    pub device: &'f EsiDevice,
+    /// Why this one, where there were others.
+    pub note: Option<String>,
+}
+
+fn too_long(path: &str, length: u64) -> FileError {
+    let message =
+        format!("{length} bytes; expected a description of at most {LONGEST_FILE} bytes");
+    FileError { path: path.to_owned(), line: 0, column: 0, message, hint: None }
+}
+
+fn line_starts(text: &str) -> Vec<usize> {
+    let newlines = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
+    std::iter::once(0).chain(newlines.map(|(at, _)| at + 1)).collect()
+}
+
+/// The longest that is known has 4 MB.
+const LONGEST_FILE: usize = 64 << 20;

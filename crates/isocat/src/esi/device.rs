@@ -1,0 +1,239 @@
+//! One device of a file.
+
+use super::dc::{self, EsiDc};
+use super::dictionary::{self, EsiProfile};
+use super::eeprom::{self, EsiEeprom, EsiTimeouts};
+use super::mailbox::{self, EsiMailbox, PROTOCOLS};
+use super::modules::{self, EsiModule, EsiSlots};
+use super::pdo::{self, Direction, EsiPdo};
+use super::read::{self, U32, cut};
+use super::sync_manager::{self, EsiSyncManager, Purpose};
+use super::tree::{Element, Problem};
+use super::warning::{Warning, WarningKind, Warnings};
+
+/// `Devices/Device`.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct EsiDevice {
+    /// Byte of the text at which it begins.
+    pub at: usize,
+    /// Type name, such as "EL2502-0010".
+    pub type_name: String,
+    /// Product name.
+    pub name: String,
+    /// Product code; `None` for a placeholder, which is never chosen.
+    pub product_code: Option<u32>,
+    /// Revision, if the file has one.
+    pub revision: Option<u32>,
+    /// Serial number, mostly 0.
+    pub serial: u32,
+    /// A newer device hides it in lists.
+    pub hidden: bool,
+    /// Ports 0 to 3 by letter: Y MII, K EBUS, H fast hot connect, blank unused; `None` if not said.
+    pub physics: Option<String>,
+    /// Times and habits that `Info` tells.
+    pub timeouts: EsiTimeouts,
+    /// What each FMMU is for, as SII category 40 has it: 1 outputs, 2 inputs, 3 mailbox state, 0 unused.
+    pub fmmus: Vec<u8>,
+    /// SyncManagers by number.
+    pub sync_managers: Vec<EsiSyncManager>,
+    /// PDOs of both directions, in order.
+    pub pdos: Vec<EsiPdo>,
+    /// Mailbox, if it has one.
+    pub mailbox: Option<EsiMailbox>,
+    /// Distributed clocks, if the file tells of them.
+    pub dc: Option<EsiDc>,
+    /// Device profile and dictionary.
+    pub profile: EsiProfile,
+    /// Slots of a modular device.
+    pub slots: Option<EsiSlots>,
+    /// EEPROM.
+    pub eeprom: Option<EsiEeprom>,
+    /// What was doubtful about it.
+    pub warnings: Vec<Warning>,
+}
+
+impl EsiDevice {
+    /// OpModes; none for a device without DC.
+    pub fn op_modes(&self) -> &[dc::EsiOpMode] {
+        self.dc.as_ref().map_or(&[], |dc| &dc.op_modes)
+    }
+}
+
+/// Reads a device. `groups` are the types of the file's groups.
+pub(super) fn read(
+    element: Element<'_>,
+    groups: &[String],
+    modules: &[EsiModule],
+) -> Result<EsiDevice, Problem> {
+    let mut warnings = Warnings::default();
+    let w = &mut warnings;
+    let at = element.at();
+    let Some(kind) = element.child("Type") else {
+        return Err(Problem::new(at, "Device lacks Type; expected one with ProductCode"));
+    };
+    let type_name = kind.text().into_owned();
+    let product_code = read::attribute(kind, "ProductCode", U32, w)?.map(|code| code as u32);
+    if product_code.is_none() {
+        w.add(WarningKind::ProductCodeMissing, kind.at(), || {
+            format!("\"{}\" is a placeholder", cut(&type_name))
+        });
+    }
+    let revision = read::attribute(kind, "RevisionNo", U32, w)?.map(|revision| revision as u32);
+    if revision.is_none() && product_code.is_some() {
+        w.add(WarningKind::RevisionMissing, kind.at(), || {
+            format!("\"{}\" has no RevisionNo; 0 is taken", cut(&type_name))
+        });
+    }
+    let group = element.child_text("GroupType");
+    if !groups.iter().any(|known| **known == *group) {
+        w.add(WarningKind::GroupUnknown, at, || format!("group \"{}\"", cut(&group)));
+    }
+    let physics = element.attribute("Physics").map(str::to_owned);
+    if physics.is_none() {
+        w.add(WarningKind::PhysicsMissing, at, || "two MII ports are assumed".to_owned());
+    }
+    if let Some(further) = element.child("SubDevice") {
+        w.add(WarningKind::SeveralControllers, further.at(), || {
+            "the box has further controllers; this is one of them".to_owned()
+        });
+    }
+    for child in element.elements().filter(|child| !KNOWN.contains(&child.name())) {
+        w.add(WarningKind::ElementUnknown, child.at(), || format!("<{}>", child.name()));
+    }
+    let mut device = EsiDevice {
+        at,
+        name: read::name(element),
+        product_code,
+        revision,
+        serial: read::attribute(kind, "SerialNo", U32, w)?.unwrap_or(0) as u32,
+        hidden: false,
+        physics,
+        timeouts: eeprom::timeouts(element, w)?,
+        fmmus: fmmus(element),
+        sync_managers: sync_manager::read(element, w)?,
+        pdos: pdo::read(element, w)?,
+        mailbox: mailbox::read(element, w)?,
+        dc: dc::read(element, w)?,
+        profile: dictionary::read(element, w)?,
+        slots: modules::slots(element, w)?,
+        eeprom: eeprom::read(element, w)?,
+        type_name,
+        warnings: Vec::new(),
+    };
+    check(&mut device, w);
+    default_image(&device, modules, w);
+    device.warnings = warnings.0;
+    Ok(device)
+}
+
+fn fmmus(device: Element<'_>) -> Vec<u8> {
+    let uses = device.children("Fmmu").map(|fmmu| match &*fmmu.text() {
+        "Outputs" => 1,
+        "Inputs" => 2,
+        "MBoxState" => 3,
+        _ => 0,
+    });
+    uses.take(16).collect()
+}
+
+/// Contradictions between parts of a device.
+fn check(device: &mut EsiDevice, w: &mut Warnings) {
+    let mut seen = std::collections::HashSet::new();
+    let mut twice = None;
+    device.pdos.retain(|pdo| {
+        let new = seen.insert(pdo.index);
+        if !new {
+            twice = Some(pdo.at);
+            w.add(WarningKind::PdoRepeated, pdo.at, || {
+                format!("PDO 0x{:04X} stands twice; the first counts", pdo.index)
+            });
+        }
+        new
+    });
+    if let Some(mailbox) = &device.mailbox {
+        let of = |purpose| device.sync_managers.iter().any(|sm| sm.purpose == purpose);
+        if !of(Purpose::MailboxOut) || !of(Purpose::MailboxIn) {
+            w.add(WarningKind::MailboxWithoutSyncManagers, device.at, || {
+                "a mailbox, but not two SyncManagers for it; it is not used".to_owned()
+            });
+        }
+        for (bit, name) in PROTOCOLS.iter().enumerate() {
+            if mailbox.protocols & 1 << bit != 0 && *name != "CoE" {
+                w.add(WarningKind::MailboxProtocol, device.at, || {
+                    format!("{name} is announced; a virtual SubDevice answers CoE only")
+                });
+            }
+        }
+        if mailbox.coe.is_some() && !device.profile.has_dictionary {
+            w.add(WarningKind::DictionaryMissing, device.at, || {
+                "CoE without a dictionary in this file; objects of identity and PDOs are made".into()
+            });
+        }
+    }
+    let supported = |index| {
+        let object = device.profile.objects.iter().find(|object| object.index == index)?;
+        let entry = object.entries.iter().find(|entry| entry.sub == 4)?;
+        Some((object.at, entry.default.iter().rev().fold(0u64, |sum, byte| sum << 8 | u64::from(*byte))))
+    };
+    let with_sync0 = device.op_modes().iter().find(|mode| mode.sync0());
+    if let (Some(mode), Some((at, types))) = (with_sync0, supported(0x1C32).or(supported(0x1C33)))
+        && types & DC_BITS == 0
+    {
+        w.add(WarningKind::DictionaryWithoutDc, at, || {
+            format!("0x1C32:04 = {types:#06x} has no DC, OpMode \"{}\" has", cut(&mode.name))
+        });
+    }
+}
+
+/// Doubts about the process data that are assigned by default.
+fn default_image(device: &EsiDevice, modules: &[EsiModule], w: &mut Warnings) {
+    let image = super::image::default(device, modules, None, w);
+    for (direction, size) in [(Direction::Outputs, &image.outputs), (Direction::Inputs, &image.inputs)] {
+        for (number, pdos) in size {
+            let bits: u32 = pdos.iter().map(|pdo| pdo.bits()).sum();
+            let sm = &device.sync_managers[usize::from(*number)];
+            if u32::from(sm.default_size) != bits.div_ceil(8) {
+                w.add(WarningKind::SyncManagerSize, sm.at, || {
+                    format!(
+                        "DefaultSize {} of SyncManager {number}, but the default {direction:?} have \
+                         {bits} bits",
+                        sm.default_size
+                    )
+                });
+            }
+            for pdo in pdos {
+                if let Some(other) = pdos.iter().find(|other| pdo.exclude.contains(&other.index)) {
+                    w.add(WarningKind::PdoExcluded, pdo.at, || {
+                        format!(
+                            "0x{:04X} and 0x{:04X} are both assigned and exclude each other",
+                            pdo.index, other.index
+                        )
+                    });
+                }
+            }
+        }
+    }
+    let process_data = |sm: &EsiSyncManager| matches!(sm.purpose, Purpose::Outputs | Purpose::Inputs);
+    if image.is_empty() && device.sync_managers.iter().any(process_data) {
+        w.add(WarningKind::ProcessDataMissing, device.at, || {
+            "no PDO is assigned to any SyncManager by default".to_owned()
+        });
+    }
+    for entry in image.all().flat_map(|pdo| &pdo.entries) {
+        if entry.bits > 255 {
+            w.add(WarningKind::PdoEntryPadded, entry.at, || {
+                format!("an entry of {} bits; a mapping object has room for 255", entry.bits)
+            });
+        }
+    }
+}
+
+/// Bits 2 to 4 of 0x1C32:04: SYNC0, SYNC1, subordinated.
+const DC_BITS: u64 = 0x1C;
+/// Children of a device in the schema.
+const KNOWN: [&str; 27] = [
+    "Type", "HideType", "AlternativeType", "SubDevice", "Name", "Comment", "URL", "Info",
+    "GroupType", "Profile", "Fmmu", "Sm", "Su", "RxPdo", "TxPdo", "Mailbox", "Dc", "Slots", "ESC",
+    "Eeprom", "Image16x14", "ImageFile16x14", "ImageData16x14", "VendorSpecific", "ImageFile",
+    "ModulePdoGroup", "ControllerSync",
+];

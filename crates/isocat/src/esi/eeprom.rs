@@ -1,0 +1,126 @@
+//! What the file says about the EEPROM.
+
+use isocat_wire::sii::MailboxArea;
+
+use super::read;
+use super::tree::{Element, Problem};
+use super::warning::{WarningKind, Warnings};
+
+/// `Device/Eeprom`.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct EsiEeprom {
+    /// Bytes of the memory.
+    pub byte_size: usize,
+    /// Words 0 to 6 of the SII: PDI, SYNC pins, pulse length (word 2, in 10 ns), alias. `None` if the file
+    /// has none.
+    pub configuration: Option<[u8; 14]>,
+    /// Mailboxes of BOOT, receive and send.
+    pub boot: Option<(MailboxArea, MailboxArea)>,
+}
+
+/// Reads it.
+pub(super) fn read(
+    device: Element<'_>,
+    warnings: &mut Warnings,
+) -> Result<Option<EsiEeprom>, Problem> {
+    let Some(element) = device.child("Eeprom") else {
+        warnings.add(WarningKind::EepromMissing, device.at(), || {
+            "no Eeprom; SPI, SYNC pins and pulses of 10 us are assumed".to_owned()
+        });
+        return Ok(None);
+    };
+    let most = 4 << 20;
+    let byte_size = read::child(element, "ByteSize", 0..=most, warnings)?.unwrap_or(0) as usize;
+    // A complete image begins with the same words.
+    let data = match read::bytes(element, "ConfigData")? {
+        Some(data) => Some((data, element.child("ConfigData"))),
+        None => read::bytes(element, "Data")?
+            .map(|data| (data[..data.len().min(14)].to_vec(), element.child("Data"))),
+    };
+    let configuration = data.map(|(data, place)| {
+        let mut words = [0; 14];
+        let used = data.len().min(words.len());
+        words[..used].copy_from_slice(&data[..used]);
+        if data.len() != words.len() {
+            let at = place.map_or(element.at(), Element::at);
+            warnings.add(WarningKind::ConfigDataLength, at, || {
+                format!("{} bytes instead of 14; the rest is {}", data.len(), match data.len() {
+                    0..14 => "taken as 0",
+                    _ => "dropped",
+                })
+            });
+        }
+        words
+    });
+    let boot = match (element.child("BootStrap"), read::bytes(element, "BootStrap")?) {
+        (Some(_), Some(data)) if data.len() == 8 => {
+            let word = |at: usize| u16::from_le_bytes([data[at], data[at + 1]]);
+            let area = |at| MailboxArea { start: word(at), length: word(at + 2) };
+            Some((area(0), area(4)))
+        }
+        (Some(place), Some(data)) if !data.is_empty() => {
+            let message = format!("BootStrap has {} bytes; expected 8", data.len());
+            return Err(Problem::new(place.at(), message));
+        }
+        _ => None,
+    };
+    Ok(Some(EsiEeprom { byte_size, configuration, boot }))
+}
+
+/// `Info/StateMachine/Timeout` and `Info/Mailbox/Timeout`, in ms; `None` where the file is silent.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct EsiTimeouts {
+    /// INIT to PREOP.
+    pub preop: Option<u32>,
+    /// PREOP to SAFEOP, and SAFEOP to OP.
+    pub safeop_op: Option<u32>,
+    /// Back to INIT.
+    pub back_to_init: Option<u32>,
+    /// Back to SAFEOP.
+    pub back_to_safeop: Option<u32>,
+    /// Mailbox, until the request is taken.
+    pub request: Option<u32>,
+    /// Mailbox, until the answer is there.
+    pub response: Option<u32>,
+    /// SAFEOP is entered before SYNC pulses come.
+    pub safeop_without_sync: bool,
+}
+
+/// Reads `Info`.
+pub(super) fn timeouts(
+    device: Element<'_>,
+    warnings: &mut Warnings,
+) -> Result<EsiTimeouts, Problem> {
+    let Some(info) = device.child("Info") else { return Ok(EsiTimeouts::default()) };
+    let machine = info.child("StateMachine");
+    let mut of = |parent: Option<Element<'_>>, name: &'static str| match parent {
+        Some(parent) => child_ms(parent, name, warnings),
+        None => Ok(None),
+    };
+    let state = machine.and_then(|machine| machine.child("Timeout"));
+    let mailbox = info.child("Mailbox").and_then(|mailbox| mailbox.child("Timeout"));
+    let without_sync = match machine.and_then(|machine| machine.child("Behavior")) {
+        Some(behaviour) => read::flag(behaviour, "StartToSafeopNoSync")?,
+        None => false,
+    };
+    Ok(EsiTimeouts {
+        preop: of(state, "PreopTimeout")?,
+        safeop_op: of(state, "SafeopOpTimeout")?,
+        back_to_init: of(state, "BackToInitTimeout")?,
+        back_to_safeop: of(state, "BackToSafeopTimeout")?,
+        request: of(mailbox, "RequestTimeout")?,
+        response: of(mailbox, "ResponseTimeout")?,
+        safeop_without_sync: without_sync,
+    })
+}
+
+fn child_ms(
+    parent: Element<'_>,
+    name: &'static str,
+    warnings: &mut Warnings,
+) -> Result<Option<u32>, Problem> {
+    Ok(read::child(parent, name, 0..=LONGEST_MS, warnings)?.map(|ms| ms as u32))
+}
+
+/// A day: nobody waits longer.
+const LONGEST_MS: i64 = 86_400_000;

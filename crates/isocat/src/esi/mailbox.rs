@@ -1,0 +1,117 @@
+//! The mailbox: which protocols, and what is to be written at start.
+
+use isocat_wire::ObjectAddress;
+
+use super::pdo::depends_on_slot;
+use super::read::{self, U8, U16};
+use super::tree::{Element, Problem};
+use super::warning::Warnings;
+
+/// `Device/Mailbox`.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct EsiMailbox {
+    /// Repeats a lost answer on request (`DataLinkLayer`).
+    pub repeats: bool,
+    /// Protocols in the bits of SII word 0x1C: 0 AoE, 1 EoE, 2 CoE, 3 FoE, 4 SoE, 5 VoE.
+    pub protocols: u16,
+    /// CoE, if it has it.
+    pub coe: Option<EsiCoe>,
+    /// Number of SoE start commands; SoE is not simulated.
+    pub soe_commands: usize,
+}
+
+/// `Mailbox/CoE`.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct EsiCoe {
+    /// Describes its objects.
+    pub sdo_info: bool,
+    /// 0x1C12 and 0x1C13 can be written.
+    pub pdo_assign: bool,
+    /// Mapping objects can be written.
+    pub pdo_config: bool,
+    /// The mapping must be read from the device.
+    pub pdo_upload: bool,
+    /// Transfers whole objects.
+    pub complete_access: bool,
+    /// Transfers in segments.
+    pub segmented_sdo: bool,
+    /// Downloads at start, in order.
+    pub commands: Vec<InitCommand>,
+}
+
+/// `InitCmd`: a download that a MainDevice makes at a transition.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct InitCommand {
+    /// Byte of the text at which it stands.
+    pub at: usize,
+    /// Transitions such as `PS`, as written.
+    pub transitions: Vec<String>,
+    /// What is written.
+    pub object: ObjectAddress,
+    /// Index grows with the slot.
+    pub depends_on_slot: bool,
+    /// Bytes in the order of the wire.
+    pub data: Vec<u8>,
+    /// The whole object is written.
+    pub complete_access: bool,
+    /// The tool that configures replaces the value.
+    pub adapts: bool,
+}
+
+/// Reads the mailbox of a device.
+pub(super) fn read(
+    device: Element<'_>,
+    warnings: &mut Warnings,
+) -> Result<Option<EsiMailbox>, Problem> {
+    let Some(element) = device.child("Mailbox") else { return Ok(None) };
+    let mut mailbox =
+        EsiMailbox { repeats: read::flag(element, "DataLinkLayer")?, ..EsiMailbox::default() };
+    for child in element.elements() {
+        let Some(bit) = PROTOCOLS.iter().position(|name| *name == child.name()) else { continue };
+        mailbox.protocols |= 1 << bit;
+        match child.name() {
+            "CoE" => mailbox.coe = Some(coe(child, warnings)?),
+            "SoE" => mailbox.soe_commands = child.children("InitCmd").count(),
+            _ => {}
+        }
+    }
+    Ok(Some(mailbox))
+}
+
+fn coe(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiCoe, Problem> {
+    Ok(EsiCoe {
+        sdo_info: read::flag(element, "SdoInfo")?,
+        pdo_assign: read::flag(element, "PdoAssign")?,
+        pdo_config: read::flag(element, "PdoConfig")?,
+        pdo_upload: read::flag(element, "PdoUpload")?,
+        complete_access: read::flag(element, "CompleteAccess")?,
+        segmented_sdo: read::flag(element, "SegmentedSdo")?,
+        commands: commands(element, warnings)?,
+    })
+}
+
+/// The `InitCmd`s of a CoE element.
+pub(super) fn commands(
+    coe: Element<'_>,
+    warnings: &mut Warnings,
+) -> Result<Vec<InitCommand>, Problem> {
+    let mut all = Vec::new();
+    for element in coe.children("InitCmd") {
+        let index = read::required(element, "Index", U16, warnings)? as u16;
+        let sub = read::required(element, "SubIndex", U8, warnings)? as u8;
+        let data = element.child("Data");
+        all.push(InitCommand {
+            at: element.at(),
+            transitions: element.children("Transition").map(|t| t.text().into_owned()).collect(),
+            object: ObjectAddress::new(index, sub),
+            depends_on_slot: depends_on_slot(element)?,
+            data: read::bytes(element, "Data")?.unwrap_or_default(),
+            complete_access: read::flag(element, "CompleteAccess")?,
+            adapts: data.map_or(Ok(false), |data| read::flag(data, "AdaptAutomatically"))?,
+        });
+    }
+    Ok(all)
+}
+
+/// Names of the protocols, by their bit.
+pub(super) const PROTOCOLS: [&str; 6] = ["AoE", "EoE", "CoE", "FoE", "SoE", "VoE"];

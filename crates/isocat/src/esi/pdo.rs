@@ -1,0 +1,134 @@
+//! PDOs and their entries, as the file has them.
+
+use isocat_wire::ObjectAddress;
+
+use super::read::{self, U8, U16};
+use super::tree::{Element, Problem};
+use super::warning::Warnings;
+
+/// Which way process data go.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Direction {
+    /// RxPDO: MainDevice to SubDevice.
+    Outputs,
+    /// TxPDO: SubDevice to MainDevice.
+    Inputs,
+}
+
+/// `RxPdo` or `TxPdo`.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct EsiPdo {
+    /// Byte of the text at which it stands.
+    pub at: usize,
+    /// Which way.
+    pub direction: Direction,
+    /// Index of its mapping object.
+    pub index: u16,
+    /// Index grows with the slot it is in.
+    pub depends_on_slot: bool,
+    /// Name.
+    pub name: String,
+    /// SyncManager that it is assigned to by default.
+    pub sync_manager: Option<u8>,
+    /// Entries can't be changed.
+    pub fixed: bool,
+    /// Must stay assigned.
+    pub mandatory: bool,
+    /// PDOs that may not be assigned beside it.
+    pub exclude: Vec<u16>,
+    /// How often its entries repeat by default; 0 if it does not oversample.
+    pub oversampling: u16,
+    /// From the index of an entry to that of its next repetition.
+    pub oversampling_step: u16,
+    /// Entries in order.
+    pub entries: Vec<EsiPdoEntry>,
+}
+
+/// `Entry` of a PDO.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct EsiPdoEntry {
+    /// Byte of the text at which it stands.
+    pub at: usize,
+    /// What it maps; `None` for padding.
+    pub object: Option<ObjectAddress>,
+    /// Its index grows with the slot it is in.
+    pub depends_on_slot: bool,
+    /// Bits in the process data: they count, whatever the type is called.
+    pub bits: u16,
+    /// Name.
+    pub name: String,
+    /// Name of its type, as written.
+    pub data_type: String,
+}
+
+impl EsiPdo {
+    /// Bits of all entries.
+    pub fn bits(&self) -> u32 {
+        self.entries.iter().map(|entry| u32::from(entry.bits)).sum()
+    }
+}
+
+/// Reads the PDOs of a device or module.
+pub(super) fn read(owner: Element<'_>, warnings: &mut Warnings) -> Result<Vec<EsiPdo>, Problem> {
+    let mut all = Vec::new();
+    for element in owner.elements() {
+        let direction = match element.name() {
+            "RxPdo" => Direction::Outputs,
+            "TxPdo" => Direction::Inputs,
+            _ => continue,
+        };
+        all.push(pdo(element, direction, warnings)?);
+    }
+    Ok(all)
+}
+
+fn pdo(
+    element: Element<'_>,
+    direction: Direction,
+    warnings: &mut Warnings,
+) -> Result<EsiPdo, Problem> {
+    let (mut exclude, mut entries) = (Vec::new(), Vec::new());
+    for child in element.elements() {
+        match child.name() {
+            "Exclude" => {
+                let text = child.text();
+                exclude.push(read::integer(&text, child.at(), "Exclude", U16, warnings)? as u16);
+            }
+            "Entry" => entries.push(entry(child, warnings)?),
+            _ => {}
+        }
+    }
+    Ok(EsiPdo {
+        at: element.at(),
+        direction,
+        index: read::required(element, "Index", U16, warnings)? as u16,
+        depends_on_slot: depends_on_slot(element)?,
+        name: read::name(element),
+        sync_manager: read::attribute(element, "Sm", U8, warnings)?.map(|sm| sm as u8),
+        fixed: read::flag(element, "Fixed")?,
+        mandatory: read::flag(element, "Mandatory")?,
+        exclude,
+        oversampling: read::attribute(element, "OSFac", U16, warnings)?.unwrap_or(0) as u16,
+        oversampling_step: read::attribute(element, "OSIndexInc", U16, warnings)?.unwrap_or(0)
+            as u16,
+        entries,
+    })
+}
+
+fn entry(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiPdoEntry, Problem> {
+    let index = read::required(element, "Index", U16, warnings)? as u16;
+    let sub = read::child(element, "SubIndex", U8, warnings)?.unwrap_or(0) as u8;
+    Ok(EsiPdoEntry {
+        at: element.at(),
+        object: (index != 0).then_some(ObjectAddress::new(index, sub)),
+        depends_on_slot: depends_on_slot(element)?,
+        bits: read::required(element, "BitLen", U16, warnings)? as u16,
+        name: read::name(element),
+        data_type: element.child_text("DataType").into_owned(),
+    })
+}
+
+/// `Index/@DependOnSlot`.
+pub(super) fn depends_on_slot(element: Element<'_>) -> Result<bool, Problem> {
+    element.child("Index").map_or(Ok(false), |index| read::flag(index, "DependOnSlot"))
+}

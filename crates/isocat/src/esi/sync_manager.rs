@@ -1,0 +1,158 @@
+//! SyncManagers: what each is for, by its control byte.
+
+use isocat_wire::sync_manager::SyncManager;
+
+use super::read::{self, U8, U16, cut};
+use super::tree::{Element, Problem};
+use super::warning::{WarningKind, Warnings};
+
+/// `Device/Sm`; its place in the list is its number.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct EsiSyncManager {
+    /// Byte of the text at which it stands.
+    pub at: usize,
+    /// What it is for.
+    pub purpose: Purpose,
+    /// First byte of its memory.
+    pub start: u16,
+    /// Bytes to configure: a mailbox's length; for process data a hint, the PDOs count.
+    pub default_size: u16,
+    /// Most bytes; `None` where the size is fixed or not said.
+    pub max_size: Option<u16>,
+    /// Control byte, register 0x0804 + 8n; `None` if the file has none.
+    pub control: Option<u8>,
+    /// Activation as written; not a flag, whatever its name says.
+    pub enable: Option<u8>,
+    /// Switched on in OP only.
+    pub op_only: bool,
+}
+
+/// What a SyncManager is for.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Purpose {
+    /// Mailbox, MainDevice to SubDevice.
+    MailboxOut,
+    /// Mailbox, SubDevice to MainDevice.
+    MailboxIn,
+    /// Process data, MainDevice to SubDevice.
+    Outputs,
+    /// Process data, SubDevice to MainDevice.
+    Inputs,
+    /// No SyncManager at all: a window that an FMMU reads.
+    Window,
+}
+
+impl EsiSyncManager {
+    /// Whether process data go through it one buffer at a time, as through a mailbox.
+    pub fn one_buffer(&self) -> bool {
+        self.control.is_some_and(|control| control & BUFFER_MODE == ONE_BUFFER)
+    }
+}
+
+/// Reads all of a device.
+pub(super) fn read(
+    device: Element<'_>,
+    warnings: &mut Warnings,
+) -> Result<Vec<EsiSyncManager>, Problem> {
+    let mut all = Vec::new();
+    let has_mailbox = device.child("Mailbox").is_some();
+    for element in device.children("Sm") {
+        if all.len() == MOST {
+            let message = format!("more than {MOST} SyncManagers; an ESC has no more");
+            return Err(Problem::new(element.at(), message));
+        }
+        all.push(one(element, has_mailbox, warnings)?);
+    }
+    Ok(all)
+}
+
+fn one(
+    element: Element<'_>,
+    has_mailbox: bool,
+    warnings: &mut Warnings,
+) -> Result<EsiSyncManager, Problem> {
+    let at = element.at();
+    let text = element.text();
+    let control = read::attribute(element, "ControlByte", U8, warnings)?.map(|byte| byte as u8);
+    let named = match &*text {
+        "MBoxOut" => Some(Purpose::MailboxOut),
+        "MBoxIn" => Some(Purpose::MailboxIn),
+        "Outputs" | "DynamicOutputs" => Some(Purpose::Outputs),
+        "Inputs" | "DynamicInputs" => Some(Purpose::Inputs),
+        _ => None,
+    };
+    let purpose = if read::flag(element, "Virtual")? {
+        warnings.add(WarningKind::SyncManagerVirtual, at, || {
+            format!("\"{}\" is a window without SyncManager; it is not mapped", cut(&text))
+        });
+        Purpose::Window
+    } else if let Some(control) = control {
+        let purpose = by_control(control, named, has_mailbox);
+        match named {
+            None => warnings.add(WarningKind::SyncManagerName, at, || {
+                format!("\"{}\" says nothing; control byte {control:#04x} is {purpose:?}", cut(&text))
+            }),
+            Some(named) if named != purpose => {
+                warnings.add(WarningKind::SyncManagerNameContradicts, at, || {
+                    format!("\"{}\" by name, but control byte {control:#04x} is {purpose:?}", cut(&text))
+                });
+            }
+            _ => {}
+        }
+        purpose
+    } else {
+        let Some(named) = named else {
+            let message = format!(
+                "SyncManager \"{}\" has no ControlByte; expected one, or a text such as Outputs",
+                cut(&text)
+            );
+            return Err(Problem::new(at, message));
+        };
+        warnings.add(WarningKind::SyncManagerWithoutControl, at, || {
+            format!("\"{}\" without ControlByte; the usual one is taken", cut(&text))
+        });
+        named
+    };
+    let enable = read::attribute(element, "Enable", U8, warnings)?.map(|enable| enable as u8);
+    if let Some(odd) = enable.filter(|enable| *enable > 1) {
+        warnings.add(WarningKind::SyncManagerEnable, at, || {
+            format!("Enable = {odd} is neither 0 nor 1; it is taken as {}", odd & 1)
+        });
+    }
+    let process_data = matches!(purpose, Purpose::Outputs | Purpose::Inputs);
+    let found = EsiSyncManager {
+        at,
+        purpose,
+        start: read::attribute(element, "StartAddress", U16, warnings)?.unwrap_or(0) as u16,
+        default_size: read::attribute(element, "DefaultSize", U16, warnings)?.unwrap_or(0) as u16,
+        max_size: read::attribute(element, "MaxSize", U16, warnings)?.map(|size| size as u16),
+        control,
+        enable,
+        op_only: read::flag(element, "OpOnly")?,
+    };
+    if process_data && found.one_buffer() {
+        warnings.add(WarningKind::SyncManagerOneBuffer, at, || {
+            format!("{purpose:?} go through one buffer (control byte {:#04x})", found.control.unwrap_or(0))
+        });
+    }
+    Ok(found)
+}
+
+/// Bits 3:2 tell the direction, bits 1:0 the buffers. One buffer means a mailbox only for a device that
+/// has one and does not call it process data.
+fn by_control(control: u8, named: Option<Purpose>, has_mailbox: bool) -> Purpose {
+    let writes = control & SyncManager::CONTROL_ECAT_WRITES != 0;
+    let called_process_data = matches!(named, Some(Purpose::Outputs | Purpose::Inputs));
+    let one_buffer = control & BUFFER_MODE == ONE_BUFFER;
+    match (one_buffer && (has_mailbox || named.is_some()) && !called_process_data, writes) {
+        (true, true) => Purpose::MailboxOut,
+        (true, false) => Purpose::MailboxIn,
+        (false, true) => Purpose::Outputs,
+        (false, false) => Purpose::Inputs,
+    }
+}
+
+const BUFFER_MODE: u8 = 0x03;
+const ONE_BUFFER: u8 = 0x02;
+/// Registers 0x0800 to 0x087F.
+const MOST: usize = 16;

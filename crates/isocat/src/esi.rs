@@ -22,6 +22,7 @@
 //! ```
 
 use std::collections::HashMap;
+use std::hash::{Hash, Hasher};
 use std::path::Path;
 
 use crate::document::{FileError, Source, name_hint};
@@ -203,9 +204,10 @@ impl EsiFile {
             .flat_map(|groups| groups.children("Group"))
             .map(|group| group.child_text("Type").into_owned())
             .collect();
+        let definitions = pdo::Definitions::of(descriptions);
         let list = descriptions.child("Devices");
         for element in list.iter().flat_map(|list| list.children("Device")) {
-            match device::read(element, &groups, &self.modules) {
+            match device::read(element, &groups, &definitions, &self.modules) {
                 Ok(device) => self.devices.push(device),
                 Err(problem) => refused.push(problem),
             }
@@ -296,6 +298,24 @@ impl EsiFile {
         }
     }
 
+    /// The process data of a device, by default or in one of its OpModes.
+    pub(crate) fn image(&self, device: &EsiDevice, mode: Option<&EsiOpMode>) -> image::Image {
+        // The doubts were noted when the device was read.
+        image::default(device, &self.modules, mode, &mut Warnings::default())
+    }
+
+    /// The text, decoded.
+    pub(crate) fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Tells texts of one path apart.
+    pub(crate) fn fingerprint(&self) -> u64 {
+        let mut hasher = std::hash::DefaultHasher::new();
+        self.text.hash(&mut hasher);
+        hasher.finish()
+    }
+
     /// Line and column of a byte of the text.
     pub fn place(&self, at: usize) -> Place {
         let line = self.lines.partition_point(|start| *start <= at);
@@ -319,6 +339,11 @@ impl EsiFile {
             .flat_map(|device| device.warnings.iter().map(move |warning| (Some(device), warning)));
         of_file.chain(of_devices)
     }
+}
+
+/// The code of a data type as PDOs name it; a name that is unknown or does not fit counts by its bits.
+pub(crate) fn data_type(name: &str, bits: u32) -> isocat_wire::coe::DataType {
+    dictionary::by_name(name, bits).unwrap_or_else(|| dictionary::by_bits(bits))
 }
 
 /// A device of a file, and what should be known about its choice.

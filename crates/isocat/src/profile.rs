@@ -86,6 +86,7 @@ use isocat_wire::time::Nanos;
 mod check;
 mod dictionary;
 mod draft;
+mod esi;
 mod parse;
 mod rows;
 mod sii;
@@ -93,6 +94,7 @@ mod sii;
 mod tests;
 
 pub use crate::document::{FileError, name_hint};
+pub use esi::{NotSimulated, Obstacle};
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.
 ///
@@ -113,7 +115,7 @@ pub struct Profile {
     pub description: &'static Description,
     /// EEPROM image, as long as the EEPROM; unused bytes are 0xFF.
     pub sii: Vec<u8>,
-    /// Which ESC it has: a name of [`CHIPS`].
+    /// Which ESC it has: a name of [`CHIPS`]; the ports and the memory of an imported device are its own.
     pub chip: &'static str,
     /// What its CPU really needs.
     pub times: CpuTimes,
@@ -129,6 +131,7 @@ pub struct Profile {
     pub deviations: Vec<Deviation>,
     /// The file gives the time itself, so it does not follow 0x1C32:06.
     calc_and_copy_given: bool,
+    esc: &'static Chip,
 }
 
 /// A rule of [`conform`](crate::conform) that a device is known to break.
@@ -304,8 +307,7 @@ impl Profile {
 
     /// The ESC named by [`Profile::chip`].
     pub fn esc(&self) -> &'static Chip {
-        let (_, esc) = CHIPS.into_iter().find(|(name, _)| *name == self.chip).unwrap_or(CHIPS[0]);
-        esc
+        self.esc
     }
 
     /// The default value of an entry as an unsigned number; `None` if the device does not have it or

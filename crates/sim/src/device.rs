@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use isocat_esc::{Chip, Esc, EscEvent};
+use isocat_subdevice::description::ProcessDataArea;
 use isocat_subdevice::{Application, Description, Event, Step, SubDevice};
 use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
@@ -211,14 +212,16 @@ impl Device {
     ) {
         match event {
             EscEvent::FrameEnd { al_events } => {
-                if al_events & al_event::sync_manager(2) != 0 {
+                let description = self.stack.description();
+                let sm = |area: &ProcessDataArea| al_event::sync_manager(area.sync_manager.into());
+                let (outputs, inputs) = (sm(&description.outputs), sm(&description.inputs));
+                if al_events & outputs != 0 {
                     self.event(at, Event::Sm2, Observed::Sm2, watch);
                 }
-                if al_events & al_event::sync_manager(3) != 0 {
+                if al_events & inputs != 0 {
                     self.event(at, Event::Sm3, Observed::Sm3, watch);
                 }
-                let cyclic = al_event::sync_manager(2) | al_event::sync_manager(3);
-                if al_events & !cyclic != 0 {
+                if al_events & !(outputs | inputs) != 0 {
                     self.cpu.wake(at);
                 }
             }

@@ -19,8 +19,8 @@ mod line;
 static DESCRIPTION: Description = Description {
     objects: &[],
     mailbox: None,
-    outputs: ProcessDataArea { start: 0x1000, max_length: 64 },
-    inputs: ProcessDataArea { start: 0x1100, max_length: 64 },
+    outputs: ProcessDataArea { sync_manager: 2, start: 0x1000, max_length: 64 },
+    inputs: ProcessDataArea { sync_manager: 3, start: 0x1100, max_length: 64 },
     behaviour: Behaviour::DEFAULT,
 };
 

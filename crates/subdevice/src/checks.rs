@@ -47,8 +47,8 @@ pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
     chosen: Chosen,
 ) -> Result<SafeOp, AlStatusCode> {
     let description = dictionary.description();
-    let sm2: SyncManager = pdi.load(register::sync_manager(2));
-    let sm3: SyncManager = pdi.load(register::sync_manager(3));
+    let sm2 = process_data_manager(pdi, description.outputs);
+    let sm3 = process_data_manager(pdi, description.inputs);
     let (output_length, input_length) = mapped_lengths(dictionary, &sm2, &sm3)?;
     let (outputs, inputs) = process_data(pdi, description, output_length, input_length)?;
     let sync = sync(pdi, dictionary, chosen, outputs.is_used(), inputs.is_used())?;
@@ -75,8 +75,8 @@ pub(crate) fn process_data(
     output_length: u32,
     input_length: u32,
 ) -> Result<(Buffer, Buffer), AlStatusCode> {
-    let sm2: SyncManager = pdi.load(register::sync_manager(2));
-    let sm3: SyncManager = pdi.load(register::sync_manager(3));
+    let sm2 = process_data_manager(pdi, description.outputs);
+    let sm3 = process_data_manager(pdi, description.inputs);
     let ram_end = u32::from(register::PROCESS_RAM) + 1024 * u32::from(pdi.load(register::RAM_SIZE));
     let outputs =
         buffer(&sm2, description.outputs, output_length, SyncManager::CONTROL_ECAT_WRITES, ram_end)
@@ -136,6 +136,11 @@ fn mapped_lengths<S: AsRef<[u8]> + AsMut<[u8]>>(
     let code = AlStatusCode::INVALID_OUTPUT_MAPPING;
     let outputs = length(OUTPUT_ASSIGNMENT, sm2, description.outputs, code)?;
     Ok((outputs, inputs))
+}
+
+/// The SyncManager of a direction.
+fn process_data_manager(pdi: &mut impl Pdi, area: ProcessDataArea) -> SyncManager {
+    pdi.load(register::sync_manager(usize::from(area.sync_manager)))
 }
 
 /// The buffer of a process data SyncManager if it is set as the device needs it.

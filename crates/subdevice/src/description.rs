@@ -17,9 +17,9 @@ pub struct Description {
     pub objects: &'static [Object],
     /// Mailbox areas; `None` for a device without mailbox.
     pub mailbox: Option<Mailbox>,
-    /// Process data area of SM2.
+    /// Process data from the MainDevice, SM2 as a rule.
     pub outputs: ProcessDataArea,
-    /// Process data area of SM3.
+    /// Process data to the MainDevice, SM3 as a rule.
     pub inputs: ProcessDataArea,
     /// Behaviour that devices differ in.
     pub behaviour: Behaviour,
@@ -57,6 +57,10 @@ pub struct Mailbox {
 /// Where process data may lie.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ProcessDataArea {
+    /// Its SyncManager, 0 to 15: SM2 for outputs and SM3 for inputs where the mailbox has SM0 and SM1, lower ones
+    /// for many devices without mailbox. A direction that the device does not have needs one of its own, too: it
+    /// must stay off.
+    pub sync_manager: u8,
     /// First byte that the SyncManager must be set to.
     pub start: u16,
     /// Most bytes one buffer may have. A device without mailbox can't be told another assignment: its

@@ -231,13 +231,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             Ok(found) => found,
             Err(code) if self.accepts(code, pdi) => checks::SafeOp::default(),
             Err(code) => {
-                set_closed(pdi, OUTPUTS, true);
-                set_closed(pdi, INPUTS, true);
+                self.set_process_data_closed(true, pdi);
                 return self.refuse(code, pdi);
             }
         };
-        set_closed(pdi, OUTPUTS, false);
-        set_closed(pdi, INPUTS, false);
+        self.set_process_data_closed(false, pdi);
         self.esm.opening = Some(found);
         self.try_enter_safe_op(now, pdi);
     }
@@ -259,7 +257,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     fn try_enter_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) -> bool {
-        let open = is_open(pdi, OUTPUTS) && is_open(pdi, INPUTS);
+        let (outputs, inputs) = self.process_data_managers();
+        let open = is_open(pdi, outputs) && is_open(pdi, inputs);
         let Some(found) = self.esm.opening.take_if(|_| open) else { return false };
         let chain = found.sync.chain;
         let mode = chain.mode;
@@ -310,8 +309,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.chosen = Default::default();
             self.esm.watchdog = false;
             self.process_data.stop();
-            set_closed(pdi, OUTPUTS, true);
-            set_closed(pdi, INPUTS, true);
+            self.set_process_data_closed(true, pdi);
         }
         if asked == AlState::Init {
             self.mailbox.stop();
@@ -334,12 +332,25 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         let code = misbehaviour::al_code(self.faults(), self.esm.state, code);
         self.leave_to(state, pdi);
         if state == AlState::SafeOp {
-            let number = if self.sync.has_outputs() { OUTPUTS } else { INPUTS };
+            let (outputs, inputs) = self.process_data_managers();
+            let number = if self.sync.has_outputs() { outputs } else { inputs };
             set_closed(pdi, number, true);
             self.esm.closed = Some(number);
         }
         self.esm.error = Some(code);
         self.publish(pdi);
+    }
+
+    /// SyncManagers of outputs and inputs.
+    fn process_data_managers(&self) -> (usize, usize) {
+        let description = self.description();
+        (description.outputs.sync_manager.into(), description.inputs.sync_manager.into())
+    }
+
+    fn set_process_data_closed(&self, closed: bool, pdi: &mut impl Pdi) {
+        let (outputs, inputs) = self.process_data_managers();
+        set_closed(pdi, outputs, closed);
+        set_closed(pdi, inputs, closed);
     }
 
     /// Shows state and error. The code comes first, so that nobody sees the error with an old code.
@@ -367,8 +378,3 @@ fn set_closed(pdi: &mut impl Pdi, number: usize, closed: bool) {
 fn is_open(pdi: &mut impl Pdi, number: usize) -> bool {
     pdi.load(register::sm_pdi_control(number)) & 1 == 0
 }
-
-/// SyncManager of the outputs.
-const OUTPUTS: usize = 2;
-/// SyncManager of the inputs.
-const INPUTS: usize = 3;

@@ -164,7 +164,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         let op = self.esm.state == AlState::Op;
         let new_outputs = self.sync.looks_for_outputs(event)
             && self.sync.has_outputs()
-            && pdi.events() & al_event::sync_manager(2) != 0;
+            && pdi.events() & self.output_event() != 0;
         match self.sync.react(now, event, new_outputs, op) {
             Reaction::Start(steps) => {
                 if !sync {
@@ -285,6 +285,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.station
     }
 
+    /// AL event of outputs that wait.
+    fn output_event(&self) -> u32 {
+        al_event::sync_manager(self.description().outputs.sync_manager.into())
+    }
+
     /// SAFEOP is being entered: inputs stand in the buffer before the first frame fetches them, and
     /// outputs that wait from before are not news.
     pub(crate) fn first_exchange(&mut self, pdi: &mut impl Pdi) {
@@ -294,7 +299,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.application.map_inputs(self.process_data.inputs_mut());
             self.process_data.store_inputs(pdi);
         }
-        if self.sync.has_outputs() && pdi.events() & al_event::sync_manager(2) != 0 {
+        if self.sync.has_outputs() && pdi.events() & self.output_event() != 0 {
             self.process_data.drop_outputs(pdi);
         }
     }

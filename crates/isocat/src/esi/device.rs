@@ -60,9 +60,10 @@ impl EsiDevice {
 }
 
 /// Reads a device. `groups` are the types of the file's groups.
-pub(super) fn read(
-    element: Element<'_>,
+pub(super) fn read<'a>(
+    element: Element<'a>,
     groups: &[String],
+    definitions: &pdo::Definitions<'a>,
     modules: &[EsiModule],
 ) -> Result<EsiDevice, Problem> {
     let mut warnings = Warnings::default();
@@ -111,7 +112,7 @@ pub(super) fn read(
         timeouts: eeprom::timeouts(element, w)?,
         fmmus: fmmus(element),
         sync_managers: sync_manager::read(element, w)?,
-        pdos: pdo::read(element, w)?,
+        pdos: pdo::read(element, definitions, w)?,
         mailbox: mailbox::read(element, w)?,
         dc: dc::read(element, w)?,
         profile: dictionary::read(element, w)?,

@@ -429,13 +429,15 @@ fn primitive(
     at: usize,
     warnings: &mut Warnings,
 ) -> Result<DataType, Problem> {
-    if let Some(kind) = by_name(name, bits) {
-        return Ok(kind);
+    let mut step = name;
+    for _ in 0..=DEEPEST_TYPE {
+        if let Some(kind) = by_name(step, bits) {
+            return Ok(kind);
+        }
+        let Some(further) = types.get(step) else { break };
+        step = &further.base;
     }
     let definition = resolve(name, types, at)?;
-    if let Some(kind) = definition.and_then(|definition| by_name(&definition.base, bits)) {
-        return Ok(kind);
-    }
     let known = definition.is_some_and(|definition| definition.array.is_some());
     if !known {
         warnings.add(WarningKind::DataTypeUnknown, at, || {
@@ -449,13 +451,14 @@ fn primitive(
 /// The code of a base type, if it fits the bits.
 pub(super) fn by_name(name: &str, bits: u32) -> Option<DataType> {
     let kind = match name {
-        "BOOL" | "BIT" => DataType::BOOLEAN,
+        "BOOL" | "BOOLEAN" | "BIT" => DataType::BOOLEAN,
         "SINT" => DataType::INTEGER8,
         "INT" => DataType::INTEGER16,
         "DINT" => DataType::INTEGER32,
         "LINT" => DataType::INTEGER64,
         "USINT" | "BYTE" | "UINT8" => DataType::UNSIGNED8,
         "UINT" | "WORD" | "UINT16" => DataType::UNSIGNED16,
+        "INT24" => return (bits == 24).then_some(INTEGER24),
         "UINT24" => DataType::UNSIGNED24,
         "UDINT" | "DWORD" | "UINT32" => DataType::UNSIGNED32,
         "ULINT" | "LWORD" | "UINT64" => DataType::UNSIGNED64,
@@ -469,6 +472,9 @@ pub(super) fn by_name(name: &str, bits: u32) -> Option<DataType> {
         "BIT6" => DataType::BIT6,
         "BIT7" => DataType::BIT7,
         "BIT8" => DataType::BIT8,
+        "BITARR8" => return (bits == 8).then_some(DataType::BIT8),
+        "BITARR16" => DataType::UNSIGNED16,
+        "BITARR32" => DataType::UNSIGNED32,
         text if text.starts_with("STRING") => return Some(DataType::VISIBLE_STRING),
         text if text.starts_with("ARRAY") => return Some(DataType::OCTET_STRING),
         _ => return None,
@@ -565,5 +571,7 @@ fn to_u16(bits: u32, at: usize) -> Result<u16, Problem> {
     u16::try_from(bits).map_err(|_| Problem::new(at, message()))
 }
 
+/// Signed, 24 bits.
+const INTEGER24: DataType = DataType(0x0010);
 const MOST_BITS: u32 = 1 << 24;
 const DEEPEST_TYPE: usize = 8;

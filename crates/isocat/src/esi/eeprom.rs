@@ -41,13 +41,12 @@ pub(super) fn read(
         let mut words = [0; 14];
         let used = data.len().min(words.len());
         words[..used].copy_from_slice(&data[..used]);
-        if data.len() != words.len() {
+        // What follows the pulse length may well be left to zeros.
+        if data.len() < WITH_PULSE_LENGTH || data.len() > words.len() || data.len() % 2 != 0 {
             let at = place.map_or(element.at(), Element::at);
             warnings.add(WarningKind::ConfigDataLength, at, || {
-                format!("{} bytes instead of 14; the rest is {}", data.len(), match data.len() {
-                    0..14 => "taken as 0",
-                    _ => "dropped",
-                })
+                let rest = if data.len() > 14 { "dropped" } else { "taken as 0" };
+                format!("{} bytes; expected whole words, 6 to 14; the rest is {rest}", data.len())
             });
         }
         words
@@ -122,5 +121,7 @@ fn child_ms(
     Ok(read::child(parent, name, 0..=LONGEST_MS, warnings)?.map(|ms| ms as u32))
 }
 
+/// Words 0 to 2.
+const WITH_PULSE_LENGTH: usize = 6;
 /// A day: nobody waits longer.
 const LONGEST_MS: i64 = 86_400_000;

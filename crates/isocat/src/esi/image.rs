@@ -9,7 +9,7 @@ use super::warning::{WarningKind, Warnings};
 
 /// PDOs by SyncManager, ascending, each list in the order of the process data.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub(super) struct Image {
+pub(crate) struct Image {
     pub outputs: Vec<(u8, Vec<EsiPdo>)>,
     pub inputs: Vec<(u8, Vec<EsiPdo>)>,
 }

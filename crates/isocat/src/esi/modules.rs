@@ -82,7 +82,7 @@ fn module(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiModule, Pr
         })? as u32,
         class: kind.attribute("ModuleClass").unwrap_or_default().trim().to_owned(),
         type_name: kind.text().into_owned(),
-        pdos: pdo::read(element, warnings)?,
+        pdos: pdo::read(element, &pdo::Definitions::default(), warnings)?,
         commands: coe.map_or(Ok(Vec::new()), |coe| mailbox::commands(coe, warnings))?,
     })
 }

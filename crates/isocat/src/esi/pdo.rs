@@ -4,7 +4,7 @@ use isocat_wire::ObjectAddress;
 
 use super::read::{self, U8, U16};
 use super::tree::{Element, Problem};
-use super::warning::Warnings;
+use super::warning::{WarningKind, Warnings};
 
 /// Which way process data go.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
@@ -68,8 +68,34 @@ impl EsiPdo {
     }
 }
 
+/// `Pdos/Pdo`: what old files define once and refer to.
+#[derive(Default)]
+pub(super) struct Definitions<'a>(Vec<(&'a str, Element<'a>)>);
+
+impl<'a> Definitions<'a> {
+    /// Those of a file.
+    pub fn of(descriptions: Element<'a>) -> Self {
+        let list = descriptions.child("Pdos");
+        let pdos = list.iter().flat_map(|list| list.children("Pdo"));
+        Self(pdos.filter_map(|pdo| Some((pdo.attribute("RefName")?, pdo))).collect())
+    }
+
+    /// The element that has index and entries of a PDO; `None` if it is not in the file.
+    fn body(&self, pdo: Element<'a>) -> Option<Element<'a>> {
+        let body = match pdo.attribute("Ref") {
+            Some(name) => self.0.iter().find(|(known, _)| *known == name)?.1,
+            None => pdo,
+        };
+        (!body.child_text("Index").is_empty()).then_some(body)
+    }
+}
+
 /// Reads the PDOs of a device or module.
-pub(super) fn read(owner: Element<'_>, warnings: &mut Warnings) -> Result<Vec<EsiPdo>, Problem> {
+pub(super) fn read<'a>(
+    owner: Element<'a>,
+    definitions: &Definitions<'a>,
+    warnings: &mut Warnings,
+) -> Result<Vec<EsiPdo>, Problem> {
     let mut all = Vec::new();
     for element in owner.elements() {
         let direction = match element.name() {
@@ -77,18 +103,27 @@ pub(super) fn read(owner: Element<'_>, warnings: &mut Warnings) -> Result<Vec<Es
             "TxPdo" => Direction::Inputs,
             _ => continue,
         };
-        all.push(pdo(element, direction, warnings)?);
+        let Some(body) = definitions.body(element) else {
+            let name = element.attribute("Ref").unwrap_or_default();
+            warnings.add(WarningKind::PdoLeftOut, element.at(), || {
+                format!("a PDO \"{}\" without Index: its definition is not in the file", read::cut(name))
+            });
+            continue;
+        };
+        all.push(pdo(element, body, direction, warnings)?);
     }
     Ok(all)
 }
 
+/// `element` says how a device has it, `body` what it is.
 fn pdo(
     element: Element<'_>,
+    body: Element<'_>,
     direction: Direction,
     warnings: &mut Warnings,
 ) -> Result<EsiPdo, Problem> {
     let (mut exclude, mut entries) = (Vec::new(), Vec::new());
-    for child in element.elements() {
+    for child in body.elements() {
         match child.name() {
             "Exclude" => {
                 let text = child.text();
@@ -101,9 +136,9 @@ fn pdo(
     Ok(EsiPdo {
         at: element.at(),
         direction,
-        index: read::required(element, "Index", U16, warnings)? as u16,
-        depends_on_slot: depends_on_slot(element)?,
-        name: read::name(element),
+        index: read::required(body, "Index", U16, warnings)? as u16,
+        depends_on_slot: depends_on_slot(body)?,
+        name: read::name(body),
         sync_manager: read::attribute(element, "Sm", U8, warnings)?.map(|sm| sm as u8),
         fixed: read::flag(element, "Fixed")?,
         mandatory: read::flag(element, "Mandatory")?,

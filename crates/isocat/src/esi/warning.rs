@@ -87,6 +87,8 @@ kinds! {
     SyncManagerOneBuffer = "sync-manager-one-buffer";
     /// A PDO names a SyncManager that does not exist or has the other direction.
     PdoSyncManager = "pdo-sync-manager";
+    /// A PDO without index, or one that refers to a definition elsewhere; it is left out.
+    PdoLeftOut = "pdo-left-out";
     /// Two PDOs have one index; the first counts.
     PdoRepeated = "pdo-repeated";
     /// Two PDOs of the default assignment exclude each other.
@@ -141,7 +143,8 @@ kinds! {
     SlotModuleMissing = "slot-module-missing";
     /// No `Eeprom`: usual contents are assumed.
     EepromMissing = "eeprom-missing";
-    /// `ConfigData` is not 14 bytes long: zeros are added, or what is too much is dropped.
+    /// `ConfigData` ends before the pulse length, within a word or after word 6: zeros are added, or what is
+    /// too much is dropped.
     ConfigDataLength = "config-data-length";
     /// Elements that this import does not know; they are skipped.
     ElementUnknown = "element-unknown";

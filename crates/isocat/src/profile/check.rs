@@ -31,16 +31,7 @@ pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
     for object in &draft.objects {
         entries(draft, object)?;
     }
-    let stored: u32 = draft
-        .objects
-        .iter()
-        .flat_map(|object| &object.entries)
-        .map(|entry| u32::from(entry.bits.div_ceil(8)))
-        .sum();
-    if stored > u32::from(u16::MAX) {
-        let message = format!("the values take {stored} bytes; expected at most {}", u16::MAX);
-        return Err(draft.source.error(0, message));
-    }
+    stored(draft)?;
     for pair in draft.objects.windows(2) {
         if pair[0].index == pair[1].index {
             let at = pair[0].at.max(pair[1].at);
@@ -60,7 +51,7 @@ pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
 }
 
 /// Areas lie in the ESC's RAM and do not overlap; process data are there three times.
-fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
+pub(super) fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
     let mut areas = Vec::new();
     if let Some(mailbox) = draft.mailbox {
         let (receive, send) = (mailbox.value.receive, mailbox.value.send);
@@ -107,6 +98,17 @@ fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
                 ),
             ));
         }
+    }
+    Ok(())
+}
+
+/// The values of all objects have room in the stack's store.
+pub(super) fn stored(draft: &Draft<'_>) -> Result<(), FileError> {
+    let entries = draft.objects.iter().flat_map(|object| &object.entries);
+    let stored: u32 = entries.map(|entry| u32::from(entry.bits.div_ceil(8))).sum();
+    if stored > u32::from(u16::MAX) {
+        let message = format!("the values take {stored} bytes; expected at most {}", u16::MAX);
+        return Err(draft.source.error(0, message));
     }
     Ok(())
 }

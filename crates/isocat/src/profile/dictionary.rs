@@ -136,9 +136,16 @@ impl Draft<'_> {
                 .is_some_and(|types| SupportedTypes(types as u16).shift() == by)
         };
         let local_timer = |index| shifts_by(index, ShiftBy::LocalTimer);
-        let area = |area: &Option<Area>| match area {
-            Some(area) => ProcessDataArea { start: area.start, max_length: area.length },
-            None => ProcessDataArea { start: 0, max_length: 0 },
+        let area = |area: &Option<Area>, other: &Option<Area>, usual: u8| match area {
+            Some(Area { sync_manager, start, length, .. }) => {
+                ProcessDataArea { sync_manager: *sync_manager, start: *start, max_length: *length }
+            }
+            // One that the other direction does not have.
+            None => {
+                let taken = other.as_ref().is_some_and(|other| other.sync_manager == usual);
+                let sync_manager = if taken { usual ^ 1 } else { usual };
+                ProcessDataArea { sync_manager, start: 0, max_length: 0 }
+            }
         };
         let recommended = |area: &Option<Area>| {
             area.iter().flat_map(|area| &area.recommended).map(|pdo| pdo.value).collect()
@@ -146,8 +153,8 @@ impl Draft<'_> {
         let description = Description {
             objects: store(&self.objects),
             mailbox: self.mailbox.map(|mailbox| mailbox.value),
-            outputs: area(&self.outputs),
-            inputs: area(&self.inputs),
+            outputs: area(&self.outputs, &self.inputs, 2),
+            inputs: area(&self.inputs, &self.outputs, 3),
             behaviour: Behaviour {
                 shift_outputs: local_timer(object::OUTPUT_PARAMETER),
                 shift_inputs: local_timer(object::INPUT_PARAMETER),
@@ -164,6 +171,7 @@ impl Draft<'_> {
             description: Box::leak(Box::new(description)),
             sii,
             chip: self.esc.chip.0,
+            esc: self.esc.chip.1,
             times,
             application: self.application,
             assignment: Assignment {

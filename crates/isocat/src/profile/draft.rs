@@ -8,6 +8,7 @@ use isocat_sync::SupportedTypes;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::sii::{MailboxArea, SmRecord};
 use isocat_wire::time::Nanos;
 
 use super::{ApplicationKind, Deviation, Identity, OpMode};
@@ -38,6 +39,32 @@ pub(super) struct Draft<'a> {
     pub behaviour: Placed<Behaviour>,
     pub assumed: Vec<Assumed>,
     pub deviations: Vec<Deviation>,
+    /// What an imported description says about the EEPROM; a profile's follows from the rest.
+    pub eeprom: Option<Eeprom>,
+}
+
+/// The EEPROM of an imported device, where it says more than a profile.
+#[derive(Debug)]
+pub(super) struct Eeprom {
+    /// Words 0 to 6.
+    pub configuration: [u8; 14],
+    /// Mailboxes in BOOT.
+    pub boot: (MailboxArea, MailboxArea),
+    /// Protocols of the mailbox, word 0x1C.
+    pub protocols: u16,
+    /// What its CoE can do, byte 5 of the general category.
+    pub coe_details: u8,
+    /// Kind of each port, four bits each.
+    pub ports: u16,
+    /// Use of each FMMU.
+    pub fmmus: Vec<u8>,
+    pub sync_managers: Vec<SmRecord>,
+    /// Each OpMode: name, description, record.
+    pub op_modes: Vec<(String, String, [u8; 24])>,
+    /// Order number: the type.
+    pub order: String,
+    /// Least bytes of the memory.
+    pub size: usize,
 }
 
 /// A value and the byte of the file it stands at.
@@ -61,6 +88,7 @@ pub(super) struct Esc {
 #[derive(Debug)]
 pub(super) struct Area {
     pub at: usize,
+    pub sync_manager: u8,
     pub start: u16,
     pub length: u16,
     pub access: Access,

@@ -61,7 +61,9 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
     let esc = esc(section("esc", "a table with the ESC's chip")?)?;
     let mailbox = root.table("mailbox")?.map(mailbox).transpose()?;
     let has_mailbox = mailbox.is_some();
-    let area = |key, pdos| root.table(key)?.map(|table| area(table, pdos, has_mailbox)).transpose();
+    let area = |key, sm, pdos| {
+        root.table(key)?.map(|table| area(table, sm, pdos, has_mailbox)).transpose()
+    };
     let device_type = match identity.value("device_type") {
         None if !has_mailbox => 0,
         _ => number("device_type", "the profile's number, object 0x1000")?,
@@ -86,14 +88,15 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         esc,
         mailbox,
         modes: modes(root, has_mailbox)?,
-        outputs: area("outputs", 0x1600..=0x17FF)?,
-        inputs: area("inputs", 0x1A00..=0x1BFF)?,
+        outputs: area("outputs", 2, 0x1600..=0x17FF)?,
+        inputs: area("inputs", 3, 0x1A00..=0x1BFF)?,
         objects: objects(root.tables("object")?)?,
         op_modes: op_modes(root)?,
         times: times(section("times", "a table with application and others")?)?,
         behaviour: behaviour(root.table("behaviour")?)?,
         assumed: assumed(root)?,
         deviations: deviations(root)?,
+        eeprom: None,
     })
 }
 
@@ -159,7 +162,12 @@ fn modes(root: Table<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTy
     Ok(Some(Placed { at: value.at(), value: types }))
 }
 
-fn area(table: Table<'_>, pdos: RangeInclusive<i64>, has_mailbox: bool) -> Result<Area, FileError> {
+fn area(
+    table: Table<'_>,
+    sync_manager: u8,
+    pdos: RangeInclusive<i64>,
+    has_mailbox: bool,
+) -> Result<Area, FileError> {
     // Without a mailbox there is no 0x1C12 or 0x1C13 to be written.
     table.allow(match has_mailbox {
         true => &["start", "length", "access", "slots", "default", "recommended", "pdo", "pdos"],
@@ -199,6 +207,7 @@ fn area(table: Table<'_>, pdos: RangeInclusive<i64>, has_mailbox: bool) -> Resul
     };
     Ok(Area {
         at: table.at,
+        sync_manager,
         start: table.required("start", "an address")?.integer(0x1000..=0xFFFF)? as u16,
         length: table
             .required("length", "the most bytes of one buffer")?

@@ -11,13 +11,13 @@ use crate::document::FileError;
 
 /// The image, in the smallest usual EEPROM that it fits into.
 pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
-    let mut strings = Strings::default();
+    let mut strings = Strings { texts: Vec::new(), lenient: draft.eeprom.is_some() };
     let categories = [
         (category::GENERAL, general(draft, &mut strings)),
         (category::FMMU, fmmus(draft)),
         (category::SYNC_MANAGER, sync_managers(draft)),
-        (category::TX_PDO, pdos(draft.inputs.as_ref(), 3, &mut strings)),
-        (category::RX_PDO, pdos(draft.outputs.as_ref(), 2, &mut strings)),
+        (category::TX_PDO, pdos(draft.inputs.as_ref(), &mut strings)),
+        (category::RX_PDO, pdos(draft.outputs.as_ref(), &mut strings)),
         (category::DC, op_modes(draft, &mut strings)),
     ];
     let strings = strings.finish().map_err(|problem| draft.source.error(0, problem))?;
@@ -34,8 +34,10 @@ pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
         writer.finish()?;
         Ok(image)
     };
-    SIZES.into_iter().find_map(|size| write(size).ok()).ok_or_else(|| {
-        let most = SIZES[SIZES.len() - 1];
+    let most = SIZES[SIZES.len() - 1];
+    let least = draft.eeprom.as_ref().map_or(0, |eeprom| eeprom.size.min(most));
+    let mut sizes = SIZES.into_iter().filter(|size| *size >= least);
+    sizes.find_map(|size| write(size).ok()).ok_or_else(|| {
         draft.source.error(0, format!("the SII image is too long; expected at most {most} bytes"))
     })
 }
@@ -49,15 +51,23 @@ fn header(draft: &Draft<'_>, size: usize) -> Header {
     configuration[8..10].copy_from_slice(&draft.esc.alias.to_le_bytes());
     let mailbox = draft.mailbox.map(|mailbox| mailbox.value);
     let nowhere = MailboxArea::default();
+    let eeprom = draft.eeprom.as_ref();
+    let (boot_receive, boot_send) = eeprom.map_or((nowhere, nowhere), |eeprom| eeprom.boot);
     Header {
-        configuration,
+        configuration: eeprom.map_or(configuration, |eeprom| eeprom.configuration),
+        boot_receive,
+        boot_send,
         vendor_id: draft.identity.vendor_id,
         product_code: draft.identity.product_code,
         revision: draft.identity.revision,
         serial: draft.identity.serial,
         receive: mailbox.map_or(nowhere, |mailbox| mailbox.receive),
         send: mailbox.map_or(nowhere, |mailbox| mailbox.send),
-        protocols: if mailbox.is_some() { Header::COE } else { 0 },
+        protocols: match eeprom {
+            Some(eeprom) => eeprom.protocols,
+            None if mailbox.is_some() => Header::COE,
+            None => 0,
+        },
         size: (size / 128 - 1) as u16,
         ..Header::default()
     }
@@ -80,11 +90,21 @@ fn general(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
         data[0x05] |= COE_ASSIGNMENT;
     }
     data[0x10..0x12].copy_from_slice(&TWO_MII_PORTS.to_le_bytes());
+    if let Some(eeprom) = &draft.eeprom {
+        data[0x02] = strings.number(&eeprom.order);
+        data[0x05] = eeprom.coe_details;
+        data[0x06] = u8::from(eeprom.protocols & FOE != 0);
+        data[0x07] = u8::from(eeprom.protocols & EOE != 0);
+        data[0x10..0x12].copy_from_slice(&eeprom.ports.to_le_bytes());
+    }
     data
 }
 
 /// What the FMMUs are for; the third maps the state of the send mailbox.
 fn fmmus(draft: &Draft<'_>) -> Vec<u8> {
+    if let Some(eeprom) = &draft.eeprom {
+        return eeprom.fmmus.clone();
+    }
     let mut uses = vec![FMMU_OUTPUTS, FMMU_INPUTS];
     uses.extend(draft.mailbox.map(|_| FMMU_MAILBOX_STATUS));
     uses
@@ -94,6 +114,9 @@ fn fmmus(draft: &Draft<'_>) -> Vec<u8> {
 /// but keep its control byte: some MainDevices (ethercrab) guess the use of an unused one from there, and
 /// would take control 0 for inputs.
 fn sync_managers(draft: &Draft<'_>) -> Vec<u8> {
+    if let Some(eeprom) = &draft.eeprom {
+        return eeprom.sync_managers.iter().flat_map(SmRecord::emit).collect();
+    }
     let mailbox = |area: Option<MailboxArea>, control, kind| {
         let MailboxArea { start, length } = area.unwrap_or_default();
         SmRecord {
@@ -136,14 +159,14 @@ fn default_length(area: &Area) -> u16 {
     area.bits(&area.default).div_ceil(8) as u16
 }
 
-fn pdos(area: Option<&Area>, sm: u8, strings: &mut Strings) -> Vec<u8> {
+fn pdos(area: Option<&Area>, strings: &mut Strings) -> Vec<u8> {
     let mut data = Vec::new();
     for pdo in area.into_iter().flat_map(|area| &area.pdos) {
         let assigned = area.is_some_and(|area| area.default.iter().any(|d| d.value == pdo.index));
         let record = PdoRecord {
             index: pdo.index,
             entries: pdo.entries.len() as u8,
-            sm: if assigned { sm } else { 0xFF },
+            sm: if assigned { area.map_or(0xFF, |area| area.sync_manager) } else { 0xFF },
             sync_unit: 0,
             name: strings.number(&pdo.name),
             flags: FIXED_CONTENT,
@@ -166,6 +189,15 @@ fn pdos(area: Option<&Area>, sm: u8, strings: &mut Strings) -> Vec<u8> {
 
 fn op_modes(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
     let mut data = Vec::new();
+    if let Some(eeprom) = &draft.eeprom {
+        for (name, description, record) in &eeprom.op_modes {
+            let mut record = *record;
+            record[0x12] = strings.number(name);
+            record[0x13] = strings.number(description);
+            data.extend(record);
+        }
+        return data;
+    }
     for mode in &draft.op_modes {
         let mut record = [0; 24];
         record[0x0C..0x0E].copy_from_slice(&mode.sync1_factor.to_le_bytes());
@@ -179,9 +211,11 @@ fn op_modes(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
 }
 
 /// The strings category: every text once.
-#[derive(Default)]
 struct Strings {
     texts: Vec<String>,
+    /// What has no room is left without a name, and too long ones are cut: the SII of an imported device
+    /// is not the only place that has its names.
+    lenient: bool,
 }
 
 impl Strings {
@@ -190,7 +224,11 @@ impl Strings {
         if text.is_empty() {
             return 0;
         }
+        let text = if self.lenient { cut(text) } else { text };
         let known = self.texts.iter().position(|known| known == text);
+        if known.is_none() && self.lenient && self.texts.len() == 255 {
+            return 0;
+        }
         let position = known.unwrap_or_else(|| {
             self.texts.push(text.to_owned());
             self.texts.len() - 1
@@ -215,24 +253,35 @@ impl Strings {
     }
 }
 
+/// At most 255 bytes of a text, in whole characters.
+pub(super) fn cut(text: &str) -> &str {
+    let end = (0..=text.len().min(255)).rev().find(|end| text.is_char_boundary(*end));
+    &text[..end.unwrap_or(0)]
+}
+
 /// EEPROM sizes in bytes, 16 kbit to 512 kbit.
 const SIZES: [usize; 6] = [2_048, 4_096, 8_192, 16_384, 32_768, 65_536];
 const _: () = assert!(SIZES[0] > HEADER_LEN);
 
 /// Register 0x0140: the local CPU is connected by SPI.
-const PDI_SPI: u8 = 0x05;
+pub(super) const PDI_SPI: u8 = 0x05;
 /// Register 0x0141: SYNC-out unit and latch-in unit on.
-const ESC_SYNC_AND_LATCH: u8 = 0x0C;
+pub(super) const ESC_SYNC_AND_LATCH: u8 = 0x0C;
 /// Register 0x0151: both pins are SYNC outputs, active low, and both are mapped to the AL event
 /// request.
-const SYNC_OUTPUTS_MAPPED: u8 = 0xCC;
+pub(super) const SYNC_OUTPUTS_MAPPED: u8 = 0xCC;
 const FMMU_OUTPUTS: u8 = 1;
 const FMMU_INPUTS: u8 = 2;
 const FMMU_MAILBOX_STATUS: u8 = 3;
-const COE_SDO: u8 = 0x01;
-const COE_INFORMATION: u8 = 0x02;
-const COE_ASSIGNMENT: u8 = 0x04;
-const COE_COMPLETE_ACCESS: u8 = 0x20;
+pub(super) const COE_SDO: u8 = 0x01;
+pub(super) const COE_INFORMATION: u8 = 0x02;
+pub(super) const COE_ASSIGNMENT: u8 = 0x04;
+pub(super) const COE_CONFIGURATION: u8 = 0x08;
+pub(super) const COE_UPLOAD: u8 = 0x10;
+pub(super) const COE_COMPLETE_ACCESS: u8 = 0x20;
+/// Protocol bits of word 0x1C.
+const EOE: u16 = 1 << 1;
+const FOE: u16 = 1 << 3;
 /// PDO flag, bit 4: entries can't be changed.
 const FIXED_CONTENT: u16 = 0x0010;
 /// Four bits a port: 1 is MII.

@@ -42,8 +42,8 @@ const SOURCE: [u8; 6] = [0x10; 6];
 static DESCRIPTION: Description = Description {
     objects: &[],
     mailbox: None,
-    outputs: ProcessDataArea { start: OUTPUTS_AT, max_length: BYTES },
-    inputs: ProcessDataArea { start: INPUTS_AT, max_length: BYTES },
+    outputs: ProcessDataArea { sync_manager: 2, start: OUTPUTS_AT, max_length: BYTES },
+    inputs: ProcessDataArea { sync_manager: 3, start: INPUTS_AT, max_length: BYTES },
     behaviour: Behaviour::DEFAULT,
 };
 

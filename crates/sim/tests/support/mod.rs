@@ -29,8 +29,8 @@ pub static PLAIN: Chip = Chip {
 static DESCRIPTION: Description = Description {
     objects: &[],
     mailbox: None,
-    outputs: ProcessDataArea { start: 0x1000, max_length: 0 },
-    inputs: ProcessDataArea { start: 0x1000, max_length: 0 },
+    outputs: ProcessDataArea { sync_manager: 2, start: 0x1000, max_length: 0 },
+    inputs: ProcessDataArea { sync_manager: 3, start: 0x1000, max_length: 0 },
     behaviour: Behaviour::DEFAULT,
 };
 

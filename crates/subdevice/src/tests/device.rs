@@ -162,8 +162,8 @@ impl Builder {
                 receive: MailboxArea { start: 0x1000, length: 64 },
                 send: MailboxArea { start: 0x1080, length: 64 },
             }),
-            outputs: ProcessDataArea { start: 0x1100, max_length: 64 },
-            inputs: ProcessDataArea { start: 0x1400, max_length: 64 },
+            outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 64 },
+            inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 64 },
             behaviour: self.behaviour,
         }
     }

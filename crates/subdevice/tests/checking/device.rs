@@ -54,13 +54,13 @@ impl Application for Refusing {
 pub fn description() -> &'static Description {
     static DEVICE: OnceLock<Description> = OnceLock::new();
     DEVICE.get_or_init(|| {
-        let area = |start, length| ProcessDataArea { start, max_length: length };
+        let area = |sync_manager, start| ProcessDataArea { sync_manager, start, max_length: 64 };
         let mailbox = |start| MailboxArea { start, length: MAILBOX as u16 };
         Description {
             objects: objects(),
             mailbox: Some(Mailbox { receive: mailbox(RECEIVE), send: mailbox(SEND) }),
-            outputs: area(OUTPUTS, 64),
-            inputs: area(INPUTS, 64),
+            outputs: area(2, OUTPUTS),
+            inputs: area(3, INPUTS),
             behaviour: Behaviour { shift_outputs: true, ..Behaviour::default() },
         }
     })

@@ -304,6 +304,24 @@ impl EsiFile {
         image::default(device, &self.modules, mode, &mut Warnings::default())
     }
 
+    /// The InitCmds of a device and of the modules that stand in its slots by default.
+    pub(crate) fn commands(&self, device: &EsiDevice, coe: Option<&EsiCoe>) -> Vec<InitCommand> {
+        let mut all: Vec<InitCommand> = coe.map_or(Vec::new(), |coe| coe.commands.clone());
+        let Some(slots) = &device.slots else { return all };
+        let places = modules::default_modules(slots, &self.modules, &mut Warnings::default());
+        for (place, module) in places.into_iter().enumerate() {
+            for command in module.iter().flat_map(|module| &module.commands) {
+                let mut command = command.clone();
+                if command.depends_on_slot {
+                    let step = (place as u16).wrapping_mul(slots.index_increment);
+                    command.object.index = command.object.index.wrapping_add(step);
+                }
+                all.push(command);
+            }
+        }
+        all
+    }
+
     /// The text, decoded.
     pub(crate) fn text(&self) -> &str {
         &self.text

@@ -94,7 +94,7 @@ mod sii;
 mod tests;
 
 pub use crate::document::{FileError, name_hint};
-pub use esi::{NotSimulated, Obstacle};
+pub use esi::{NotSimulated, Obstacle, RunAs};
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.
 ///
@@ -125,6 +125,8 @@ pub struct Profile {
     pub assignment: Assignment,
     /// Synchronization choices as the ESI lists them; the first is the default.
     pub op_modes: Vec<OpMode>,
+    /// Downloads at start that the description asks for.
+    pub startup: Vec<Startup>,
     /// Values that are not published.
     pub assumptions: Vec<Assumption>,
     /// Where its maker's tables break a rule of [`conform`](crate::conform).
@@ -210,6 +212,17 @@ pub struct OpMode {
     pub sync0_factor: i16,
     /// SYNC1 cycle as a multiple of the SYNC0 cycle; 0 for none.
     pub sync1_factor: i16,
+}
+
+/// A download in PREOP, before the synchronization is set.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Startup {
+    /// The entry.
+    pub object: ObjectAddress,
+    /// Bytes in the order of the wire.
+    pub data: Vec<u8>,
+    /// The whole object is written.
+    pub complete_access: bool,
 }
 
 /// A value that the maker does not publish.
@@ -347,6 +360,13 @@ impl Profile {
                 true => SupportedTypes(1),
                 false => self.description.behaviour.undeclared_types,
             })
+    }
+
+    /// Whether the device says by what it can be synchronized.
+    pub fn states_modes(&self) -> bool {
+        let of = |index| self.sync_parameters(index).and_then(|object| object.supported);
+        let stated = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER].into_iter().filter_map(of);
+        !self.has_mailbox() || stated.into_iter().any(|types| types.0 != 0)
     }
 
     /// Whether the device can be asked for objects. Without a mailbox this profile is all that can be

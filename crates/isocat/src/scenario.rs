@@ -1,7 +1,7 @@
 //! From a segment file to a run: devices with ESC, stack and application, a host, and the intent that
 //! the MainDevice is given.
 
-use isocat_maindevice::{AssumedTimes, Config, DeviceConfig};
+use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, StartupDownload};
 use isocat_sim::random::Stream;
 use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
 use isocat_subdevice::Application;
@@ -9,7 +9,7 @@ use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
 use isocat_wire::time::{Nanos, Time};
 
-use crate::profile::{ApplicationKind, Profile};
+use crate::profile::{self, ApplicationKind, Profile};
 use crate::segment_file::{SegmentFile, SubDevice};
 
 /// A run, described: what [`Scenario::run`] makes a simulation of.
@@ -129,7 +129,16 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         sync1: device.sync1,
         sync0_cycle: device.sync0_cycle,
         assumed,
+        startup: profile.startup.iter().map(startup).collect(),
         ..DeviceConfig::default()
+    }
+}
+
+fn startup(download: &profile::Startup) -> StartupDownload {
+    StartupDownload {
+        object: download.object,
+        data: download.data.clone(),
+        complete: download.complete_access,
     }
 }
 

@@ -15,6 +15,16 @@
 //! clock_ramp = { by = "+5ppm", from = "2s", over = "60s" }
 //! ```
 //!
+//! Any device of a maker's description (ESI) can stand in a segment:
+//!
+//! ```toml
+//! [[subdevice]]
+//! esi = "vendor.xml"            # relative to the segment file
+//! type = "EL2502-0010"
+//! revision = 0x0011_0000        # default: the newest
+//! opmode = "DC"                 # by name, or by number from 0; default: the first, for drives the first with SYNC0
+//! ```
+//!
 //! With `count = 50` a table stands for fifty equal devices in a line.
 //!
 //! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
@@ -34,6 +44,7 @@ use crate::profile::{self, Overrides, Profile};
 use crate::quantity::{DelayPerMetre, Length, Ppb};
 
 mod clock;
+mod esi;
 mod misbehave;
 #[cfg(test)]
 mod tests;
@@ -116,6 +127,8 @@ pub struct SubDevice {
     /// Cycle of SYNC0. Key `sync0_cycle`, a part of the cycle; for the mode "dc-subordinated". `None`: what the
     /// device states in 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
+    /// What is doubtful about a device from a maker's description: `name: words`.
+    pub notes: Vec<String>,
     /// Line of the file at which it begins, for messages.
     pub line: usize,
 }
@@ -148,8 +161,9 @@ impl SegmentFile {
             tables => tables,
         };
         let mut devices = Devices::default();
+        let mut files = esi::Files::default();
         for table in tables {
-            devices.add(table, subdevice(source, table, cycle)?)?;
+            devices.add(table, subdevice(source, table, cycle, &mut files)?)?;
         }
         let Devices { subdevices, .. } = devices;
         let subdevices = tree::sort(subdevices);
@@ -235,9 +249,18 @@ fn host(table: Option<Table<'_>>, cycle: Nanos) -> Result<Host, FileError> {
     Ok(host)
 }
 
-fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDevice, FileError> {
+fn subdevice(
+    source: Source<'_>,
+    table: Table<'_>,
+    cycle: Nanos,
+    files: &mut esi::Files,
+) -> Result<SubDevice, FileError> {
     table.allow(&[
         "device",
+        "esi",
+        "type",
+        "revision",
+        "opmode",
         "count",
         "name",
         "mode",
@@ -261,8 +284,25 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         "misbehave",
     ])?;
     let expected = "a profile's name, such as device = \"kollmorgen_akd2g\"";
-    let device = table.required("device", expected)?;
-    let profile = device_profile(source, &device)?;
+    let (device, imported) = match table.value("esi") {
+        None => (table.required("device", expected)?, None),
+        Some(esi) => {
+            if let Some(device) = table.value("device") {
+                return Err(device.error("device is given beside esi; expected one of them"));
+            }
+            (esi, Some(esi::device(source, table, &esi, cycle, files)?))
+        }
+    };
+    let (profile, run_as) = match imported {
+        Some(esi::Imported { profile, run_as }) => (profile, Some(run_as)),
+        None => {
+            let only = ["type", "revision", "opmode"].into_iter().find_map(|key| table.value(key));
+            if let Some(value) = only {
+                return Err(value.error("given without esi; expected esi = \"vendor.xml\" beside it"));
+            }
+            (device_profile(source, &device)?, None)
+        }
+    };
     let time =
         |key, range| table.value(key).map(|value: Value<'_>| value.duration(range)).transpose();
     let calc_copy = time("calc_copy", Nanos(1)..=LONGEST_CYCLE)?;
@@ -284,7 +324,15 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
     })?;
     let mode = match table.value("mode") {
         Some(value) => Some(mode(&value, profile, cycle)?),
-        None => None,
+        None => run_as.as_ref().map(|run_as| run_as.mode),
+    };
+    // A mode of one's own has pulses of one's own.
+    let (own_sync1, own_sync0, notes) = match run_as {
+        Some(run_as) if mode == Some(run_as.mode) => {
+            (run_as.sync1, run_as.sync0_cycle, run_as.notes)
+        }
+        Some(run_as) => (None, None, run_as.notes),
+        None => (None, None, Vec::new()),
     };
     let shift = time("shift", Nanos::ZERO..=cycle - Nanos(1))?;
     let input_shift = time("input_shift", Nanos::ZERO..=cycle - Nanos(1))?;
@@ -347,8 +395,9 @@ fn subdevice(source: Source<'_>, table: Table<'_>, cycle: Nanos) -> Result<SubDe
         clock_shape: clock::shape(table)?,
         shift,
         input_shift,
-        sync1,
-        sync0_cycle,
+        sync1: sync1.or(own_sync1),
+        sync0_cycle: sync0_cycle.or(own_sync0),
+        notes,
         line: table.error("").line,
     })
 }

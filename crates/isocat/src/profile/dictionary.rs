@@ -185,6 +185,7 @@ impl Draft<'_> {
             name: self.name,
             vendor: self.vendor,
             op_modes: self.op_modes,
+            startup: Vec::new(),
         })
     }
 

@@ -25,6 +25,10 @@ use crate::esi::{Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, Purpose, data
 
 mod eeprom;
 mod objects;
+mod op_mode;
+mod startup;
+
+pub use op_mode::RunAs;
 
 /// Why a device of a description can't be a virtual SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -45,6 +49,10 @@ pub enum Obstacle {
     MemoryOverlap,
     /// The dictionary or the EEPROM have no room for all of it.
     TooLarge,
+    /// The pulses of an OpMode do not fit the bus cycle, or the ESC's step of 10 ns.
+    Sync0Cycle,
+    /// The device itself sets up the SYNC unit in this OpMode.
+    SyncUnitAtPdi,
 }
 
 impl Obstacle {
@@ -59,6 +67,8 @@ impl Obstacle {
             Self::MailboxArea => "mailbox-area",
             Self::MemoryOverlap => "memory-overlap",
             Self::TooLarge => "too-large",
+            Self::Sync0Cycle => "sync0-cycle",
+            Self::SyncUnitAtPdi => "sync-unit-at-pdi",
         }
     }
 }
@@ -175,7 +185,11 @@ impl Import<'_> {
         let of = |obstacle| move |error| NotSimulated { obstacle, error };
         check::memory(&draft).map_err(of(Obstacle::MemoryOverlap))?;
         check::stored(&draft).map_err(of(Obstacle::TooLarge))?;
-        draft.finish().map_err(of(Obstacle::TooLarge))
+        let startup = self.startup(&draft);
+        draft.assumed.append(&mut self.assumed);
+        let mut profile = draft.finish().map_err(of(Obstacle::TooLarge))?;
+        profile.startup = startup;
+        Ok(profile)
     }
 
     fn stopped(&self, obstacle: Obstacle, at: usize, message: impl Into<String>) -> NotSimulated {

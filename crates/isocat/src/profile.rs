@@ -366,7 +366,7 @@ impl Profile {
     pub fn states_modes(&self) -> bool {
         let of = |index| self.sync_parameters(index).and_then(|object| object.supported);
         let stated = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER].into_iter().filter_map(of);
-        !self.has_mailbox() || stated.into_iter().any(|types| types.0 != 0)
+        !self.has_mailbox() || stated.into_iter().next().is_some()
     }
 
     /// Whether the device can be asked for objects. Without a mailbox this profile is all that can be

@@ -205,11 +205,12 @@ fn scenario(devices: &[(&Ready, usize)], cycle: Nanos) -> Scenario {
     scenario
 }
 
-/// Brings devices up; `Ok` if all came to OP.
+/// Brings devices up; `Ok` if all came to OP and were in sync there.
 fn boot(devices: &[(&Ready, usize)], cycle: Nanos) -> Result<(), (String, String)> {
     let outcome = scenario(devices, cycle).run().execute(None::<NoTap>, &mut |_| {});
-    match outcome.failure {
-        None => Ok(()),
+    match &outcome.failure {
+        None if outcome.in_sync() => Ok(()),
+        None => Err(("op-not-in-sync".into(), format!("{:?}", outcome.findings))),
         Some(error) => {
             let debug = format!("{:?}", error.cause);
             let kind = debug.split([' ', '(', '{']).next().unwrap_or_default().to_lowercase();

@@ -7,6 +7,7 @@ use isocat_sync::object::{self, ShiftBy};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::sii::Header;
 use isocat_wire::time::Nanos;
 
 use super::draft::{self, Area, Draft, Item, Pdo, Property};
@@ -16,7 +17,9 @@ use crate::document::FileError;
 /// Adds the objects that every device has or that follow from other parts of the file. An object that
 /// the file writes out itself stays as it is.
 pub(super) fn complete(draft: &mut Draft<'_>) {
-    if draft.mailbox.is_none() {
+    let speaks_coe =
+        draft.eeprom.as_ref().is_none_or(|eeprom| eeprom.protocols & Header::COE != 0);
+    if draft.mailbox.is_none() || !speaks_coe {
         // Nobody could read them.
         return;
     }

@@ -139,9 +139,12 @@ impl Import<'_> {
         };
         let mailbox = self.mailbox()?;
         let image = self.file.image(device, self.mode);
-        let outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
-        let inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
-        let objects = match mailbox {
+        let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
+        let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
+        shorten(&mut outputs, &inputs, mailbox.map(|mailbox| mailbox.value));
+        shorten(&mut inputs, &outputs, mailbox.map(|mailbox| mailbox.value));
+        let coe = device.mailbox.as_ref().is_some_and(|mailbox| mailbox.coe.is_some());
+        let objects = match mailbox.filter(|_| coe) {
             Some(_) => self.objects([&outputs, &inputs]),
             None => Vec::new(),
         };
@@ -473,6 +476,17 @@ impl Import<'_> {
         known.push(chip);
         chip
     }
+}
+
+/// Three buffers of the most that a file allows often reach into the next area: an area is as long as there is
+/// room before that, and never shorter than what it has by default.
+fn shorten(area: &mut Option<Area>, other: &Option<Area>, mailbox: Option<Mailbox>) {
+    let Some(area) = area else { return };
+    let mailboxes = mailbox.iter().flat_map(|mailbox| [mailbox.receive.start, mailbox.send.start]);
+    let starts = mailboxes.chain(other.iter().map(|other| other.start));
+    let Some(next) = starts.filter(|start| *start > area.start).min() else { return };
+    let least = area.bits(&area.default).div_ceil(8) as u16;
+    area.length = area.length.min((next - area.start) / 3).max(least);
 }
 
 /// A drive, if its process data begin as our drive's do.

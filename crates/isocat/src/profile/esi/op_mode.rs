@@ -54,13 +54,6 @@ impl RunAs {
             let words = "the device sets up its SYNC unit itself; a virtual one does not".to_owned();
             return Err(stopped(Obstacle::SyncUnitAtPdi, words));
         }
-        if found.contains(&Warning::OffTick) {
-            let words = format!(
-                "SYNC0 every {} ns, SYNC1 {} ns behind; expected multiples of 10 ns",
-                registers.sync0_cycle, registers.sync1
-            );
-            return Err(stopped(Obstacle::Sync0Cycle, words));
-        }
         let sync0 = Nanos(registers.sync0_cycle.into());
         if registers.period() != bus {
             let words = format!(
@@ -105,8 +98,8 @@ impl RunAs {
     /// SYNC off: SM-synchronous, unless the device announces something else.
     fn without_sync(profile: &Profile, mut notes: Vec<String>) -> Self {
         let types = profile.supported_types();
-        let stated = types.0 & ANY_MODE != 0 && profile.states_modes();
-        let mode = match (stated, types.sm_synchronous()) {
+        let mode = match (profile.states_modes(), types.sm_synchronous()) {
+            // Where nothing is announced, Free Run is what nobody can refuse.
             (true, false) => SyncMode::FreeRun,
             (true, true) => SyncMode::SmSynchronous,
             (false, _) => {

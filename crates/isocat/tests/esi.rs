@@ -1,0 +1,469 @@
+//! Import of device descriptions: what is read, what is doubted, what is refused, and how long that takes.
+
+use std::time::{Duration, Instant};
+
+use isocat::esi::{Direction, EsiFile, Encoding, Purpose, WarningKind};
+use isocat::profile::{Obstacle, Profile, RunAs};
+use isocat::{Nanos, Scenario, SegmentFile, run};
+use isocat_sync::SyncMode;
+use isocat_wire::ObjectAddress;
+use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::sii::{self, SmRecord, category};
+
+const BOX: &str = include_str!("esi/box.xml");
+
+fn import(text: &str) -> EsiFile {
+    EsiFile::from_bytes("box.xml", text.as_bytes()).unwrap()
+}
+
+/// One device with these children, in a file.
+fn device(children: &str) -> String {
+    format!(
+        "<EtherCATInfo><Vendor><Id>1</Id><Name>Nobody</Name></Vendor><Descriptions><Groups><Group>\
+         <Type>G</Type></Group></Groups><Devices>\n<Device Physics=\"YY\"><Type ProductCode=\"2\" \
+         RevisionNo=\"3\">Box</Type><GroupType>G</GroupType>{children}<Eeprom/></Device>\n</Devices>\
+         </Descriptions></EtherCATInfo>"
+    )
+}
+
+/// Names of the warnings of a file.
+fn names(text: &str) -> Vec<&'static str> {
+    let file = import(text);
+    assert!(file.refused.is_empty(), "{:?}", file.refused);
+    file.warnings().map(|(_, warning)| warning.kind.name()).collect()
+}
+
+/// Place and words of the one device that is refused.
+fn refused(children: &str) -> String {
+    let file = import(&device(children));
+    assert_eq!((file.devices.len(), file.refused.len()), (0, 1), "{:?}", file.refused);
+    file.refused[0].to_string()
+}
+
+#[test]
+fn a_device_with_everything() {
+    let file = import(BOX);
+    assert_eq!((file.vendor_id, file.vendor.as_str()), (0x0B0C, "Nobody"));
+    assert_eq!((file.devices.len(), file.modules.len()), (6, 2));
+    assert_eq!(file.refused, []);
+    let drive = &file.devices[0];
+    assert_eq!((drive.product_code, drive.revision), (Some(0x101), Some(0x0001_0000)));
+    assert_eq!((drive.name.as_str(), drive.hidden), ("Drive with everything", false));
+    assert!(file.devices[1].hidden, "the newer one hides it");
+    assert_eq!(drive.timeouts.safeop_op, Some(9_000));
+    assert_eq!(drive.fmmus, [1, 2, 3]);
+    let purposes = [Purpose::MailboxOut, Purpose::MailboxIn, Purpose::Outputs, Purpose::Inputs];
+    assert!(drive.sync_managers.iter().map(|sm| sm.purpose).eq(purposes));
+    let pdo = &drive.pdos[0];
+    assert_eq!((pdo.direction, pdo.index, pdo.bits()), (Direction::Outputs, 0x1600, 56));
+    assert_eq!((pdo.sync_manager, pdo.fixed, &pdo.exclude[..]), (Some(2), true, &[0x1601][..]));
+    assert_eq!(pdo.entries[1].object, Some(ObjectAddress::new(0x607A, 0)));
+    let coe = drive.mailbox.as_ref().unwrap().coe.as_ref().unwrap();
+    assert!(coe.sdo_info && coe.pdo_assign && coe.complete_access && !coe.pdo_config);
+    assert_eq!(coe.commands[0].data, [7, 0, 0, 0]);
+    let modes = drive.op_modes();
+    assert_eq!(modes[1].cycle_time_sync0.unwrap().factor, Some(1));
+    assert_eq!(modes[2].cycle_time_sync0.unwrap().value, Nanos(250_000));
+    let eeprom = drive.eeprom.as_ref().unwrap();
+    assert_eq!(eeprom.configuration.unwrap()[..8], [5, 0x0E, 3, 0xEE, 0x10, 0x27, 0, 0]);
+    assert_eq!(eeprom.boot.unwrap().1.start, 0x1280);
+    let found: Vec<_> = drive.warnings.iter().map(|warning| warning.kind.name()).collect();
+    assert_eq!(found, ["sync0-cycle-fixed", "first-opmode-without-dc"]);
+    let place = file.place(drive.warnings[0].at);
+    let line = BOX.lines().nth(place.line - 1).unwrap();
+    assert_eq!(line.trim(), "<OpMode>");
+    assert_eq!(place.column, line.find('<').unwrap() + 1);
+}
+
+#[test]
+fn the_dictionary_is_put_together() {
+    let file = import(BOX);
+    let objects = &file.devices[0].profile.objects;
+    let object = |index| objects.iter().find(|object| object.index == index).unwrap();
+    assert_eq!(object(0x1000).entries[0].default, [0x92, 1, 2, 0]);
+    let limits = object(0x2000);
+    assert_eq!((limits.code, limits.data_type), (ObjectCode::ARRAY, DataType::UNSIGNED32));
+    let entries: Vec<_> =
+        limits.entries.iter().map(|e| (e.sub, e.bits, e.offset, e.default.clone())).collect();
+    assert_eq!(
+        entries,
+        [
+            (0, 8, 0, vec![3]),
+            (1, 32, 16, vec![1, 0, 0, 0]),
+            (2, 32, 48, vec![2, 0, 0, 0]),
+            (3, 32, 80, vec![])
+        ]
+    );
+    let rights = limits.entries[1].access;
+    assert!(rights.has(Access::WRITE_PREOP.with(Access::WRITE_SAFEOP)) && !rights.has(Access::WRITE_OP));
+    let minimum = &object(0x1C32).entries[4];
+    assert_eq!((minimum.sub, minimum.data_type), (5, DataType::UNSIGNED32));
+    assert_eq!(minimum.default, 250_000_u32.to_le_bytes());
+}
+
+#[test]
+fn the_virtual_device_is_what_the_file_says() {
+    let file = import(BOX);
+    let drive = Profile::from_esi(&file, &file.devices[0], Some(1)).unwrap();
+    assert!(std::ptr::eq(drive, Profile::from_esi(&file, &file.devices[0], Some(1)).unwrap()));
+    let header = sii::Header::parse(&drive.sii).unwrap();
+    assert_eq!((header.vendor_id, header.product_code, header.revision), (0x0B0C, 0x101, 0x10000));
+    assert_eq!((header.receive.start, header.send.length, header.protocols), (0x1000, 128, 4));
+    assert_eq!(header.boot_send.start, 0x1280);
+    assert_eq!(drive.sii[14], sii::checksum(&header.configuration));
+    assert_eq!(drive.sii.len(), 2_048);
+    let of = |kind| sii::categories(&drive.sii).map(Result::unwrap).find(|c| c.kind == kind).unwrap().data;
+    let managers = of(category::SYNC_MANAGER).chunks_exact(8);
+    let managers: Vec<_> = managers.map(|b| SmRecord::parse(b.try_into().unwrap())).collect();
+    assert_eq!(managers.iter().map(|sm| sm.length).collect::<Vec<_>>(), [128, 128, 7, 7]);
+    let modes = of(category::DC);
+    assert_eq!(modes.len(), 72);
+    assert_eq!(modes[24 + 0x0E..24 + 0x12], [0, 3, 1, 0]);
+    assert_eq!(modes[48..52], 250_000_u32.to_le_bytes());
+    let value = |index, sub| drive.value(ObjectAddress::new(index, sub));
+    assert_eq!((value(0x1C32, 5), value(0x1C12, 1)), (Some(250_000), Some(0x1600)));
+    assert_eq!((value(0x1018, 2), value(0x1600, 2)), (Some(0x101), Some(0x607A_0020)));
+    assert_eq!(drive.times.calc_and_copy, Nanos(30_000));
+    assert_eq!(drive.startup[0].data, [7, 0, 0, 0]);
+    assert_eq!(drive.startup.len(), 1, "an object that is not there is not written");
+    let item = |item: &str| drive.assumptions.iter().any(|assumption| assumption.item == item);
+    assert!(item("InitCmd left out") && item("0x1C33:06") && item("ESC") && !item("0x1C32:06"));
+
+    let terminal = Profile::from_esi(&file, &file.devices[2], None).unwrap();
+    let description = terminal.description;
+    assert_eq!((description.outputs.sync_manager, description.inputs.sync_manager), (0, 1));
+    assert_eq!(description.outputs.max_length, 1);
+    // Ports 0 and 2 are EBUS, port 3 is MII, port 1 is not there.
+    assert_eq!(terminal.esc().port_descriptor, 0b11_10_00_10);
+    let assumed = &terminal.assumptions;
+    assert!(assumed.iter().any(|a| a.item == "Sm0 control" && a.value == "0x64"), "{assumed:?}");
+
+    let rack = Profile::from_esi(&file, &file.devices[3], None).unwrap();
+    assert_eq!(rack.assignment.outputs, [0x1600]);
+    // The second slot is the third place: the first could hold two.
+    assert_eq!(rack.assignment.inputs, [0x1A02]);
+    assert_eq!(rack.value(ObjectAddress::new(0x1A02, 1)), Some(0x6020_0110));
+
+    let stopped = Profile::from_esi(&file, &file.devices[4], None).unwrap_err();
+    assert_eq!(stopped.obstacle, Obstacle::Placeholder);
+    let line = BOX.lines().nth(stopped.error.line).unwrap();
+    assert!(line.contains("Cover"), "{stopped}");
+}
+
+#[test]
+fn op_modes_become_modes() {
+    let file = import(BOX);
+    let of = |device: usize, number, bus| {
+        let device = &file.devices[device];
+        let profile = Profile::from_esi(&file, device, Some(number)).unwrap();
+        RunAs::new(&file, device, Some(number), profile, Nanos(bus))
+    };
+    let mode = |device, number| of(device, number, 1_000_000).unwrap();
+    assert_eq!(mode(0, 0).mode, SyncMode::SmSynchronous);
+    assert_eq!(mode(0, 1).mode, SyncMode::DcSync0);
+    let fixed = mode(0, 2);
+    assert_eq!((fixed.mode, fixed.sync0_cycle), (SyncMode::DcSubordinated, Some(Nanos(250_000))));
+    assert!(fixed.notes.iter().any(|note| note.starts_with("latch-units: ")), "{:?}", fixed.notes);
+    assert_eq!(mode(5, 0).sync0_cycle, Some(Nanos(250_000)));
+    // Not a multiple of the fixed time; and one.
+    let error = of(0, 2, 900_000).unwrap_err();
+    assert_eq!(error.obstacle, Obstacle::Sync0Cycle);
+    assert!(error.error.message.contains("OpMode \"Fixed\" can't be run (sync0-cycle)"), "{error}");
+    assert!(of(0, 2, 750_000).is_ok());
+    let samples = Profile::from_esi(&file, &file.devices[5], Some(0)).unwrap();
+    assert_eq!(samples.description.inputs.max_length, 8, "four samples of two bytes");
+}
+
+/// All of them, in one segment, by a segment file.
+#[test]
+fn a_segment_of_described_devices_comes_up() {
+    let folder = std::env::temp_dir().join(format!("isocat-esi-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("box.xml"), BOX).unwrap();
+    let parse = |rest: &str| {
+        let text = format!("cycle = \"1ms\"\nfor = \"20ms\"\n[[subdevice]]\nesi = \"box.xml\"\n{rest}");
+        SegmentFile::parse(&folder.join("s.toml").display().to_string(), &text)
+    };
+    let next = |keys: &str| format!("[[subdevice]]\nesi = \"box.xml\"\n{keys}\n");
+    let all = "type = \"Drive\"\n".to_owned()
+        + &next("type = \"Drive\"\nopmode = \"Synchron\"\nrevision = 0x10000")
+        + &next("type = \"Drive\"\nopmode = 2")
+        + &next("type = \"Rack\"")
+        + &next("type = \"Sampler\"")
+        + &next("type = \"Terminal\"");
+    let file = parse(&all).unwrap();
+    let modes: Vec<_> = file.subdevices.iter().map(|device| device.mode.unwrap()).collect();
+    use SyncMode::{DcSubordinated, DcSync0, SmSynchronous};
+    assert_eq!(
+        modes,
+        [DcSync0, SmSynchronous, DcSubordinated, SmSynchronous, DcSubordinated, SmSynchronous],
+        "a drive's default is the first with SYNC0"
+    );
+    let notes = &file.subdevices[0].notes;
+    for name in ["opmode: \"DC\" is taken", "revision: the newest of 2", "first-opmode-without-dc: "] {
+        assert!(notes.iter().any(|note| note.starts_with(name)), "{name}: {notes:#?}");
+    }
+    let report = run(&Scenario::from(file));
+    assert!(report.in_sync, "{} {:#?}", report.verdict, report.findings);
+    assert!(report.devices.iter().all(|device| device.registers.al_status == "OP"), "{report:?}");
+
+    let error = |rest: &str| {
+        let error = parse(rest).unwrap_err();
+        (error.line, error.column, error.message + &error.hint.unwrap_or_default())
+    };
+    let (line, column, words) = error("type = \"Driv\"");
+    assert_eq!((line, column), (5, 8));
+    assert!(words.contains("no type \"Driv\"") && words.contains("did you mean \"Drive\"?"), "{words}");
+    assert_eq!(error("type = \"Drive\"\nopmode = \"Dc\"").0, 6);
+    assert_eq!(error("type = \"Drive\"\nopmode = 3").0, 6);
+    let (line, _, words) = error("type = \"Drive\"\nrevision = 0");
+    assert_eq!((line, words.contains("it has: 0x00000001, 0x00010000")), (6, true), "{words}");
+    assert!(error("type = \"Cover\"").2.contains("placeholder"));
+    assert!(error("opmode = 1").2.contains("lacks the key \"type\""));
+    assert!(error("type = \"Drive\"\ndevice = \"simple_io4\"").2.contains("expected one of them"));
+    let alone = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\ntype = \"x\"";
+    assert!(SegmentFile::parse("s.toml", alone).unwrap_err().message.contains("without esi"));
+    let missing = SegmentFile::parse("s.toml", "cycle = \"1ms\"\n[[subdevice]]\nesi = \"none.xml\"\ntype = \"x\"");
+    let missing = missing.unwrap_err();
+    assert_eq!((missing.line, missing.message.contains("can't be read")), (3, true), "{missing}");
+    // A mistake in the description is told with its own place.
+    std::fs::write(folder.join("box.xml"), BOX.replace("Inputs & outputs]]>", "x]]>&")).unwrap();
+    let broken = parse("type = \"Drive\"").unwrap_err();
+    assert!(broken.path.ends_with("box.xml") && broken.line > 100, "{broken}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn encodings() {
+    let text = device("<Name>Gerät 5 µs</Name>");
+    let declared = |name: &str| format!("<?xml version='1.0' encoding='{name}'?>{text}");
+    let latin = |text: &str| text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect::<Vec<_>>();
+    let wide = |text: &str, mark: bool, low_first: bool| {
+        let units = mark.then_some(0xFEFF).into_iter().chain(text.encode_utf16());
+        units.flat_map(|u| if low_first { u.to_le_bytes() } else { u.to_be_bytes() }).collect::<Vec<_>>()
+    };
+    let with_mark = ["\u{FEFF}", &declared("utf-8")].concat().into_bytes();
+    for (bytes, encoding, warning) in [
+        (text.clone().into_bytes(), Encoding::Utf8, None),
+        (with_mark, Encoding::Utf8, None),
+        (latin(&declared("ISO-8859-1")), Encoding::Latin1, None),
+        (latin(&declared("iso8859-1")), Encoding::Latin1, Some("encoding-name")),
+        (latin(&declared("windows-1252")), Encoding::Windows1252, None),
+        (wide(&text, true, true), Encoding::Utf16Le, None),
+        (wide(&declared("UTF-16"), true, false), Encoding::Utf16Be, None),
+        (wide(&declared("UTF-16"), false, true), Encoding::Utf16Le, None),
+        (wide(&text, false, false), Encoding::Utf16Be, None),
+        (declared("utf-16").into_bytes(), Encoding::Utf8, Some("encoding-mismatch")),
+        (["\u{FEFF}", &declared("latin1")].concat().into_bytes(), Encoding::Utf8, Some("encoding-mismatch")),
+    ] {
+        let file = EsiFile::from_bytes("x.xml", &bytes).unwrap();
+        assert_eq!(file.devices[0].name, "Gerät 5 µs", "{encoding:?}");
+        assert_eq!(file.encoding, encoding);
+        let found = file.file_warnings.first().map(|warning| warning.kind.name());
+        assert_eq!(found, warning, "{encoding:?}");
+    }
+    // The Euro sign is where code page 1252 has it, and nowhere in ISO 8859-1.
+    let mut bytes = latin(&declared("windows-1252"));
+    let place = bytes.iter().position(|byte| *byte == 0xE4).unwrap();
+    bytes[place] = 0x80;
+    assert_eq!(EsiFile::from_bytes("x.xml", &bytes).unwrap().devices[0].name, "Ger€t 5 µs");
+    bytes[place] = 0x81;
+    let error = |bytes: &[u8]| EsiFile::from_bytes("x.xml", bytes).unwrap_err().to_string();
+    assert!(error(&bytes).contains("byte 0x81 at offset"), "{}", error(&bytes));
+    assert!(error(&declared("Shift_JIS").into_bytes()).starts_with("x.xml:1:1: the encoding \"Shift_JIS\""));
+    let broken = latin(&text);
+    let line = text.lines().nth(1).unwrap();
+    let column = line[..line.find('ä').unwrap()].chars().count() + 1;
+    let expected = format!("x.xml:2:{column}: byte 0xE4 at offset");
+    assert!(error(&broken).starts_with(&expected), "{} {expected}", error(&broken));
+    let mut odd = wide(&text, true, true);
+    odd.push(b'!');
+    assert!(error(&odd).contains("single byte 0x21"));
+    let mut alone = wide(&text, true, true);
+    alone[60..62].copy_from_slice(&[0x00, 0xD8]);
+    assert!(error(&alone).contains("unit 0xD800"));
+    assert!(EsiFile::from_bytes("x.xml", b"").is_err());
+}
+
+#[test]
+fn doubts_have_names() {
+    let sm = "<Sm ControlByte='#x20' StartAddress='#x1000' DefaultSize='2' Enable='1'>Inputs</Sm>";
+    let pdo = "<TxPdo Sm='0'><Index>#x1A00</Index><Entry><Index>0</Index><BitLen>16</BitLen></Entry></TxPdo>";
+    let dc = |mode: &str| device(&format!("<Dc><OpMode><Name>A</Name>{mode}</OpMode></Dc>"));
+    for (text, expected) in [
+        (device(&format!("{sm}{pdo}")), &[][..]),
+        (device(&format!("{}{pdo}", sm.replace("Inputs", "Outputs"))), &["sync-manager-name-contradicts"]),
+        (device(&format!("{}{pdo}", sm.replace("Inputs", "Whatever"))), &["sync-manager-name"]),
+        (device(&format!("{}{pdo}", sm.replace("Enable='1'", "Enable='9'"))), &["sync-manager-enable"]),
+        (device(&format!("{}{pdo}", sm.replace("ControlByte='#x20'", ""))), &["sync-manager-without-control"]),
+        (device(&format!("{}{pdo}", sm.replace("#x20", "#x22"))), &["sync-manager-one-buffer"]),
+        (device(&format!("{}{pdo}", sm.replace("Size='2'", "Size='3'"))), &["sync-manager-size"]),
+        (device(&format!("{sm}{}", pdo.replace("#x1A00", "#x0x1A00"))), &["number-doubled-prefix"]),
+        (device(&format!("{sm}{pdo}{pdo}")), &["pdo-repeated"]),
+        (device(&format!("{sm}{}", pdo.replace("Sm='0'", "Sm='4'"))), &["pdo-sync-manager", "process-data-missing"]),
+        (device(&format!("{sm}{}", pdo.replace("TxPdo", "RxPdo"))), &["pdo-sync-manager", "process-data-missing"]),
+        (device("<Frobnicate/>"), &["element-unknown"]),
+        (device("<Mailbox><FoE/></Mailbox>"), &["mailbox-without-sync-managers", "mailbox-protocol"]),
+        (device("<Mailbox><CoE/></Mailbox>"), &["mailbox-without-sync-managers", "dictionary-missing"]),
+        (device("<Profile><DictionaryFile>d.xml</DictionaryFile></Profile>"), &["dictionary-file"]),
+        (dc("<AssignActivate>#x0</AssignActivate>"), &[]),
+        (dc(""), &["assign-activate-missing"]),
+        (dc("<AssignActivate>#x301</AssignActivate><CycleTimeSync0 Factor='1'/>"), &["assign-activate-unusual"]),
+        (dc("<AssignActivate>#x300</AssignActivate>"), &["sync0-cycle-missing"]),
+        (dc("<AssignActivate>768</AssignActivate><CycleTimeSync0 Factor='0'>0</CycleTimeSync0>"), &["sync0-cycle-missing"]),
+        (
+            dc("<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'>1000</CycleTimeSync0>"),
+            &["sync0-cycle-fixed", "sync0-cycle-twice", "sync0-cycle-short"],
+        ),
+        (
+            dc("<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'/><CycleTimeSync1 Factor='1'/>"),
+            &["sync1-unused"],
+        ),
+        (
+            dc("<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'/><ShiftTimeSync0>2000200000</ShiftTimeSync0>"),
+            &["shift-time-huge"],
+        ),
+        (dc("<AssignActivate>0</AssignActivate><Sm No='2'><SyncType>1</SyncType></Sm>"), &["opmode-obsolete"]),
+        (dc("<AssignActivate>0</AssignActivate></OpMode><OpMode><Name>A</Name><AssignActivate>0</AssignActivate>"), &["opmode-name-repeated"]),
+        (device("").replace(" RevisionNo=\"3\"", ""), &["revision-missing"]),
+        (device("").replace("ProductCode=\"2\"", ""), &["product-code-missing"]),
+        (device("").replace("Physics=\"YY\"", ""), &["physics-missing"]),
+        (device("").replace("<Eeprom/>", ""), &["eeprom-missing"]),
+        (device("").replace("<Eeprom/>", "<Eeprom><ConfigData>0102</ConfigData></Eeprom>"), &["config-data-length"]),
+        (device("").replace("<Name>Nobody</Name>", ""), &["vendor-name-missing"]),
+        (device("").replace("<GroupType>G<", "<GroupType>H<"), &["group-unknown"]),
+        (device("").replace("<Descriptions>", "<InfoReference>a\\b.xml</InfoReference><Descriptions>"), &["referenced-file-not-read"]),
+    ] {
+        assert_eq!(names(&text), expected, "{text}");
+    }
+    let twice = device("");
+    let one = twice.lines().nth(1).unwrap().to_owned();
+    assert_eq!(names(&twice.replace(&one, &format!("{one}{one}"))), ["identity-repeated"]);
+    // Each name once, in words and dashes.
+    let mut all: Vec<_> = WarningKind::ALL.iter().map(|kind| kind.name()).collect();
+    assert!(all.iter().all(|name| name.bytes().all(|b| b.is_ascii_lowercase() || b == b'-' || b.is_ascii_digit())));
+    all.sort_unstable();
+    all.dedup();
+    assert_eq!(all.len(), WarningKind::ALL.len());
+}
+
+#[test]
+fn what_can_not_be_read_is_refused_at_its_place() {
+    for (children, expected) in [
+        ("\n <Sm ControlByte='x20'>Inputs</Sm>", "box.xml:3:2: ControlByte: \"x20\" is no number; expected e.g. #x1A00 or 26"),
+        ("\n<Sm ControlByte='#x120'>Inputs</Sm>", "box.xml:3:1: ControlByte = #x120 is out of range; expected 0 to 255"),
+        ("\n<Sm>Something</Sm>", "box.xml:3:1: SyncManager \"Something\" has no ControlByte; expected one, or a text such as Outputs"),
+        ("\n<TxPdo><Index>#x1A00</Index><Entry><Index>1</Index></Entry></TxPdo>", "box.xml:3:29: Entry lacks BitLen; expected a number"),
+        ("\n<TxPdo Fixed='yes'><Index>1</Index></TxPdo>", "box.xml:3:1: Fixed = \"yes\": expected 1, 0, true or false"),
+        (
+            "\n<Dc><OpMode><CycleTimeSync0>-1000</CycleTimeSync0></OpMode></Dc>",
+            "box.xml:3:13: CycleTimeSync0 = -1000 is out of range; expected 0 to 2147483647",
+        ),
+        (
+            "\n<Mailbox><CoE><InitCmd><Index>1</Index><SubIndex>0</SubIndex><Data>1</Data></InitCmd></CoE></Mailbox>",
+            "box.xml:3:62: Data: \"1\" is no row of hex bytes",
+        ),
+        ("\n<Slots><Slot MinInstances='2' MaxInstances='1'/></Slots>", "box.xml:3:8: MinInstances = 2, but MaxInstances = 1; expected no more"),
+        ("\n<Info><Mailbox><Timeout><RequestTimeout>soon</RequestTimeout></Timeout></Mailbox></Info>", "box.xml:3:26: RequestTimeout: \"soon\" is no number; expected e.g. #x1A00 or 26"),
+    ] {
+        assert_eq!(refused(children), expected);
+    }
+    // A broken device does not lose its neighbours.
+    let file = import(&BOX.replace("ProductCode=\"258\"", "ProductCode=\"4294967296\""));
+    assert_eq!((file.devices.len(), file.refused.len()), (5, 1));
+    assert!(file.refused[0].message.starts_with("ProductCode = 4294967296 is out of range"), "{:?}", file.refused);
+    // A broken object does not lose its device.
+    let file = import(&BOX.replace("<DefaultData>92010200", "<DefaultData>9201020"));
+    let drive = &file.devices[0];
+    assert!(drive.profile.objects.iter().all(|object| object.index != 0x1000));
+    assert!(drive.warnings.iter().any(|warning| warning.kind == WarningKind::ObjectLeftOut));
+    for (text, expected) in [
+        ("<a><b></a>", "x.xml:1:7: not well-formed XML: "),
+        ("<EtherCATConfig/>", "x.xml:1:1: the root is <EtherCATConfig>; expected <EtherCATInfo>"),
+        ("<EtherCATInfo/>", "x.xml:1:1: the file lacks <Vendor>; expected its Id"),
+        ("<EtherCATInfo><Vendor><Id>x</Id></Vendor></EtherCATInfo>", "x.xml:1:23: Id: \"x\" is no number"),
+        ("<EtherCATInfo><Vendor><Id>1</Id></Vendor></EtherCATInfo>", "x.xml:1:1: the file lacks <Descriptions>"),
+        ("<a>&nothing;</a>", "x.xml:1:4: not well-formed XML: "),
+        ("<a>R & D</a>", "x.xml:1:6: not well-formed XML: "),
+    ] {
+        let error = EsiFile::from_bytes("x.xml", text.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with(expected), "{error}");
+    }
+}
+
+/// What would cost time or memory is refused before it does.
+#[test]
+fn files_that_ask_for_too_much() {
+    let quickly = |text: &str, expected: &str| {
+        let start = Instant::now();
+        let error = EsiFile::from_bytes("x.xml", text.as_bytes()).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+        assert!(start.elapsed() < Duration::from_secs(20), "{:?} for {expected}", start.elapsed());
+    };
+    let laughs = "<!DOCTYPE a [<!ENTITY a 'ha'><!ENTITY b '&a;&a;&a;&a;'>]><a>&b;</a>";
+    quickly(laughs, "x.xml:1:1: a document type with entities");
+    quickly("<!DOCTYPE a SYSTEM 'file:///etc/passwd'><a/>", "a document type");
+    quickly(&"<a>".repeat(1_000_000), "nested 65 deep; expected at most 64");
+    let attributes: String = (0..100_000).map(|number| format!(" a{number}='1'")).collect();
+    quickly(&format!("<a{attributes}/>"), "100000 attributes; expected at most 64");
+    let spaces: String = (0..60).map(|number| format!(" xmlns:n{number}='u'")).collect();
+    quickly(&format!("<a{spaces}><b{spaces}/></a>"), "declarations of namespaces");
+    quickly(&format!("<a>{}</a>", "<b/>".repeat(4_000_001)), "more than 4000000 elements");
+    quickly(&" ".repeat((64 << 20) + 1), "expected a description of at most 67108864 bytes");
+    // Beyond it by its length alone; nothing is read.
+    let path = std::env::temp_dir().join(format!("isocat-long-{}.xml", std::process::id()));
+    std::fs::File::create(&path).unwrap().set_len(100 << 20).unwrap();
+    let error = EsiFile::read(&path.display().to_string()).unwrap_err();
+    std::fs::remove_file(&path).unwrap();
+    assert!(error.message.contains("104857600 bytes"), "{error}");
+
+    // Much of what is allowed.
+    let start = Instant::now();
+    let sections = "<![CDATA[x]]>".repeat(100_000);
+    import(&device(&format!("<Name>{sections}</Name>")));
+    import(&device(&format!("<Comment>{}</Comment>", "&amp;".repeat(1_000_000))));
+    let doubts = "<TxPdo><Index>#x0x1</Index></TxPdo>".repeat(20_000);
+    let file = import(&device(&doubts));
+    assert_eq!(file.devices[0].warnings.iter().map(|w| w.count).max(), Some(20_000));
+    assert!(file.devices[0].warnings.len() < 5, "one for each kind");
+    let factor = BOX.replace("OSFac=\"4\"", "OSFac=\"65535\"");
+    let file = import(&factor);
+    let error = Profile::from_esi(&file, &file.devices[5], Some(0)).unwrap_err();
+    assert_eq!(error.obstacle, Obstacle::ProcessDataTooLong);
+    let slots = BOX.replace("MaxInstances=\"2\"", "MaxInstances=\"65535\"");
+    assert_eq!(import(&slots).devices.len(), 6);
+    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
+}
+
+/// Damaged descriptions are refused or read, whole devices or without some, but nothing panics: not the
+/// import, and not the virtual devices of it.
+#[test]
+fn damaged_files_are_no_panic() {
+    let (mut broken, mut read, mut built) = (0, 0, 0);
+    let step = 11;
+    for (at, _) in BOX.char_indices().step_by(step) {
+        for insert in ["", "0", "-", "<", "\"", "#x", "99999", "&"] {
+            let text = format!("{}{insert}{}", &BOX[..at], BOX.get(at + 1..).unwrap_or(""));
+            match EsiFile::from_bytes("x.xml", text.as_bytes()) {
+                Ok(file) => {
+                    read += 1;
+                    for error in &file.refused {
+                        assert!(error.line <= text.lines().count() && error.line > 0, "{error}");
+                    }
+                    // Profiles stay as long as the program: some are enough.
+                    if at % 60 < step && matches!(insert, "99999" | "-" | "") {
+                        for device in &file.devices {
+                            built += usize::from(Profile::from_esi(&file, device, Some(0)).is_ok());
+                        }
+                    }
+                }
+                Err(error) => {
+                    broken += 1;
+                    assert!(error.line <= text.lines().count() + 1 && error.line > 0, "{error}");
+                }
+            }
+        }
+    }
+    assert!(broken > 1_000 && read > 1_000 && built > 100, "{broken} {read} {built}");
+}

@@ -6,6 +6,7 @@
 //! 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
 
 mod conform;
+mod devices;
 mod eni;
 mod explain;
 #[cfg(target_os = "linux")]
@@ -45,6 +46,7 @@ Examples:
   isocat devices                      the device profiles there are
   isocat eni network.xml              what a configuration tool's ENI file writes, and its doubts
   isocat explain 0x001A               what a code, an object, a register or a mode means
+  isocat devices vendor.xml           what a maker's description (ESI) holds
   isocat explain modes                what each synchronization mode needs of a device
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. conform: 0 every rule that
@@ -81,11 +83,8 @@ enum Verb {
     Eni(eni::Arguments),
     /// Print the built-in segment file
     Example,
-    /// List the built-in device profiles; with a name, print that profile
-    Devices {
-        /// Profile to print
-        name: Option<String>,
-    },
+    /// List the built-in device profiles; with a name, print that profile; with a maker's description, list it
+    Devices(devices::Arguments),
 }
 
 /// Runs the command with the arguments of the process.
@@ -110,32 +109,9 @@ pub fn main() -> ExitCode {
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
         Some(Verb::Eni(arguments)) => eni::run(&arguments),
         Some(Verb::Example) => print(crate::SegmentFile::built_in_text()),
-        Some(Verb::Devices { name }) => devices(name.as_deref()),
+        Some(Verb::Devices(arguments)) => devices::run(&arguments),
     };
     code.into()
-}
-
-fn devices(name: Option<&str>) -> u8 {
-    use crate::profile;
-    let Some(name) = name else {
-        let list: String = profile::built_in_ids()
-            .filter_map(profile::built_in)
-            .map(|p| {
-                let modes: Vec<_> = p.modes().map(|mode| mode.name()).collect();
-                let modes =
-                    if modes.is_empty() { "none announced".into() } else { modes.join(", ") };
-                format!("{:<28} {} {}: {modes}\n", p.id, p.vendor, p.name)
-            })
-            .collect();
-        return print(&list);
-    };
-    match profile::built_in_text(name) {
-        Some(text) => print(text),
-        None => {
-            let hint = profile::name_hint(name, profile::built_in_ids());
-            fail(&format!("unknown device \"{name}\"\n{hint}"))
-        }
-    }
 }
 
 /// Prints a result. A reader that went away (`isocat | head`) is no error.

@@ -277,7 +277,10 @@ pub struct PlanLine {
     pub slack_ns: i64,
 }
 
-/// A value that a device's maker does not publish.
+/// How items of [`Assumption`] begin that are doubts about a maker's description.
+const DOUBT: &str = "description: ";
+
+/// A value that a device's maker does not publish, or a doubt about its description (ESI).
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Assumption {

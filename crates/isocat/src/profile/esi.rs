@@ -181,6 +181,7 @@ impl Import<'_> {
             times,
             behaviour: Placed { at: device.at, value: self.behaviour() },
             assumed: std::mem::take(&mut self.assumed),
+            deviations: Vec::new(),
             eeprom: Some(eeprom),
         };
         dictionary::complete(&mut draft);

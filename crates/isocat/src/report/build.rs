@@ -185,8 +185,15 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
                 value: a.value.clone(),
                 why: a.why.clone(),
             })
+            .chain(wanted.notes.iter().map(|note| doubt(note)))
             .collect(),
     }
+}
+
+/// A doubt about a maker's description, `name: words`.
+fn doubt(note: &str) -> Assumption {
+    let (name, words) = note.split_once(": ").unwrap_or(("doubt", note));
+    Assumption { item: format!("{DOUBT}{name}"), value: String::new(), why: words.to_owned() }
 }
 
 fn true_time(bench: &DeviceBench, mode: SyncMode) -> DeviceTrueTime {

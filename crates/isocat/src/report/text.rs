@@ -6,7 +6,7 @@ use anstyle::{AnsiColor, Style};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
-use super::{Counters, Finding, Report, Span, Spread};
+use super::{Counters, DOUBT, Finding, Report, Span, Spread};
 
 /// Columns of the text.
 pub(crate) const WIDTH: usize = 100;
@@ -160,7 +160,18 @@ impl Report {
                 notes.push(format!("SubDevice {}: {}", device.position, device.application));
             }
         }
-        let assumed: usize = self.devices.iter().map(|device| device.assumptions.len()).sum();
+        for device in self.devices.iter().take(MOST_DEVICES) {
+            let doubts = device.assumptions.iter().filter_map(|a| a.item.strip_prefix(DOUBT));
+            let doubts: Vec<_> = doubts.collect();
+            if !doubts.is_empty() {
+                let (position, doubts) = (device.position, doubts.join(", "));
+                notes.push(format!(
+                    "SubDevice {position}: to know about its description: {doubts}; --json has the words"
+                ));
+            }
+        }
+        let assumed = self.devices.iter().flat_map(|device| &device.assumptions);
+        let assumed = assumed.filter(|assumed| !assumed.item.starts_with(DOUBT)).count();
         if assumed > 0 {
             notes.push(format!(
                 "{assumed} values are assumed because the makers do not publish them; \

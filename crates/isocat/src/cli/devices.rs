@@ -1,0 +1,116 @@
+//! `isocat devices`: the built-in profiles, and what a maker's description holds.
+
+use std::fmt::Write as _;
+
+use clap::Args;
+
+use super::{fail, print};
+use crate::esi::{EsiDevice, EsiFile, Warning};
+use crate::profile::{self, Profile};
+
+/// Arguments of `devices`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Profile to print, or a device description (.xml) to list
+    name: Option<String>,
+}
+
+/// Runs the verb; gives the exit code.
+pub fn run(arguments: &Arguments) -> u8 {
+    let Some(name) = arguments.name.as_deref() else { return print(&built_in()) };
+    if name.to_ascii_lowercase().ends_with(".xml") {
+        return match EsiFile::read(name) {
+            Ok(file) => print(&list(&file)),
+            Err(error) => fail(&error.to_string()),
+        };
+    }
+    match profile::built_in_text(name) {
+        Some(text) => print(text),
+        None => {
+            let hint = profile::name_hint(name, profile::built_in_ids());
+            fail(&format!("unknown device \"{name}\"\n{hint}"))
+        }
+    }
+}
+
+fn built_in() -> String {
+    profile::built_in_ids()
+        .filter_map(profile::built_in)
+        .map(|p| {
+            let modes: Vec<_> = p.modes().map(|mode| mode.name()).collect();
+            let modes = if modes.is_empty() { "none announced".into() } else { modes.join(", ") };
+            format!("{:<28} {} {}: {modes}\n", p.id, p.vendor, p.name)
+        })
+        .collect()
+}
+
+/// What a description holds: each device with its OpModes, then all that is doubtful.
+fn list(file: &EsiFile) -> String {
+    let mut out = String::new();
+    let devices = file.devices.len();
+    let _ = writeln!(
+        out,
+        "{}: {} (vendor {:#010x}), {}, {devices} devices, {} modules",
+        file.path,
+        plain(&file.vendor),
+        file.vendor_id,
+        file.encoding.name(),
+        file.modules.len()
+    );
+    for warning in &file.file_warnings {
+        write_warning(&mut out, file, warning);
+    }
+    for device in &file.devices {
+        write_device(&mut out, file, device);
+    }
+    for error in &file.refused {
+        let _ = writeln!(out, "\nrefused: {error}");
+    }
+    out
+}
+
+fn write_device(out: &mut String, file: &EsiFile, device: &EsiDevice) {
+    let hidden = if device.hidden { "  (hidden by a newer one)" } else { "" };
+    let revision = device.revision.map_or("none".to_owned(), |revision| format!("{revision:#010x}"));
+    let _ = writeln!(
+        out,
+        "\n{}  revision {revision}  {}{hidden}",
+        plain(&device.type_name),
+        plain(&device.name)
+    );
+    let modes = device.op_modes();
+    for (number, mode) in modes.iter().enumerate() {
+        let words = Profile::from_esi(file, device, Some(number)).err().map(|error| error.obstacle);
+        let words = words.map_or(String::new(), |o| format!("  not simulated: {}", o.name()));
+        let _ = writeln!(
+            out,
+            "  opmode {number} \"{}\"  {:#06x}  {}{words}",
+            plain(&mode.name),
+            mode.assign_activate,
+            plain(&mode.description)
+        );
+    }
+    if modes.is_empty()
+        && let Err(error) = Profile::from_esi(file, device, None)
+    {
+        let _ = writeln!(out, "  not simulated: {}", error.obstacle.name());
+    }
+    for warning in &device.warnings {
+        write_warning(out, file, warning);
+    }
+}
+
+fn write_warning(out: &mut String, file: &EsiFile, warning: &Warning) {
+    let line = file.place(warning.at).line;
+    let more = match warning.count {
+        1 => String::new(),
+        count => format!(" (and {} more)", count - 1),
+    };
+    let _ = writeln!(out, "  {} line {line}: {}{more}", warning.kind, plain(&warning.message));
+}
+
+/// A text of the file in one line.
+fn plain(text: &str) -> String {
+    let words: Vec<_> = text.split_whitespace().collect();
+    words.join(" ").chars().filter(|character| !character.is_control()).collect()
+}

@@ -1,6 +1,8 @@
 //! How fast descriptions are imported, in bytes a second: one made here, and those that lie beside the
 //! project, if there are any.
 
+#![expect(missing_docs, reason = "the macros make undocumented items")]
+
 use std::fmt::Write as _;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -111,7 +113,9 @@ fn import(c: &mut Criterion) {
         group.throughput(Throughput::Bytes(files.iter().map(|bytes| bytes.len() as u64).sum()));
         group.sample_size(20);
         group.bench_function("published", |b| {
-            b.iter(|| files.iter().filter(|bytes| EsiFile::from_bytes("x.xml", bytes).is_ok()).count());
+            b.iter(|| {
+                files.iter().filter(|bytes| EsiFile::from_bytes("x.xml", bytes).is_ok()).count()
+            });
         });
     }
     group.finish();

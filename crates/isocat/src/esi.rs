@@ -21,9 +21,11 @@
 //! assert!(file.warnings().any(|(_, warning)| warning.kind.name() == "group-unknown"));
 //! ```
 
-use std::collections::HashMap;
+use std::borrow::Cow;
+use std::collections::{HashMap, HashSet};
 use std::hash::{Hash, Hasher};
 use std::path::Path;
+use std::sync::OnceLock;
 
 use crate::document::{FileError, Source, name_hint};
 
@@ -76,8 +78,8 @@ pub struct EsiFile {
     /// Doubts about the file as a whole.
     pub file_warnings: Vec<Warning>,
     text: String,
-    /// Byte at which each line begins.
-    lines: Vec<usize>,
+    /// Byte at which each line begins; made when the first place is asked for.
+    lines: OnceLock<Vec<usize>>,
 }
 
 /// A place in a file: line and column, both from 1.
@@ -112,8 +114,13 @@ impl EsiFile {
             message: error.message,
             hint: None,
         })?;
-        let source = Source { path, text: &decoded.text };
-        let document = tree::parse(&decoded.text).map_err(|error| match error {
+        // XML has one line end. Places do not move, and the parser is faster where it need not look for it.
+        let text = match decoded.text.contains('\r') {
+            true => Cow::Owned(decoded.text.replace("\r\n", "\n")),
+            false => decoded.text,
+        };
+        let source = Source { path, text: &text };
+        let document = tree::parse(&text).map_err(|error| match error {
             Malformed::At(Problem { at, message }) => source.error(at, message),
             Malformed::Place(line, column, message) => {
                 FileError { path: path.to_owned(), line, column, message, hint: None }
@@ -123,7 +130,10 @@ impl EsiFile {
         match decoded.doubt {
             Some(decode::Doubt::Name(name)) => {
                 warnings.add(WarningKind::EncodingName, 0, || {
-                    format!("\"{name}\" is no registered name; {} is taken", decoded.encoding.name())
+                    format!(
+                        "\"{name}\" is no registered name; {} is taken",
+                        decoded.encoding.name()
+                    )
                 });
             }
             Some(decode::Doubt::Contradiction(what)) => {
@@ -141,14 +151,13 @@ impl EsiFile {
             refused: Vec::new(),
             file_warnings: Vec::new(),
             text: String::new(),
-            lines: Vec::new(),
+            lines: OnceLock::new(),
         };
         let mut refused = Vec::new();
         let content = file.content(Element::root(&document), &mut warnings, &mut refused);
         drop(document);
         content.map_err(|Problem { at, message }| source.error(at, message))?;
-        file.text = decoded.text.into_owned();
-        file.lines = line_starts(&file.text);
+        file.text = text.into_owned();
         file.refused =
             refused.into_iter().map(|problem| file.error(problem.at, problem.message)).collect();
         file.file_warnings = warnings.0;
@@ -198,7 +207,7 @@ impl EsiFile {
         if let Some(list) = descriptions.child("Modules") {
             self.modules = modules::modules(list, warnings, refused);
         }
-        let groups: Vec<String> = descriptions
+        let groups: HashSet<String> = descriptions
             .child("Groups")
             .iter()
             .flat_map(|groups| groups.children("Group"))
@@ -206,8 +215,14 @@ impl EsiFile {
             .collect();
         let definitions = pdo::Definitions::of(descriptions);
         let list = descriptions.child("Devices");
+        let mut left = MOST_ENTRIES;
         for element in list.iter().flat_map(|list| list.children("Device")) {
-            match device::read(element, &groups, &definitions, &self.modules) {
+            if self.devices.len() == MOST_DEVICES {
+                let message = format!("more than {MOST_DEVICES} devices; the rest is not read");
+                refused.push(Problem::new(element.at(), message));
+                break;
+            }
+            match device::read(element, &groups, &definitions, &self.modules, &mut left) {
                 Ok(device) => self.devices.push(device),
                 Err(problem) => refused.push(problem),
             }
@@ -218,11 +233,12 @@ impl EsiFile {
 
     /// What only all devices together tell: who is hidden, who stands twice.
     fn compare(&mut self, list: Option<Element<'_>>) {
-        let mut hidden = std::collections::HashSet::new();
+        let mut hidden = HashSet::new();
         for element in list.iter().flat_map(|list| list.children("Device")) {
             for hide in element.children("HideType") {
                 let mut ignored = Warnings::default();
-                let mut number = |name| read::attribute(hide, name, read::U32, &mut ignored).ok()?;
+                let mut number =
+                    |name| read::attribute(hide, name, read::U32, &mut ignored).ok()?;
                 if let Some(revision) = number("RevisionNo") {
                     let product = number("ProductCode").map(|code| code as u32);
                     hidden.insert((hide.text().into_owned(), product, revision as u32));
@@ -232,7 +248,8 @@ impl EsiFile {
         let mut first: HashMap<(u32, Option<u32>), usize> = HashMap::new();
         for (place, device) in self.devices.iter_mut().enumerate() {
             let key = |product| (device.type_name.clone(), product, device.revision.unwrap_or(0));
-            device.hidden = hidden.contains(&key(None)) || hidden.contains(&key(device.product_code));
+            device.hidden =
+                hidden.contains(&key(None)) || hidden.contains(&key(device.product_code));
             let Some(product) = device.product_code else { continue };
             if first.insert((product, device.revision), place).is_some() {
                 let mut warnings = Warnings(std::mem::take(&mut device.warnings));
@@ -336,8 +353,9 @@ impl EsiFile {
 
     /// Line and column of a byte of the text.
     pub fn place(&self, at: usize) -> Place {
-        let line = self.lines.partition_point(|start| *start <= at);
-        let start = self.lines.get(line.wrapping_sub(1)).copied().unwrap_or(0);
+        let lines = self.lines.get_or_init(|| line_starts(&self.text));
+        let line = lines.partition_point(|start| *start <= at);
+        let start = lines.get(line.wrapping_sub(1)).copied().unwrap_or(0);
         let before = self.text.get(start..at).unwrap_or_default();
         Place { line: line.max(1), column: before.chars().count() + 1 }
     }
@@ -374,8 +392,7 @@ pub struct Choice<'f> {
 }
 
 fn too_long(path: &str, length: u64) -> FileError {
-    let message =
-        format!("{length} bytes; expected a description of at most {LONGEST_FILE} bytes");
+    let message = format!("{length} bytes; expected a description of at most {LONGEST_FILE} bytes");
     FileError { path: path.to_owned(), line: 0, column: 0, message, hint: None }
 }
 
@@ -384,5 +401,9 @@ fn line_starts(text: &str) -> Vec<usize> {
     std::iter::once(0).chain(newlines.map(|(at, _)| at + 1)).collect()
 }
 
+/// The richest file that is known has 147.
+const MOST_DEVICES: usize = 10_000;
+/// Entries of all dictionaries together: some 100 MB.
+const MOST_ENTRIES: usize = 1_000_000;
 /// The longest that is known has 4 MB.
 const LONGEST_FILE: usize = 64 << 20;

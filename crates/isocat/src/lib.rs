@@ -10,9 +10,9 @@
 //! assert!(report.in_sync, "{}", report.verdict);
 //! ```
 //!
-//! Data's way: a [`segment_file`] names devices by their [`profile`]; both become a [`scenario`], which
-//! `isocat-sim` runs in virtual time; of the outcome comes a [`report`], and of the frames, if wanted, a
-//! [`capture`]. On Linux, `live` does the same job on a real interface, with the sockets of `link`. [`document`]
+//! Data's way: a [`segment_file`] names devices by their [`profile`], or by a maker's description ([`esi`]) of
+//! which a profile is made; both become a [`scenario`], which `isocat-sim` runs in virtual time; of the
+//! outcome comes a [`report`], and of the frames, if wanted, a [`capture`]. On Linux, `live` does the same job on a real interface, with the sockets of `link`. [`document`]
 //! gives errors in files their place, [`quantity`] reads durations, lengths and
 //! clock deviations. Serialized forms exist in
 //! this crate only.

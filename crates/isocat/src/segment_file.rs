@@ -298,7 +298,9 @@ fn subdevice(
         None => {
             let only = ["type", "revision", "opmode"].into_iter().find_map(|key| table.value(key));
             if let Some(value) = only {
-                return Err(value.error("given without esi; expected esi = \"vendor.xml\" beside it"));
+                return Err(
+                    value.error("given without esi; expected esi = \"vendor.xml\" beside it")
+                );
             }
             (device_profile(source, &device)?, None)
         }

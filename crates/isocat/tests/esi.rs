@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use isocat::esi::{Direction, EsiFile, Encoding, Purpose, WarningKind};
+use isocat::esi::{Direction, Encoding, EsiFile, Purpose, WarningKind};
 use isocat::profile::{Obstacle, Profile, RunAs};
 use isocat::{Nanos, Scenario, SegmentFile, run};
 use isocat_sync::SyncMode;
@@ -96,7 +96,9 @@ fn the_dictionary_is_put_together() {
         ]
     );
     let rights = limits.entries[1].access;
-    assert!(rights.has(Access::WRITE_PREOP.with(Access::WRITE_SAFEOP)) && !rights.has(Access::WRITE_OP));
+    assert!(
+        rights.has(Access::WRITE_PREOP.with(Access::WRITE_SAFEOP)) && !rights.has(Access::WRITE_OP)
+    );
     let minimum = &object(0x1C32).entries[4];
     assert_eq!((minimum.sub, minimum.data_type), (5, DataType::UNSIGNED32));
     assert_eq!(minimum.default, 250_000_u32.to_le_bytes());
@@ -113,7 +115,9 @@ fn the_virtual_device_is_what_the_file_says() {
     assert_eq!(header.boot_send.start, 0x1280);
     assert_eq!(drive.sii[14], sii::checksum(&header.configuration));
     assert_eq!(drive.sii.len(), 2_048);
-    let of = |kind| sii::categories(&drive.sii).map(Result::unwrap).find(|c| c.kind == kind).unwrap().data;
+    let of = |kind| {
+        sii::categories(&drive.sii).map(Result::unwrap).find(|c| c.kind == kind).unwrap().data
+    };
     let managers = of(category::SYNC_MANAGER).chunks_exact(8);
     let managers: Vec<_> = managers.map(|b| SmRecord::parse(b.try_into().unwrap())).collect();
     assert_eq!(managers.iter().map(|sm| sm.length).collect::<Vec<_>>(), [128, 128, 7, 7]);
@@ -182,7 +186,8 @@ fn a_segment_of_described_devices_comes_up() {
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("box.xml"), BOX).unwrap();
     let parse = |rest: &str| {
-        let text = format!("cycle = \"1ms\"\nfor = \"20ms\"\n[[subdevice]]\nesi = \"box.xml\"\n{rest}");
+        let text =
+            format!("cycle = \"1ms\"\nfor = \"20ms\"\n[[subdevice]]\nesi = \"box.xml\"\n{rest}");
         SegmentFile::parse(&folder.join("s.toml").display().to_string(), &text)
     };
     let next = |keys: &str| format!("[[subdevice]]\nesi = \"box.xml\"\n{keys}\n");
@@ -201,7 +206,9 @@ fn a_segment_of_described_devices_comes_up() {
         "a drive's default is the first with SYNC0"
     );
     let notes = &file.subdevices[0].notes;
-    for name in ["opmode: \"DC\" is taken", "revision: the newest of 2", "first-opmode-without-dc: "] {
+    for name in
+        ["opmode: \"DC\" is taken", "revision: the newest of 2", "first-opmode-without-dc: "]
+    {
         assert!(notes.iter().any(|note| note.starts_with(name)), "{name}: {notes:#?}");
     }
     let report = run(&Scenario::from(file));
@@ -214,7 +221,10 @@ fn a_segment_of_described_devices_comes_up() {
     };
     let (line, column, words) = error("type = \"Driv\"");
     assert_eq!((line, column), (5, 8));
-    assert!(words.contains("no type \"Driv\"") && words.contains("did you mean \"Drive\"?"), "{words}");
+    assert!(
+        words.contains("no type \"Driv\"") && words.contains("did you mean \"Drive\"?"),
+        "{words}"
+    );
     assert_eq!(error("type = \"Drive\"\nopmode = \"Dc\"").0, 6);
     assert_eq!(error("type = \"Drive\"\nopmode = 3").0, 6);
     let (line, _, words) = error("type = \"Drive\"\nrevision = 0");
@@ -224,7 +234,10 @@ fn a_segment_of_described_devices_comes_up() {
     assert!(error("type = \"Drive\"\ndevice = \"simple_io4\"").2.contains("expected one of them"));
     let alone = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\ntype = \"x\"";
     assert!(SegmentFile::parse("s.toml", alone).unwrap_err().message.contains("without esi"));
-    let missing = SegmentFile::parse("s.toml", "cycle = \"1ms\"\n[[subdevice]]\nesi = \"none.xml\"\ntype = \"x\"");
+    let missing = SegmentFile::parse(
+        "s.toml",
+        "cycle = \"1ms\"\n[[subdevice]]\nesi = \"none.xml\"\ntype = \"x\"",
+    );
     let missing = missing.unwrap_err();
     assert_eq!((missing.line, missing.message.contains("can't be read")), (3, true), "{missing}");
     // A mistake in the description is told with its own place.
@@ -238,10 +251,13 @@ fn a_segment_of_described_devices_comes_up() {
 fn encodings() {
     let text = device("<Name>Gerät 5 µs</Name>");
     let declared = |name: &str| format!("<?xml version='1.0' encoding='{name}'?>{text}");
-    let latin = |text: &str| text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect::<Vec<_>>();
+    let latin =
+        |text: &str| text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect::<Vec<_>>();
     let wide = |text: &str, mark: bool, low_first: bool| {
         let units = mark.then_some(0xFEFF).into_iter().chain(text.encode_utf16());
-        units.flat_map(|u| if low_first { u.to_le_bytes() } else { u.to_be_bytes() }).collect::<Vec<_>>()
+        units
+            .flat_map(|u| if low_first { u.to_le_bytes() } else { u.to_be_bytes() })
+            .collect::<Vec<_>>()
     };
     let with_mark = ["\u{FEFF}", &declared("utf-8")].concat().into_bytes();
     for (bytes, encoding, warning) in [
@@ -255,7 +271,11 @@ fn encodings() {
         (wide(&declared("UTF-16"), false, true), Encoding::Utf16Le, None),
         (wide(&text, false, false), Encoding::Utf16Be, None),
         (declared("utf-16").into_bytes(), Encoding::Utf8, Some("encoding-mismatch")),
-        (["\u{FEFF}", &declared("latin1")].concat().into_bytes(), Encoding::Utf8, Some("encoding-mismatch")),
+        (
+            ["\u{FEFF}", &declared("latin1")].concat().into_bytes(),
+            Encoding::Utf8,
+            Some("encoding-mismatch"),
+        ),
     ] {
         let file = EsiFile::from_bytes("x.xml", &bytes).unwrap();
         assert_eq!(file.devices[0].name, "Gerät 5 µs", "{encoding:?}");
@@ -271,7 +291,10 @@ fn encodings() {
     bytes[place] = 0x81;
     let error = |bytes: &[u8]| EsiFile::from_bytes("x.xml", bytes).unwrap_err().to_string();
     assert!(error(&bytes).contains("byte 0x81 at offset"), "{}", error(&bytes));
-    assert!(error(&declared("Shift_JIS").into_bytes()).starts_with("x.xml:1:1: the encoding \"Shift_JIS\""));
+    assert!(
+        error(&declared("Shift_JIS").into_bytes())
+            .starts_with("x.xml:1:1: the encoding \"Shift_JIS\"")
+    );
     let broken = latin(&text);
     let line = text.lines().nth(1).unwrap();
     let column = line[..line.find('ä').unwrap()].chars().count() + 1;
@@ -293,47 +316,95 @@ fn doubts_have_names() {
     let dc = |mode: &str| device(&format!("<Dc><OpMode><Name>A</Name>{mode}</OpMode></Dc>"));
     for (text, expected) in [
         (device(&format!("{sm}{pdo}")), &[][..]),
-        (device(&format!("{}{pdo}", sm.replace("Inputs", "Outputs"))), &["sync-manager-name-contradicts"]),
+        (
+            device(&format!("{}{pdo}", sm.replace("Inputs", "Outputs"))),
+            &["sync-manager-name-contradicts"],
+        ),
         (device(&format!("{}{pdo}", sm.replace("Inputs", "Whatever"))), &["sync-manager-name"]),
-        (device(&format!("{}{pdo}", sm.replace("Enable='1'", "Enable='9'"))), &["sync-manager-enable"]),
-        (device(&format!("{}{pdo}", sm.replace("ControlByte='#x20'", ""))), &["sync-manager-without-control"]),
+        (
+            device(&format!("{}{pdo}", sm.replace("Enable='1'", "Enable='9'"))),
+            &["sync-manager-enable"],
+        ),
+        (
+            device(&format!("{}{pdo}", sm.replace("ControlByte='#x20'", ""))),
+            &["sync-manager-without-control"],
+        ),
         (device(&format!("{}{pdo}", sm.replace("#x20", "#x22"))), &["sync-manager-one-buffer"]),
         (device(&format!("{}{pdo}", sm.replace("Size='2'", "Size='3'"))), &["sync-manager-size"]),
         (device(&format!("{sm}{}", pdo.replace("#x1A00", "#x0x1A00"))), &["number-doubled-prefix"]),
         (device(&format!("{sm}{pdo}{pdo}")), &["pdo-repeated"]),
-        (device(&format!("{sm}{}", pdo.replace("Sm='0'", "Sm='4'"))), &["pdo-sync-manager", "process-data-missing"]),
-        (device(&format!("{sm}{}", pdo.replace("TxPdo", "RxPdo"))), &["pdo-sync-manager", "process-data-missing"]),
+        (
+            device(&format!("{sm}{}", pdo.replace("Sm='0'", "Sm='4'"))),
+            &["pdo-sync-manager", "process-data-missing"],
+        ),
+        (
+            device(&format!("{sm}{}", pdo.replace("TxPdo", "RxPdo"))),
+            &["pdo-sync-manager", "process-data-missing"],
+        ),
         (device("<Frobnicate/>"), &["element-unknown"]),
-        (device("<Mailbox><FoE/></Mailbox>"), &["mailbox-without-sync-managers", "mailbox-protocol"]),
-        (device("<Mailbox><CoE/></Mailbox>"), &["mailbox-without-sync-managers", "dictionary-missing"]),
+        (
+            device("<Mailbox><FoE/></Mailbox>"),
+            &["mailbox-without-sync-managers", "mailbox-protocol"],
+        ),
+        (
+            device("<Mailbox><CoE/></Mailbox>"),
+            &["mailbox-without-sync-managers", "dictionary-missing"],
+        ),
         (device("<Profile><DictionaryFile>d.xml</DictionaryFile></Profile>"), &["dictionary-file"]),
         (dc("<AssignActivate>#x0</AssignActivate>"), &[]),
         (dc(""), &["assign-activate-missing"]),
-        (dc("<AssignActivate>#x301</AssignActivate><CycleTimeSync0 Factor='1'/>"), &["assign-activate-unusual"]),
-        (dc("<AssignActivate>#x300</AssignActivate>"), &["sync0-cycle-missing"]),
-        (dc("<AssignActivate>768</AssignActivate><CycleTimeSync0 Factor='0'>0</CycleTimeSync0>"), &["sync0-cycle-missing"]),
         (
-            dc("<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'>1000</CycleTimeSync0>"),
+            dc("<AssignActivate>#x301</AssignActivate><CycleTimeSync0 Factor='1'/>"),
+            &["assign-activate-unusual"],
+        ),
+        (dc("<AssignActivate>#x300</AssignActivate>"), &["sync0-cycle-missing"]),
+        (
+            dc("<AssignActivate>768</AssignActivate><CycleTimeSync0 Factor='0'>0</CycleTimeSync0>"),
+            &["sync0-cycle-missing"],
+        ),
+        (
+            dc(
+                "<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'>1000</CycleTimeSync0>",
+            ),
             &["sync0-cycle-fixed", "sync0-cycle-twice", "sync0-cycle-short"],
         ),
         (
-            dc("<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'/><CycleTimeSync1 Factor='1'/>"),
+            dc(
+                "<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'/><CycleTimeSync1 Factor='1'/>",
+            ),
             &["sync1-unused"],
         ),
         (
-            dc("<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'/><ShiftTimeSync0>2000200000</ShiftTimeSync0>"),
+            dc(
+                "<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'/><ShiftTimeSync0>2000200000</ShiftTimeSync0>",
+            ),
             &["shift-time-huge"],
         ),
-        (dc("<AssignActivate>0</AssignActivate><Sm No='2'><SyncType>1</SyncType></Sm>"), &["opmode-obsolete"]),
-        (dc("<AssignActivate>0</AssignActivate></OpMode><OpMode><Name>A</Name><AssignActivate>0</AssignActivate>"), &["opmode-name-repeated"]),
+        (
+            dc("<AssignActivate>0</AssignActivate><Sm No='2'><SyncType>1</SyncType></Sm>"),
+            &["opmode-obsolete"],
+        ),
+        (
+            dc(
+                "<AssignActivate>0</AssignActivate></OpMode><OpMode><Name>A</Name><AssignActivate>0</AssignActivate>",
+            ),
+            &["opmode-name-repeated"],
+        ),
         (device("").replace(" RevisionNo=\"3\"", ""), &["revision-missing"]),
         (device("").replace("ProductCode=\"2\"", ""), &["product-code-missing"]),
         (device("").replace("Physics=\"YY\"", ""), &["physics-missing"]),
         (device("").replace("<Eeprom/>", ""), &["eeprom-missing"]),
-        (device("").replace("<Eeprom/>", "<Eeprom><ConfigData>0102</ConfigData></Eeprom>"), &["config-data-length"]),
+        (
+            device("").replace("<Eeprom/>", "<Eeprom><ConfigData>0102</ConfigData></Eeprom>"),
+            &["config-data-length"],
+        ),
         (device("").replace("<Name>Nobody</Name>", ""), &["vendor-name-missing"]),
         (device("").replace("<GroupType>G<", "<GroupType>H<"), &["group-unknown"]),
-        (device("").replace("<Descriptions>", "<InfoReference>a\\b.xml</InfoReference><Descriptions>"), &["referenced-file-not-read"]),
+        (
+            device("")
+                .replace("<Descriptions>", "<InfoReference>a\\b.xml</InfoReference><Descriptions>"),
+            &["referenced-file-not-read"],
+        ),
     ] {
         assert_eq!(names(&text), expected, "{text}");
     }
@@ -342,7 +413,9 @@ fn doubts_have_names() {
     assert_eq!(names(&twice.replace(&one, &format!("{one}{one}"))), ["identity-repeated"]);
     // Each name once, in words and dashes.
     let mut all: Vec<_> = WarningKind::ALL.iter().map(|kind| kind.name()).collect();
-    assert!(all.iter().all(|name| name.bytes().all(|b| b.is_ascii_lowercase() || b == b'-' || b.is_ascii_digit())));
+    assert!(all.iter().all(|name| {
+        name.bytes().all(|b| b.is_ascii_lowercase() || b == b'-' || b.is_ascii_digit())
+    }));
     all.sort_unstable();
     all.dedup();
     assert_eq!(all.len(), WarningKind::ALL.len());
@@ -351,11 +424,26 @@ fn doubts_have_names() {
 #[test]
 fn what_can_not_be_read_is_refused_at_its_place() {
     for (children, expected) in [
-        ("\n <Sm ControlByte='x20'>Inputs</Sm>", "box.xml:3:2: ControlByte: \"x20\" is no number; expected e.g. #x1A00 or 26"),
-        ("\n<Sm ControlByte='#x120'>Inputs</Sm>", "box.xml:3:1: ControlByte = #x120 is out of range; expected 0 to 255"),
-        ("\n<Sm>Something</Sm>", "box.xml:3:1: SyncManager \"Something\" has no ControlByte; expected one, or a text such as Outputs"),
-        ("\n<TxPdo><Index>#x1A00</Index><Entry><Index>1</Index></Entry></TxPdo>", "box.xml:3:29: Entry lacks BitLen; expected a number"),
-        ("\n<TxPdo Fixed='yes'><Index>1</Index></TxPdo>", "box.xml:3:1: Fixed = \"yes\": expected 1, 0, true or false"),
+        (
+            "\n <Sm ControlByte='x20'>Inputs</Sm>",
+            "box.xml:3:2: ControlByte: \"x20\" is no number; expected e.g. #x1A00 or 26",
+        ),
+        (
+            "\n<Sm ControlByte='#x120'>Inputs</Sm>",
+            "box.xml:3:1: ControlByte = #x120 is out of range; expected 0 to 255",
+        ),
+        (
+            "\n<Sm>Something</Sm>",
+            "box.xml:3:1: SyncManager \"Something\" has no ControlByte; expected one, or a text such as Outputs",
+        ),
+        (
+            "\n<TxPdo><Index>#x1A00</Index><Entry><Index>1</Index></Entry></TxPdo>",
+            "box.xml:3:29: Entry lacks BitLen; expected a number",
+        ),
+        (
+            "\n<TxPdo Fixed='yes'><Index>1</Index></TxPdo>",
+            "box.xml:3:1: Fixed = \"yes\": expected 1, 0, true or false",
+        ),
         (
             "\n<Dc><OpMode><CycleTimeSync0>-1000</CycleTimeSync0></OpMode></Dc>",
             "box.xml:3:13: CycleTimeSync0 = -1000 is out of range; expected 0 to 2147483647",
@@ -364,15 +452,25 @@ fn what_can_not_be_read_is_refused_at_its_place() {
             "\n<Mailbox><CoE><InitCmd><Index>1</Index><SubIndex>0</SubIndex><Data>1</Data></InitCmd></CoE></Mailbox>",
             "box.xml:3:62: Data: \"1\" is no row of hex bytes",
         ),
-        ("\n<Slots><Slot MinInstances='2' MaxInstances='1'/></Slots>", "box.xml:3:8: MinInstances = 2, but MaxInstances = 1; expected no more"),
-        ("\n<Info><Mailbox><Timeout><RequestTimeout>soon</RequestTimeout></Timeout></Mailbox></Info>", "box.xml:3:26: RequestTimeout: \"soon\" is no number; expected e.g. #x1A00 or 26"),
+        (
+            "\n<Slots><Slot MinInstances='2' MaxInstances='1'/></Slots>",
+            "box.xml:3:8: MinInstances = 2, but MaxInstances = 1; expected no more",
+        ),
+        (
+            "\n<Info><Mailbox><Timeout><RequestTimeout>soon</RequestTimeout></Timeout></Mailbox></Info>",
+            "box.xml:3:25: RequestTimeout: \"soon\" is no number; expected e.g. #x1A00 or 26",
+        ),
     ] {
         assert_eq!(refused(children), expected);
     }
     // A broken device does not lose its neighbours.
     let file = import(&BOX.replace("ProductCode=\"258\"", "ProductCode=\"4294967296\""));
     assert_eq!((file.devices.len(), file.refused.len()), (5, 1));
-    assert!(file.refused[0].message.starts_with("ProductCode = 4294967296 is out of range"), "{:?}", file.refused);
+    assert!(
+        file.refused[0].message.starts_with("ProductCode = 4294967296 is out of range"),
+        "{:?}",
+        file.refused
+    );
     // A broken object does not lose its device.
     let file = import(&BOX.replace("<DefaultData>92010200", "<DefaultData>9201020"));
     let drive = &file.devices[0];
@@ -382,8 +480,14 @@ fn what_can_not_be_read_is_refused_at_its_place() {
         ("<a><b></a>", "x.xml:1:7: not well-formed XML: "),
         ("<EtherCATConfig/>", "x.xml:1:1: the root is <EtherCATConfig>; expected <EtherCATInfo>"),
         ("<EtherCATInfo/>", "x.xml:1:1: the file lacks <Vendor>; expected its Id"),
-        ("<EtherCATInfo><Vendor><Id>x</Id></Vendor></EtherCATInfo>", "x.xml:1:23: Id: \"x\" is no number"),
-        ("<EtherCATInfo><Vendor><Id>1</Id></Vendor></EtherCATInfo>", "x.xml:1:1: the file lacks <Descriptions>"),
+        (
+            "<EtherCATInfo><Vendor><Id>x</Id></Vendor></EtherCATInfo>",
+            "x.xml:1:23: Id: \"x\" is no number",
+        ),
+        (
+            "<EtherCATInfo><Vendor><Id>1</Id></Vendor></EtherCATInfo>",
+            "x.xml:1:1: the file lacks <Descriptions>",
+        ),
         ("<a>&nothing;</a>", "x.xml:1:4: not well-formed XML: "),
         ("<a>R & D</a>", "x.xml:1:6: not well-formed XML: "),
     ] {

@@ -71,7 +71,8 @@ fn list(file: &EsiFile) -> String {
 
 fn write_device(out: &mut String, file: &EsiFile, device: &EsiDevice) {
     let hidden = if device.hidden { "  (hidden by a newer one)" } else { "" };
-    let revision = device.revision.map_or("none".to_owned(), |revision| format!("{revision:#010x}"));
+    let revision =
+        device.revision.map_or("none".to_owned(), |revision| format!("{revision:#010x}"));
     let _ = writeln!(
         out,
         "\n{}  revision {revision}  {}{hidden}",

@@ -206,8 +206,7 @@ fn doubts(mode: &EsiOpMode, time_loop_control_only: bool, warnings: &mut Warning
         });
     }
     let cycle = mode.cycle_time_sync0;
-    let (value, factor) =
-        cycle.map_or((0, 0), |cycle| (cycle.value.0, cycle.factor.unwrap_or(0)));
+    let (value, factor) = cycle.map_or((0, 0), |cycle| (cycle.value.0, cycle.factor.unwrap_or(0)));
     if (mode.sync0() || mode.sync1()) && !time_loop_control_only {
         if value == 0 && factor == 0 {
             warnings.add(WarningKind::Sync0CycleMissing, mode.at, || {

@@ -1,5 +1,7 @@
 //! One device of a file.
 
+use std::collections::HashSet;
+
 use super::dc::{self, EsiDc};
 use super::dictionary::{self, EsiProfile};
 use super::eeprom::{self, EsiEeprom, EsiTimeouts};
@@ -59,12 +61,14 @@ impl EsiDevice {
     }
 }
 
-/// Reads a device. `groups` are the types of the file's groups.
+/// Reads a device. `groups` are the types of the file's groups; `left`: how many entries of dictionaries the
+/// file may still have.
 pub(super) fn read<'a>(
     element: Element<'a>,
-    groups: &[String],
+    groups: &HashSet<String>,
     definitions: &pdo::Definitions<'a>,
     modules: &[EsiModule],
+    left: &mut usize,
 ) -> Result<EsiDevice, Problem> {
     let mut warnings = Warnings::default();
     let w = &mut warnings;
@@ -86,7 +90,7 @@ pub(super) fn read<'a>(
         });
     }
     let group = element.child_text("GroupType");
-    if !groups.iter().any(|known| **known == *group) {
+    if !groups.contains(&*group) {
         w.add(WarningKind::GroupUnknown, at, || format!("group \"{}\"", cut(&group)));
     }
     let physics = element.attribute("Physics").map(str::to_owned);
@@ -115,7 +119,7 @@ pub(super) fn read<'a>(
         pdos: pdo::read(element, definitions, w)?,
         mailbox: mailbox::read(element, w)?,
         dc: dc::read(element, w)?,
-        profile: dictionary::read(element, w)?,
+        profile: dictionary::read(element, left, w)?,
         slots: modules::slots(element, w)?,
         eeprom: eeprom::read(element, w)?,
         type_name,
@@ -139,7 +143,7 @@ fn fmmus(device: Element<'_>) -> Vec<u8> {
 
 /// Contradictions between parts of a device.
 fn check(device: &mut EsiDevice, w: &mut Warnings) {
-    let mut seen = std::collections::HashSet::new();
+    let mut seen = HashSet::new();
     let mut twice = None;
     device.pdos.retain(|pdo| {
         let new = seen.insert(pdo.index);
@@ -167,14 +171,18 @@ fn check(device: &mut EsiDevice, w: &mut Warnings) {
         }
         if mailbox.coe.is_some() && !device.profile.has_dictionary {
             w.add(WarningKind::DictionaryMissing, device.at, || {
-                "CoE without a dictionary in this file; objects of identity and PDOs are made".into()
+                "CoE without a dictionary in this file; objects of identity and PDOs are made"
+                    .into()
             });
         }
     }
     let supported = |index| {
         let object = device.profile.objects.iter().find(|object| object.index == index)?;
         let entry = object.entries.iter().find(|entry| entry.sub == 4)?;
-        Some((object.at, entry.default.iter().rev().fold(0u64, |sum, byte| sum << 8 | u64::from(*byte))))
+        Some((
+            object.at,
+            entry.default.iter().rev().fold(0u64, |sum, byte| sum << 8 | u64::from(*byte)),
+        ))
     };
     let with_sync0 = device.op_modes().iter().find(|mode| mode.sync0());
     if let (Some(mode), Some((at, types))) = (with_sync0, supported(0x1C32).or(supported(0x1C33)))
@@ -189,7 +197,9 @@ fn check(device: &mut EsiDevice, w: &mut Warnings) {
 /// Doubts about the process data that are assigned by default.
 fn default_image(device: &EsiDevice, modules: &[EsiModule], w: &mut Warnings) {
     let image = super::image::default(device, modules, None, w);
-    for (direction, size) in [(Direction::Outputs, &image.outputs), (Direction::Inputs, &image.inputs)] {
+    for (direction, size) in
+        [(Direction::Outputs, &image.outputs), (Direction::Inputs, &image.inputs)]
+    {
         for (number, pdos) in size {
             let bits: u32 = pdos.iter().map(|pdo| pdo.bits()).sum();
             let sm = &device.sync_managers[usize::from(*number)];
@@ -202,19 +212,21 @@ fn default_image(device: &EsiDevice, modules: &[EsiModule], w: &mut Warnings) {
                     )
                 });
             }
+            let assigned: HashSet<u16> = pdos.iter().map(|pdo| pdo.index).collect();
             for pdo in pdos {
-                if let Some(other) = pdos.iter().find(|other| pdo.exclude.contains(&other.index)) {
+                if let Some(other) = pdo.exclude.iter().find(|other| assigned.contains(other)) {
                     w.add(WarningKind::PdoExcluded, pdo.at, || {
                         format!(
                             "0x{:04X} and 0x{:04X} are both assigned and exclude each other",
-                            pdo.index, other.index
+                            pdo.index, other
                         )
                     });
                 }
             }
         }
     }
-    let process_data = |sm: &EsiSyncManager| matches!(sm.purpose, Purpose::Outputs | Purpose::Inputs);
+    let process_data =
+        |sm: &EsiSyncManager| matches!(sm.purpose, Purpose::Outputs | Purpose::Inputs);
     if image.is_empty() && device.sync_managers.iter().any(process_data) {
         w.add(WarningKind::ProcessDataMissing, device.at, || {
             "no PDO is assigned to any SyncManager by default".to_owned()
@@ -233,8 +245,31 @@ fn default_image(device: &EsiDevice, modules: &[EsiModule], w: &mut Warnings) {
 const DC_BITS: u64 = 0x1C;
 /// Children of a device in the schema.
 const KNOWN: [&str; 27] = [
-    "Type", "HideType", "AlternativeType", "SubDevice", "Name", "Comment", "URL", "Info",
-    "GroupType", "Profile", "Fmmu", "Sm", "Su", "RxPdo", "TxPdo", "Mailbox", "Dc", "Slots", "ESC",
-    "Eeprom", "Image16x14", "ImageFile16x14", "ImageData16x14", "VendorSpecific", "ImageFile",
-    "ModulePdoGroup", "ControllerSync",
+    "Type",
+    "HideType",
+    "AlternativeType",
+    "SubDevice",
+    "Name",
+    "Comment",
+    "URL",
+    "Info",
+    "GroupType",
+    "Profile",
+    "Fmmu",
+    "Sm",
+    "Su",
+    "RxPdo",
+    "TxPdo",
+    "Mailbox",
+    "Dc",
+    "Slots",
+    "ESC",
+    "Eeprom",
+    "Image16x14",
+    "ImageFile16x14",
+    "ImageData16x14",
+    "VendorSpecific",
+    "ImageFile",
+    "ModulePdoGroup",
+    "ControllerSync",
 ];

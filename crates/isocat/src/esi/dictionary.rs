@@ -63,7 +63,11 @@ pub struct EsiProfile {
 }
 
 /// Reads the profiles of a device. The first dictionary counts.
-pub(super) fn read(device: Element<'_>, warnings: &mut Warnings) -> Result<EsiProfile, Problem> {
+pub(super) fn read(
+    device: Element<'_>,
+    left: &mut usize,
+    warnings: &mut Warnings,
+) -> Result<EsiProfile, Problem> {
     let mut found = EsiProfile::default();
     for profile in device.children("Profile") {
         if let Some(no) = read::child(profile, "ProfileNo", 0..=0xFFFF_FFFF, warnings)? {
@@ -77,7 +81,7 @@ pub(super) fn read(device: Element<'_>, warnings: &mut Warnings) -> Result<EsiPr
         }
         if let Some(dictionary) = profile.child("Dictionary").filter(|_| !found.has_dictionary) {
             found.has_dictionary = true;
-            found.objects = objects(dictionary, warnings);
+            found.objects = objects(dictionary, left, warnings);
         }
     }
     Ok(found)
@@ -110,7 +114,7 @@ struct Item<'a> {
 
 type Types<'a> = HashMap<Cow<'a, str>, TypeDefinition<'a>>;
 
-fn objects(dictionary: Element<'_>, warnings: &mut Warnings) -> Vec<EsiObject> {
+fn objects(dictionary: Element<'_>, left: &mut usize, warnings: &mut Warnings) -> Vec<EsiObject> {
     let mut types = Types::new();
     for element in dictionary.child("DataTypes").iter().flat_map(|list| list.children("DataType")) {
         match definition(element) {
@@ -124,7 +128,14 @@ fn objects(dictionary: Element<'_>, warnings: &mut Warnings) -> Vec<EsiObject> {
     let mut all: Vec<EsiObject> = Vec::new();
     for element in list.iter().flat_map(|list| list.children("Object")) {
         match object(element, &types, warnings) {
-            Ok(object) => all.push(object),
+            Ok(object) if object.entries.len() > *left => {
+                let message = "the dictionaries of the file have too many entries";
+                left_out(Problem::new(object.at, message), "an object", warnings);
+            }
+            Ok(object) => {
+                *left -= object.entries.len();
+                all.push(object);
+            }
             Err(problem) => left_out(problem, "an object", warnings),
         }
     }
@@ -144,9 +155,7 @@ fn left_out(problem: Problem, what: &str, warnings: &mut Warnings) {
     warnings.add(WarningKind::ObjectLeftOut, problem.at, || format!("{what}: {}", problem.message));
 }
 
-fn definition<'a>(
-    element: Element<'a>,
-) -> Result<(Cow<'a, str>, TypeDefinition<'a>), Problem> {
+fn definition<'a>(element: Element<'a>) -> Result<(Cow<'a, str>, TypeDefinition<'a>), Problem> {
     let (mut name, mut base) = (Cow::Borrowed(""), Cow::Borrowed(""));
     let (mut bits, mut array) = (0, None);
     let mut items = Vec::new();
@@ -266,13 +275,16 @@ fn entries(
 ) -> Result<(ObjectCode, Vec<EsiEntry>), Problem> {
     let mut all = Vec::with_capacity(structure.items.len());
     let mut code = ObjectCode::RECORD;
+    if structure.items.len() > 256 {
+        let message = format!("{} items; expected at most 256", structure.items.len());
+        return Err(Problem::new(at, message));
+    }
     for item in &structure.items {
         let access = item.access.unwrap_or(object_access);
         let array = types.get(&item.kind).filter(|_| item.sub.is_none());
         let Some((kind, array)) = array.and_then(|kind| Some((kind, kind.array?))) else {
             let sub = item.sub.ok_or_else(|| {
-                let message =
-                    format!("item \"{}\" has no SubIdx and is no array", cut(&item.name));
+                let message = format!("item \"{}\" has no SubIdx and is no array", cut(&item.name));
                 Problem::new(at, message)
             })?;
             all.push(EsiEntry {
@@ -329,8 +341,7 @@ fn defaults(
         let found = match same_names {
             true => Some(place),
             false => {
-                let mut named =
-                    entries.iter().enumerate().filter(|(_, entry)| entry.name == name);
+                let mut named = entries.iter().enumerate().filter(|(_, entry)| entry.name == name);
                 match (named.next(), named.next()) {
                     (Some((only, _)), None) => Some(only),
                     _ => {
@@ -506,8 +517,7 @@ fn access(flags: Element<'_>) -> Result<Access, Problem> {
                 let writes = states(restricted("WriteRestrictions"), child.at())?;
                 let lower = text.to_ascii_lowercase();
                 if !matches!(&*lower, "ro" | "rw" | "wo" | "") {
-                    let message =
-                        format!("Access \"{}\": expected ro, rw or wo", cut(&text));
+                    let message = format!("Access \"{}\": expected ro, rw or wo", cut(&text));
                     return Err(Problem::new(child.at(), message));
                 }
                 if lower != "wo" {
@@ -559,8 +569,7 @@ fn small(element: Element<'_>, most: u32) -> Result<u32, Problem> {
     let found = number(&text).filter(|number| !number.doubled_prefix).map(|number| number.value);
     found.and_then(|value| u32::try_from(value).ok()).filter(|value| *value <= most).ok_or_else(
         || {
-            let message =
-                format!("{} = \"{}\": expected 0 to {most}", element.name(), cut(&text));
+            let message = format!("{} = \"{}\": expected 0 to {most}", element.name(), cut(&text));
             Problem::new(element.at(), message)
         },
     )

@@ -1,5 +1,7 @@
 //! The process data that a device has by default, or in one of its OpModes.
 
+use std::collections::HashSet;
+
 use super::dc::EsiOpMode;
 use super::device::EsiDevice;
 use super::modules::{self, EsiModule};
@@ -91,21 +93,30 @@ fn every_pdo(device: &EsiDevice, all_modules: &[EsiModule], w: &mut Warnings) ->
     let mut known: Vec<EsiPdo> =
         device.pdos.iter().map(|pdo| oversampled(pdo, pdo.oversampling)).collect();
     let Some(slots) = &device.slots else { return known };
+    let mut taken: HashSet<u16> = known.iter().map(|pdo| pdo.index).collect();
+    let mut entries = 0;
     for (place, module) in modules::default_modules(slots, all_modules, w).into_iter().enumerate() {
         let step = |increment: u16| (place as u16).wrapping_mul(increment);
         for pdo in module.iter().flat_map(|module| &module.pdos) {
-            let mut pdo = pdo.clone();
-            if pdo.depends_on_slot {
-                pdo.index = pdo.index.wrapping_add(step(slots.pdo_increment));
+            let shift = if pdo.depends_on_slot { step(slots.pdo_increment) } else { 0 };
+            let index = pdo.index.wrapping_add(shift);
+            entries += pdo.entries.len();
+            if entries > MOST_ENTRIES {
+                w.add(WarningKind::PdoLeftOut, pdo.at, || {
+                    format!("the modules have more than {MOST_ENTRIES} entries of process data")
+                });
+                return known;
             }
+            if !taken.insert(index) {
+                continue;
+            }
+            let mut pdo = EsiPdo { index, ..pdo.clone() };
             for entry in pdo.entries.iter_mut().filter(|entry| entry.depends_on_slot) {
                 if let Some(object) = &mut entry.object {
                     object.index = object.index.wrapping_add(step(slots.index_increment));
                 }
             }
-            if known.iter().all(|before| before.index != pdo.index) {
-                known.push(pdo);
-            }
+            known.push(pdo);
         }
     }
     known
@@ -116,8 +127,11 @@ fn oversampled(pdo: &EsiPdo, factor: u16) -> EsiPdo {
     let mut pdo = pdo.clone();
     if factor > 1 {
         let one = std::mem::take(&mut pdo.entries);
-        // What does not fit into the largest buffer is refused with its bits; more need not be counted.
-        for number in 0..factor.min(MOST_REPETITIONS) {
+        for number in 0..factor {
+            // What does not fit into any mapping is refused by its count; more need not be counted.
+            if pdo.entries.len() > MOST_ENTRIES {
+                break;
+            }
             for entry in &one {
                 let mut entry = entry.clone();
                 if let Some(object) = &mut entry.object {
@@ -139,4 +153,5 @@ fn direction(device: &EsiDevice, number: u8) -> Option<Direction> {
     }
 }
 
-const MOST_REPETITIONS: u16 = 2_048;
+/// Far above what the 254 sub-indices of a mapping can hold.
+const MOST_ENTRIES: usize = 4_096;

@@ -61,6 +61,11 @@ pub(super) fn modules(
 ) -> Vec<EsiModule> {
     let mut all = Vec::new();
     for element in list.children("Module") {
+        if all.len() == MOST_IN_FILE {
+            let message = format!("more than {MOST_IN_FILE} modules; the rest is not read");
+            refused.push(Problem::new(element.at(), message));
+            break;
+        }
         match module(element, warnings) {
             Ok(module) => all.push(module),
             Err(problem) => refused.push(problem),
@@ -93,9 +98,7 @@ pub(super) fn slots(
     warnings: &mut Warnings,
 ) -> Result<Option<EsiSlots>, Problem> {
     let Some(element) = device.child("Slots") else { return Ok(None) };
-    let mut number = |name| {
-        Ok(read::attribute(element, name, U16, warnings)?.unwrap_or(0) as u16)
-    };
+    let mut number = |name| Ok(read::attribute(element, name, U16, warnings)?.unwrap_or(0) as u16);
     let mut slots = EsiSlots {
         pdo_increment: number("SlotPdoIncrement")?,
         index_increment: number("SlotIndexIncrement")?,
@@ -150,14 +153,14 @@ pub(super) fn default_modules<'m>(
             Some(_) => slot.least.max(1),
             None => slot.least,
         };
+        let find = |ident| modules.iter().find(|module| module.ident == ident);
+        let by_class = || modules.iter().find(|module| slot.classes.contains(&module.class));
+        let found = match preset {
+            Some(ident) => find(ident),
+            None if count == 0 => None,
+            None => slot.idents.iter().find_map(|(ident, _)| find(*ident)).or_else(by_class),
+        };
         for _ in 0..count.min(MOST_MODULES) {
-            let find = |ident| modules.iter().find(|module| module.ident == ident);
-            let by_class =
-                || modules.iter().find(|module| slot.classes.contains(&module.class));
-            let found = match preset {
-                Some(ident) => find(ident),
-                None => slot.idents.iter().find_map(|(ident, _)| find(*ident)).or_else(by_class),
-            };
             match found {
                 Some(module) if preset.is_none() => {
                     warnings.add(WarningKind::SlotModuleAssumed, slot.at, || {
@@ -185,5 +188,7 @@ pub(super) fn default_modules<'m>(
     all
 }
 
+/// Well above the longest known list.
+const MOST_IN_FILE: usize = 4_096;
 /// Objects 0xF030 and 0xF050 have so many entries.
 const MOST_MODULES: u16 = 255;

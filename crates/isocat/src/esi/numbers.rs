@@ -83,7 +83,8 @@ mod tests {
             assert!(!number(text).unwrap().doubled_prefix, "{text}");
         }
         assert_eq!(number("#x0x6041"), Some(Number { value: 0x6041, doubled_prefix: true }));
-        for text in ["", "#x", "#x0x", "#x0x0x1", "1.5", "--1", "1 2", "#xG", "x10", "99999999999999999999"]
+        for text in
+            ["", "#x", "#x0x", "#x0x0x1", "1.5", "--1", "1 2", "#xG", "x10", "99999999999999999999"]
         {
             assert_eq!(value(text), None, "{text}");
         }
@@ -91,7 +92,10 @@ mod tests {
 
     #[test]
     fn flags_and_bytes() {
-        assert_eq!(["1", "true", "0", "false"].map(flag), [Some(true), Some(true), Some(false), Some(false)]);
+        assert_eq!(
+            ["1", "true", "0", "false"].map(flag),
+            [Some(true), Some(true), Some(false), Some(false)]
+        );
         assert_eq!(["9", "", "yes", "TRUE"].map(flag), [None; 4]);
         assert_eq!(hex_bytes("90d0 03\n00"), Some(vec![0x90, 0xD0, 3, 0]));
         assert_eq!(hex_bytes(""), Some(Vec::new()));

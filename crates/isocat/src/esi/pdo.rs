@@ -1,5 +1,7 @@
 //! PDOs and their entries, as the file has them.
 
+use std::collections::HashMap;
+
 use isocat_wire::ObjectAddress;
 
 use super::read::{self, U8, U16};
@@ -70,7 +72,7 @@ impl EsiPdo {
 
 /// `Pdos/Pdo`: what old files define once and refer to.
 #[derive(Default)]
-pub(super) struct Definitions<'a>(Vec<(&'a str, Element<'a>)>);
+pub(super) struct Definitions<'a>(HashMap<&'a str, Element<'a>>);
 
 impl<'a> Definitions<'a> {
     /// Those of a file.
@@ -83,7 +85,7 @@ impl<'a> Definitions<'a> {
     /// The element that has index and entries of a PDO; `None` if it is not in the file.
     fn body(&self, pdo: Element<'a>) -> Option<Element<'a>> {
         let body = match pdo.attribute("Ref") {
-            Some(name) => self.0.iter().find(|(known, _)| *known == name)?.1,
+            Some(name) => *self.0.get(name)?,
             None => pdo,
         };
         (!body.child_text("Index").is_empty()).then_some(body)
@@ -106,7 +108,10 @@ pub(super) fn read<'a>(
         let Some(body) = definitions.body(element) else {
             let name = element.attribute("Ref").unwrap_or_default();
             warnings.add(WarningKind::PdoLeftOut, element.at(), || {
-                format!("a PDO \"{}\" without Index: its definition is not in the file", read::cut(name))
+                format!(
+                    "a PDO \"{}\" without Index: its definition is not in the file",
+                    read::cut(name)
+                )
             });
             continue;
         };

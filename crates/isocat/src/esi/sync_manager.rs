@@ -90,11 +90,17 @@ fn one(
         let purpose = by_control(control, named, has_mailbox);
         match named {
             None => warnings.add(WarningKind::SyncManagerName, at, || {
-                format!("\"{}\" says nothing; control byte {control:#04x} is {purpose:?}", cut(&text))
+                format!(
+                    "\"{}\" says nothing; control byte {control:#04x} is {purpose:?}",
+                    cut(&text)
+                )
             }),
             Some(named) if named != purpose => {
                 warnings.add(WarningKind::SyncManagerNameContradicts, at, || {
-                    format!("\"{}\" by name, but control byte {control:#04x} is {purpose:?}", cut(&text))
+                    format!(
+                        "\"{}\" by name, but control byte {control:#04x} is {purpose:?}",
+                        cut(&text)
+                    )
                 });
             }
             _ => {}
@@ -132,7 +138,10 @@ fn one(
     };
     if process_data && found.one_buffer() {
         warnings.add(WarningKind::SyncManagerOneBuffer, at, || {
-            format!("{purpose:?} go through one buffer (control byte {:#04x})", found.control.unwrap_or(0))
+            format!(
+                "{purpose:?} go through one buffer (control byte {:#04x})",
+                found.control.unwrap_or(0)
+            )
         });
     }
     Ok(found)

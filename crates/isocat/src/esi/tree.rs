@@ -73,8 +73,10 @@ fn guard(text: &str) -> Result<(), Problem> {
             _ => {
                 let Some(tag) = tag(bytes, next) else { return Ok(()) };
                 if tag.attributes > MOST_ATTRIBUTES {
-                    let message =
-                        format!("{} attributes; expected at most {MOST_ATTRIBUTES}", tag.attributes);
+                    let message = format!(
+                        "{} attributes; expected at most {MOST_ATTRIBUTES}",
+                        tag.attributes
+                    );
                     return Err(Problem::new(next, message));
                 }
                 namespaces += tag.namespaces;

@@ -17,8 +17,7 @@ use crate::document::FileError;
 /// Adds the objects that every device has or that follow from other parts of the file. An object that
 /// the file writes out itself stays as it is.
 pub(super) fn complete(draft: &mut Draft<'_>) {
-    let speaks_coe =
-        draft.eeprom.as_ref().is_none_or(|eeprom| eeprom.protocols & Header::COE != 0);
+    let speaks_coe = draft.eeprom.as_ref().is_none_or(|eeprom| eeprom.protocols & Header::COE != 0);
     if draft.mailbox.is_none() || !speaks_coe {
         // Nobody could read them.
         return;

@@ -209,9 +209,7 @@ impl Import<'_> {
     }
 
     fn mailbox(&mut self) -> Result<Option<Placed<Mailbox>>, NotSimulated> {
-        let find = |purpose| {
-            self.device.sync_managers.iter().position(|sm| sm.purpose == purpose)
-        };
+        let find = |purpose| self.device.sync_managers.iter().position(|sm| sm.purpose == purpose);
         let (Some(out), Some(back)) = (find(Purpose::MailboxOut), find(Purpose::MailboxIn)) else {
             return Ok(None);
         };
@@ -220,7 +218,8 @@ impl Import<'_> {
         }
         let at = self.device.sync_managers[out].at;
         if (out, back) != (0, 1) {
-            let message = format!("its mailbox is in SyncManagers {out} and {back}; expected 0 and 1");
+            let message =
+                format!("its mailbox is in SyncManagers {out} and {back}; expected 0 and 1");
             return Err(self.stopped(Obstacle::MailboxArea, at, message));
         }
         let area = |number: usize| {
@@ -433,7 +432,9 @@ impl Import<'_> {
     fn chip(&mut self, mailbox: Option<Mailbox>, areas: [&Option<Area>; 2]) -> &'static Chip {
         static KNOWN: Mutex<Vec<&'static Chip>> = Mutex::new(Vec::new());
         let (mut ports, mut used) = (0, false);
-        for (port, letter) in self.device.physics.as_deref().unwrap_or("YY").chars().take(4).enumerate() {
+        for (port, letter) in
+            self.device.physics.as_deref().unwrap_or("YY").chars().take(4).enumerate()
+        {
             let kind = match letter {
                 ' ' => 0,
                 'K' | 'B' => PORT_EBUS,
@@ -445,9 +446,10 @@ impl Import<'_> {
         if !used {
             ports = PORT_MII | PORT_MII << 2;
         }
-        let ends = areas.into_iter().flatten().map(|area| {
-            u32::from(area.start) + 3 * u32::from(area.length)
-        });
+        let ends = areas
+            .into_iter()
+            .flatten()
+            .map(|area| u32::from(area.start) + 3 * u32::from(area.length));
         let mailboxes = mailbox.iter().flat_map(|mailbox| [mailbox.receive, mailbox.send]);
         let ends = ends.chain(mailboxes.map(|area| u32::from(area.start) + u32::from(area.length)));
         let needed = ends.max().unwrap_or(0).saturating_sub(0x1000).div_ceil(1024) as u8;

@@ -28,7 +28,8 @@ impl Import<'_> {
         }
         let mut sync_managers = Vec::new();
         for (number, sm) in device.sync_managers.iter().enumerate() {
-            let area = areas.into_iter().flatten().find(|area| usize::from(area.sync_manager) == number);
+            let area =
+                areas.into_iter().flatten().find(|area| usize::from(area.sync_manager) == number);
             sync_managers.push(self.sync_manager(number, sm, area, mailbox));
         }
         let boot = device.eeprom.as_ref().and_then(|eeprom| eeprom.boot);

@@ -14,13 +14,17 @@ impl Import<'_> {
     /// The objects of the file, but for those that follow from its PDOs and SyncManagers: their defaults
     /// in files are mostly those of before the firmware has filled them in.
     pub(super) fn objects(&mut self, areas: [&Option<Area>; 2]) -> Vec<draft::Object> {
-        let pdos = |index| areas.into_iter().flatten().flat_map(|area| &area.pdos).any(|pdo| pdo.index == index);
+        let pdos = |index| {
+            areas.into_iter().flatten().flat_map(|area| &area.pdos).any(|pdo| pdo.index == index)
+        };
         let mut all = Vec::new();
         let mut unfit = Vec::new();
         for object in &self.device.profile.objects {
             let follows = matches!(
                 object.index,
-                object::SM_COMMUNICATION_TYPE | object::OUTPUT_ASSIGNMENT | object::INPUT_ASSIGNMENT
+                object::SM_COMMUNICATION_TYPE
+                    | object::OUTPUT_ASSIGNMENT
+                    | object::INPUT_ASSIGNMENT
                     | 0x1018
             );
             let empty = matches!(object.index, 0x1000 | 0x1008..=0x100A)
@@ -79,9 +83,13 @@ impl Import<'_> {
             (_, true) => DC_SYNC0 | DC_SYNC1 | DC_SUBORDINATED,
         };
         for index in [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER] {
-            let Some(object) = objects.iter_mut().find(|object| object.index == index) else { continue };
+            let Some(object) = objects.iter_mut().find(|object| object.index == index) else {
+                continue;
+            };
             let sub = object::sub::SUPPORTED_TYPES;
-            let Some(entry) = object.entries.iter_mut().find(|entry| entry.sub == sub) else { continue };
+            let Some(entry) = object.entries.iter_mut().find(|entry| entry.sub == sub) else {
+                continue;
+            };
             let [low, high] = entry.default[..] else { continue };
             let stated = u16::from_le_bytes([low, high]);
             // 0 states nothing.

@@ -41,9 +41,9 @@ impl RunAs {
         };
         let clock_only = device.dc.as_ref().is_some_and(|dc| dc.time_loop_control_only);
         let unit = Unit { clock_only, ..Unit::default() };
-        let registers = raw(mode).registers(bus, &unit).map_err(|problem| {
-            stopped(Obstacle::Sync0Cycle, problem.to_string())
-        })?;
+        let registers = raw(mode)
+            .registers(bus, &unit)
+            .map_err(|problem| stopped(Obstacle::Sync0Cycle, problem.to_string()))?;
         let found: Vec<Warning> = registers.warnings.iter().collect();
         let mut notes: Vec<String> =
             found.iter().map(|warning| format!("{}: {warning}", warning.name())).collect();
@@ -51,7 +51,8 @@ impl RunAs {
             return Ok(Self::without_sync(profile, notes));
         }
         if found.contains(&Warning::UnitAtPdi) {
-            let words = "the device sets up its SYNC unit itself; a virtual one does not".to_owned();
+            let words =
+                "the device sets up its SYNC unit itself; a virtual one does not".to_owned();
             return Err(stopped(Obstacle::SyncUnitAtPdi, words));
         }
         let sync0 = Nanos(registers.sync0_cycle.into());
@@ -76,7 +77,8 @@ impl RunAs {
         }
         let word = AssignActivate(mode.assign_activate);
         if word.0 & LATCH_AT_PDI != 0 {
-            notes.push(format!("latch-units: {word} leaves latch units to the device; not written"));
+            notes
+                .push(format!("latch-units: {word} leaves latch units to the device; not written"));
         }
         let behind = registers.behind_sync0();
         if chosen == SyncMode::DcSubordinated && behind != Nanos::ZERO {

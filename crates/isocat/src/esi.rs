@@ -285,34 +285,31 @@ impl EsiFile {
         }
         candidates.sort_by_key(|device| device.revision.unwrap_or(0));
         let number = |device: &EsiDevice| device.revision.unwrap_or(0);
-        let Some(wanted) = revision else {
-            let newest = candidates[candidates.len() - 1];
-            let note = (candidates.len() > 1).then(|| {
-                let all = candidates.len();
-                format!("the newest of {all} revisions, {:#010x}, is taken", number(newest))
-            });
-            return Ok(Choice { device: newest, note });
+        let newest = |found: &&&EsiDevice| revision.is_none_or(|wanted| number(found) <= wanted);
+        let Some(device) = candidates.iter().rev().find(newest).copied() else {
+            let all: Vec<_> =
+                candidates.iter().map(|device| format!("{:#010x}", number(device))).collect();
+            let (wanted, all) = (revision.unwrap_or(0), all.join(", "));
+            return Err(format!("no revision {wanted:#010x} or older in the file; it has: {all}"));
         };
-        let exact = candidates.iter().find(|device| number(device) == wanted);
-        if let Some(device) = exact {
-            return Ok(Choice { device, note: None });
-        }
-        let older = candidates.iter().rev().find(|device| number(device) < wanted);
-        match older {
-            Some(device) => Ok(Choice {
-                device,
-                note: Some(format!(
-                    "no revision {wanted:#010x} in the file; {:#010x}, the newest below, is taken",
-                    number(device)
-                )),
-            }),
-            None => {
-                let all: Vec<_> =
-                    candidates.iter().map(|device| format!("{:#010x}", number(device))).collect();
-                let all = all.join(", ");
-                Err(format!("no revision {wanted:#010x} or older in the file; it has: {all}"))
+        let mut notes = Vec::new();
+        let found = number(device);
+        match revision {
+            Some(wanted) if wanted != found => notes.push(format!(
+                "no revision {wanted:#010x} in the file; {found:#010x}, the newest below, is taken"
+            )),
+            None if candidates.len() > 1 => {
+                let all = candidates.len();
+                notes.push(format!("the newest of {all} revisions, {found:#010x}, is taken"));
             }
+            _ => {}
         }
+        // Types are names for people: some files give one to several products.
+        let same = candidates.iter().filter(|other| number(other) == found).count();
+        if same > 1 {
+            notes.push(format!("{same} devices have this type and revision; the last is taken"));
+        }
+        Ok(Choice { device, note: (!notes.is_empty()).then(|| notes.join("; ")) })
     }
 
     /// The process data of a device, by default or in one of its OpModes.

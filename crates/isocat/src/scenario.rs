@@ -130,7 +130,6 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         sync0_cycle: device.sync0_cycle,
         assumed,
         startup: profile.startup.iter().map(startup).collect(),
-        ..DeviceConfig::default()
     }
 }
 

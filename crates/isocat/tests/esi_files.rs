@@ -208,7 +208,8 @@ fn scenario(devices: &[(&Ready, usize)], cycle: Nanos) -> Scenario {
         scenario.devices.push(device);
     }
     scenario.host = HostModel { jitter: Nanos::ZERO, ..HostModel::default() };
-    scenario.duration = Nanos(10 * cycle.0);
+    // A drive needs some cycles to be enabled.
+    scenario.duration = Nanos(60 * cycle.0);
     scenario
 }
 

@@ -86,7 +86,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded<'_>, Undecodable> {
         }
         Some(encoding @ (Encoding::Latin1 | Encoding::Windows1252)) => {
             let registered = !name.eq_ignore_ascii_case("iso8859-1");
-            let doubt = (!registered).then(|| Doubt::Name(name));
+            let doubt = (!registered).then_some(Doubt::Name(name));
             Ok(Decoded { doubt, ..single_bytes(bytes, encoding)? })
         }
         Some(Encoding::Utf8) => utf8(bytes),

@@ -69,7 +69,6 @@ fn header(draft: &Draft<'_>, size: usize) -> Header {
             None => 0,
         },
         size: (size / 128 - 1) as u16,
-        ..Header::default()
     }
 }
 

@@ -186,8 +186,27 @@ pub struct CpuTimes {
 pub enum ApplicationKind {
     /// A CiA 402 drive that follows target positions.
     Drive,
+    /// The same drive in process data of another layout.
+    DriveAt(DriveLayout),
     /// Inputs show the outputs.
     Io,
+}
+
+/// Where a drive's process data lie: the first byte of each in its direction.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct DriveLayout {
+    /// 0x6040, 16 bits.
+    pub control: u8,
+    /// 0x607A, 32 bits.
+    pub target: u8,
+    /// 0x6060, 8 bits; without it the mode is cyclic synchronous position.
+    pub mode: Option<u8>,
+    /// 0x6041, 16 bits.
+    pub status: u8,
+    /// 0x6064, 32 bits.
+    pub position: u8,
+    /// 0x6061, 8 bits.
+    pub mode_display: Option<u8>,
 }
 
 /// PDOs assigned to SM2 and SM3, in order.

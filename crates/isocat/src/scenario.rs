@@ -12,6 +12,10 @@ use isocat_wire::time::{Nanos, Time};
 use crate::profile::{self, ApplicationKind, Profile};
 use crate::segment_file::{SegmentFile, SubDevice};
 
+mod laid_out;
+
+use laid_out::LaidOutDrive;
+
 /// A run, described: what [`Scenario::run`] makes a simulation of.
 #[derive(Clone, Debug)]
 pub struct Scenario {
@@ -144,6 +148,7 @@ fn startup(download: &profile::Startup) -> StartupDownload {
 fn application(profile: &Profile) -> Box<dyn Application + Send> {
     match profile.application {
         ApplicationKind::Drive => Box::new(Drive::default()),
+        ApplicationKind::DriveAt(layout) => Box::new(LaidOutDrive::new(layout)),
         ApplicationKind::Io => Box::new(Io::default()),
     }
 }

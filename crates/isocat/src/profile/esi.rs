@@ -19,7 +19,7 @@ use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Times};
-use super::{ApplicationKind, Identity, OpMode, Profile, check, dictionary};
+use super::{ApplicationKind, DriveLayout, Identity, OpMode, Profile, check, dictionary};
 use crate::document::{FileError, Source};
 use crate::esi::{Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, Purpose, data_type};
 
@@ -492,23 +492,34 @@ fn shorten(area: &mut Option<Area>, other: &Option<Area>, mailbox: Option<Mailbo
     area.length = area.length.min((next - area.start) / 3).max(least);
 }
 
-/// A drive, if its process data begin as our drive's do.
+/// A drive, if it has control and status word, target and actual position.
 fn application(outputs: &Option<Area>, inputs: &Option<Area>) -> ApplicationKind {
-    let begins = |area: &Option<Area>, expected: [(u16, u8); 3]| {
-        let mapped = area.iter().flat_map(|area| {
-            let pdos = area.default.iter();
-            pdos.filter_map(|pdo| area.pdos.iter().find(|known| known.index == pdo.value))
-        });
-        let mut entries = mapped.flat_map(|pdo| &pdo.entries);
-        expected.iter().all(|(index, bits)| {
-            entries.next().is_some_and(|entry| {
-                entry.object.is_some_and(|object| object.index == *index) && entry.bits == *bits
-            })
+    let layout = || {
+        Some(DriveLayout {
+            control: byte_of(outputs, 0x6040, 16)?,
+            target: byte_of(outputs, 0x607A, 32)?,
+            mode: byte_of(outputs, 0x6060, 8),
+            status: byte_of(inputs, 0x6041, 16)?,
+            position: byte_of(inputs, 0x6064, 32)?,
+            mode_display: byte_of(inputs, 0x6061, 8),
         })
     };
-    let drive = begins(outputs, [(0x6040, 16), (0x607A, 32), (0x6060, 8)])
-        && begins(inputs, [(0x6041, 16), (0x6064, 32), (0x6061, 8)]);
-    if drive { ApplicationKind::Drive } else { ApplicationKind::Io }
+    layout().map_or(ApplicationKind::Io, ApplicationKind::DriveAt)
+}
+
+/// The byte at which the assigned PDOs have an object of so many bits.
+fn byte_of(area: &Option<Area>, index: u16, bits: u8) -> Option<u8> {
+    let area = area.as_ref()?;
+    let assigned =
+        area.default.iter().filter_map(|pdo| area.pdos.iter().find(|p| p.index == pdo.value));
+    let mut at = 0;
+    for entry in assigned.flat_map(|pdo| &pdo.entries) {
+        if entry.object.is_some_and(|object| object.index == index) && entry.bits == bits {
+            return u8::try_from(at / 8).ok().filter(|_| at % 8 == 0);
+        }
+        at += u32::from(entry.bits);
+    }
+    None
 }
 
 fn op_mode(mode: &EsiOpMode) -> OpMode {

@@ -229,6 +229,27 @@ fn bad_flags_are_refused() {
 }
 
 #[test]
+fn devices_lists_what_a_description_holds() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/esi/box.xml");
+    let output = isocat(&["devices", path]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let list = text(&output.stdout);
+    for expected in [
+        "Nobody (vendor 0x00000b0c), UTF-8, 6 devices, 2 modules",
+        "Drive  revision 0x00010000  Drive with everything",
+        "  opmode 1 \"DC\"  0x0300  DC with SYNC0",
+        "  first-opmode-without-dc line ",
+        "Drive  revision 0x00000001  Drive, old  (hidden by a newer one)",
+        "  not simulated: placeholder",
+    ] {
+        assert!(list.contains(expected), "{expected}\n{list}");
+    }
+    let output = isocat(&["devices", "/no/such/file.xml"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("can't be read"), "{}", text(&output.stderr));
+}
+
+#[test]
 fn the_example_segment_runs_and_help_teaches_by_example() {
     let example = isocat(&["example"]);
     let path = scratch("example.toml", &text(&example.stdout));

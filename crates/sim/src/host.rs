@@ -16,12 +16,15 @@ pub struct HostModel {
     /// From the program's decision to send to the first bit on the wire, and from the last bit of an
     /// answer to the program: software and network controller, constant.
     pub latency: Nanos,
+    /// Wake-ups are either in time or as late as they can be, by the toss of a coin: the worst case that a plan
+    /// must stand, every other cycle. Default: as a real machine.
+    pub extremes: bool,
 }
 
 impl Default for HostModel {
     /// A PC with a tuned real-time kernel: 20 us wake-up lateness at worst, 2 us each way.
     fn default() -> Self {
-        Self { clock_ppb: 0, jitter: Nanos(20_000), latency: Nanos(2_000) }
+        Self { clock_ppb: 0, jitter: Nanos(20_000), latency: Nanos(2_000), extremes: false }
     }
 }
 
@@ -31,6 +34,7 @@ pub struct HostMachine {
     clock: Oscillator,
     jitter: Nanos,
     latency: Picos,
+    extremes: bool,
     wake_ups: Stream,
     /// When the port has sent the last frame and the gap behind it.
     port_free: Time<True>,
@@ -43,6 +47,7 @@ impl HostMachine {
             clock: Oscillator::new(model.clock_ppb),
             jitter: model.jitter,
             latency: model.latency.into(),
+            extremes: model.extremes,
             wake_ups: Stream::new(seed, "host wake-up", 0),
             port_free: Time::ZERO,
         }
@@ -55,7 +60,11 @@ impl HostMachine {
 
     /// When a timer set to `wanted` really wakes the program.
     pub fn wake_up(&mut self, wanted: Time<Host>) -> Time<True> {
-        let late = self.wake_ups.lateness(self.jitter.0.max(0) as u64);
+        let worst = self.jitter.0.max(0) as u64;
+        let late = match self.extremes {
+            true => worst * self.wake_ups.up_to(1),
+            false => self.wake_ups.lateness(worst),
+        };
         self.clock.when(wanted + Nanos(late as i64))
     }
 
@@ -89,6 +98,17 @@ mod tests {
             let late = host.clock.read::<Host>(woken) - wanted;
             assert!((0..=20_000).contains(&late.0), "{late}");
         }
+    }
+
+    #[test]
+    fn extreme_wake_ups_are_in_time_or_as_late_as_can_be() {
+        let mut host = HostMachine::new(HostModel { extremes: true, ..Default::default() }, 1);
+        let mut late: Vec<i64> = (1..1000)
+            .map(|ms| (host.wake_up(Time::new(ms * 1_000_000)) - Time::new(ms * 1_000_000_000)).0)
+            .collect();
+        late.sort_unstable();
+        late.dedup();
+        assert_eq!(late, [0, 20_000_000]);
     }
 
     #[test]

@@ -38,8 +38,8 @@ pub trait Tap {
     /// A frame whose first bit left (`sent`) or came back at `at`.
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]);
 
-    /// Something happened at a SubDevice at `at`.
-    fn observed(&mut self, _at: Time<True>, _observation: &Observation) {}
+    /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
+    fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
 }
 
 /// A run in progress.
@@ -220,7 +220,8 @@ impl<C: Control, T: Tap> World<C, T> {
             self.bench.observe(&self.segment, &observation);
             if let Some(tap) = &mut self.tap {
                 let device = &self.segment.devices()[observation.device];
-                tap.observed(device.oscillator().when(observation.device_at), &observation);
+                let at = device.oscillator().when(observation.device_at);
+                tap.observed(&self.segment, at, &observation);
             }
         }
     }

@@ -11,7 +11,8 @@
 //!
 //! [`explain`] says in plain words what codes, objects and registers mean and what to do about them.
 //!
-//! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays, [`drift`]
+//! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays, [`way`] does so for cables and chips,
+//! [`drift`]
 //! judges from measured differences whether clocks have converged, [`phase`] is the servo that lets
 //! the host follow the reference clock.
 //!
@@ -33,6 +34,7 @@ pub mod phase;
 pub mod pulses;
 pub mod start;
 pub mod table;
+pub mod way;
 
 pub use mode::{Chain, Event, Step, SyncMode};
 pub use object::{SupportedTypes, SyncParameters, SyncType};

@@ -1,0 +1,147 @@
+//! The demands on a cycle, in words, and what shows that one was not met.
+
+use core::fmt;
+
+use isocat_wire::{AlStatusCode, ObjectAddress};
+
+use crate::mode::SyncMode;
+use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
+
+/// A demand on the cycle.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Check {
+    /// The frames of a cycle are through before the next cycle's.
+    FramesInCycle,
+    /// The cycle is not shorter than the SubDevice's minimum.
+    MinimumCycle,
+    /// Outputs are copied and calculated before the pulse that lets them act.
+    OutputsBeforeSync0,
+    /// Outputs are stored before the SYNC0 that fetches them.
+    OutputsStoredBeforeSync0,
+    /// SYNC1 leaves the time to copy and calculate from SYNC0 on.
+    Sync1CoversCopy,
+    /// SYNC1 comes before the next SYNC0.
+    Sync1BeforeNextSync0,
+    /// Inputs stand in the buffer before the frame that fetches them.
+    InputsBeforeFrame,
+    /// The shift of Outputs Valid is not shorter than the hardware needs.
+    ShiftCoversDelay,
+    /// The shift of Input Latch is not shorter than the hardware needs.
+    InputShiftCoversDelay,
+    /// Outputs become valid before the next pulse.
+    OutputsValidInCycle,
+}
+
+/// What shows that a demand was not met.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Sign {
+    /// A counter of the SubDevice.
+    Counter(ObjectAddress),
+    /// The SubDevice refuses SAFEOP with this AL status code.
+    Refusal(AlStatusCode),
+    /// Only somebody who sees true time: named so.
+    Judge(&'static str),
+}
+
+impl Check {
+    /// Those of one SubDevice, in the order of its cycle.
+    pub const OF_DEVICE: [Check; 9] = [
+        Self::MinimumCycle,
+        Self::OutputsStoredBeforeSync0,
+        Self::Sync1CoversCopy,
+        Self::OutputsBeforeSync0,
+        Self::Sync1BeforeNextSync0,
+        Self::InputsBeforeFrame,
+        Self::ShiftCoversDelay,
+        Self::InputShiftCoversDelay,
+        Self::OutputsValidInCycle,
+    ];
+
+    /// Short name, for programs.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::FramesInCycle => "frames-in-cycle",
+            Self::MinimumCycle => "minimum-cycle",
+            Self::OutputsBeforeSync0 => "outputs-before-sync0",
+            Self::OutputsStoredBeforeSync0 => "outputs-stored-before-sync0",
+            Self::Sync1CoversCopy => "sync1-covers-copy",
+            Self::Sync1BeforeNextSync0 => "sync1-before-next-sync0",
+            Self::InputsBeforeFrame => "inputs-before-frame",
+            Self::ShiftCoversDelay => "shift-covers-delay",
+            Self::InputShiftCoversDelay => "input-shift-covers-delay",
+            Self::OutputsValidInCycle => "outputs-valid-in-cycle",
+        }
+    }
+
+    /// The object that states the demand; that of the frames is stated by none.
+    pub const fn object(self) -> ObjectAddress {
+        let (index, sub) = match self {
+            Self::FramesInCycle | Self::Sync1BeforeNextSync0 => (OUTPUT_PARAMETER, sub::CYCLE_TIME),
+            Self::MinimumCycle => (OUTPUT_PARAMETER, sub::MINIMUM_CYCLE_TIME),
+            Self::OutputsBeforeSync0 | Self::OutputsStoredBeforeSync0 | Self::Sync1CoversCopy => {
+                (OUTPUT_PARAMETER, sub::CALC_AND_COPY_TIME)
+            }
+            Self::InputsBeforeFrame => (INPUT_PARAMETER, sub::CALC_AND_COPY_TIME),
+            Self::ShiftCoversDelay => (OUTPUT_PARAMETER, sub::DELAY_TIME),
+            Self::InputShiftCoversDelay => (INPUT_PARAMETER, sub::DELAY_TIME),
+            Self::OutputsValidInCycle => (OUTPUT_PARAMETER, sub::SHIFT_TIME),
+        };
+        ObjectAddress::new(index, sub)
+    }
+
+    /// The demand in words: what must not exceed what.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::FramesInCycle => {
+                "all frames of a cycle with their gaps + send jitter + clock error <= cycle"
+            }
+            Self::MinimumCycle => "minimum cycle time (plus send jitter in SM mode) <= cycle",
+            Self::OutputsBeforeSync0 => {
+                "outputs stored + send jitter + clock error + calc and copy time <= SYNC0"
+            }
+            Self::OutputsStoredBeforeSync0 => {
+                "outputs stored + send jitter + clock error <= SYNC0 that fetches them"
+            }
+            Self::Sync1CoversCopy => "calc and copy time <= SYNC1 - SYNC0",
+            Self::Sync1BeforeNextSync0 => "SYNC1 - SYNC0 < SYNC0 cycle",
+            Self::InputsBeforeFrame => {
+                "pulse of Input Latch + input shift + calc and copy time + clock error <= next frame"
+            }
+            Self::ShiftCoversDelay => "delay time <= shift time",
+            Self::InputShiftCoversDelay => "delay time <= shift time of the inputs",
+            Self::OutputsValidInCycle => "acting pulse to outputs valid <= cycle of the pulse",
+        }
+    }
+
+    /// What shows that it was not met in a SubDevice of this mode, as a rule; see [`Demand::sign`](super::Demand::sign).
+    pub(super) fn sign(self, mode: SyncMode) -> Sign {
+        let output = |sub| Sign::Counter(ObjectAddress::new(OUTPUT_PARAMETER, sub));
+        match self {
+            Self::FramesInCycle => Sign::Judge("frames on their phase"),
+            Self::MinimumCycle if mode.uses_dc() => Sign::Refusal(AlStatusCode::DC_SYNC0_CYCLE),
+            Self::MinimumCycle | Self::OutputsValidInCycle => output(sub::CYCLE_TIME_TOO_SMALL),
+            Self::OutputsBeforeSync0 => output(sub::SM_EVENT_MISSED),
+            // The device finds the outputs of the cycle before, which are as new to it.
+            Self::OutputsStoredBeforeSync0 => Sign::Judge("outputs fetched in their cycle"),
+            Self::Sync1CoversCopy | Self::ShiftCoversDelay => output(sub::SHIFT_TIME_TOO_SHORT),
+            Self::InputShiftCoversDelay => {
+                Sign::Counter(ObjectAddress::new(INPUT_PARAMETER, sub::SHIFT_TIME_TOO_SHORT))
+            }
+            Self::Sync1BeforeNextSync0 => {
+                Sign::Refusal(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION)
+            }
+            Self::InputsBeforeFrame => Sign::Judge("inputs fetched in their cycle"),
+        }
+    }
+}
+
+/// `0x1C32:0B counts`, `AL status code 0x0036 ...`, `judge: frames on their phase`.
+impl fmt::Display for Sign {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Counter(object) => write!(f, "{object} counts"),
+            Self::Refusal(code) => write!(f, "SAFEOP refused, AL status code {code}"),
+            Self::Judge(name) => write!(f, "judge: {name}"),
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! The lines of the budget: each demand as two sums.
+
+use core::fmt;
+
+use isocat_wire::AlStatusCode;
+use isocat_wire::time::Nanos;
+
+use super::term::{Origin, Quantity, Sum};
+use super::{Check, Cycle, Device, Sign};
+use crate::mode::SyncMode;
+
+/// One line of the budget.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Line {
+    /// The demand.
+    pub check: Check,
+    /// Time needed.
+    pub needed: Nanos,
+    /// Time there is.
+    pub available: Nanos,
+}
+
+impl Line {
+    /// What is left; negative if the demand is not met.
+    pub fn slack(&self) -> Nanos {
+        self.available - self.needed
+    }
+    /// Whether the demand is met.
+    pub fn fits(&self) -> bool {
+        self.slack() >= Nanos::ZERO
+    }
+}
+
+/// `0x1C32:05: minimum cycle time <= cycle: needs 250 us, has 125 us, slack -125 us`
+impl fmt::Display for Line {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Line { check, needed, available } = self;
+        let (object, words, slack) = (check.object(), check.words(), self.slack());
+        write!(f, "{object}: {words}: needs {needed}, has {available}, slack {slack}")
+    }
+}
+
+/// A demand with all its figures.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Demand {
+    /// What is demanded.
+    pub check: Check,
+    /// Time needed.
+    pub needed: Sum,
+    /// Time there is.
+    pub available: Sum,
+}
+
+impl Demand {
+    /// The demand in short.
+    pub fn line(&self) -> Line {
+        Line { check: self.check, needed: self.needed.total(), available: self.available.total() }
+    }
+    /// What is left; negative if the demand is not met.
+    pub fn slack(&self) -> Nanos {
+        self.line().slack()
+    }
+
+    /// What shows that it is not met in a SubDevice of this mode.
+    pub fn sign(&self, mode: SyncMode) -> Sign {
+        let own = self.needed.terms().find(|term| term.quantity == Quantity::MinimumCycle);
+        match own {
+            // What it is told of the cycle is enough to refuse it.
+            Some(own) if !mode.uses_dc() && own.value > self.available.total() => {
+                Sign::Refusal(AlStatusCode::CYCLE_TIME_TOO_SMALL)
+            }
+            _ => self.check.sign(mode),
+        }
+    }
+}
+
+/// The lines of one SubDevice.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Budget {
+    lines: [Option<Line>; Check::OF_DEVICE.len()],
+}
+
+impl Budget {
+    /// All lines that the SubDevice's mode has.
+    pub fn lines(&self) -> impl Iterator<Item = Line> + '_ {
+        self.lines.iter().flatten().copied()
+    }
+    /// The line with this demand, if the mode has it.
+    pub fn line(&self, check: Check) -> Option<Line> {
+        self.lines().find(|line| line.check == check)
+    }
+    /// The line with the least slack that does not fit.
+    pub fn failure(&self) -> Option<Line> {
+        self.lines().filter(|line| !line.fits()).min_by_key(Line::slack)
+    }
+    /// The least slack.
+    pub fn slack(&self) -> Option<Nanos> {
+        self.lines().map(|line| line.slack()).min()
+    }
+
+    pub(super) fn push(&mut self, line: Line) {
+        if let Some(free) = self.lines.iter_mut().find(|line| line.is_none()) {
+            *free = Some(line);
+        }
+    }
+}
+
+pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
+    Demand {
+        check: Check::FramesInCycle,
+        needed: Sum::default()
+            .and(Quantity::Frames, wire, Origin::Wire)
+            .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+            .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent),
+        available: Sum::default().and(Quantity::Cycle, cycle.cycle, Origin::Intent),
+    }
+}
+
+/// Both sides of a demand, with the acting pulse at `shift`; `None` if the SubDevice does not have it.
+pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check) -> Option<Demand> {
+    let mode = device.mode;
+    let (needed, available) = match check {
+        Check::FramesInCycle => return None,
+        // In Free Run the device's cycle is its own.
+        Check::MinimumCycle if mode != SyncMode::FreeRun => minimum_cycle(cycle, device),
+        Check::OutputsBeforeSync0 if mode.uses_dc() && mode != SyncMode::DcSync1 => {
+            outputs_ready(cycle, shift, device)?
+        }
+        Check::OutputsStoredBeforeSync0 if mode == SyncMode::DcSync1 => {
+            (outputs_stored(cycle, device)?, pulse(shift, device.pulses.lead))
+        }
+        Check::Sync1CoversCopy if mode == SyncMode::DcSync1 => {
+            device.outputs_arrival?;
+            let origins = &device.origins;
+            let copy = device.output_calc_and_copy;
+            let copy = Sum::default()
+                .and(Quantity::OutputCalcAndCopy, copy, origins.output_calc_and_copy)
+                .if_any(Quantity::ClockSpeed, speed_error(cycle, copy), Origin::Assumed);
+            (copy, Sum::default().and(Quantity::Sync1, device.pulses.sync1, origins.sync1))
+        }
+        Check::Sync1BeforeNextSync0
+            if matches!(mode, SyncMode::DcSync1 | SyncMode::DcShiftSync1) =>
+        {
+            let origins = &device.origins;
+            let sync1 = Sum::default().and(Quantity::Sync1, device.pulses.sync1, origins.sync1);
+            let sync0_cycle = device.pulses.sync0_cycle;
+            let error = speed_error(cycle, device.pulses.sync1);
+            (
+                strictly(sync1.if_any(Quantity::ClockSpeed, error, Origin::Assumed)),
+                Sum::default().and(Quantity::Sync0Cycle, sync0_cycle, origins.sync0_cycle),
+            )
+        }
+        Check::InputsBeforeFrame if mode.uses_dc() => inputs_available(cycle, shift, device)?,
+        Check::InputsBeforeFrame if device.shifts_inputs() => inputs_by_timer(cycle, device)?,
+        Check::ShiftCoversDelay if mode.uses_dc() => {
+            let shift = device.output_shift?;
+            shift_covers(
+                (device.output_delay, device.origins.output_delay, Quantity::OutputDelay),
+                (shift, Origin::Intent, Quantity::OutputShift),
+            )
+        }
+        Check::InputShiftCoversDelay if device.shifts_inputs() => {
+            device.inputs_fetched?;
+            let origins = &device.origins;
+            shift_covers(
+                (device.input_delay, origins.input_delay, Quantity::InputDelay),
+                (device.input_shift, origins.input_shift, Quantity::InputShift),
+            )
+        }
+        Check::OutputsValidInCycle if mode.uses_dc() => outputs_valid(cycle, device)?,
+        _ => return None,
+    };
+    Some(Demand { check, needed, available })
+}
+
+fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
+    let origin = device.origins.minimum_cycle;
+    let needed = Sum::default().and(Quantity::MinimumCycle, device.minimum_cycle, origin);
+    let available = Sum::default();
+    match device.mode {
+        SyncMode::SmSynchronous => (
+            needed.and(Quantity::SendJitter, cycle.jitter, Origin::Intent),
+            available.and(Quantity::Cycle, cycle.cycle, Origin::Intent),
+        ),
+        SyncMode::DcSubordinated => (needed, sync0_cycle(device)),
+        mode if mode.uses_dc() && device.pulses.sync0_cycle > cycle.cycle => {
+            (needed, sync0_cycle(device))
+        }
+        _ => (needed, available.and(Quantity::Cycle, cycle.cycle, Origin::Intent)),
+    }
+}
+
+fn sync0_cycle(device: &Device) -> Sum {
+    let (cycle, origin) = (device.pulses.sync0_cycle, device.origins.sync0_cycle);
+    Sum::default().and(Quantity::Sync0Cycle, cycle, origin)
+}
+
+/// Until the outputs are in the SubDevice's memory at the latest, by its own clock.
+fn outputs_stored(cycle: &Cycle, device: &Device) -> Option<Sum> {
+    let arrival = device.outputs_arrival?;
+    Some(
+        Sum::default()
+            .if_any(Quantity::Send, cycle.send, Origin::Plan)
+            .and(Quantity::FrameEnd, arrival - device.delay, Origin::Wire)
+            .and(Quantity::Propagation, device.delay, device.origins.delay)
+            .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+            .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent),
+    )
+}
+
+fn outputs_ready(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
+    let origin = device.origins.output_calc_and_copy;
+    let copy = device.output_calc_and_copy;
+    let ready = outputs_stored(cycle, device)?.and(Quantity::OutputCalcAndCopy, copy, origin);
+    let lead = match device.mode {
+        SyncMode::DcShiftSync1 => device.pulses.lead,
+        _ => Nanos::ZERO,
+    };
+    Some((ready, pulse(shift, lead)))
+}
+
+/// A pulse that comes `lead` before the acting one.
+fn pulse(shift: Nanos, lead: Nanos) -> Sum {
+    Sum::default().and(Quantity::ActingPulse, shift, Origin::Plan).if_any(
+        Quantity::Lead,
+        -lead,
+        Origin::Plan,
+    )
+}
+
+/// From the acting pulse until inputs stand in the buffer, against the pulse's distance from the next frame.
+fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
+    let fetched = device.inputs_fetched?;
+    let (pulses, origins) = (&device.pulses, &device.origins);
+    let latch = match device.mode {
+        SyncMode::DcShiftSync1 => Sum::default()
+            .and(Quantity::Sync1, pulses.sync1, origins.sync1)
+            .if_any(Quantity::Lead, -pulses.lead, Origin::Plan)
+            .and(Quantity::InputDelay, device.input_delay, origins.input_delay),
+        SyncMode::DcSync1 => Sum::default(),
+        SyncMode::DcSubordinated => Sum::default()
+            .if_any(Quantity::BehindSync0, -pulses.behind_sync0(), origins.sync1)
+            .if_any(Quantity::InputShift, device.input_shift, origins.input_shift),
+        _ => Sum::default().if_any(Quantity::InputShift, device.input_shift, origins.input_shift),
+    };
+    let needed = latch
+        .if_any(Quantity::PulseJitter, device.pulse_jitter, origins.pulse_jitter)
+        .and(Quantity::InputCalcAndCopy, device.input_calc_and_copy, origins.input_calc_and_copy)
+        .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent);
+    let available =
+        next_frame(cycle, device, fetched).and(Quantity::ActingPulse, -shift, Origin::Plan);
+    Some((needed, available))
+}
+
+/// The same where a timer behind the SM event takes the inputs.
+fn inputs_by_timer(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
+    let fetched = device.inputs_fetched?;
+    let origins = &device.origins;
+    let needed = outputs_stored(cycle, device)?
+        .and(Quantity::InputShift, device.input_shift, origins.input_shift)
+        .and(Quantity::InputCalcAndCopy, device.input_calc_and_copy, origins.input_calc_and_copy);
+    Some((needed, next_frame(cycle, device, fetched)))
+}
+
+/// When the next cycle's frame begins at the SubDevice, at the earliest.
+fn next_frame(cycle: &Cycle, device: &Device, fetched: Nanos) -> Sum {
+    Sum::default()
+        .if_any(Quantity::Send, cycle.send, Origin::Plan)
+        .and(Quantity::Cycle, cycle.cycle, Origin::Intent)
+        .if_any(Quantity::FrameBegin, fetched - device.delay, Origin::Wire)
+        .and(Quantity::Propagation, device.delay, device.origins.delay)
+}
+
+type Figure = (Nanos, Origin, Quantity);
+
+fn shift_covers(delay: Figure, shift: Figure) -> (Sum, Sum) {
+    let sum = |(value, origin, quantity): Figure| Sum::default().and(quantity, value, origin);
+    (sum(delay), sum(shift))
+}
+
+fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
+    device.outputs_arrival?;
+    let (pulses, origins) = (&device.pulses, &device.origins);
+    let needed = match device.output_shift.filter(|shift| *shift >= device.output_delay) {
+        Some(shift) => Sum::default().and(Quantity::OutputShift, shift, Origin::Intent),
+        None => {
+            let delay = device.output_delay;
+            Sum::default().and(Quantity::OutputDelay, delay, origins.output_delay)
+        }
+    };
+    // With subordinated cycles each SYNC0 lets outputs act anew.
+    let pulse_cycle = pulses.sync0_cycle;
+    let error = speed_error(cycle, needed.total());
+    let needed = needed
+        .if_any(Quantity::PulseJitter, device.pulse_jitter, origins.pulse_jitter)
+        .if_any(Quantity::ClockSpeed, error, Origin::Assumed);
+    let available = Sum::default().and(Quantity::Sync0Cycle, pulse_cycle, origins.sync0_cycle);
+    Some((needed, available))
+}
+
+/// By how much a SubDevice's own count of a span may differ from system time: its oscillator is within
+/// 100 ppm, and pulses come on ticks of 10 ns. Clocks without error have none.
+fn speed_error(cycle: &Cycle, span: Nanos) -> Nanos {
+    cycle.clock_error.min(Nanos(span.0 / 10_000 + 10))
+}
+
+fn strictly(sum: Sum) -> Sum {
+    sum.and(Quantity::Strictly, Nanos(1), Origin::Plan)
+}

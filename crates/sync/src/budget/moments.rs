@@ -1,0 +1,97 @@
+//! When what happens in a cycle: the earliest and the latest instant of each event of a SubDevice.
+
+use isocat_wire::time::Nanos;
+
+use super::{Cycle, Device};
+use crate::mode::SyncMode;
+
+/// From the earliest to the latest instant of an event, as phases of the cycle in which the frame is sent.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Span {
+    /// Not before.
+    pub earliest: Nanos,
+    /// Not after.
+    pub latest: Nanos,
+}
+
+impl Span {
+    fn after(self, least: Nanos, most: Nanos) -> Self {
+        Self { earliest: self.earliest + least, latest: self.latest + most }
+    }
+}
+
+/// The events of one SubDevice's cycle; `None` where the mode does not have it or nobody can tell.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Moments {
+    /// SM2: outputs are stored.
+    pub outputs_stored: Option<Span>,
+    /// Outputs are copied and calculated. Nothing states the least time that takes.
+    pub outputs_ready: Option<Span>,
+    /// The first SYNC0 that belongs to the acting pulse.
+    pub sync0: Option<Span>,
+    /// SYNC1.
+    pub sync1: Option<Span>,
+    /// Outputs Valid.
+    pub outputs_valid: Option<Span>,
+    /// Input Latch.
+    pub input_latch: Option<Span>,
+    /// Inputs stand in the buffer. Nothing states the least time that takes.
+    pub inputs_available: Option<Span>,
+    /// The frame that fetches them begins here.
+    pub inputs_fetched: Option<Span>,
+}
+
+/// The events with the acting pulse at `shift`. In Free Run nothing has a place in the bus cycle but the frames.
+pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
+    let Cycle { cycle: period, send, jitter, clock_error } = *cycle;
+    let at = |phase: Nanos| Span { earliest: phase - clock_error, latest: phase + clock_error };
+    let frame = |after: Nanos| at(send + after).after(Nanos::ZERO, jitter);
+    let stored = device.outputs_arrival.map(frame);
+    let fetched = device.inputs_fetched.map(|begin| frame(begin).after(period, period));
+    let mut moments =
+        Moments { outputs_stored: stored, inputs_fetched: fetched, ..Moments::default() };
+    let pulses = &device.pulses;
+    let sync0 = at(shift - pulses.lead);
+    let latched = |span: Span| (span, span.after(Nanos::ZERO, device.input_calc_and_copy));
+    let has_inputs = device.inputs_fetched.is_some();
+    match device.mode {
+        SyncMode::FreeRun => return moments,
+        SyncMode::SmSynchronous => {
+            let all = stored.map(|span| span.after(Nanos::ZERO, device.minimum_cycle));
+            moments.outputs_ready =
+                stored.map(|span| span.after(Nanos::ZERO, device.output_calc_and_copy));
+            moments.outputs_valid = all;
+            let shift = Some(device.input_shift).filter(|_| device.shifts_inputs());
+            match (stored, shift) {
+                (Some(stored), Some(shift)) if has_inputs => {
+                    let (latch, available) = latched(stored.after(shift, shift));
+                    (moments.input_latch, moments.inputs_available) =
+                        (Some(latch), Some(available));
+                }
+                _ if has_inputs => (moments.input_latch, moments.inputs_available) = (all, all),
+                _ => {}
+            }
+            return moments;
+        }
+        _ => {}
+    }
+    moments.sync0 = Some(sync0);
+    moments.sync1 = device.mode.uses_sync1().then(|| sync0.after(pulses.sync1, pulses.sync1));
+    if let Some(stored) = stored {
+        let from = if device.mode == SyncMode::DcSync1 { sync0 } else { stored };
+        moments.outputs_ready = Some(from.after(Nanos::ZERO, device.output_calc_and_copy));
+        let after = device.outputs_act_after();
+        moments.outputs_valid = Some(at(shift).after(after, after + device.pulse_jitter));
+    }
+    if has_inputs {
+        let after = match device.mode {
+            SyncMode::DcShiftSync1 => pulses.sync1 - pulses.lead + device.input_delay,
+            SyncMode::DcSync1 => Nanos::ZERO,
+            SyncMode::DcSubordinated => device.input_shift - pulses.behind_sync0(),
+            _ => device.input_shift,
+        };
+        let (latch, available) = latched(at(shift).after(after, after + device.pulse_jitter));
+        (moments.input_latch, moments.inputs_available) = (Some(latch), Some(available));
+    }
+    moments
+}

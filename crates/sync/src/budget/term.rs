@@ -1,0 +1,216 @@
+//! The figures of a line: what each is, and where it comes from.
+
+use core::fmt;
+
+use isocat_wire::ObjectAddress;
+use isocat_wire::time::Nanos;
+
+use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
+
+/// Where a figure comes from.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub enum Origin {
+    /// 80 ns a byte, 100 Mbit/s.
+    #[default]
+    Wire,
+    /// What the user asked for.
+    Intent,
+    /// The plan chose it.
+    Plan,
+    /// An entry of the device's dictionary, as the device states it.
+    Object(ObjectAddress),
+    /// The device's ESI or SII.
+    Esi,
+    /// Measured on the segment.
+    Measured,
+    /// The profile of the device says so: cables, chips, CPUs.
+    Profile,
+    /// Nobody says it: taken for it.
+    Assumed,
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Wire => f.pad("wire"),
+            Self::Intent => f.pad("asked for"),
+            Self::Plan => f.pad("plan"),
+            Self::Object(object) => write!(f, "{object}"),
+            Self::Esi => f.pad("ESI"),
+            Self::Measured => f.pad("measured"),
+            Self::Profile => f.pad("profile"),
+            Self::Assumed => f.pad("assumed"),
+        }
+    }
+}
+
+/// Where the figures of a [`Device`](super::Device) come from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Origins {
+    /// Of the propagation delay.
+    pub delay: Origin,
+    /// Of the minimum cycle.
+    pub minimum_cycle: Origin,
+    /// Of calc and copy time of the outputs.
+    pub output_calc_and_copy: Origin,
+    /// Of the delay of the outputs.
+    pub output_delay: Origin,
+    /// Of calc and copy time of the inputs.
+    pub input_calc_and_copy: Origin,
+    /// Of the shift of the inputs.
+    pub input_shift: Origin,
+    /// Of the delay of the inputs.
+    pub input_delay: Origin,
+    /// Of the distance from SYNC0 to SYNC1.
+    pub sync1: Origin,
+    /// Of the cycle of SYNC0.
+    pub sync0_cycle: Origin,
+    /// Of the spread behind a pulse.
+    pub pulse_jitter: Origin,
+}
+
+impl Default for Origins {
+    /// All that an object can state is stated, delays are measured.
+    fn default() -> Self {
+        let output = |sub| Origin::Object(ObjectAddress::new(OUTPUT_PARAMETER, sub));
+        let input = |sub| Origin::Object(ObjectAddress::new(INPUT_PARAMETER, sub));
+        Self {
+            delay: Origin::Measured,
+            minimum_cycle: output(sub::MINIMUM_CYCLE_TIME),
+            output_calc_and_copy: output(sub::CALC_AND_COPY_TIME),
+            output_delay: output(sub::DELAY_TIME),
+            input_calc_and_copy: input(sub::CALC_AND_COPY_TIME),
+            input_shift: input(sub::SHIFT_TIME),
+            input_delay: input(sub::DELAY_TIME),
+            sync1: Origin::Plan,
+            sync0_cycle: Origin::Intent,
+            pulse_jitter: Origin::Assumed,
+        }
+    }
+}
+
+/// What a figure is.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Quantity {
+    /// Phase at which the frame meets the reference clock.
+    Send,
+    /// From the cycle's first bit to the last bit of the frame that brings the outputs.
+    FrameEnd,
+    /// From the cycle's first bit to the first bit of the frame that fetches the inputs.
+    FrameBegin,
+    /// All frames of a cycle.
+    Frames,
+    /// From the reference clock to the SubDevice.
+    Propagation,
+    /// How late a frame may be.
+    SendJitter,
+    /// How much two clocks may differ.
+    ClockError,
+    /// How much a SubDevice's own count of a span may differ from system time.
+    ClockSpeed,
+    /// Bus cycle.
+    Cycle,
+    /// SYNC0 cycle.
+    Sync0Cycle,
+    /// Minimum cycle time.
+    MinimumCycle,
+    /// Phase of the pulse at which outputs act.
+    ActingPulse,
+    /// The pulse that counts here lies before the acting one by this much.
+    Lead,
+    /// From SYNC0 to SYNC1.
+    Sync1,
+    /// From the last SYNC0 to SYNC1.
+    BehindSync0,
+    /// Calc and copy time of the outputs.
+    OutputCalcAndCopy,
+    /// Delay time of the outputs.
+    OutputDelay,
+    /// Shift time of the outputs.
+    OutputShift,
+    /// Calc and copy time of the inputs.
+    InputCalcAndCopy,
+    /// Delay time of the inputs.
+    InputDelay,
+    /// Shift time of the inputs.
+    InputShift,
+    /// What a SubDevice's steps may be late behind their pulse.
+    PulseJitter,
+    /// The nanosecond by which "less" differs from "not more".
+    Strictly,
+}
+
+impl Quantity {
+    /// In words.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Send => "frame meets the reference clock",
+            Self::FrameEnd => "frame to its last bit",
+            Self::FrameBegin => "frames before it",
+            Self::Frames => "frames with gaps",
+            Self::Propagation => "propagation",
+            Self::SendJitter => "send jitter",
+            Self::ClockError => "clock error",
+            Self::ClockSpeed => "100 ppm of it and a tick",
+            Self::Cycle => "cycle",
+            Self::Sync0Cycle => "SYNC0 cycle",
+            Self::MinimumCycle => "minimum cycle",
+            Self::ActingPulse => "acting pulse",
+            Self::Lead => "pulse before the acting one",
+            Self::Sync1 => "SYNC0 to SYNC1",
+            Self::BehindSync0 => "SYNC1 behind its SYNC0",
+            Self::OutputCalcAndCopy => "calc and copy of outputs",
+            Self::OutputDelay => "delay of outputs",
+            Self::OutputShift => "shift of outputs",
+            Self::InputCalcAndCopy => "calc and copy of inputs",
+            Self::InputDelay => "delay of inputs",
+            Self::InputShift => "shift of inputs",
+            Self::PulseJitter => "jitter behind the pulse",
+            Self::Strictly => "less, not equal",
+        }
+    }
+}
+
+/// One figure, with the sign with which it counts.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Term {
+    /// What it is.
+    pub quantity: Quantity,
+    /// How much.
+    pub value: Nanos,
+    /// Where from.
+    pub origin: Origin,
+}
+
+/// A sum of figures.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Sum {
+    terms: [Option<Term>; MOST_TERMS],
+}
+
+const MOST_TERMS: usize = 8;
+
+impl Sum {
+    /// The figures.
+    pub fn terms(&self) -> impl Iterator<Item = Term> + '_ {
+        self.terms.iter().flatten().copied()
+    }
+
+    /// What they make.
+    pub fn total(&self) -> Nanos {
+        self.terms().fold(Nanos::ZERO, |sum, term| sum + term.value)
+    }
+
+    /// With one more, if it is not nothing: figures of zero that the mode does not have stay out.
+    pub(super) fn and(mut self, quantity: Quantity, value: Nanos, origin: Origin) -> Self {
+        let free = self.terms.iter_mut().find(|term| term.is_none());
+        let free = free.expect("no line has more figures");
+        *free = Some(Term { quantity, value, origin });
+        self
+    }
+
+    /// The same for figures that are zero as a rule.
+    pub(super) fn if_any(self, quantity: Quantity, value: Nanos, origin: Origin) -> Self {
+        if value == Nanos::ZERO { self } else { self.and(quantity, value, origin) }
+    }
+}

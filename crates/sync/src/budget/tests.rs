@@ -1,0 +1,221 @@
+use super::*;
+use std::string::ToString;
+
+const CYCLE: Cycle = Cycle {
+    cycle: Nanos(1_000_000),
+    send: Nanos(0),
+    jitter: Nanos(20_000),
+    clock_error: Nanos(100),
+};
+
+fn drive() -> Device {
+    Device {
+        mode: SyncMode::DcSync0,
+        pulses: Pulses { sync0_cycle: Nanos(1_000_000), ..Pulses::default() },
+        outputs_arrival: Some(Nanos(12_345)),
+        inputs_fetched: Some(Nanos(1_000)),
+        minimum_cycle: Nanos(250_000),
+        output_calc_and_copy: Nanos(60_000),
+        output_delay: Nanos(30_000),
+        output_shift: None,
+        input_calc_and_copy: Nanos(40_000),
+        input_shift: Nanos(0),
+        input_delay: Nanos(700),
+        delay: Nanos(300),
+        pulse_jitter: Nanos(0),
+        origins: Origins::default(),
+    }
+}
+
+fn slack(cycle: &Cycle, shift: i64, device: &Device, check: Check) -> i64 {
+    budget(cycle, Nanos(shift), device).line(check).unwrap().slack().0
+}
+
+#[test]
+fn outputs_ready_to_the_nanosecond() {
+    let ready = 12_345 + 20_000 + 100 + 60_000;
+    assert_eq!(slack(&CYCLE, ready, &drive(), Check::OutputsBeforeSync0), 0);
+    let late = budget(&CYCLE, Nanos(ready - 1), &drive());
+    assert_eq!(late.failure().unwrap().check, Check::OutputsBeforeSync0);
+    assert_eq!(late.failure().unwrap().slack(), Nanos(-1));
+}
+
+#[test]
+fn inputs_before_the_next_frame_to_the_nanosecond() {
+    let last = 1_000_000 + 1_000 - 40_000 - 100;
+    assert_eq!(slack(&CYCLE, last, &drive(), Check::InputsBeforeFrame), 0);
+    assert_eq!(slack(&CYCLE, last + 1, &drive(), Check::InputsBeforeFrame), -1);
+    let shifted = Device { input_shift: Nanos(1), ..drive() };
+    assert_eq!(slack(&CYCLE, last, &shifted, Check::InputsBeforeFrame), -1);
+}
+
+#[test]
+fn minimum_cycle_names_both_figures() {
+    let short = Cycle { cycle: Nanos(125_000), ..CYCLE };
+    let failure = budget(&short, Nanos(100_000), &drive()).failure().unwrap();
+    let text = failure.to_string();
+    assert!(text.starts_with("0x1C32:05: minimum cycle time"), "{text}");
+    assert!(text.contains("needs 250 us, has 125 us"), "{text}");
+    let exact = Device { mode: SyncMode::SmSynchronous, ..drive() };
+    let cycle = |ns| Cycle { cycle: Nanos(ns), ..CYCLE };
+    assert_eq!(slack(&cycle(270_000), 0, &exact, Check::MinimumCycle), 0);
+    assert_eq!(slack(&cycle(269_999), 0, &exact, Check::MinimumCycle), -1);
+}
+
+#[test]
+fn shift_covers_the_delay_and_stays_in_the_cycle() {
+    let with = |ns| Device { output_shift: Some(Nanos(ns)), ..drive() };
+    assert_eq!(slack(&CYCLE, 500_000, &with(30_000), Check::ShiftCoversDelay), 0);
+    assert_eq!(slack(&CYCLE, 500_000, &with(29_999), Check::ShiftCoversDelay), -1);
+    let ideal = Cycle { clock_error: Nanos(0), ..CYCLE };
+    assert_eq!(slack(&ideal, 500_000, &with(1_000_000), Check::OutputsValidInCycle), 0);
+    assert_eq!(slack(&ideal, 500_000, &with(1_000_001), Check::OutputsValidInCycle), -1);
+    // An oscillator within 100 ppm: never more than two clocks differ at all.
+    assert_eq!(slack(&CYCLE, 500_000, &with(999_900), Check::OutputsValidInCycle), 0);
+    assert_eq!(slack(&CYCLE, 500_000, &with(30_000), Check::OutputsValidInCycle), 969_987);
+}
+
+#[test]
+fn the_common_shift_shares_the_slack() {
+    let slow = Device { output_calc_and_copy: Nanos(300_000), ..drive() };
+    let shift = common_shift(&CYCLE, [&drive(), &slow]).unwrap();
+    let before = slack(&CYCLE, shift.0, &slow, Check::OutputsBeforeSync0);
+    let after = slack(&CYCLE, shift.0, &drive(), Check::InputsBeforeFrame);
+    assert!((before - after).abs() <= 2_000, "{before} {after}");
+    let free = Device { mode: SyncMode::FreeRun, ..drive() };
+    assert_eq!(common_shift(&CYCLE, [&free]), None);
+}
+
+/// SYNC0 fetches, SYNC1 acts: both distances to the nanosecond.
+#[test]
+fn dc_sync1_needs_the_outputs_before_sync0_and_the_copy_time_before_sync1() {
+    let distance = |sync1| Device {
+        mode: SyncMode::DcSync1,
+        pulses: Pulses::new(SyncMode::DcSync1, CYCLE.cycle, Nanos(sync1), Nanos::ZERO, false),
+        ..drive()
+    };
+    let device = distance(60_000);
+    let stored = 12_345 + 20_000 + 100;
+    let at = |shift, device: &Device, check| slack(&CYCLE, shift, device, check);
+    assert_eq!(at(stored + 60_000, &device, Check::OutputsStoredBeforeSync0), 0);
+    assert_eq!(at(stored + 59_999, &device, Check::OutputsStoredBeforeSync0), -1);
+    assert_eq!(at(500_000, &distance(60_016), Check::Sync1CoversCopy), 0);
+    assert_eq!(at(500_000, &distance(60_015), Check::Sync1CoversCopy), -1);
+    assert_eq!(at(500_000, &distance(999_899), Check::Sync1BeforeNextSync0), 0);
+    assert_eq!(at(500_000, &distance(999_900), Check::Sync1BeforeNextSync0), -1);
+    assert_eq!(device.sync0_phase(Nanos(500_000)), Nanos(440_000));
+    assert_eq!(device.sync0_phase(Nanos(50_000)), Nanos(990_000));
+    // Inputs are taken at SYNC1 itself.
+    let last = 1_000_000 + 1_000 - 40_000 - 100;
+    assert_eq!(at(last, &device, Check::InputsBeforeFrame), 0);
+}
+
+#[test]
+fn inputs_at_sync1_come_later_than_the_outputs() {
+    let device = Device {
+        mode: SyncMode::DcShiftSync1,
+        pulses: Pulses::new(
+            SyncMode::DcShiftSync1,
+            CYCLE.cycle,
+            Nanos(200_000),
+            Nanos::ZERO,
+            false,
+        ),
+        ..drive()
+    };
+    let last = 1_000_000 + 1_000 - 200_000 - 700 - 40_000 - 100;
+    assert_eq!(slack(&CYCLE, last, &device, Check::InputsBeforeFrame), 0);
+    assert_eq!(slack(&CYCLE, last + 1, &device, Check::InputsBeforeFrame), -1);
+    let ready = 12_345 + 20_000 + 100 + 60_000;
+    assert_eq!(slack(&CYCLE, ready, &device, Check::OutputsBeforeSync0), 0);
+    // Outputs at SYNC1 too: everything counts from there.
+    let both = Device { pulses: Pulses { lead: Nanos(200_000), ..device.pulses }, ..device };
+    assert_eq!(slack(&CYCLE, ready + 200_000, &both, Check::OutputsBeforeSync0), 0);
+    assert_eq!(slack(&CYCLE, last + 200_000, &both, Check::InputsBeforeFrame), 0);
+}
+
+#[test]
+fn a_subordinated_cycle_is_measured_by_its_own_sync0() {
+    let device = |sync0| Device {
+        mode: SyncMode::DcSubordinated,
+        pulses: Pulses::new(
+            SyncMode::DcSubordinated,
+            CYCLE.cycle,
+            Nanos::ZERO,
+            Nanos(sync0),
+            false,
+        ),
+        ..drive()
+    };
+    assert_eq!(slack(&CYCLE, 500_000, &device(250_000), Check::MinimumCycle), 0);
+    assert_eq!(slack(&CYCLE, 500_000, &device(125_000), Check::MinimumCycle), -125_000);
+    assert_eq!(device(250_000).sync0_phase(Nanos(500_000)), Nanos(0));
+}
+
+#[test]
+fn the_inputs_shift_covers_their_delay() {
+    let with = |ns| Device { input_shift: Nanos(ns), ..drive() };
+    assert_eq!(slack(&CYCLE, 500_000, &with(700), Check::InputShiftCoversDelay), 0);
+    assert_eq!(slack(&CYCLE, 500_000, &with(699), Check::InputShiftCoversDelay), -1);
+    assert_eq!(budget(&CYCLE, Nanos(500_000), &drive()).line(Check::InputShiftCoversDelay), None);
+}
+
+/// Inputs by a timer behind SM2: both ends of the distance to the next frame.
+#[test]
+fn inputs_by_timer_stand_before_the_next_frame() {
+    let with = |ns| Device { mode: SyncMode::SmSynchronous, input_shift: Nanos(ns), ..drive() };
+    let last = 1_000_000 + 1_000 - 40_000 - (12_345 + 20_000 + 100);
+    assert_eq!(slack(&CYCLE, 0, &with(last), Check::InputsBeforeFrame), 0);
+    assert_eq!(slack(&CYCLE, 0, &with(last + 1), Check::InputsBeforeFrame), -1);
+}
+
+#[test]
+fn frames_fill_the_cycle_to_the_nanosecond() {
+    assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_900)).slack(), Nanos(0));
+    assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_901)).slack(), Nanos(-1));
+}
+
+/// The window is where both lines that look at the acting pulse have no slack left, in every mode.
+#[test]
+fn the_window_ends_where_slack_ends() {
+    for mode in SyncMode::ALL.into_iter().filter(|mode| mode.uses_dc()) {
+        let pulses = Pulses::new(
+            mode,
+            CYCLE.cycle,
+            Nanos(100_000),
+            Nanos(250_000),
+            mode == SyncMode::DcSync1,
+        );
+        let device = Device { mode, pulses, pulse_jitter: Nanos(40), ..drive() };
+        let window = window(&CYCLE, &device);
+        let (earliest, latest) = (window.earliest.unwrap(), window.latest.unwrap());
+        let at = |shift: Nanos, check| slack(&CYCLE, shift.0, &device, check);
+        assert_eq!(at(earliest, outputs_check(mode)), 0, "{mode}");
+        assert_eq!(at(earliest - Nanos(1), outputs_check(mode)), -1, "{mode}");
+        assert_eq!(at(latest, Check::InputsBeforeFrame), 0, "{mode}");
+        assert_eq!(at(latest + Nanos(1), Check::InputsBeforeFrame), -1, "{mode}");
+        // What the moments say is what the lines say.
+        let moments = moments(&CYCLE, latest, &device);
+        let available = moments.inputs_available.unwrap().latest;
+        let fetched = CYCLE.cycle + device.inputs_fetched.unwrap();
+        assert_eq!(available, fetched, "{mode}");
+    }
+}
+
+/// Each sum names where every figure comes from, and is what the line says.
+#[test]
+fn sums_are_made_of_their_figures() {
+    let demand = demand(&CYCLE, Nanos(500_000), &drive(), Check::OutputsBeforeSync0).unwrap();
+    let terms: std::vec::Vec<_> = demand.needed.terms().map(|t| (t.quantity, t.value.0)).collect();
+    let expected = [
+        (Quantity::FrameEnd, 12_045),
+        (Quantity::Propagation, 300),
+        (Quantity::SendJitter, 20_000),
+        (Quantity::ClockError, 100),
+        (Quantity::OutputCalcAndCopy, 60_000),
+    ];
+    assert_eq!(terms, expected);
+    assert_eq!(demand.needed.total(), Nanos(92_445));
+    let last = demand.needed.terms().last().unwrap();
+    assert_eq!(last.origin.to_string(), "0x1C32:06");
+}

@@ -122,7 +122,7 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
 }
 
 /// Settings that make no sense are refused before anything is sent.
-fn check(config: &Config) -> Result<(), Cause> {
+pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     let cycle = config.cycle;
     // SYNC0's cycle register has 32 bits, and a 32-bit clock must tell past from future.
     if cycle.0 <= 0 || cycle.0 > i64::from(i32::MAX) {
@@ -153,17 +153,26 @@ fn check(config: &Config) -> Result<(), Cause> {
 
 /// Sets up the mailbox SyncManagers and goes to PREOP.
 async fn to_preop(link: &Link, config: &Config, device: &mut SubDevice) -> Result<(), Cause> {
-    if device.has_mailbox() {
-        let (receive, send) = sii::mailbox_areas(&device.sii.header);
-        let managers = [
-            SyncManager::new(receive.start, receive.length, SyncManager::MAILBOX_OUT, true),
-            SyncManager::new(send.start, send.length, SyncManager::MAILBOX_IN, true),
-        ];
-        for (number, manager) in managers.into_iter().enumerate() {
-            link.write(device.station, register::sync_manager(number), manager).await?;
-        }
+    for (address, data) in mailbox_writes(device) {
+        link.fpwr(device.station, address, &data).expect(1).await?;
     }
     esm::change(link, device, AlState::PreOp, config.timeouts.preop).await
+}
+
+/// The SyncManagers of the mailbox: address and bytes, in order.
+pub(crate) fn mailbox_writes(device: &SubDevice) -> Vec<(u16, Vec<u8>)> {
+    if !device.has_mailbox() {
+        return Vec::new();
+    }
+    let (receive, send) = sii::mailbox_areas(&device.sii.header);
+    let managers = [
+        SyncManager::new(receive.start, receive.length, SyncManager::MAILBOX_OUT, true),
+        SyncManager::new(send.start, send.length, SyncManager::MAILBOX_IN, true),
+    ];
+    let write = |(number, manager): (usize, SyncManager)| {
+        (register::sync_manager(number).address, manager.to_bytes().to_vec())
+    };
+    managers.into_iter().enumerate().map(write).collect()
 }
 
 fn mailbox(link: &Link, config: &Config, device: &SubDevice) -> Option<Mailbox> {

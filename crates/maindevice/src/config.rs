@@ -47,6 +47,10 @@ pub struct Config {
     /// Clocks count as converged when 0x092C is below this at every device. Default 100 ns: well
     /// above the tick and below what any sync budget notices.
     pub drift_threshold: Nanos,
+    /// How much two clocks of the segment may differ, for the plan: by drift, by the error of the measured
+    /// delays, by the tick of 10 ns. `None`: twice [`Config::drift_threshold`], one on either side of
+    /// the reference.
+    pub clock_error: Option<Nanos>,
     /// How much of the cycle acyclic frames may take on the wire, percent, 1..=90. Default 40.
     pub acyclic_share: u8,
     /// How long to wait for what.
@@ -67,6 +71,7 @@ impl Config {
             source: [0x10; 6],
             delay_latches: 16,
             drift_threshold: Nanos(100),
+            clock_error: None,
             acyclic_share: 40,
             timeouts: Timeouts::default(),
         }
@@ -134,6 +139,10 @@ pub struct DeviceConfig {
     pub identity: Option<(u32, u32)>,
     /// Synchronization mode. `None`: the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
+    /// Its own cycle, a whole multiple of the bus cycle: SYNC0 comes so often. Process data are exchanged in every
+    /// bus cycle all the same; the device takes those that came last. For modes with SYNC0, but subordinated
+    /// cycles, which are the other way round. `None`: the bus cycle.
+    pub cycle: Option<Nanos>,
     /// From SYNC0 to SYNC1 in the modes where SYNC1 is a part of the cycle behind SYNC0. `None`: for "DC
     /// SYNC1" the time the device needs (0x1C32:06) in whole microseconds, for "DC shift SYNC1" a quarter
     /// of the cycle.
@@ -167,6 +176,8 @@ pub struct AssumedTimes {
     pub inputs_calc_and_copy: Option<Nanos>,
     /// For 0x1C33:09.
     pub inputs_delay: Option<Nanos>,
+    /// How much later than its pulse the device's steps may begin. No object states it.
+    pub pulse_jitter: Option<Nanos>,
 }
 
 /// One SDO download at start.

@@ -14,13 +14,13 @@ use isocat_sync::phase::{Servo, Settings, State};
 use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::{Address, HEADER_LEN, Layout};
-use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns};
+use isocat_wire::frame::{FrameWriter, MAX_LEN, MIN_LEN, duration_ns};
 use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use crate::event::Event;
 use crate::link::{CYCLIC_INDEX, Inner};
-use crate::segment::{DcCapability, ProcessImage, Segment};
+use crate::segment::{DatagramPlan, DcCapability, FramePlan, GAP, ProcessImage, Segment};
 
 /// The exchange and its state.
 pub(crate) struct Cycle {
@@ -569,38 +569,68 @@ fn plan_frames(image: &ProcessImage, clock: bool, exchanging: bool) -> Vec<Vec<P
     frames
 }
 
-/// When the datagrams of a chunk are on the wire, counted from the first bit of the cycle's first
+/// The frames of a cycle with process data, as they will be sent: what is in them, and when they are on the
+/// wire, counted from the first bit of the first.
+pub(crate) fn frames(segment: &Segment, compensate: bool) -> Vec<FramePlan> {
+    let image = &segment.image;
+    let mut start = 0;
+    let mut frames = Vec::new();
+    for parts in plan_frames(image, segment.reference.is_some(), true) {
+        let mut at = HEADERS;
+        let mut datagrams = Vec::new();
+        for part in parts {
+            let chunk = |chunk: usize| {
+                let of = &image.chunks[chunk];
+                (Address::Logical(of.logical), usize::from(of.length), Some(chunk))
+            };
+            let (command, (address, length, chunk)) = match part {
+                Part::Drift => {
+                    let station = segment.reference.map(|at| segment.devices[at].station);
+                    let station = station.unwrap_or(StationAddress(0));
+                    let address = Address::Station(station, register::SYSTEM_TIME.address);
+                    let command = if compensate { Command::Frmw } else { Command::Fprd };
+                    (command, (address, TIME_LEN, None))
+                }
+                Part::AlStatus => {
+                    let address = Address::Broadcast(register::AL_STATUS.address);
+                    (Command::Brd, (address, 2, None))
+                }
+                Part::ReadWrite(at) => (Command::Lrw, chunk(at)),
+                Part::Write(at) => (Command::Lwr, chunk(at)),
+                Part::Read(at) => (Command::Lrd, chunk(at)),
+            };
+            datagrams.push(DatagramPlan { command, address, length, offset: at, chunk });
+            at += DATAGRAM_OVERHEAD + length;
+        }
+        let end = start + duration_ns(at);
+        let (begin, end_of) = (Nanos(start as i64), Nanos(end as i64));
+        frames.push(FramePlan { begin, end: end_of, length: at.max(MIN_LEN), datagrams });
+        start = end + GAP.0 as u64;
+    }
+    frames
+}
+
+/// When the datagrams of each chunk are on the wire, counted from the first bit of the cycle's first
 /// frame: begin of the frame that fetches its inputs, end of the frame that brings its outputs.
 ///
 /// A SyncManager passes outputs on when the frame's check sequence was found good, so its end
 /// counts.
-pub(crate) fn frame_times(image: &ProcessImage, clock: bool, at: usize) -> (Nanos, Nanos) {
-    let (mut fetched, mut stored) = (Nanos::ZERO, Nanos::ZERO);
-    let mut start = 0;
-    for frame in plan_frames(image, clock, true) {
-        let len: usize = frame
-            .iter()
-            .map(|part| {
-                DATAGRAM_OVERHEAD
-                    + match *part {
-                        Part::Drift => TIME_LEN,
-                        Part::AlStatus => 2,
-                        Part::ReadWrite(chunk) | Part::Write(chunk) | Part::Read(chunk) => {
-                            usize::from(image.chunks[chunk].length)
-                        }
-                    }
-            })
-            .sum();
-        let end = start + duration_ns(HEADERS + len);
-        if frame.contains(&Part::ReadWrite(at)) || frame.contains(&Part::Read(at)) {
-            fetched = Nanos(start as i64);
+pub(crate) fn chunk_times(frames: &[FramePlan], chunks: usize) -> Vec<(Nanos, Nanos)> {
+    let mut times = vec![(Nanos::ZERO, Nanos::ZERO); chunks];
+    for frame in frames {
+        for datagram in &frame.datagrams {
+            let Some(times) = datagram.chunk.and_then(|chunk| times.get_mut(chunk)) else {
+                continue;
+            };
+            if datagram.command != Command::Lwr {
+                times.0 = frame.begin;
+            }
+            if datagram.command != Command::Lrd {
+                times.1 = frame.end;
+            }
         }
-        if frame.contains(&Part::ReadWrite(at)) || frame.contains(&Part::Write(at)) {
-            stored = Nanos(end as i64);
-        }
-        start = end + GAP;
     }
-    (fetched, stored)
+    times
 }
 
 /// Most bytes of a chunk: what fits beside the drift datagram and AL status in one frame.
@@ -615,6 +645,4 @@ const ROOM: usize = MAX_LEN - HEADERS;
 const DATAGRAM_OVERHEAD: usize = HEADER_LEN + isocat_wire::datagram::WKC_LEN;
 /// Bytes of the system time.
 const TIME_LEN: usize = 8;
-/// Least pause between two frames on the wire, ns: 12 byte times.
-const GAP: u64 = 12 * isocat_wire::frame::BYTE_TIME_NS;
 const ZEROS: [u8; MAX_LEN] = [0; MAX_LEN];

@@ -166,6 +166,11 @@ pub enum Cause {
         /// The line of the budget that fails, with both figures.
         line: Line,
     },
+    /// The frames of a cycle take longer than the cycle.
+    Frames {
+        /// The line of the budget, with both figures.
+        line: Line,
+    },
     /// A mapping can't be made.
     Mapping {
         /// Where.
@@ -387,6 +392,7 @@ impl Cause {
             | Cause::Identity { .. }
             | Cause::Mode { .. }
             | Cause::Plan { .. }
+            | Cause::Frames { .. }
             | Cause::Mapping { .. }
             | Cause::Setting { .. } => Fault::Configuration,
             _ => Fault::SubDevice,
@@ -470,6 +476,7 @@ impl fmt::Display for Cause {
             }
             Cause::Mode { place, wish, reason } => write!(f, "{place}: mode {wish}: {reason}"),
             Cause::Plan { place, line } => write!(f, "{place}: {line}"),
+            Cause::Frames { line } => write!(f, "{line}"),
             Cause::Mapping { place, problem } => write!(f, "{place}: {problem}"),
             Cause::Delay { place } => write!(
                 f,

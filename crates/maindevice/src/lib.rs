@@ -50,6 +50,7 @@ extern crate std;
 pub mod config;
 pub mod error;
 pub mod event;
+pub mod plan;
 pub mod segment;
 pub mod statistics;
 
@@ -78,5 +79,6 @@ pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};
 pub use link::FRAME_LEN;
 pub use machine::MainDevice;
+pub use plan::plan;
 pub use segment::{Segment, SubDevice};
 pub use statistics::Statistics;

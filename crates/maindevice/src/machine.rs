@@ -11,7 +11,7 @@ use core::task::{Context, Poll, Waker};
 use isocat_sync::phase;
 use isocat_wire::al::{AlState, AlStatus};
 use isocat_wire::frame::{self, duration_ns};
-use isocat_wire::time::{Dc, Host, Time};
+use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{ObjectAddress, StationAddress};
 
 use crate::bring_up::{self, End, Work};
@@ -23,7 +23,7 @@ use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Status};
 use crate::link::{Link, Origin};
 use crate::mailbox::{Mailbox, Mailboxes};
-use crate::segment::{ProcessData, Segment};
+use crate::segment::{GAP, ProcessData, Segment};
 use crate::statistics::Statistics;
 
 /// A MainDevice without sockets, threads or a clock of its own.
@@ -106,6 +106,8 @@ enum Piece {
 struct Share {
     cycle: u64,
     left: i64,
+    /// When the port has sent the last one and the gap behind it.
+    free: Time<Host>,
 }
 
 /// An acyclic request that waits for its mailbox.
@@ -211,7 +213,7 @@ impl MainDevice {
             }
             let most = share.room(cycle, config, now, inner.first_len()?)?;
             let len = inner.transmit(now, buffer, most)?;
-            share.left -= duration_ns(len) as i64;
+            share.take(now, len);
             Some(len)
         })
     }
@@ -647,6 +649,13 @@ impl MainDevice {
 const CHECK_AGAIN: u64 = 100;
 
 impl Share {
+    /// A frame leaves.
+    fn take(&mut self, now: Time<Host>, len: usize) {
+        let duration = duration_ns(len) as i64;
+        self.left -= duration;
+        self.free = now.max(self.free) + Nanos(duration) + GAP;
+    }
+
     /// Most bytes that an acyclic frame may have now, the first datagram waiting being `first`
     /// long; `None` if it must wait.
     ///
@@ -666,9 +675,10 @@ impl Share {
         let share = config.cycle.0 * i64::from(config.acyclic_share) / 100;
         let fresh = self.cycle != cycle.number();
         if fresh {
-            *self = Share { cycle: cycle.number(), left: share };
+            *self = Share { cycle: cycle.number(), left: share, free: self.free };
         }
-        let until_next = (cycle.due() - now).0;
+        // Several in a row leave one behind the other: the last of them must be through as well.
+        let until_next = (cycle.due() - now.max(self.free)).0 - GAP.0;
         let needed = duration_ns(first) as i64;
         // What a whole cycle can't hold will never fit; it goes out all the same, right behind the
         // cycle's own.

@@ -93,30 +93,39 @@ pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
 
 /// Writes the SyncManagers of the process data and the FMMUs.
 pub(crate) async fn write(link: &Link, device: &SubDevice) -> Result<(), Cause> {
-    let directions = [(&device.outputs, Fmmu::WRITE), (&device.inputs, Fmmu::READ)];
-    let needed = directions.iter().filter(|(data, _)| data.length > 0).count() as u8;
+    let directions = [&device.outputs, &device.inputs];
+    let needed = directions.iter().filter(|data| data.length > 0).count() as u8;
     if device.esc.fmmus < needed {
         let problem = MappingProblem::NoFmmu { needed, found: device.esc.fmmus };
         return Err(Cause::Mapping { place: device.place(), problem });
     }
+    let writes: Vec<_> = writes(device)
+        .iter()
+        .map(|(address, data)| link.fpwr(device.station, *address, data))
+        .collect();
+    for write in writes {
+        write.expect(1).await?;
+    }
+    Ok(())
+}
+
+/// The registers of the process data: address and bytes, in order.
+pub(crate) fn writes(device: &SubDevice) -> Vec<(u16, Vec<u8>)> {
+    let directions = [(&device.outputs, Fmmu::WRITE), (&device.inputs, Fmmu::READ)];
     let mut writes = Vec::new();
     let mut next_fmmu = 0;
     for (data, kind) in directions {
         let Some(number) = data.sync_manager else { continue };
         let manager = sync_manager(device, data, number, kind);
         let address = register::sync_manager(usize::from(number)).address;
-        writes.push(link.fpwr(device.station, address, &manager.to_bytes()));
+        writes.push((address, manager.to_bytes().to_vec()));
         if data.length > 0 {
             let fmmu = Fmmu::bytes(data.logical, data.length, data.start, kind);
-            let address = register::fmmu(next_fmmu).address;
-            writes.push(link.fpwr(device.station, address, &fmmu.to_bytes()));
+            writes.push((register::fmmu(next_fmmu).address, fmmu.to_bytes().to_vec()));
             next_fmmu += 1;
         }
     }
-    for write in writes {
-        write.expect(1).await?;
-    }
-    Ok(())
+    writes
 }
 
 /// The SyncManager as it must be: control by the SII, length by the mapping, off without process

@@ -4,9 +4,12 @@ use alloc::format;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use isocat_sync::budget::{self, Check, Line, budget, common_shift};
-use isocat_sync::object::{ShiftBy, SupportedTypes, SyncParameters};
+use isocat_sync::budget::{self, Check, Line, Origin, Origins, budget, common_shift};
+use isocat_sync::object::{
+    INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, SupportedTypes, SyncParameters, sub,
+};
 use isocat_sync::{Pulses, SyncMode};
+use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
 
 use crate::config::{AssumedTimes, Config, DeviceConfig};
@@ -64,11 +67,7 @@ pub(crate) fn choose(
     let line = Line {
         check: Check::MinimumCycle,
         needed: demands.minimum_cycle + jitter,
-        available: if mode == SyncMode::DcSubordinated {
-            device.pulses.sync0_cycle
-        } else {
-            config.cycle
-        },
+        available: if mode.uses_dc() { device.pulses.sync0_cycle } else { config.cycle },
     };
     if mode != SyncMode::FreeRun && !line.fits() && !config.force {
         return Err(Cause::Plan { place: device.place(), line });
@@ -82,14 +81,26 @@ fn pulses(
     config: &Config,
     wish: Option<&DeviceConfig>,
 ) -> Result<Pulses, String> {
-    let (mode, cycle) = (device.mode, config.cycle);
+    let (mode, bus) = (device.mode, config.cycle);
+    let cycle = wish.and_then(|wish| wish.cycle).unwrap_or(bus);
+    if cycle != bus {
+        if !mode.uses_dc() || mode == SyncMode::DcSubordinated {
+            return Err(format!("a cycle of its own ({cycle}) needs SYNC0 to come in it"));
+        }
+        if cycle < bus || cycle.0 % bus.0 != 0 {
+            return Err(format!(
+                "its own cycle of {cycle} is no whole multiple of the bus cycle of {bus}"
+            ));
+        }
+    }
     let outputs = device.output_sync.as_ref().map(|object| object.values).unwrap_or_default();
     let assumed = wish.and_then(|wish| wish.assumed.outputs_calc_and_copy);
     let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(assumed);
     let distance = wish.and_then(|wish| wish.sync1).unwrap_or(match mode {
         SyncMode::DcSync1 => {
-            let copy = copy.unwrap_or(Nanos::ZERO).max(Nanos(1));
-            Nanos((copy.0 + 999) / 1_000 * 1_000)
+            // The device's oscillator may be 100 ppm slower than system time, and pulses come on ticks.
+            let copy = copy.unwrap_or(Nanos::ZERO).0;
+            Nanos((copy + copy / 10_000 + 10 + 999) / 1_000 * 1_000)
         }
         _ => Nanos(cycle.0 / 4 / 10 * 10),
     });
@@ -148,34 +159,75 @@ pub(crate) fn demands(
     let none = SyncParameters::default();
     let of = |object: &Option<SyncObject>| object.as_ref().map_or(none, |object| object.values);
     let (outputs, inputs) = (of(&device.output_sync), of(&device.input_sync));
-    let stated = |time: Option<Nanos>, assumed: Option<Nanos>| {
-        time.filter(|time| *time > Nanos::ZERO).or(assumed).unwrap_or(Nanos::ZERO)
-    };
-    let minimum =
-        stated(outputs.minimum_cycle_time, None).max(stated(inputs.minimum_cycle_time, None));
+    let mut origins = Origins::default();
     let free = device.mode == SyncMode::FreeRun;
     let local = |object: &SyncParameters| {
         object.supported.is_some_and(|types| types.shift() == ShiftBy::LocalTimer)
     };
-    let input_shift = wish.and_then(|wish| wish.shift_inputs).or(inputs.shift_time);
+    let wished_shift = wish.and_then(|wish| wish.shift_inputs);
+    if wished_shift.is_some() {
+        origins.input_shift = Origin::Intent;
+    }
+    if inputs.minimum_cycle_time > outputs.minimum_cycle_time {
+        origins.minimum_cycle =
+            Origin::Object(ObjectAddress::new(INPUT_PARAMETER, sub::MINIMUM_CYCLE_TIME));
+    }
+    let wish_has = |given: Option<Nanos>, otherwise| match given {
+        Some(_) => Origin::Intent,
+        None => otherwise,
+    };
+    origins.sync1 = wish_has(wish.and_then(|wish| wish.sync1), Origin::Plan);
+    if device.mode == SyncMode::DcSubordinated {
+        let stated = Origin::Object(ObjectAddress::new(OUTPUT_PARAMETER, sub::SYNC0_CYCLE_TIME));
+        origins.sync0_cycle = wish_has(wish.and_then(|wish| wish.sync0_cycle), stated);
+    }
     budget::Device {
         mode: device.mode,
         pulses: device.pulses,
+        delay: Nanos::ZERO,
         outputs_arrival: None,
         inputs_fetched: None,
         // In Free Run the device's cycle is its own.
         minimum_cycle: if free {
             Nanos::ZERO
         } else {
-            stated(Some(minimum), assumed.minimum_cycle)
+            stated(
+                outputs.minimum_cycle_time.max(inputs.minimum_cycle_time),
+                assumed.minimum_cycle,
+                &mut origins.minimum_cycle,
+            )
         },
-        output_calc_and_copy: stated(outputs.calc_and_copy_time, assumed.outputs_calc_and_copy),
-        output_delay: stated(outputs.delay_time, assumed.outputs_delay),
+        output_calc_and_copy: stated(
+            outputs.calc_and_copy_time,
+            assumed.outputs_calc_and_copy,
+            &mut origins.output_calc_and_copy,
+        ),
+        output_delay: stated(outputs.delay_time, assumed.outputs_delay, &mut origins.output_delay),
         output_shift: wish.and_then(|wish| wish.shift_outputs).filter(|_| local(&outputs)),
-        input_calc_and_copy: stated(inputs.calc_and_copy_time, assumed.inputs_calc_and_copy),
-        input_shift: input_shift.filter(|_| local(&inputs)).unwrap_or(Nanos::ZERO),
-        input_delay: stated(inputs.delay_time, assumed.inputs_delay),
+        input_calc_and_copy: stated(
+            inputs.calc_and_copy_time,
+            assumed.inputs_calc_and_copy,
+            &mut origins.input_calc_and_copy,
+        ),
+        input_shift: wished_shift
+            .or(inputs.shift_time)
+            .filter(|_| local(&inputs))
+            .unwrap_or(Nanos::ZERO),
+        input_delay: stated(inputs.delay_time, assumed.inputs_delay, &mut origins.input_delay),
+        pulse_jitter: assumed.pulse_jitter.unwrap_or(Nanos::ZERO),
+        origins,
     }
+}
+
+/// A time as the device states it; where it states 0 or nothing, the assumed one.
+fn stated(time: Option<Nanos>, assumed: Option<Nanos>, origin: &mut Origin) -> Nanos {
+    if let Some(time) = time.filter(|time| *time > Nanos::ZERO) {
+        return time;
+    }
+    if assumed.is_some() || time.is_none() {
+        *origin = Origin::Assumed;
+    }
+    assumed.unwrap_or(Nanos::ZERO)
 }
 
 /// Plans one cycle: SYNC0's phase, and every line of the budget of every SubDevice. Frames find the
@@ -183,7 +235,7 @@ pub(crate) fn demands(
 pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> {
     let clock_error = match segment.reference {
         // Two clocks within the threshold on either side of the reference.
-        Some(_) => Nanos(2 * config.drift_threshold.0),
+        Some(_) => config.clock_error.unwrap_or(Nanos(2 * config.drift_threshold.0)),
         None => Nanos::ZERO,
     };
     let cycle = budget::Cycle {
@@ -192,39 +244,45 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
         jitter: config.host_jitter,
         clock_error,
     };
-    let demands: Vec<budget::Device> =
-        segment.devices.iter().map(|device| with_arrival(segment, config, device)).collect();
+    let frames = cycle::frames(segment, config.drift_compensation);
+    let times = cycle::chunk_times(&frames, segment.image.chunks.len());
+    let mut demands: Vec<budget::Device> =
+        segment.devices.iter().map(|device| demands_of(config, device)).collect();
+    for (chunk, (fetched, stored)) in segment.image.chunks.iter().zip(times) {
+        for (device, demands) in
+            segment.devices[chunk.first..chunk.end].iter().zip(&mut demands[chunk.first..chunk.end])
+        {
+            let delay = delay(segment, device.position);
+            demands.delay = delay;
+            demands.outputs_arrival = (device.outputs.length > 0).then_some(delay + stored);
+            demands.inputs_fetched = (device.inputs.length > 0).then_some(delay + fetched);
+        }
+    }
     let common = common_shift(&cycle, &demands);
     let sync0 = common.map(|common| config.shift.unwrap_or(common));
     let shift = sync0.unwrap_or(Nanos::ZERO);
     let devices: Vec<_> =
         demands.iter().map(|device| (*device, budget(&cycle, shift, device))).collect();
+    let timing = Timing { cycle, sync0, frames, devices };
     if !config.force {
-        for (device, (_, budget)) in segment.devices.iter().zip(&devices) {
+        let line = timing.frames_in_cycle().line();
+        if !line.fits() {
+            return Err(Cause::Frames { line });
+        }
+        for (device, (_, budget)) in segment.devices.iter().zip(&timing.devices) {
             if let Some(line) = budget.failure() {
                 return Err(Cause::Plan { place: device.place(), line });
             }
         }
     }
-    Ok(Timing { cycle, sync0, devices })
+    Ok(timing)
 }
 
-/// The demands with the arrival of outputs and the fetch of inputs, counted from the frame's first
-/// bit at the reference clock.
-fn with_arrival(segment: &Segment, config: &Config, device: &SubDevice) -> budget::Device {
+/// The demands as wishes and assumptions have them, still without arrivals.
+fn demands_of(config: &Config, device: &SubDevice) -> budget::Device {
     let wish = config.devices.get(device.position);
     let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
-    let mut demands = demands(device, assumed, wish);
-    let image = &segment.image;
-    let chunk =
-        image.chunks.iter().position(|chunk| (chunk.first..chunk.end).contains(&device.position));
-    if let Some(chunk) = chunk {
-        let (fetched, stored) = cycle::frame_times(image, segment.reference.is_some(), chunk);
-        let delay = delay(segment, device.position);
-        demands.outputs_arrival = (device.outputs.length > 0).then_some(delay + stored);
-        demands.inputs_fetched = (device.inputs.length > 0).then_some(delay + fetched);
-    }
-    demands
+    demands(device, assumed, wish)
 }
 
 /// The delay of a SubDevice; without one of its own, that of the next one upstream that has one.
@@ -324,6 +382,7 @@ mod tests {
         config.devices = alloc::vec![DeviceConfig { assumed, ..DeviceConfig::default() }];
         let mut device = drive(0x0027, 0x0027);
         device.mode = SyncMode::DcSync0;
+        device.pulses = Pulses { sync0_cycle: config.cycle, ..Pulses::default() };
         device.delay = Some(Nanos(300));
         let timing = planned(device.clone(), &config).unwrap();
         // Drift datagram 20, chunk 20, AL status 14, headers 16 bytes; preamble and FCS 12; at 80

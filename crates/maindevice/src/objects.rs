@@ -116,20 +116,26 @@ async fn assignment(
     Ok(assigned)
 }
 
-/// Writes an assignment: count 0, the entries, the count.
+/// Writes an assignment.
 async fn assign(
     mailbox: &mut Mailbox,
     index: u16,
     pdos: &[u16],
 ) -> Result<(), (ObjectAddress, SdoError)> {
-    let count = ObjectAddress::new(index, 0);
-    let at = |object| move |error| (object, error);
-    coe::download(mailbox, count, &[0], false).await.map_err(at(count))?;
-    for (sub, pdo) in (1..=u8::MAX).zip(pdos) {
-        let object = ObjectAddress::new(index, sub);
-        coe::download(mailbox, object, &pdo.to_le_bytes(), false).await.map_err(at(object))?;
+    for (object, data) in assignment_writes(index, pdos) {
+        let written = coe::download(mailbox, object, &data, false).await;
+        written.map_err(|error| (object, error))?;
     }
-    coe::download(mailbox, count, &[pdos.len() as u8], false).await.map_err(at(count))
+    Ok(())
+}
+
+/// How an assignment is written: count 0, the entries, the count.
+pub(crate) fn assignment_writes(index: u16, pdos: &[u16]) -> Vec<(ObjectAddress, Vec<u8>)> {
+    let count = |count: usize| (ObjectAddress::new(index, 0), alloc::vec![count as u8]);
+    let entry =
+        |(sub, pdo): (u8, &u16)| (ObjectAddress::new(index, sub), pdo.to_le_bytes().to_vec());
+    let entries = (1..=u8::MAX).zip(pdos).map(entry);
+    core::iter::once(count(0)).chain(entries).chain([count(pdos.len())]).collect()
 }
 
 /// One PDO's entries.

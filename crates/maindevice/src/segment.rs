@@ -3,15 +3,16 @@
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use isocat_sync::budget::{self, Budget};
+use isocat_sync::budget::{self, Budget, Check, Demand, Moments};
 use isocat_sync::object::{self, SyncParameters};
 use isocat_sync::{Pulses, SyncMode, SyncType};
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
+use isocat_wire::datagram::Address;
 use isocat_wire::dl::DlStatus;
 use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord};
 use isocat_wire::time::{Dc, Nanos, Time};
-use isocat_wire::{AbortCode, PortNumber, StationAddress};
+use isocat_wire::{AbortCode, Command, PortNumber, StationAddress};
 
 use crate::error::Place;
 
@@ -35,8 +36,61 @@ pub struct Timing {
     pub cycle: budget::Cycle,
     /// Phase of SYNC0 in the system-time cycle; `None` if no SubDevice uses it.
     pub sync0: Option<Nanos>,
+    /// The frames of a cycle, in the order in which they are sent.
+    pub frames: Vec<FramePlan>,
     /// Demands and budget of each SubDevice, by position.
     pub devices: Vec<(budget::Device, Budget)>,
+}
+
+impl Timing {
+    /// The demand of the frames: all of a cycle, with the gap behind each.
+    pub fn frames_in_cycle(&self) -> Demand {
+        let end = self.frames.last().map_or(Nanos::ZERO, |frame| frame.end + GAP);
+        budget::frames_in_cycle(&self.cycle, end)
+    }
+
+    /// One line of a SubDevice with all its figures; `None` if it does not have it.
+    pub fn demand(&self, position: usize, check: Check) -> Option<Demand> {
+        let (device, _) = self.devices.get(position)?;
+        budget::demand(&self.cycle, self.sync0.unwrap_or(Nanos::ZERO), device, check)
+    }
+
+    /// When what happens at a SubDevice.
+    pub fn moments(&self, position: usize) -> Option<Moments> {
+        let (device, _) = self.devices.get(position)?;
+        Some(budget::moments(&self.cycle, self.sync0.unwrap_or(Nanos::ZERO), device))
+    }
+}
+
+/// Least pause between two frames on the wire: 12 byte times.
+pub(crate) const GAP: Nanos = Nanos(12 * isocat_wire::frame::BYTE_TIME_NS as i64);
+
+/// One frame of the cycle. Times count from the first bit of the cycle's first frame.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct FramePlan {
+    /// First bit of its preamble.
+    pub begin: Nanos,
+    /// Last bit of its check sequence.
+    pub end: Nanos,
+    /// Bytes without check sequence, padding included.
+    pub length: usize,
+    /// What is in it.
+    pub datagrams: Vec<DatagramPlan>,
+}
+
+/// One datagram of a frame of the cycle.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct DatagramPlan {
+    /// Command.
+    pub command: Command,
+    /// Address.
+    pub address: Address,
+    /// Bytes of data.
+    pub length: usize,
+    /// Byte of the frame at which its header begins.
+    pub offset: usize,
+    /// The chunk of the process image that it carries.
+    pub chunk: Option<usize>,
 }
 
 /// One SubDevice.

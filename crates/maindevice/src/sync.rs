@@ -30,33 +30,60 @@ pub(crate) async fn write_types(
     config: &Config,
     wish: Option<&DeviceConfig>,
 ) -> Result<(), Cause> {
+    for TypeWrite { object, data, checked } in type_writes(device, config, wish) {
+        if !checked {
+            refusable(mailbox, device, object, &data).await?;
+            continue;
+        }
+        let written = coe::download(mailbox, object, &data, false).await;
+        written.map_err(|error| sdo(device, object, error))?;
+        let value = data.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte));
+        expect_value(mailbox, device, object, value).await?;
+    }
+    Ok(())
+}
+
+/// One write to a sync object.
+pub(crate) struct TypeWrite {
+    /// The entry.
+    pub object: ObjectAddress,
+    /// Its value, little-endian.
+    pub data: Vec<u8>,
+    /// It must be taken as it is, and is read back; else it may be refused.
+    pub checked: bool,
+}
+
+/// What is written to the sync objects, in order.
+pub(crate) fn type_writes(
+    device: &SubDevice,
+    config: &Config,
+    wish: Option<&DeviceConfig>,
+) -> Vec<TypeWrite> {
+    let mut writes = Vec::new();
     for direction in directions(device, wish) {
         let Some(object) = direction.object else { continue };
-        let kind = ObjectAddress::new(direction.index, sub::SYNC_TYPE);
+        let at = |sub| ObjectAddress::new(direction.index, sub);
+        let mut write = |sub, data: &[u8], checked| {
+            writes.push(TypeWrite { object: at(sub), data: data.to_vec(), checked });
+        };
         let current = object.entry(sub::SYNC_TYPE).and_then(|entry| entry.number());
         if writable(object, sub::SYNC_TYPE) && current != Some(direction.kind.into()) {
-            refusable(mailbox, device, kind, &direction.kind.to_le_bytes()).await?;
+            write(sub::SYNC_TYPE, &direction.kind.to_le_bytes(), false);
         }
-        let own = match device.mode {
-            SyncMode::DcSubordinated => device.pulses.sync0_cycle,
-            _ => config.cycle,
+        let own = match device.mode.uses_dc() {
+            true => device.pulses.sync0_cycle,
+            false => config.cycle,
         };
         let cycle = own.to_u32().unwrap_or(u32::MAX);
         if device.mode != SyncMode::FreeRun && writable(object, sub::CYCLE_TIME) {
-            let address = ObjectAddress::new(direction.index, sub::CYCLE_TIME);
-            refusable(mailbox, device, address, &cycle.to_le_bytes()).await?;
+            write(sub::CYCLE_TIME, &cycle.to_le_bytes(), false);
         }
         let local = object.values.supported.is_some_and(|t| t.shift() == ShiftBy::LocalTimer);
         if let Some(shift) = direction.shift.filter(|_| local) {
-            let address = ObjectAddress::new(direction.index, sub::SHIFT_TIME);
-            let value = shift.to_u32().unwrap_or(u32::MAX);
-            coe::download(mailbox, address, &value.to_le_bytes(), false)
-                .await
-                .map_err(|error| sdo(device, address, error))?;
-            expect_value(mailbox, device, address, value).await?;
+            write(sub::SHIFT_TIME, &shift.to_u32().unwrap_or(u32::MAX).to_le_bytes(), true);
         }
     }
-    Ok(())
+    writes
 }
 
 /// Reads the type of synchronization back in SAFEOP, where it must be the one that the mode has,
@@ -206,13 +233,9 @@ pub(crate) async fn program(
         let control = owner & !SYNC_OWNED_BY_PDI;
         link.write(station, register::CYCLIC_UNIT_CONTROL, control).await?;
     }
-    let mut cycles = [0; 8];
-    cycles[..4].copy_from_slice(&pulses.sync0_cycle.to_u32().unwrap_or(0).to_le_bytes());
-    cycles[4..].copy_from_slice(&pulses.sync1.to_u32().unwrap_or(0).to_le_bytes());
-    link.fpwr(station, register::SYNC0_CYCLE.address, &cycles).expect(1).await?;
+    link.fpwr(station, register::SYNC0_CYCLE.address, &cycles(device)).expect(1).await?;
     link.write(station, register::SYNC_START_TIME, start.count()).await?;
-    let sync1 = if device.mode.uses_sync1() { SyncActivation::SYNC1 } else { 0 };
-    let activation = SyncActivation(SyncActivation::ACTIVE | SyncActivation::SYNC0 | sync1);
+    let activation = activation(device);
     link.write(station, register::SYNC_ACTIVATION, activation).await?;
     device.sync = Some(SyncSetting {
         start,
@@ -223,6 +246,21 @@ pub(crate) async fn program(
         next_sync1: None,
     });
     Ok(())
+}
+
+/// Registers 0x09A0 and 0x09A4.
+pub(crate) fn cycles(device: &SubDevice) -> [u8; 8] {
+    let pulses = &device.pulses;
+    let mut cycles = [0; 8];
+    cycles[..4].copy_from_slice(&pulses.sync0_cycle.to_u32().unwrap_or(0).to_le_bytes());
+    cycles[4..].copy_from_slice(&pulses.sync1.to_u32().unwrap_or(0).to_le_bytes());
+    cycles
+}
+
+/// Register 0x0981.
+pub(crate) fn activation(device: &SubDevice) -> SyncActivation {
+    let sync1 = if device.mode.uses_sync1() { SyncActivation::SYNC1 } else { 0 };
+    SyncActivation(SyncActivation::ACTIVE | SyncActivation::SYNC0 | sync1)
 }
 
 /// Sees that SYNC0 runs, and SYNC1 if it is in use: no first pulse pending (0x0984, where it exists), and

@@ -1,0 +1,132 @@
+//! The plan without a wire: what the way up would decide about a segment that is known beforehand.
+//!
+//! A [`Segment`] is filled with what the scan, the SII and the objects would tell: identities and clocks, PDOs,
+//! sync objects, delays. [`plan`] then goes through the very steps of the way up that decide and do not
+//! ask: mode and pulses of each SubDevice, process image, timing.
+
+use alloc::vec::Vec;
+
+use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
+use isocat_wire::{ObjectAddress, register};
+
+use crate::config::Config;
+use crate::error::{Cause, Error};
+use crate::event::Stage;
+use crate::segment::Segment;
+use crate::{bring_up, mapping, mode, objects, sync};
+
+/// Decides mode and pulses, lays out the process image and plans the cycle, into the segment. As on the
+/// way up, a line that does not fit is an error unless [`Config::force`] is set.
+pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
+    let at = |stage| move |cause: Cause| Error { stage, cause };
+    bring_up::check(config).map_err(at(Stage::Scan))?;
+    for device in &mut segment.devices {
+        mapping::place_process_data(device).map_err(at(Stage::Objects))?;
+    }
+    for device in &mut segment.devices {
+        let wish = config.devices.get(device.position);
+        mode::choose(device, config, wish).map_err(at(Stage::Mode))?;
+    }
+    segment.image = mapping::lay_out(&mut segment.devices).map_err(at(Stage::Mapping))?;
+    segment.timing = Some(mode::plan(segment, config).map_err(at(Stage::Plan))?);
+    Ok(())
+}
+
+/// One thing that the way up writes to one SubDevice.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Write {
+    /// Where to.
+    pub target: Target,
+    /// What, in wire order; `None` where only the run itself can know it: a clock's offset, the start time.
+    pub data: Option<Vec<u8>>,
+    /// What it is for.
+    pub comment: &'static str,
+}
+
+/// What is written to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Target {
+    /// Registers from this address on.
+    Register(u16),
+    /// An entry of the object dictionary.
+    Object(ObjectAddress),
+}
+
+/// Everything that the way up writes to one SubDevice by itself, but for addresses and requests of states: on the way
+/// to PREOP, and from there to SAFEOP, each in order.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Writes {
+    /// INIT to PREOP.
+    pub to_preop: Vec<Write>,
+    /// PREOP to SAFEOP.
+    pub to_safeop: Vec<Write>,
+}
+
+/// What the way up will write to a SubDevice of a planned segment. `assigned` are the PDOs that it has in 0x1C12
+/// and 0x1C13 at power-on: what is as wanted is not written.
+pub fn writes(
+    segment: &Segment,
+    config: &Config,
+    position: usize,
+    assigned: [&[u16]; 2],
+) -> Writes {
+    let device = &segment.devices[position];
+    let wish = config.devices.get(position);
+    let mut writes = Writes::default();
+    let register = |address, data, comment| Write {
+        target: Target::Register(address),
+        data: Some(data),
+        comment,
+    };
+    let object =
+        |object, data, comment| Write { target: Target::Object(object), data: Some(data), comment };
+    for (address, data) in bring_up::mailbox_writes(device) {
+        writes.to_preop.push(register(address, data, "SyncManager of the mailbox"));
+    }
+    let all = &mut writes.to_safeop;
+    if device.has_coe() {
+        for startup in wish.map(|wish| &wish.startup[..]).unwrap_or_default() {
+            all.push(object(startup.object, startup.data.clone(), "as the configuration has it"));
+        }
+        let wanted =
+            [wish.and_then(|w| w.outputs.as_deref()), wish.and_then(|w| w.inputs.as_deref())];
+        for ((index, wanted), assigned) in
+            [OUTPUT_ASSIGNMENT, INPUT_ASSIGNMENT].into_iter().zip(wanted).zip(assigned)
+        {
+            let Some(wanted) = wanted.filter(|wanted| *wanted != assigned) else { continue };
+            for (entry, data) in objects::assignment_writes(index, wanted) {
+                all.push(object(entry, data, "PDO assignment"));
+            }
+        }
+    }
+    for (address, data) in mapping::writes(device) {
+        all.push(register(address, data, "process data"));
+    }
+    if segment.reference.is_some() && device.dc.has_clock() {
+        let unknown = |register: u16, comment| Write {
+            target: Target::Register(register),
+            data: None,
+            comment,
+        };
+        all.push(unknown(register::SYSTEM_TIME_OFFSET.address, "offset of the clock"));
+        all.push(unknown(register::SYSTEM_TIME_DELAY.address, "propagation delay"));
+    }
+    if device.has_coe() {
+        for write in sync::type_writes(device, config, wish) {
+            all.push(object(write.object, write.data, "synchronization"));
+        }
+    }
+    if device.mode.uses_dc() && segment.timing.as_ref().is_some_and(|t| t.sync0.is_some()) {
+        let activation = register::SYNC_ACTIVATION.address;
+        all.push(register(activation, alloc::vec![0], "SYNC off while it is set up"));
+        let cycles = sync::cycles(device).to_vec();
+        all.push(register(register::SYNC0_CYCLE.address, cycles, "cycles of SYNC0 and SYNC1"));
+        all.push(Write {
+            target: Target::Register(register::SYNC_START_TIME.address),
+            data: None,
+            comment: "first pulse, made by the run",
+        });
+        all.push(register(activation, alloc::vec![sync::activation(device).0], "SYNC on"));
+    }
+    writes
+}

@@ -1,9 +1,10 @@
 //! The command line: verbs, exit codes, where words go.
 //!
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
-//! sync or lost it, 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
-//! input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad input. `serve` and `control`:
-//! 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
+//! sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not, 2 bad input. `run --preflight`: 0 nothing harms
+//! punctuality, 1 something does, 2 bad input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad
+//! input. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1
+//! can't be run, 2 can't be read.
 
 mod conform;
 mod devices;
@@ -11,6 +12,7 @@ mod eni;
 mod explain;
 #[cfg(target_os = "linux")]
 mod interface;
+mod plan;
 mod run;
 #[cfg(target_os = "linux")]
 mod serve;
@@ -39,6 +41,8 @@ Examples:
   isocat run my.toml --interface eth0 expect the devices of my.toml there
   isocat run --interface eth0 --preflight
                                       what on this machine harms punctuality
+  isocat plan my.toml --suggest       does it fit, with how much slack, and what would fit better
+  isocat plan my.toml --prove         ... and what really happens, next to each line of the plan
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
   isocat control ecat-seg pull 2      ... and something that happens to it
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
@@ -49,8 +53,8 @@ Examples:
   isocat devices vendor.xml           what a maker's description (ESI) holds
   isocat explain modes                what each synchronization mode needs of a device
 
-Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. conform: 0 every rule that
-applies holds, 1 one does not. serve and control: 0 done as asked, 2 not.";
+Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. plan: 0 fits, 1 does not. conform:
+0 every rule that applies holds, 1 one does not. serve and control: 0 done as asked, 2 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -69,6 +73,8 @@ struct CommandLine {
 enum Verb {
     /// Bring a segment up, run it, judge it, report (the default verb)
     Run(Box<run::Arguments>),
+    /// Plan the cycle of a segment without sending anything: frames, phases, the slack of every demand
+    Plan(plan::Arguments),
     /// Try whether a SubDevice synchronizes as it says, rule by rule
     Conform(conform::Arguments),
     /// Serve the virtual segment on a network interface, for anybody's MainDevice
@@ -101,6 +107,7 @@ pub fn main() -> ExitCode {
     let code = match arguments.verb {
         None => run::run(&arguments.run),
         Some(Verb::Run(arguments)) => run::run(&arguments),
+        Some(Verb::Plan(arguments)) => plan::run(&arguments),
         Some(Verb::Conform(arguments)) => conform::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Serve(arguments)) => serve::run(&arguments),

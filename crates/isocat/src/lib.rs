@@ -12,7 +12,9 @@
 //!
 //! Data's way: a [`segment_file`] names devices by their [`profile`], or by a maker's description ([`esi`]) of
 //! which a profile is made; both become a [`scenario`], which `isocat-sim` runs in virtual time; of the
-//! outcome comes a [`report`], and of the frames, if wanted, a [`capture`]. On Linux, `live` does the same job on a real interface, with the sockets of `link`. [`document`]
+//! outcome comes a [`report`], and of the frames, if wanted, a [`capture`]. What a scenario's timing will be,
+//! [`plan`] tells before anything is sent. On Linux, `live` does the same job on a real interface, with the
+//! sockets of `link`. [`document`]
 //! gives errors in files their place, [`quantity`] reads durations, lengths and
 //! clock deviations. Serialized forms exist in
 //! this crate only.
@@ -30,6 +32,7 @@ pub mod esi;
 pub mod link;
 #[cfg(target_os = "linux")]
 pub mod live;
+pub mod plan;
 pub mod profile;
 pub mod quantity;
 pub mod report;

@@ -11,9 +11,7 @@ mod text;
 
 pub(crate) use build::{span, spread};
 
-#[cfg(feature = "cli")]
-pub(crate) use text::WIDTH;
-pub(crate) use text::wrap;
+pub(crate) use text::{BAD, GOOD, QUIET, WIDTH, cut, cut_front, wrap};
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -26,7 +24,7 @@ pub fn schema() -> serde_json::Value {
     schema_of::<Report>()
 }
 
-fn schema_of<T: JsonSchema>() -> serde_json::Value {
+pub(crate) fn schema_of<T: JsonSchema>() -> serde_json::Value {
     let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
     settings.into_generator().into_root_schema_for::<T>().to_value()
 }

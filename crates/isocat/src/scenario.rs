@@ -36,6 +36,8 @@ pub struct Scenario {
     pub host: HostModel,
     /// Whether the clocks are kept together.
     pub drift_compensation: bool,
+    /// How much two clocks may differ, for the plan; `None`: as the MainDevice has it.
+    pub clock_error: Option<Nanos>,
     /// Run although the plan says that it does not fit.
     pub force: bool,
     /// The devices, in the order of the line.
@@ -58,6 +60,7 @@ impl From<SegmentFile> for Scenario {
             shift: file.shift,
             host,
             drift_compensation: file.host.drift_compensation,
+            clock_error: None,
             force: false,
             devices: file.subdevices,
         }
@@ -81,6 +84,7 @@ impl Scenario {
         config.host_jitter = self.host.jitter;
         config.shift = self.shift;
         config.drift_compensation = self.drift_compensation;
+        config.clock_error = self.clock_error;
         config.force = self.force;
         config.devices = self.devices.iter().map(device_config).collect();
         config
@@ -117,10 +121,20 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
     let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
     // A device without mailbox states nothing over the wire: the user's file speaks for it.
     let silent = (!profile.has_mailbox()).then_some(profile);
-    let assumed = silent.map_or(AssumedTimes::default(), |profile| AssumedTimes {
+    // How punctual its CPU is, no device can tell.
+    let jitter = profile.times.jitter + profile.times.unevenness.timer_jitter;
+    // What it states as 0, and needs all the same.
+    let times = &profile.times;
+    let assumed = AssumedTimes {
+        pulse_jitter: Some(jitter),
+        outputs_calc_and_copy: Some(times.calc_and_copy),
+        inputs_calc_and_copy: Some(times.input_copy.max(times.application)),
+        ..AssumedTimes::default()
+    };
+    let assumed = silent.map_or(assumed, |profile| AssumedTimes {
         outputs_calc_and_copy: Some(profile.times.calc_and_copy),
         inputs_calc_and_copy: Some(profile.times.application + profile.times.input_copy),
-        ..AssumedTimes::default()
+        ..assumed
     });
     DeviceConfig {
         name: device.name.clone(),
@@ -130,6 +144,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         inputs: list(&profile.assignment.inputs),
         shift_outputs: device.shift,
         shift_inputs: device.input_shift,
+        cycle: device.cycle,
         sync1: device.sync1,
         sync0_cycle: device.sync0_cycle,
         assumed,

@@ -115,6 +115,9 @@ pub struct SubDevice {
     /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`; default:
     /// not at all. Its constant part is [`SubDevice::clock`].
     pub clock_shape: ClockModel,
+    /// Its own cycle, for a device slower than the bus. Key `cycle`, a whole multiple of the bus cycle; `None`: the
+    /// bus cycle.
+    pub cycle: Option<Nanos>,
     /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
     /// device's own.
     pub shift: Option<Nanos>,
@@ -264,6 +267,7 @@ fn subdevice(
         "count",
         "name",
         "mode",
+        "cycle",
         "connect",
         "port",
         "cable",
@@ -283,6 +287,7 @@ fn subdevice(
         "jitter",
         "misbehave",
     ])?;
+    let own = table.value("cycle").map(|value| own_cycle(&value, cycle)).transpose()?;
     let expected = "a profile's name, such as device = \"kollmorgen_akd2g\"";
     let (device, imported) = match table.value("esi") {
         None => (table.required("device", expected)?, None),
@@ -290,7 +295,7 @@ fn subdevice(
             if let Some(device) = table.value("device") {
                 return Err(device.error("device is given beside esi; expected one of them"));
             }
-            (esi, Some(esi::device(source, table, &esi, cycle, files)?))
+            (esi, Some(esi::device(source, table, &esi, own.unwrap_or(cycle), files)?))
         }
     };
     let (profile, run_as) = match imported {
@@ -325,7 +330,7 @@ fn subdevice(
         ))
     })?;
     let mode = match table.value("mode") {
-        Some(value) => Some(mode(&value, profile, cycle)?),
+        Some(value) => Some(mode(&value, profile, own.unwrap_or(cycle))?),
         None => run_as.as_ref().map(|run_as| run_as.mode),
     };
     // A mode of one's own has pulses of one's own.
@@ -336,6 +341,14 @@ fn subdevice(
         Some(run_as) => (None, None, run_as.notes),
         None => (None, None, Vec::new()),
     };
+    if let (Some(_), Some(value)) = (own, table.value("cycle"))
+        && mode.is_some_and(|mode| !mode.uses_dc() || mode == SyncMode::DcSubordinated)
+    {
+        return Err(value.error(
+            "a cycle of its own is given in a mode that has none; expected mode = \"dc-sync0\", \
+             \"dc-shift-sync1\" or \"dc-sync1\"",
+        ));
+    }
     let shift = time("shift", Nanos::ZERO..=cycle - Nanos(1))?;
     let input_shift = time("input_shift", Nanos::ZERO..=cycle - Nanos(1))?;
     let behaviour = &profile.description.behaviour;
@@ -395,6 +408,7 @@ fn subdevice(
             None => Ppb(0),
         },
         clock_shape: clock::shape(table)?,
+        cycle: own,
         shift,
         input_shift,
         sync1: sync1.or(own_sync1),
@@ -421,6 +435,18 @@ fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Pro
         device.error(format!("device \"{name}\": the profile file {path} can't be read: {error}"))
     })?;
     Profile::from_toml(&path, &text)
+}
+
+/// A cycle slower than that of the bus.
+fn own_cycle(value: &Value<'_>, bus: Nanos) -> Result<Nanos, FileError> {
+    let own = value.duration(bus..=LONGEST_CYCLE.max(bus))?;
+    if own.0 % bus.0 != 0 {
+        return Err(value.error(format!(
+            "cycle = {own} is no whole multiple of the bus cycle of {bus}; expected one, or for a device faster \
+             than the bus mode = \"dc-subordinated\" with a sync0_cycle"
+        )));
+    }
+    Ok(own)
 }
 
 /// A key that has a meaning in some modes only.

@@ -3,8 +3,8 @@
 
 use std::fmt;
 
-use isocat_sim::Tap;
 use isocat_sim::observation::{Observation, Observed};
+use isocat_sim::{Segment, Tap};
 use isocat_sync::Step;
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
@@ -133,7 +133,7 @@ impl Tap for Shared {
         recorder.note(at, Moment::Frame);
     }
 
-    fn observed(&mut self, at: Time<True>, observation: &Observation) {
+    fn observed(&mut self, _: &Segment, at: Time<True>, observation: &Observation) {
         let mut recorder = self.0.borrow_mut();
         if observation.device != recorder.device {
             return;

@@ -277,3 +277,31 @@ fn the_report_goes_to_a_file_as_text_or_json() {
         assert!(written.starts_with(start), "{written}");
     }
 }
+
+/// 0 fits, 1 does not, 2 bad input; the same as JSON.
+#[test]
+fn the_plan_says_by_its_exit_code_whether_it_fits() {
+    let built_in = isocat::SegmentFile::built_in_text();
+    let late = built_in.replacen("for = \"10s\"", "for = \"100ms\"\nshift = \"80us\"", 1);
+    let late = scratch("late.toml", late.as_str());
+    let wrong = scratch("wrong.toml", "cycle = \"1ms\"\n");
+    for (arguments, code, words) in [
+        (vec!["plan"], 0, "Fits with assumptions: least slack"),
+        (vec!["plan", "--prove", "--for", "50ms", "--suggest"], 0, "Proven: 50 ms"),
+        (vec!["plan", late.to_str().unwrap()], 1, "Does not fit, because SubDevice 1"),
+        (vec!["plan", late.to_str().unwrap(), "--prove"], 1, "Not proven"),
+        (vec!["plan", "--start-up"], 0, "Start-up of built-in segment"),
+    ] {
+        let output = isocat(&arguments);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?} {}", text(&output.stderr));
+        assert!(text(&output.stdout).contains(words), "{arguments:?}\n{}", text(&output.stdout));
+        let json = isocat(&[&arguments[..], &["--json"]].concat());
+        assert_eq!(json.status.code(), Some(code), "{arguments:?}");
+        let value: serde_json::Value =
+            serde_json::from_str(&text(&json.stdout)).expect("one JSON document");
+        assert!(value["format"].is_string());
+    }
+    let output = isocat(&["plan", wrong.to_str().unwrap()]);
+    assert_eq!((output.status.code(), text(&output.stdout).as_str()), (Some(2), ""));
+    assert!(text(&output.stderr).contains("[[subdevice]]"), "{}", text(&output.stderr));
+}

@@ -19,9 +19,9 @@ pub(super) const MOST_DEVICES: usize = 40;
 pub(super) const SOURCE: &str = "0x1C32 [r]";
 pub(super) const SUBS: &str = "0B 0C 0D 20";
 
-pub(super) const GOOD: Style = AnsiColor::Green.on_default().bold();
-pub(super) const BAD: Style = AnsiColor::Red.on_default().bold();
-pub(super) const QUIET: Style = Style::new().dimmed();
+pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
+pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
+pub(crate) const QUIET: Style = Style::new().dimmed();
 
 impl Report {
     /// The report as text, with ANSI styles; print it through a stream that strips them where they
@@ -274,7 +274,7 @@ pub(super) fn range(span: &Span) -> String {
     )
 }
 
-pub(super) fn cut(text: &str, columns: usize) -> String {
+pub(crate) fn cut(text: &str, columns: usize) -> String {
     if text.chars().count() <= columns {
         return text.to_owned();
     }
@@ -282,7 +282,7 @@ pub(super) fn cut(text: &str, columns: usize) -> String {
 }
 
 /// Keeps the end: of a path the name of the file.
-pub(super) fn cut_front(text: &str, columns: usize) -> String {
+pub(crate) fn cut_front(text: &str, columns: usize) -> String {
     let all = text.chars().count();
     if all <= columns {
         return text.to_owned();

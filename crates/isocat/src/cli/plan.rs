@@ -1,0 +1,85 @@
+//! `isocat plan`.
+
+use clap::Args;
+use isocat_wire::Nanos;
+
+use super::run::{duration, json, progress_bar};
+use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
+use crate::plan::{Plan, proof, suggest};
+use crate::{Scenario, SegmentFile};
+
+/// Arguments of `plan`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Segment file; without one, the built-in segment is planned
+    segment: Option<String>,
+    /// Run the segment in virtual time with the worst jitter that is planned with, and show next to each line
+    /// what really happened
+    #[arg(long)]
+    prove: bool,
+    /// How long the proof runs once all devices are in OP; default as the segment file says
+    #[arg(long = "for", value_name = "DURATION", value_parser = duration, requires = "prove")]
+    duration: Option<Nanos>,
+    /// Seed of the proof's run
+    #[arg(long, requires = "prove")]
+    seed: Option<u64>,
+    /// Look for the phase with the most even slack and for the smallest cycle that fits
+    #[arg(long)]
+    suggest: bool,
+    /// Print instead what the way up will write, per device and transition, and the frames of a cycle
+    #[arg(long, conflicts_with_all = ["prove", "suggest"])]
+    start_up: bool,
+    /// Print as one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+/// Plans; gives the exit code.
+pub fn run(arguments: &Arguments) -> u8 {
+    let file = match &arguments.segment {
+        None => SegmentFile::built_in(),
+        Some(path) => match SegmentFile::read(path) {
+            Ok(file) => file,
+            Err(error) => return fail(&error.to_string()),
+        },
+    };
+    let mut scenario = Scenario::from(file);
+    scenario.duration = arguments.duration.unwrap_or(scenario.duration);
+    scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    let plan = match Plan::of(&scenario) {
+        Ok(plan) => plan,
+        Err(error) => return fail(&place(&scenario, &error)),
+    };
+    if arguments.start_up {
+        let list = plan.start_up(&scenario);
+        let code = print(&if arguments.json { list.json() } else { list.text() });
+        return if plan.fits() || code != IN_SYNC { code } else { NOT_IN_SYNC };
+    }
+    let mut report = plan.report(&scenario);
+    if arguments.suggest {
+        report.suggestion = Some(suggest::suggest(&plan));
+    }
+    if arguments.prove {
+        let bar = progress_bar(scenario.duration);
+        bar.set_message("proving");
+        let proof = proof::prove(&plan, &scenario);
+        bar.finish_and_clear();
+        proof.fill(&mut report);
+    }
+    let proven = report.proof.as_ref().is_none_or(|proof| proof.holds);
+    let code = print(&if arguments.json { json(&report) } else { report.text() });
+    match report.fits && proven {
+        _ if code == BAD_INPUT => BAD_INPUT,
+        true => IN_SYNC,
+        false => NOT_IN_SYNC,
+    }
+}
+
+/// An error with the place of its device in the segment file.
+fn place(scenario: &Scenario, error: &isocat_maindevice::Error) -> String {
+    let position = error.cause.place().map(|place| place.position);
+    match position.and_then(|position| scenario.devices.get(position)) {
+        Some(device) => format!("{}:{}: {error}", scenario.source, device.line),
+        None => format!("{}: {error}", scenario.source),
+    }
+}

@@ -13,7 +13,10 @@ isocat="${CARGO_TARGET_DIR:-target}/release/isocat"
 "$isocat" run --for 2s --json --no-drift-compensation > "$folder/drift.json" || [ $? -eq 1 ]
 printf 'cycle = "125us"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\n' > "$folder/short.toml"
 "$isocat" run "$folder/short.toml" --json > "$folder/refused.json" || [ $? -eq 2 ]
-"$folder/venv/bin/python" - docs/run-report.schema.json "$folder"/{good,drift,refused}.json <<'PYTHON'
+"$isocat" plan --json --suggest > "$folder/plan.json"
+"$isocat" plan --json --prove --for 100ms > "$folder/proof.json"
+check() { "$folder/venv/bin/python" "$folder/check.py" "$@"; }
+cat > "$folder/check.py" <<'PYTHON'
 import json, sys
 from jsonschema import Draft202012Validator
 schema = json.load(open(sys.argv[1]))
@@ -25,3 +28,5 @@ for path in sys.argv[2:]:
 broken = json.load(open(sys.argv[2])) | {"surprise": 1}
 assert not validator.is_valid(broken) and not validator.is_valid({}), "the schema takes anything"
 PYTHON
+check docs/run-report.schema.json "$folder"/{good,drift,refused}.json
+check docs/plan.schema.json "$folder"/{plan,proof}.json

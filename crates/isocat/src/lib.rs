@@ -26,8 +26,8 @@ pub mod cli;
 pub mod conform;
 pub mod document;
 pub mod eni;
-pub mod explain;
 pub mod esi;
+pub mod explain;
 #[cfg(target_os = "linux")]
 pub mod link;
 #[cfg(target_os = "linux")]

@@ -2,7 +2,7 @@
 
 use isocat_maindevice::segment::{DatagramPlan, FramePlan};
 use isocat_sync::budget::{
-    Check, Demand, Moments, Origin, Quantity, Span, Sum, common_window, window,
+    self, Check, Demand, Moments, Origin, Quantity, Span, Sum, common_window, window,
 };
 use isocat_wire::datagram::Address;
 use isocat_wire::time::Nanos;
@@ -89,14 +89,18 @@ impl Plan {
     /// Figures of lines that nobody states, each once a device.
     fn assumptions(&self, scenario: &Scenario) -> Vec<String> {
         let mut all: Vec<String> = Vec::new();
+        let (mut of, mut first) = (0, 0);
         for (position, demand) in self.demands() {
             let Some(position) = position else { continue };
+            if position != of {
+                (of, first) = (position, all.len());
+            }
             let device = &scenario.devices[position];
             for term in demand.needed.terms().chain(demand.available.terms()) {
-                let Some(why) = assumed(term.origin, term.value, device.profile) else { continue };
+                let Some(why) = assumed(&term, device.profile) else { continue };
                 let (what, value) = (term.quantity.words(), term.value);
                 let text = format!("SubDevice {position} ({}): {what} {value}: {why}", device.name);
-                if !all.contains(&text) {
+                if !all[first..].contains(&text) {
                     all.push(text);
                 }
             }
@@ -198,34 +202,35 @@ fn terms(sum: &Sum, profile: Option<&Profile>) -> Vec<Term> {
         .map(|term| Term {
             what: term.quantity.words(),
             value_ns: term.value.0,
-            origin: origin(term.quantity, term.origin, term.value, profile),
+            origin: origin(&term, profile),
         })
         .collect()
 }
 
 /// Where a figure comes from, before anything was measured.
-fn origin(quantity: Quantity, origin: Origin, value: Nanos, profile: Option<&Profile>) -> String {
-    let Some(profile) = profile else { return origin.to_string() };
-    match origin {
+fn origin(term: &budget::Term, profile: Option<&Profile>) -> String {
+    let Some(profile) = profile else { return term.origin.to_string() };
+    match term.origin {
         // Cables of the file, chips and CPUs of the profile.
         Origin::Measured => Origin::Profile.to_string(),
-        Origin::Assumed if quantity == Quantity::PulseJitter => Origin::Profile.to_string(),
+        Origin::Assumed if term.quantity == Quantity::PulseJitter => Origin::Profile.to_string(),
         Origin::Assumed if !profile.has_mailbox() => Origin::Profile.to_string(),
-        Origin::Object(object) if assumed(origin, value, profile).is_some() => {
-            format!("{object}, assumed")
-        }
-        _ => origin.to_string(),
+        Origin::Object(object) if assumed(term, profile).is_some() => format!("{object}, assumed"),
+        origin => origin.to_string(),
     }
 }
 
-/// Why a figure is no more than assumed; `None` if somebody states it.
-fn assumed(origin: Origin, value: Nanos, profile: &Profile) -> Option<String> {
-    match origin {
-        Origin::Assumed if !profile.has_mailbox() => None,
-        Origin::Assumed if value == Nanos::ZERO => Some("the device has no object for it".into()),
+/// Why a figure is no more than assumed; `None` if somebody states it, or it is a rule of the plan.
+fn assumed(term: &budget::Term, profile: &Profile) -> Option<String> {
+    let ours = [Quantity::PulseJitter, Quantity::ClockSpeed].contains(&term.quantity);
+    let zero = term.value == Nanos::ZERO;
+    match term.origin {
+        Origin::Assumed if ours || !profile.has_mailbox() => None,
+        Origin::Assumed if zero => Some("the device has no object for it".into()),
+        Origin::Assumed => Some("the device states 0 or nothing; its profile knows its CPU".into()),
         Origin::Object(object) => {
             let of_maker = profile.assumptions.iter().find(|a| names(a, object));
-            let zero = || (value == Nanos::ZERO).then(|| format!("{object} states 0"));
+            let zero = || zero.then(|| format!("{object} states 0"));
             of_maker.map(|a| format!("{object}: {}", a.why)).or_else(zero)
         }
         _ => None,

@@ -166,6 +166,7 @@ impl Onlooker {
                     by_timer: device.input_shift > Nanos::ZERO,
                     chunk: own.map(|chunk| chunks[chunk].logical),
                     expected: EVENTS.map(|(_, pick)| expected(&moments, pick)),
+                    cycle: timing.cycle.cycle.into(),
                     pulse_cycle: if device.mode.uses_dc() { sync0.into() } else { Picos::ZERO },
                     ..Watch::default()
                 }
@@ -325,6 +326,8 @@ struct Watch {
     chunk: Option<u32>,
     /// How long the frame takes that fetches them.
     frame: Picos,
+    /// From frame to frame.
+    cycle: Picos,
     /// From SYNC0 to SYNC0.
     pulse_cycle: Picos,
     /// Where the middle of each event ought to be.
@@ -345,7 +348,9 @@ struct Watch {
     /// A frame that began before its inputs were there.
     unfed: Option<Time<True>>,
     last_end: Option<Time<True>>,
+    /// Time in work since the last pulse; of several mappings of outputs the last one.
     busy: Picos,
+    mapping: Picos,
 }
 
 impl Watch {
@@ -389,7 +394,7 @@ impl Watch {
                 }
                 self.wanted |= self.mode == SyncMode::DcSync0;
                 if dc {
-                    let busy = std::mem::take(&mut self.busy);
+                    let busy = std::mem::take(&mut self.busy) + std::mem::take(&mut self.mapping);
                     self.take(Check::MinimumCycle, self.pulse_cycle - busy, on);
                 }
             }
@@ -418,8 +423,10 @@ impl Watch {
     }
 
     fn finished(&mut self, at: Time<True>, step: Step, on: bool) {
-        if let Some(began) = self.began[step as usize].take() {
-            self.busy += at - began;
+        match self.began[step as usize].take() {
+            Some(began) if step == Step::MapOutputs => self.mapping = at - began,
+            Some(began) => self.busy += at - began,
+            None => {}
         }
         let of_inputs = matches!(step, Step::LatchInputs | Step::MapInputs);
         if !(of_inputs && self.by_timer) {
@@ -466,7 +473,7 @@ impl Watch {
     /// the next one, which comes if the frame is late.
     fn as_planned(&self, span: Picos) -> Picos {
         let [Some(stored), _, Some(sync0), ..] = self.expected else { return span };
-        let (planned, cycle) = ((sync0 - stored).0, self.pulse_cycle.0.max(1));
+        let (planned, cycle) = ((sync0 - stored).0, self.cycle.0.max(1));
         let cycles = (span.0 - planned + cycle / 2).div_euclid(cycle);
         Picos(span.0 - cycles * cycle)
     }

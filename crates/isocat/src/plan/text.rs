@@ -183,7 +183,11 @@ impl PlanReport {
         }
         if let Some(shift) = found.outputs_shift_ns {
             let shift = Nanos(shift);
-            let who: Vec<_> = found.outputs_shiftable.iter().map(ToString::to_string).collect();
+            let able = found.outputs_shiftable.iter();
+            let mut who: Vec<_> = able.take(MOST_NOTES).map(ToString::to_string).collect();
+            if found.outputs_shiftable.len() > MOST_NOTES {
+                who.push("…".to_owned());
+            }
             let text = format!(
                 "outputs act together {shift} behind the pulse with shift = \"{}\" at the devices {}",
                 shift.to_string().replace(' ', ""),

@@ -73,7 +73,7 @@ fn akd2g_states_what_its_pages_say() {
     assert_eq!(table(drive, 0x1C32), outputs);
     let inputs = outputs
         .replace("0007 1063", "0007 39")
-        .replace("0007 60000", "0007 20000")
+        .replace("0007 60000", "0007 40000")
         .replace("0007 29500", "0007 0")
         .replace("0007 30000", "0007 1000")
         .replace("480 0087", "480 0007");
@@ -163,7 +163,7 @@ fn ssc_drive_states_what_its_esi_says() {
     assert_eq!(table(drive, 0x1C32), outputs);
     let inputs = outputs
         .replace("000F 1\n", "000F 34\n")
-        .replace("0007 15000", "0007 5000")
+        .replace("0007 15000", "0007 8000")
         .replace("0007 1000\n", "0007 500\n");
     assert_eq!(table(drive, 0x1C33), inputs);
     assert_eq!(
@@ -274,7 +274,7 @@ fn times_can_be_overridden() {
     let stated = Overrides { stated_calc_and_copy: Some(Nanos(1)), ..Overrides::default() };
     let changed = drive.with(stated).unwrap();
     assert_eq!(changed.value(ObjectAddress::new(0x1C32, 6)), Some(1));
-    assert_eq!(changed.value(ObjectAddress::new(0x1C33, 6)), Some(20_000));
+    assert_eq!(changed.value(ObjectAddress::new(0x1C33, 6)), Some(40_000));
     assert_eq!(changed.times.calc_and_copy, Nanos(1));
     // What the user gives is no assumption of ours.
     assert!(item(drive) && !item(changed));

@@ -48,7 +48,7 @@ pub fn propagation(nodes: &[Cabled], ways: &mut [Way]) {
     for (child, node) in nodes.iter().enumerate().rev() {
         if let Some((parent, _)) = node.parent {
             let branch = node.out + ways[child].round + node.back + nodes[parent].forwarding;
-            ways[parent].round = ways[parent].round + branch;
+            ways[parent].round += branch;
         }
     }
     for (child, node) in nodes.iter().enumerate() {

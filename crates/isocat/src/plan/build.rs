@@ -12,8 +12,11 @@ use super::{Plan, warnings};
 use crate::profile::{Assumption, Profile};
 use crate::scenario::Scenario;
 
-/// The events by name, in the order of the cycle.
-pub(super) const EVENTS: [(&str, fn(&Moments) -> Option<Span>); 8] = [
+/// An event's name, and where it stands among the moments.
+type Event = (&'static str, fn(&Moments) -> Option<Span>);
+
+/// The events in the order of the cycle.
+pub(super) const EVENTS: [Event; 8] = [
     ("outputs stored (SM2)", |moments| moments.outputs_stored),
     ("outputs ready", |moments| moments.outputs_ready),
     ("SYNC0", |moments| moments.sync0),
@@ -141,7 +144,7 @@ impl Plan {
         let ns = |time: Option<Nanos>| time.map(|time| time.0);
         let dc = planned.mode.uses_dc();
         let moments = timing.moments(position).unwrap_or_default();
-        let moment = |(event, pick): (&'static str, fn(&Moments) -> Option<Span>)| {
+        let moment = |(event, pick): Event| {
             let Span { earliest, latest } = pick(&moments)?;
             Some(Moment { event, earliest_ns: earliest.0, latest_ns: latest.0, measured: None })
         };

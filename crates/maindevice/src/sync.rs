@@ -205,21 +205,6 @@ pub(crate) fn grid(segment: &Segment, cycle: Nanos) -> Grid {
     Grid::of(periods.chain([cycle])).unwrap_or_else(|_| bus())
 }
 
-/// The grid of all first pulses: the bus cycle, or so many of them that the pulses of slower SubDevices fit in
-/// as well. Where they do not meet within what a 32-bit clock can wait for, the bus cycle is what they share.
-pub(crate) fn grid(segment: &Segment, cycle: Nanos) -> Nanos {
-    let synced = segment.devices.iter().filter(|device| device.mode.uses_dc());
-    let mut grid = cycle.0;
-    for own in synced.map(|device| device.pulses.sync1_cycle().0).filter(|own| *own > 0) {
-        let (mut a, mut b) = (grid, own);
-        while b != 0 {
-            (a, b) = (b, a % b);
-        }
-        grid = (grid / a).saturating_mul(own);
-    }
-    if grid <= i64::from(i32::MAX) / 2 { Nanos(grid) } else { cycle }
-}
-
 /// System time of the reference clock, in 64 bits; the upper half of a 32-bit clock is 0 here.
 pub(crate) async fn system_time(
     link: &Link,
@@ -404,22 +389,6 @@ mod tests {
         assert_eq!(grid(&segment, bus).period(), Nanos(6_000_000));
         segment.devices.push(device(4, SyncMode::DcSync0, 999_999_937, 0));
         assert_eq!(grid(&segment, bus).period(), bus);
-    }
-
-    #[test]
-    fn the_grid_holds_the_cycles_of_all_devices() {
-        let bus = Nanos(1_000_000);
-        let mut segment = Segment::default();
-        assert_eq!(grid(&segment, bus), bus);
-        for (own, expected) in
-            [(2_000_000, 2_000_000), (3_000_000, 6_000_000), (999_999_937, 1_000_000)]
-        {
-            let mut device = SubDevice::new(0, StationAddress(0x1001));
-            device.mode = SyncMode::DcSync0;
-            device.pulses.sync0_cycle = Nanos(own);
-            segment.devices.push(device);
-            assert_eq!(grid(&segment, bus), Nanos(expected));
-        }
     }
 
     #[test]

@@ -52,7 +52,9 @@ fn inputs_before_the_next_frame_to_the_nanosecond() {
 #[test]
 fn minimum_cycle_names_both_figures() {
     let short = Cycle { cycle: Nanos(125_000), ..CYCLE };
-    let failure = budget(&short, Nanos(100_000), &drive()).failure().unwrap();
+    let pulses = Pulses { sync0_cycle: short.cycle, ..drive().pulses };
+    let device = Device { pulses, ..drive() };
+    let failure = budget(&short, Nanos(100_000), &device).failure().unwrap();
     let text = failure.to_string();
     assert!(text.starts_with("0x1C32:05: minimum cycle time"), "{text}");
     assert!(text.contains("needs 250 us, has 125 us"), "{text}");

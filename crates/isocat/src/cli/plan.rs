@@ -1,12 +1,14 @@
 //! `isocat plan`.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use isocat_wire::Nanos;
 
 use super::run::{duration, json, progress_bar};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::plan::{Plan, proof, suggest};
-use crate::{Scenario, SegmentFile};
+use crate::{Scenario, SegmentFile, eni};
 
 /// Arguments of `plan`.
 #[derive(Args, Debug)]
@@ -29,6 +31,9 @@ pub struct Arguments {
     /// Print instead what the way up will write, per device and transition, and the frames of a cycle
     #[arg(long, conflicts_with_all = ["prove", "suggest"])]
     start_up: bool,
+    /// Also write the start-up list to this file, as ENI
+    #[arg(long, value_name = "FILE")]
+    eni: Option<PathBuf>,
     /// Print as one JSON document
     #[arg(long)]
     json: bool,
@@ -50,6 +55,12 @@ pub fn run(arguments: &Arguments) -> u8 {
         Ok(plan) => plan,
         Err(error) => return fail(&place(&scenario, &error)),
     };
+    if let Some(path) = &arguments.eni {
+        let text = eni::write(&plan.start_up(&scenario));
+        if let Err(error) = std::fs::write(path, text) {
+            return fail(&format!("{} can't be written: {error}", path.display()));
+        }
+    }
     if arguments.start_up {
         let list = plan.start_up(&scenario);
         let code = print(&if arguments.json { list.json() } else { list.text() });

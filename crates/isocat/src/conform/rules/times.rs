@@ -290,8 +290,9 @@ fn shift(c: &mut Case<'_, '_>) -> Done {
     restore_shift(c, &object)
 }
 
-/// What was there before goes back: a real device may keep it.
+/// What was there before goes back, in PREOP, where every device takes it: a real one keeps what was written.
 pub(super) fn restore_shift(c: &mut Case<'_, '_>, object: &SyncObject) -> Done {
+    c.preop()?;
     let before = object.value(sub::SHIFT_TIME).unwrap_or(0) as u32;
     c.t.download(object.at(sub::SHIFT_TIME), &before.to_le_bytes())?.ok();
     Ok(())

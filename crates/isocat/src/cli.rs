@@ -21,6 +21,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::SegmentFile;
+use crate::document::FileError;
 use crate::report::{WIDTH, wrap};
 
 /// In sync.
@@ -115,7 +117,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Control(arguments)) => serve::control(&arguments),
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
         Some(Verb::Eni(arguments)) => eni::run(&arguments),
-        Some(Verb::Example) => print(crate::SegmentFile::built_in_text()),
+        Some(Verb::Example) => print(SegmentFile::built_in_text()),
         Some(Verb::Devices(arguments)) => devices::run(&arguments),
     };
     code.into()
@@ -128,6 +130,14 @@ fn print(text: &str) -> u8 {
         Ok(()) => IN_SYNC,
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => IN_SYNC,
         Err(error) => fail(&format!("standard output can't be written: {error}")),
+    }
+}
+
+/// The segment of a file; without one, the built-in segment.
+fn segment_or_built_in(path: Option<&str>) -> Result<SegmentFile, FileError> {
+    match path {
+        None => Ok(SegmentFile::built_in()),
+        Some(path) => SegmentFile::read(path),
     }
 }
 

@@ -8,7 +8,7 @@ use isocat_wire::Nanos;
 use super::run::{duration, json, progress_bar};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::plan::{Plan, proof, suggest};
-use crate::{Scenario, SegmentFile, eni};
+use crate::{Scenario, eni};
 
 /// Arguments of `plan`.
 #[derive(Args, Debug)]
@@ -41,12 +41,9 @@ pub struct Arguments {
 
 /// Plans; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
-    let file = match &arguments.segment {
-        None => SegmentFile::built_in(),
-        Some(path) => match SegmentFile::read(path) {
-            Ok(file) => file,
-            Err(error) => return fail(&error.to_string()),
-        },
+    let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
+        Ok(file) => file,
+        Err(error) => return fail(&error.to_string()),
     };
     let mut scenario = Scenario::from(file);
     scenario.duration = arguments.duration.unwrap_or(scenario.duration);

@@ -62,12 +62,10 @@ const LONGEST: Nanos = Nanos::millis(24 * 3_600_000);
 
 /// Runs the verb; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
-    let file = match &arguments.segment {
-        None => SegmentFile::built_in(),
-        Some(path) => match SegmentFile::read(path) {
-            Ok(file) => file,
-            Err(error) => return fail(&(error.to_string() + &verb_hint(path))),
-        },
+    let path = arguments.segment.as_deref();
+    let file = match super::segment_or_built_in(path) {
+        Ok(file) => file,
+        Err(error) => return fail(&(error.to_string() + &path.map(verb_hint).unwrap_or_default())),
     };
     if let Some(message) = arguments.overwrites() {
         return fail(&message);

@@ -10,12 +10,12 @@ use isocat_wire::time::{Host, Time};
 use serde_json::json;
 
 use super::{IN_SYNC, fail, print};
+use crate::Scenario;
 use crate::link::{RawSocket, Veth, clock};
 use crate::serve::control::{self, Requests};
 use crate::serve::server::{Event, Server};
 use crate::serve::service::{self, Audience, Reply, Style};
 use crate::serve::{Fault, Summary};
-use crate::{Scenario, SegmentFile};
 
 /// Arguments of `serve`.
 #[derive(Args, Debug)]
@@ -47,12 +47,9 @@ pub struct Arguments {
 
 /// Runs the verb; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
-    let file = match &arguments.segment {
-        None => SegmentFile::built_in(),
-        Some(path) => match SegmentFile::read(path) {
-            Ok(file) => file,
-            Err(error) => return fail(&error.to_string()),
-        },
+    let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
+        Ok(file) => file,
+        Err(error) => return fail(&error.to_string()),
     };
     let mut scenario = Scenario::from(file);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);

@@ -4,7 +4,6 @@ use std::fmt::Display;
 
 use isocat_sim::observation::Observed;
 use isocat_subdevice::Step;
-use isocat_sync::SupportedTypes;
 use isocat_sync::object::ShiftBy;
 use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
@@ -311,8 +310,7 @@ impl Case<'_, '_> {
 
     /// The mode of this check in the tables of ETG.1020.
     pub fn column(&self, object: &SyncObject) -> Column {
-        let types = object.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16;
-        let shifted = SupportedTypes(types).shift() == ShiftBy::LocalTimer;
+        let shifted = object.types().shift() == ShiftBy::LocalTimer;
         match (self.mode.name, shifted) {
             ("free-run", _) => Column::FreeRun,
             ("sm", false) => Column::Sm,

@@ -1,5 +1,6 @@
 //! What the SubDevice tells about itself: read once, before the rules.
 
+use isocat_sync::SupportedTypes;
 use isocat_sync::object::{
     ERROR_SETTINGS, INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
 };
@@ -101,6 +102,11 @@ impl SyncObject {
     /// Its value in PREOP.
     pub fn value(&self, sub: u8) -> Option<u64> {
         self.entry(sub)?.value.as_deref().map(number)
+    }
+
+    /// What 04 announces; nothing if it is not there.
+    pub fn types(&self) -> SupportedTypes {
+        SupportedTypes(self.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16)
     }
 
     /// Whether it can be written in PREOP.

@@ -259,7 +259,7 @@ fn command_in_op(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
     // Some keep the place of 08, read only, and measure nothing.
     let with = |object: &&SyncObject| {
-        let dynamic = object.value(sub::SUPPORTED_TYPES).unwrap_or(0) & 1 << 14 != 0;
+        let dynamic = object.types().dynamic_times();
         object.entry(sub::GET_CYCLE_TIME).is_some()
             && (dynamic || object.writable(sub::GET_CYCLE_TIME))
     };

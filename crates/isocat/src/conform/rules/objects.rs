@@ -265,7 +265,7 @@ fn sync_error_exists(c: &mut Case<'_, '_>) -> Done {
 fn command_exists(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
     for object in c.s.sync_objects() {
-        if object.value(sub::SUPPORTED_TYPES).unwrap_or(0) & 1 << 14 != 0 {
+        if object.types().dynamic_times() {
             exists(c, object, sub::GET_CYCLE_TIME);
         }
     }
@@ -413,7 +413,7 @@ fn rights(c: &mut Case<'_, '_>) -> Done {
     for object in c.s.live_objects() {
         for sub in table::SUBS.into_iter().filter(|sub| object.entry(*sub).is_some()) {
             let Some(cell) = table::lookup(object.index, sub, c.column(object)) else { continue };
-            let dynamic = object.value(sub::SUPPORTED_TYPES).unwrap_or(0) & 1 << 14 != 0;
+            let dynamic = object.types().dynamic_times();
             if cell.need == Need::Conditional(Condition::DynamicTimes) && !dynamic {
                 // Some keep the place and measure nothing.
                 continue;

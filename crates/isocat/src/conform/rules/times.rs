@@ -2,7 +2,6 @@
 
 use isocat_sim::observation::Observed;
 use isocat_subdevice::Step;
-use isocat_sync::SupportedTypes;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, sub};
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos};
@@ -141,8 +140,7 @@ fn near(c: &mut Case<'_, '_>, place: String, stated: Nanos, range: Option<(Picos
 
 /// The pulse that lets outputs act.
 fn acting(c: &Case<'_, '_>, object: &SyncObject) -> Observed {
-    let types = SupportedTypes(object.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16);
-    let shifted = c.mode.name == "dc-shift-sync1" && types.shift() == ShiftBy::Sync1;
+    let shifted = c.mode.name == "dc-shift-sync1" && object.types().shift() == ShiftBy::Sync1;
     // In subordinated cycles every SYNC0 acts.
     let sync1 = c.mode.output_type == 3 && c.mode.subordinated_cycles() == 1;
     if sync1 || shifted { Observed::Sync1 } else { Observed::Sync0 }
@@ -155,8 +153,7 @@ fn outputs_valid(c: &mut Case<'_, '_>) -> Done {
     c.op_here()?;
     let delay = object.value(sub::DELAY_TIME).unwrap_or(0);
     // A shift that 04 does not announce is not done.
-    let types = SupportedTypes(object.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16);
-    let shift = match types.shift() {
+    let shift = match object.types().shift() {
         ShiftBy::LocalTimer => c.t.value(object.at(sub::SHIFT_TIME))?.unwrap_or(0),
         _ => 0,
     };
@@ -259,8 +256,7 @@ pub(super) fn shifted(c: &mut Case<'_, '_>, shift: u32) -> Done {
     let mode = c.mode;
     let cycle = c.cycle();
     let object = outputs(c, sub::SHIFT_TIME)?;
-    let types = object.value(sub::SUPPORTED_TYPES).unwrap_or(0);
-    if types >> 5 & 3 != 1 || !object.writable(sub::SHIFT_TIME) {
+    if object.types().shift() != ShiftBy::LocalTimer || !object.writable(sub::SHIFT_TIME) {
         return Err(not_applicable("its outputs can't be shifted"));
     }
     let grid = c.prepare(mode, cycle)?;

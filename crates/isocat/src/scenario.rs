@@ -38,6 +38,8 @@ pub struct Scenario {
     pub drift_compensation: bool,
     /// How much two clocks may differ, for the plan; `None`: as the MainDevice has it.
     pub clock_error: Option<Nanos>,
+    /// Watchdog of the process data; `None`: as the chips have it.
+    pub watchdog: Option<Nanos>,
     /// Run although the plan says that it does not fit.
     pub force: bool,
     /// The devices, in the order of the line.
@@ -61,6 +63,7 @@ impl From<SegmentFile> for Scenario {
             host,
             drift_compensation: file.host.drift_compensation,
             clock_error: None,
+            watchdog: file.watchdog,
             force: false,
             devices: file.subdevices,
         }
@@ -85,6 +88,7 @@ impl Scenario {
         config.shift = self.shift;
         config.drift_compensation = self.drift_compensation;
         config.clock_error = self.clock_error;
+        config.watchdog = self.watchdog;
         config.force = self.force;
         config.devices = self.devices.iter().map(device_config).collect();
         config
@@ -125,10 +129,13 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
     let jitter = profile.times.jitter + profile.times.unevenness.timer_jitter;
     // What it states as 0, and needs all the same.
     let times = &profile.times;
+    let copy_inputs = times.input_copy.max(times.application);
     let assumed = AssumedTimes {
+        // One step behind the other, as its CPU takes them.
+        minimum_cycle: Some(times.calc_and_copy + times.application + times.input_copy + jitter),
         pulse_jitter: Some(jitter),
         outputs_calc_and_copy: Some(times.calc_and_copy),
-        inputs_calc_and_copy: Some(times.input_copy.max(times.application)),
+        inputs_calc_and_copy: Some(copy_inputs),
         ..AssumedTimes::default()
     };
     let assumed = silent.map_or(assumed, |profile| AssumedTimes {

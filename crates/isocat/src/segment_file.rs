@@ -69,6 +69,9 @@ pub struct SegmentFile {
     /// Wanted position of SYNC0 after the start of the cycle. Key `shift`, below one cycle; default:
     /// the plan chooses.
     pub shift: Option<Nanos>,
+    /// Watchdog of the process data, register 0x0420. Key `watchdog`, whole 100 us up to 6.5535 s; `None`: as the chips
+    /// have it, 100 ms.
+    pub watchdog: Option<Nanos>,
     /// The MainDevice's machine.
     pub host: Host,
     /// The devices in the order of their positions: the one in which frames are processed.
@@ -143,7 +146,7 @@ impl SegmentFile {
         let source = Source { path, text };
         let document = source.parse()?;
         let root = Table::root(source, &document);
-        root.allow(&["cycle", "for", "seed", "shift", "host", "subdevice"])?;
+        root.allow(&["cycle", "for", "seed", "shift", "watchdog", "host", "subdevice"])?;
         let expected = "the bus cycle, such as cycle = \"1ms\"";
         let cycle = root.required("cycle", expected)?.duration(SHORTEST_CYCLE..=LONGEST_CYCLE)?;
         let below_cycle = Nanos::ZERO..=cycle - Nanos(1);
@@ -153,6 +156,7 @@ impl SegmentFile {
         };
         let seed = root.value("seed").map_or(Ok(1), |value| value.integer(0..=i64::MAX))? as u64;
         let shift = root.value("shift").map(|value| value.duration(below_cycle)).transpose()?;
+        let watchdog = root.value("watchdog").map(watchdog).transpose()?;
         let host = host(root.table("host")?, cycle)?;
         let expected = "at least one device, such as [[subdevice]] device = \"kollmorgen_akd2g\"";
         let tables = match root.tables("subdevice")? {
@@ -170,7 +174,7 @@ impl SegmentFile {
         }
         let Devices { subdevices, .. } = devices;
         let subdevices = tree::sort(subdevices);
-        Ok(Self { path: path.to_owned(), cycle, duration, seed, shift, host, subdevices })
+        Ok(Self { path: path.to_owned(), cycle, duration, seed, shift, watchdog, host, subdevices })
     }
 
     /// Reads a segment file from disk.
@@ -231,6 +235,16 @@ impl Devices {
         }
         Ok(())
     }
+}
+
+/// Register 0x0420 counts in steps of 100 us.
+fn watchdog(value: Value<'_>) -> Result<Nanos, FileError> {
+    let (step, steps) = (Nanos::micros(100), i64::from(u16::MAX));
+    let time = value.duration(step..=Nanos(step.0 * steps))?;
+    if time.0 % step.0 != 0 {
+        return Err(value.error(format!("watchdog = {time}; expected whole 100 us")));
+    }
+    Ok(time)
 }
 
 fn host(table: Option<Table<'_>>, cycle: Nanos) -> Result<Host, FileError> {

@@ -100,7 +100,7 @@ fn edge(check: Check, step: i64, at: impl Fn(i64) -> Scenario) {
             }
             assert!(!short.in_sync, "{}", found(&short));
         }
-        Sign::Refusal(code) => assert_eq!(short.status, code.0, "{}", found(&short)),
+        Sign::Refusal(code) | Sign::Fall(code) => assert_eq!(short.status, code.0, "{}", found(&short)),
         Sign::Judge(_) => {
             assert_eq!(short.late, [check], "{}", found(&short));
             assert_eq!(short.measured, Some(short.planned), "{}", found(&short));
@@ -197,6 +197,35 @@ fn inputs_there_when_the_frame_begins() {
         edge(Check::InputsBeforeFrame, 1, |more| {
             let times = [input_copy(12_000 + slack + more), minimum(room), minimum(room)];
             late(scenario(keys, &times))
+        });
+    }
+}
+
+/// Without outputs the reads are counted: one between two pulses. A host that is either in time or as late as was
+/// planned puts them on both sides of the pulse. Pulses come on ticks of 10 ns.
+#[test]
+fn inputs_read_at_the_pulse_that_counts_the_reads() {
+    for keys in [SYNC0, SHIFT_SYNC1, SYNC1, SUBORDINATED] {
+        let inputs_only = |shift: i64| {
+            let mut scenario = scenario(keys, &[("default = [0x1600]", "default = []".to_owned())]);
+            scenario.host.jitter = Nanos::micros(20);
+            scenario.shift = Some(Nanos(shift));
+            scenario
+        };
+        let slack = look(&inputs_only(300_000), Check::InputsReadBeforeSync0).planned;
+        edge(Check::InputsReadBeforeSync0, 10, |more| inputs_only(300_000 - slack - 10 * more));
+    }
+}
+
+/// The watchdog counts ticks of 100 us; the cycle is what is set to the nanosecond.
+#[test]
+fn outputs_come_again_before_the_watchdog() {
+    for keys in [SYNC0, "mode = \"sm\"\n"] {
+        edge(Check::OutputsBeforeWatchdog, 1, |more| {
+            let mut scenario = scenario(keys, &[]);
+            scenario.watchdog = Some(Nanos::millis(2));
+            scenario.cycle = Nanos(2_000_000 + more);
+            scenario
         });
     }
 }

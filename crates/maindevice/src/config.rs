@@ -51,6 +51,10 @@ pub struct Config {
     /// delays, by the tick of 10 ns. `None`: twice [`Config::drift_threshold`], one on either side of
     /// the reference.
     pub clock_error: Option<Nanos>,
+    /// Watchdog of the process data (register 0x0420) of SubDevices with outputs, in whole 100 µs up to 6.5535 s.
+    /// `None`: as the chips have it, 100 ms. It is a safety function and never made longer unasked: the plan
+    /// refuses cycles that it can't see.
+    pub watchdog: Option<Nanos>,
     /// How much of the cycle acyclic frames may take on the wire, percent, 1..=90. Default 40.
     pub acyclic_share: u8,
     /// How long to wait for what.
@@ -72,6 +76,7 @@ impl Config {
             delay_latches: 16,
             drift_threshold: Nanos(100),
             clock_error: None,
+            watchdog: None,
             acyclic_share: 40,
             timeouts: Timeouts::default(),
         }

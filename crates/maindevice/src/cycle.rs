@@ -610,23 +610,31 @@ pub(crate) fn frames(segment: &Segment, compensate: bool) -> Vec<FramePlan> {
     frames
 }
 
-/// When the datagrams of each chunk are on the wire, counted from the first bit of the cycle's first
-/// frame: begin of the frame that fetches its inputs, end of the frame that brings its outputs.
-///
-/// A SyncManager passes outputs on when the frame's check sequence was found good, so its end
-/// counts.
-pub(crate) fn chunk_times(frames: &[FramePlan], chunks: usize) -> Vec<(Nanos, Nanos)> {
-    let mut times = vec![(Nanos::ZERO, Nanos::ZERO); chunks];
+/// When the frames of a chunk are on the wire, counted from the first bit of the cycle's first frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct ChunkTimes {
+    /// Begin of the frame that fetches its inputs.
+    pub fetched: Nanos,
+    /// End of that frame: a SyncManager is read when the check sequence was found good.
+    pub read: Nanos,
+    /// End of the frame that brings its outputs: a SyncManager passes them on when the check sequence was
+    /// found good.
+    pub stored: Nanos,
+}
+
+/// The times of each chunk.
+pub(crate) fn chunk_times(frames: &[FramePlan], chunks: usize) -> Vec<ChunkTimes> {
+    let mut times = vec![ChunkTimes::default(); chunks];
     for frame in frames {
         for datagram in &frame.datagrams {
             let Some(times) = datagram.chunk.and_then(|chunk| times.get_mut(chunk)) else {
                 continue;
             };
             if datagram.command != Command::Lwr {
-                times.0 = frame.begin;
+                (times.fetched, times.read) = (frame.begin, frame.end);
             }
             if datagram.command != Command::Lrd {
-                times.1 = frame.end;
+                times.stored = frame.end;
             }
         }
     }

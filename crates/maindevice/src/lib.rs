@@ -79,6 +79,7 @@ pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};
 pub use link::FRAME_LEN;
 pub use machine::MainDevice;
+pub use mode::takes_sm_mode;
 pub use plan::plan;
 pub use segment::{Segment, SubDevice};
 pub use statistics::Statistics;

@@ -11,6 +11,7 @@ use isocat_wire::fmmu::Fmmu;
 use isocat_wire::register::{self, Value, features};
 use isocat_wire::sii::{SmRecord, sm_type};
 use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::time::Nanos;
 
 use crate::cycle::MOST_CHUNK;
 use crate::error::{Cause, MappingProblem};
@@ -92,14 +93,18 @@ pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
 }
 
 /// Writes the SyncManagers of the process data and the FMMUs.
-pub(crate) async fn write(link: &Link, device: &SubDevice) -> Result<(), Cause> {
+pub(crate) async fn write(
+    link: &Link,
+    device: &SubDevice,
+    watchdog: Option<Nanos>,
+) -> Result<(), Cause> {
     let directions = [&device.outputs, &device.inputs];
     let needed = directions.iter().filter(|data| data.length > 0).count() as u8;
     if device.esc.fmmus < needed {
         let problem = MappingProblem::NoFmmu { needed, found: device.esc.fmmus };
         return Err(Cause::Mapping { place: device.place(), problem });
     }
-    let writes: Vec<_> = writes(device)
+    let writes: Vec<_> = writes(device, watchdog)
         .iter()
         .map(|(address, data)| link.fpwr(device.station, *address, data))
         .collect();
@@ -110,7 +115,7 @@ pub(crate) async fn write(link: &Link, device: &SubDevice) -> Result<(), Cause> 
 }
 
 /// The registers of the process data: address and bytes, in order.
-pub(crate) fn writes(device: &SubDevice) -> Vec<(u16, Vec<u8>)> {
+pub(crate) fn writes(device: &SubDevice, watchdog: Option<Nanos>) -> Vec<(u16, Vec<u8>)> {
     let directions = [(&device.outputs, Fmmu::WRITE), (&device.inputs, Fmmu::READ)];
     let mut writes = Vec::new();
     let mut next_fmmu = 0;
@@ -125,8 +130,26 @@ pub(crate) fn writes(device: &SubDevice) -> Vec<(u16, Vec<u8>)> {
             next_fmmu += 1;
         }
     }
+    if let Some(time) = watchdog.filter(|_| device.outputs.length > 0) {
+        let ticks = (time.0 / WATCHDOG_TICK.0) as u16;
+        writes.push((register::WATCHDOG_TIME_PROCESS_DATA.address, ticks.to_le_bytes().to_vec()));
+    }
     writes
 }
+
+/// How long outputs stay valid without new ones: what is wanted, or the reset value of the chip; `None` if the
+/// SyncManager does not trigger the watchdog.
+pub(crate) fn watchdog(device: &SubDevice, wanted: Option<Nanos>) -> Option<Nanos> {
+    let number = device.outputs.sync_manager.filter(|_| device.outputs.length > 0)?;
+    let manager = sync_manager(device, &device.outputs, number, Fmmu::WRITE);
+    let triggers = manager.control & SyncManager::CONTROL_WATCHDOG != 0;
+    triggers.then(|| wanted.unwrap_or(WATCHDOG))
+}
+
+/// Of register 0x0420, as register 0x0400 has it after reset.
+pub(crate) const WATCHDOG_TICK: Nanos = Nanos::micros(100);
+/// Reset value of register 0x0420: 1000 ticks.
+const WATCHDOG: Nanos = Nanos::millis(100);
 
 /// The SyncManager as it must be: control by the SII, length by the mapping, off without process
 /// data.

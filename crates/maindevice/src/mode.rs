@@ -16,6 +16,7 @@ use crate::config::{AssumedTimes, Config, DeviceConfig};
 use crate::cycle;
 use crate::error::Cause;
 use crate::segment::{Segment, SubDevice, SyncObject, Timing};
+use crate::{mapping, sync};
 
 /// Decides the mode of a SubDevice by wish, announcement (sub-index 04) and clock, and checks the
 /// cycle against its minimum.
@@ -63,13 +64,14 @@ pub(crate) fn choose(
         reason,
     })?;
     let demands = demands(device, assumed, wish);
-    let jitter = if mode == SyncMode::SmSynchronous { config.host_jitter } else { Nanos::ZERO };
+    let jitter = if !mode.uses_dc() { config.host_jitter } else { Nanos::ZERO };
     let line = Line {
         check: Check::MinimumCycle,
         needed: demands.minimum_cycle + jitter,
         available: if mode.uses_dc() { device.pulses.sync0_cycle } else { config.cycle },
     };
-    if mode != SyncMode::FreeRun && !line.fits() && !config.force {
+    let bound = mode != SyncMode::FreeRun || takes_sm_mode(device);
+    if bound && !line.fits() && !config.force {
         return Err(Cause::Plan { place: device.place(), line });
     }
     Ok(())
@@ -149,6 +151,20 @@ fn allowed(
     Ok(())
 }
 
+/// Whether a SubDevice that is wanted in Free Run will be synchronous with SM all the same: it does not let itself be
+/// told (0x1C32:01 is read-only), and stacks that choose for themselves prefer SM.
+pub fn takes_sm_mode(device: &SubDevice) -> bool {
+    let object = match (&device.output_sync, &device.input_sync) {
+        (Some(outputs), _) if device.outputs.length > 0 => outputs,
+        (_, Some(inputs)) if device.inputs.length > 0 => inputs,
+        _ => return false,
+    };
+    device.mode == SyncMode::FreeRun
+        && object.entry(sub::SYNC_TYPE).is_some()
+        && !sync::writable(object, sub::SYNC_TYPE)
+        && announced(device).is_some_and(|types| types.sm_synchronous())
+}
+
 /// What a SubDevice demands of the cycle, without the arrival of its data. Where it states 0 or
 /// nothing, the assumed times count.
 pub(crate) fn demands(
@@ -160,7 +176,7 @@ pub(crate) fn demands(
     let of = |object: &Option<SyncObject>| object.as_ref().map_or(none, |object| object.values);
     let (outputs, inputs) = (of(&device.output_sync), of(&device.input_sync));
     let mut origins = Origins::default();
-    let free = device.mode == SyncMode::FreeRun;
+    let free = device.mode == SyncMode::FreeRun && !takes_sm_mode(device);
     let local = |object: &SyncParameters| {
         object.supported.is_some_and(|types| types.shift() == ShiftBy::LocalTimer)
     };
@@ -187,6 +203,8 @@ pub(crate) fn demands(
         delay: Nanos::ZERO,
         outputs_arrival: None,
         inputs_fetched: None,
+        inputs_read: None,
+        watchdog: None,
         // In Free Run the device's cycle is its own.
         minimum_cycle: if free {
             Nanos::ZERO
@@ -248,14 +266,20 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
     let times = cycle::chunk_times(&frames, segment.image.chunks.len());
     let mut demands: Vec<budget::Device> =
         segment.devices.iter().map(|device| demands_of(config, device)).collect();
-    for (chunk, (fetched, stored)) in segment.image.chunks.iter().zip(times) {
+    for (chunk, times) in segment.image.chunks.iter().zip(times) {
         for (device, demands) in
             segment.devices[chunk.first..chunk.end].iter().zip(&mut demands[chunk.first..chunk.end])
         {
             let delay = delay(segment, device.position);
             demands.delay = delay;
-            demands.outputs_arrival = (device.outputs.length > 0).then_some(delay + stored);
-            demands.inputs_fetched = (device.inputs.length > 0).then_some(delay + fetched);
+            let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
+            demands.outputs_arrival = outputs.then_some(delay + times.stored);
+            demands.inputs_fetched = inputs.then_some(delay + times.fetched);
+            if config.watchdog.is_some() {
+                demands.origins.watchdog = Origin::Intent;
+            }
+            demands.watchdog = mapping::watchdog(device, config.watchdog);
+            demands.inputs_read = inputs.then_some(delay + times.read);
         }
     }
     let common = common_shift(&cycle, &demands);

@@ -99,7 +99,7 @@ pub fn writes(
             }
         }
     }
-    for (address, data) in mapping::writes(device) {
+    for (address, data) in mapping::writes(device, config.watchdog) {
         all.push(register(address, data, "process data"));
     }
     if segment.reference.is_some() && device.dc.has_clock() {

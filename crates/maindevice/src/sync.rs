@@ -67,7 +67,10 @@ pub(crate) fn type_writes(
             writes.push(TypeWrite { object: at(sub), data: data.to_vec(), checked });
         };
         let current = object.entry(sub::SYNC_TYPE).and_then(|entry| entry.number());
-        if writable(object, sub::SYNC_TYPE) && current != Some(direction.kind.into()) {
+        // A stack that was told nothing chooses for itself, and takes another mode than Free Run.
+        let as_wanted =
+            device.mode != SyncMode::FreeRun && current == Some(direction.kind.into());
+        if writable(object, sub::SYNC_TYPE) && !as_wanted {
             write(sub::SYNC_TYPE, &direction.kind.to_le_bytes(), false);
         }
         let own = match device.mode.uses_dc() {
@@ -159,7 +162,7 @@ fn directions<'a>(device: &'a SubDevice, wish: Option<&DeviceConfig>) -> Vec<Dir
 }
 
 /// Whether an entry may be written in PREOP, by its description; without one it is worth a try.
-fn writable(object: &SyncObject, sub: u8) -> bool {
+pub(crate) fn writable(object: &SyncObject, sub: u8) -> bool {
     object.entry(sub).is_some_and(|entry| {
         entry
             .description

@@ -610,7 +610,11 @@ fn frames_of_a_cycle_follow_each_other() {
     // Headers 16, drift 20, chunk 1012, preamble and FCS 12; AL status 14 in the last one; gap 12.
     let first = (16 + 20 + 1012 + 12) * 80;
     let second = first + (12 + 16 + 1012 + 12) * 80;
-    assert_eq!(times[0], (Nanos(0), Nanos(first)));
-    assert_eq!(times[1], (Nanos(first + 960), Nanos(second)));
-    assert_eq!(times[2], (Nanos(second + 960), Nanos(second + (12 + 16 + 1012 + 14 + 12) * 80)));
+    let third = second + (12 + 16 + 1012 + 14 + 12) * 80;
+    for (times, begin, end) in
+        [(times[0], 0, first), (times[1], first + 960, second), (times[2], second + 960, third)]
+    {
+        let (fetched, end) = (Nanos(begin), Nanos(end));
+        assert_eq!(times, crate::cycle::ChunkTimes { fetched, read: end, stored: end });
+    }
 }

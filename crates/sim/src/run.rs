@@ -310,9 +310,7 @@ impl<T: Tap> Outcome<T> {
             findings.push((since(change.at), what));
         }
         if let Some(first) = bench.missed.first() {
-            let count = bench.missed.count();
-            let what =
-                format!("SYNC0 came before the outputs were copied and calculated, {count} times");
+            let what = bench.missed.words(self.world.segment().devices()[position].stack.sync().has_outputs());
             findings.push((since(first), what));
         }
         if let Some(sync0) = &bench.sync0 {

@@ -25,7 +25,7 @@ mod term;
 #[cfg(test)]
 mod tests;
 
-pub use check::{Check, Sign};
+pub use check::{Check, Sign, Source};
 pub use line::{Budget, Demand, Line};
 pub use moments::{Moments, Span, moments};
 pub use term::{Origin, Origins, Quantity, Sum, Term};
@@ -58,6 +58,11 @@ pub struct Device {
     /// From the frame at the reference clock until the frame that fetches the inputs begins here;
     /// `None` if it has no inputs.
     pub inputs_fetched: Option<Nanos>,
+    /// From the frame at the reference clock until that frame is through here: the SM3 event.
+    pub inputs_read: Option<Nanos>,
+    /// How long outputs stay valid without new ones (registers 0x0400, 0x0420); `None`: as long as one likes, or
+    /// there are none.
+    pub watchdog: Option<Nanos>,
     /// 0x1C32:05, 0x1C33:05: the larger one.
     pub minimum_cycle: Nanos,
     /// 0x1C32:06.
@@ -100,7 +105,7 @@ impl Device {
 /// Where one SubDevice lets the acting pulse lie; `None` where it does not mind.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Window {
-    /// Not before: its outputs would not be ready.
+    /// Not before: its outputs would not be ready; without outputs, its inputs not read.
     pub earliest: Option<Nanos>,
     /// Not after: its inputs would miss the frame that fetches them.
     pub latest: Option<Nanos>,
@@ -113,14 +118,15 @@ pub fn window(cycle: &Cycle, device: &Device) -> Window {
     }
     let side = |check| line::demand(cycle, Nanos::ZERO, device, check);
     Window {
-        earliest: side(outputs_check(device.mode)).map(|demand| -demand.slack()),
+        earliest: side(before_pulse(device)).map(|demand| -demand.slack()),
         latest: side(Check::InputsBeforeFrame).map(|demand| demand.slack()),
     }
 }
 
-/// The check that keeps the acting pulse behind the outputs.
-const fn outputs_check(mode: SyncMode) -> Check {
-    match mode {
+/// The check that keeps the acting pulse behind the frame.
+const fn before_pulse(device: &Device) -> Check {
+    match device.mode {
+        _ if device.outputs_arrival.is_none() => Check::InputsReadBeforeSync0,
         SyncMode::DcSync1 => Check::OutputsStoredBeforeSync0,
         _ => Check::OutputsBeforeSync0,
     }

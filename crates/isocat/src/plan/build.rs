@@ -188,7 +188,7 @@ fn line(demand: &Demand, profile: Option<&Profile>) -> Line {
     let check = line.check;
     Line {
         check: check.name(),
-        object: (check != Check::FramesInCycle).then(|| check.object().to_string()),
+        object: check.source().map(|source| source.to_string()),
         demand: check.words(),
         needed_ns: line.needed.0,
         available_ns: line.available.0,

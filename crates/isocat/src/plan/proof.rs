@@ -163,6 +163,7 @@ impl Onlooker {
                 Watch {
                     mode: device.mode,
                     on_sync1: device.pulses.lead > Nanos::ZERO,
+                    inputs_only: device.inputs_read.is_some() && device.outputs_arrival.is_none(),
                     by_timer: device.input_shift > Nanos::ZERO,
                     chunk: own.map(|chunk| chunks[chunk].logical),
                     expected: EVENTS.map(|(_, pick)| expected(&moments, pick)),
@@ -320,6 +321,8 @@ struct Watch {
     mode: SyncMode,
     /// Outputs act at SYNC1 although SYNC0 starts nothing but the calculation.
     on_sync1: bool,
+    /// It counts reads of its inputs, since it has no outputs.
+    inputs_only: bool,
     /// A timer takes the inputs.
     by_timer: bool,
     /// Logical address of the datagram with its inputs.
@@ -339,12 +342,16 @@ struct Watch {
     ready: Option<Time<True>>,
     /// A pulse that found outputs in work.
     overtaken: Option<Time<True>>,
+    /// Its inputs were read, and no pulse has counted that yet.
+    read: Option<Time<True>>,
+    /// A pulse that had no read to count.
+    unread: Option<Time<True>>,
     sync0: Option<Time<True>>,
     sync1: Option<Time<True>>,
     began: [Option<Time<True>>; 5],
     mapped: Option<Time<True>>,
     /// Inputs were taken, or are due, that do not stand in the buffer yet.
-    wanted: bool,
+    wanted: Option<Time<True>>,
     /// A frame that began before its inputs were there.
     unfed: Option<Time<True>>,
     last_end: Option<Time<True>>,
@@ -365,7 +372,9 @@ impl Watch {
             }
             Observed::Began(step) => {
                 self.began[step as usize] = Some(at);
-                self.wanted |= step == Step::LatchInputs && dc;
+                if step == Step::LatchInputs && dc {
+                    self.wanted.get_or_insert(at);
+                }
                 if step == Step::OutputsValid && dc {
                     let pulse = if self.acts_on_sync1() { self.sync1 } else { self.sync0 };
                     if let Some(pulse) = pulse {
@@ -392,7 +401,12 @@ impl Watch {
                     }
                     _ => {}
                 }
-                self.wanted |= self.mode == SyncMode::DcSync0;
+                if self.mode != SyncMode::DcSubordinated {
+                    self.counts_read(at, 2, on);
+                }
+                if self.mode == SyncMode::DcSync0 {
+                    self.wanted.get_or_insert(at);
+                }
                 if dc {
                     let busy = std::mem::take(&mut self.busy) + std::mem::take(&mut self.mapping);
                     self.take(Check::MinimumCycle, self.pulse_cycle - busy, on);
@@ -404,19 +418,35 @@ impl Watch {
                     SyncMode::DcSync1 => self.outputs_wanted(at, Check::Sync1CoversCopy, on),
                     SyncMode::DcSubordinated => {
                         self.outputs_wanted(at, Check::OutputsBeforeSync0, on);
+                        self.counts_read(at, 3, on);
                     }
                     _ => {}
                 }
             }
             Observed::Sm3 if dc || self.by_timer => {
+                if self.inputs_only && dc {
+                    match self.unread.take() {
+                        // Later than half a cycle behind a pulse it is early for the next one.
+                        Some(pulse) if (at - pulse).0 < self.cycle.0 / 2 => {
+                            self.take(Check::InputsReadBeforeSync0, pulse - at, on);
+                        }
+                        _ => self.read = Some(at),
+                    }
+                }
                 let begin = Time::new(at.count() - self.frame.0 as u64);
                 match self.mapped {
-                    _ if self.wanted => self.unfed = Some(begin),
+                    // Those that are due only since the frame began are for the next one.
+                    _ if self.wanted.is_some_and(|since| since <= begin) => {
+                        self.unfed = Some(begin);
+                        self.wanted = None;
+                    }
                     Some(mapped) => self.take(Check::InputsBeforeFrame, begin - mapped, on),
                     None => {}
                 }
                 // The timer was started by the frame itself, whose inputs are for the next one.
-                self.wanted = !dc;
+                if !dc {
+                    self.wanted = Some(at);
+                }
             }
             _ => {}
         }
@@ -448,7 +478,7 @@ impl Watch {
                     self.take(Check::InputsBeforeFrame, begin - at, on);
                 }
                 self.mapped = Some(at);
-                self.wanted = false;
+                self.wanted = None;
             }
             _ => {}
         }
@@ -469,11 +499,32 @@ impl Watch {
         }
     }
 
+    /// A pulse that counts whether the inputs were read since the last one; `event`: its place among the events.
+    fn counts_read(&mut self, at: Time<True>, event: usize, on: bool) {
+        if !self.inputs_only {
+            return;
+        }
+        let Some(read) = self.read.take() else {
+            self.unread = Some(at);
+            return;
+        };
+        // The plan names the begin of the next cycle's frame; what counts is the end of this one.
+        let fetched = self.expected[7].map(|begin| begin + self.frame - self.cycle);
+        let left = self.of_its_cycle(at - read, fetched, self.expected[event]);
+        self.take(Check::InputsReadBeforeSync0, left, on);
+    }
+
     /// From SM2 to SYNC0: to the SYNC0 of its cycle, which is the one nearest to where it ought to be, and not to
     /// the next one, which comes if the frame is late.
     fn as_planned(&self, span: Picos) -> Picos {
-        let [Some(stored), _, Some(sync0), ..] = self.expected else { return span };
-        let (planned, cycle) = ((sync0 - stored).0, self.cycle.0.max(1));
+        self.of_its_cycle(span, self.expected[0], self.expected[2])
+    }
+
+    /// A span from an event of the frame to a pulse, less the whole cycles by which it is not the one that the plan
+    /// speaks of.
+    fn of_its_cycle(&self, span: Picos, from: Option<Picos>, to: Option<Picos>) -> Picos {
+        let (Some(from), Some(to)) = (from, to) else { return span };
+        let (planned, cycle) = ((to - from).0, self.cycle.0.max(1));
         let cycles = (span.0 - planned + cycle / 2).div_euclid(cycle);
         Picos(span.0 - cycles * cycle)
     }

@@ -23,6 +23,7 @@ pub(super) fn all(plan: &Plan, scenario: &Scenario) -> Vec<Note> {
             notes.extend(what.map(|what| Note { position: Some(position), device, kind, what }));
         };
         note("sync0-in-frame", sync0_in_frame(&timing.cycle, timing.sync0, planned));
+        note("free-run-by-sm", free_run_by_sm(found));
         note("two-phases", two_phases(found, planned));
         note("type-read-only", read_only_types(found));
         for (object, _) in types(found) {
@@ -45,7 +46,7 @@ fn sync0_in_frame(
     let by_sm2 = [SyncMode::DcSync0, SyncMode::DcShiftSync1, SyncMode::DcSync1];
     let shift = shift.filter(|_| by_sm2.contains(&device.mode))?;
     let begin = device.inputs_fetched.or(Some(device.delay))?;
-    let end = device.outputs_arrival.or(device.inputs_fetched)?;
+    let end = device.outputs_arrival.or(device.inputs_read)?;
     let sync0 = device.sync0_phase(shift);
     let (from, to) = (cycle.send + begin, cycle.send + end + cycle.jitter);
     let inside = |phase: Nanos| from <= phase && phase <= to;
@@ -53,6 +54,14 @@ fn sync0_in_frame(
         format!(
             "SYNC0 at {sync0} of the cycle lies inside the frame, which may pass from {from} to {to}"
         )
+    })
+}
+
+/// It can't be told to be in Free Run, and would choose SM for itself.
+fn free_run_by_sm(found: &SubDevice) -> Option<String> {
+    isocat_maindevice::takes_sm_mode(found).then(|| {
+        "wanted in Free Run, but 0x1C32:01 can't be written and 0x1C32:04 announces SM: it will work by the SM event,          with its minimum cycle"
+            .to_owned()
     })
 }
 

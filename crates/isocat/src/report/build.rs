@@ -254,7 +254,7 @@ pub(super) fn counters(counters: run::Counters) -> Counters {
 
 pub(super) fn plan_line(line: isocat_sync::budget::Line) -> PlanLine {
     PlanLine {
-        object: line.check.object().to_string(),
+        object: line.check.source().map_or(String::new(), |source| source.to_string()),
         demand: line.check.words().to_owned(),
         needed_ns: line.needed.0,
         available_ns: line.available.0,

@@ -6,7 +6,7 @@ use anstyle::{AnsiColor, Style};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
-use super::{Counters, DOUBT, Finding, Report, Span, Spread};
+use super::{Counters, DOUBT, Device, Finding, Report, Span, Spread};
 
 /// Columns of the text.
 pub(crate) const WIDTH: usize = 100;
@@ -146,6 +146,18 @@ impl Report {
 
     fn write_notes(&self, out: &mut String) -> fmt::Result {
         let mut notes = Vec::new();
+        let short = |device: &&Device| device.plan.iter().any(|line| line.slack_ns < 0);
+        for device in self.devices.iter().filter(short).take(MOST_DEVICES) {
+            let line = device.plan.iter().min_by_key(|line| line.slack_ns).expect("one is short");
+            notes.push(format!(
+                "SubDevice {}: the plan does not fit, and was run all the same: {}: {}: slack {}. What comes a whole \
+                 cycle late in each cycle looks regular: counters and judges don't see it",
+                device.position,
+                line.object,
+                line.demand,
+                Nanos(line.slack_ns)
+            ));
+        }
         if let Some(reference) = self.segment.main_device.reference {
             notes.push(format!(
                 "SubDevice {reference} is the reference clock: its own SYNC0 edges do not spread, they lie \

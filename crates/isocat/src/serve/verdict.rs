@@ -45,6 +45,8 @@ pub struct JudgedDevice {
     pub counters_before: [u32; 4],
     /// It has process data of its own.
     pub has_process_data: bool,
+    /// Outputs are transmitted.
+    pub has_outputs: bool,
     /// What speaks against it, each with the time from the beginning if it has one.
     pub findings: Vec<(Option<Picos>, String)>,
 }
@@ -112,6 +114,7 @@ fn device(
         sync0_in_frame: served.sync0_in_frame()[at],
         counters: counters(served, at),
         counters_before,
+        has_outputs: sync.has_outputs(),
         has_process_data: sync.has_outputs() || sync.has_inputs(),
         findings: Vec::new(),
     };
@@ -138,11 +141,7 @@ fn findings(
     // Who does not work by SYNC0 may do so whenever he likes.
     let works_by_sync0 = judged.mode.uses_dc();
     if let Some(first) = bench.missed.first().filter(|at| within(*at)) {
-        let count = bench.missed.count();
-        findings.push((
-            since(first),
-            format!("SYNC0 came before the outputs were copied and calculated, {count} times"),
-        ));
+        findings.push((since(first), bench.missed.words(judged.has_outputs)));
     }
     if let Some(judge) = &bench.sync0 {
         if let Some((at, error)) = judge.first_beyond().filter(|(at, _)| within(*at)) {

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use isocat_wire::{AlStatusCode, ObjectAddress};
+use isocat_wire::{AlStatusCode, ObjectAddress, register};
 
 use crate::mode::SyncMode;
 use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
@@ -18,6 +18,8 @@ pub enum Check {
     OutputsBeforeSync0,
     /// Outputs are stored before the SYNC0 that fetches them.
     OutputsStoredBeforeSync0,
+    /// Inputs of a SubDevice without outputs are read before the SYNC0 that counts the reads.
+    InputsReadBeforeSync0,
     /// SYNC1 leaves the time to copy and calculate from SYNC0 on.
     Sync1CoversCopy,
     /// SYNC1 comes before the next SYNC0.
@@ -30,6 +32,27 @@ pub enum Check {
     InputShiftCoversDelay,
     /// Outputs become valid before the next pulse.
     OutputsValidInCycle,
+    /// Outputs come again before the watchdog of the process data is over.
+    OutputsBeforeWatchdog,
+}
+
+/// Where a demand is stated.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Source {
+    /// An entry of the SubDevice's dictionary.
+    Object(ObjectAddress),
+    /// A register.
+    Register(u16),
+}
+
+/// `0x1C32:05`, `0x0420`.
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Object(object) => write!(f, "{object}"),
+            Self::Register(address) => write!(f, "0x{address:04X}"),
+        }
+    }
 }
 
 /// What shows that a demand was not met.
@@ -39,22 +62,26 @@ pub enum Sign {
     Counter(ObjectAddress),
     /// The SubDevice refuses SAFEOP with this AL status code.
     Refusal(AlStatusCode),
+    /// The SubDevice falls out of OP with this AL status code.
+    Fall(AlStatusCode),
     /// Only somebody who sees true time: named so.
     Judge(&'static str),
 }
 
 impl Check {
     /// Those of one SubDevice, in the order of its cycle.
-    pub const OF_DEVICE: [Check; 9] = [
+    pub const OF_DEVICE: [Check; 11] = [
         Self::MinimumCycle,
         Self::OutputsStoredBeforeSync0,
         Self::Sync1CoversCopy,
         Self::OutputsBeforeSync0,
+        Self::InputsReadBeforeSync0,
         Self::Sync1BeforeNextSync0,
         Self::InputsBeforeFrame,
         Self::ShiftCoversDelay,
         Self::InputShiftCoversDelay,
         Self::OutputsValidInCycle,
+        Self::OutputsBeforeWatchdog,
     ];
 
     /// Short name, for programs.
@@ -64,29 +91,36 @@ impl Check {
             Self::MinimumCycle => "minimum-cycle",
             Self::OutputsBeforeSync0 => "outputs-before-sync0",
             Self::OutputsStoredBeforeSync0 => "outputs-stored-before-sync0",
+            Self::InputsReadBeforeSync0 => "inputs-read-before-sync0",
             Self::Sync1CoversCopy => "sync1-covers-copy",
             Self::Sync1BeforeNextSync0 => "sync1-before-next-sync0",
             Self::InputsBeforeFrame => "inputs-before-frame",
             Self::ShiftCoversDelay => "shift-covers-delay",
             Self::InputShiftCoversDelay => "input-shift-covers-delay",
             Self::OutputsValidInCycle => "outputs-valid-in-cycle",
+            Self::OutputsBeforeWatchdog => "outputs-before-watchdog",
         }
     }
 
-    /// The object that states the demand; that of the frames is stated by none.
-    pub const fn object(self) -> ObjectAddress {
+    /// What states the demand, or counts what breaks it; `None` for that of the frames.
+    pub const fn source(self) -> Option<Source> {
         let (index, sub) = match self {
-            Self::FramesInCycle | Self::Sync1BeforeNextSync0 => (OUTPUT_PARAMETER, sub::CYCLE_TIME),
+            Self::FramesInCycle => return None,
+            Self::OutputsBeforeWatchdog => {
+                return Some(Source::Register(register::WATCHDOG_TIME_PROCESS_DATA.address));
+            }
+            Self::Sync1BeforeNextSync0 => (OUTPUT_PARAMETER, sub::CYCLE_TIME),
             Self::MinimumCycle => (OUTPUT_PARAMETER, sub::MINIMUM_CYCLE_TIME),
             Self::OutputsBeforeSync0 | Self::OutputsStoredBeforeSync0 | Self::Sync1CoversCopy => {
                 (OUTPUT_PARAMETER, sub::CALC_AND_COPY_TIME)
             }
+            Self::InputsReadBeforeSync0 => (INPUT_PARAMETER, sub::SM_EVENT_MISSED),
             Self::InputsBeforeFrame => (INPUT_PARAMETER, sub::CALC_AND_COPY_TIME),
             Self::ShiftCoversDelay => (OUTPUT_PARAMETER, sub::DELAY_TIME),
             Self::InputShiftCoversDelay => (INPUT_PARAMETER, sub::DELAY_TIME),
             Self::OutputsValidInCycle => (OUTPUT_PARAMETER, sub::SHIFT_TIME),
         };
-        ObjectAddress::new(index, sub)
+        Some(Source::Object(ObjectAddress::new(index, sub)))
     }
 
     /// The demand in words: what must not exceed what.
@@ -94,6 +128,9 @@ impl Check {
         match self {
             Self::FramesInCycle => {
                 "all frames of a cycle with their gaps + send jitter + clock error <= cycle"
+            }
+            Self::InputsReadBeforeSync0 => {
+                "inputs read (SM3) + send jitter + clock error <= SYNC0 that counts the reads"
             }
             Self::MinimumCycle => "minimum cycle time (plus send jitter in SM mode) <= cycle",
             Self::OutputsBeforeSync0 => {
@@ -110,6 +147,7 @@ impl Check {
             Self::ShiftCoversDelay => "delay time <= shift time",
             Self::InputShiftCoversDelay => "delay time <= shift time of the inputs",
             Self::OutputsValidInCycle => "acting pulse to outputs valid <= cycle of the pulse",
+            Self::OutputsBeforeWatchdog => "cycle + send jitter <= watchdog of the process data",
         }
     }
 
@@ -123,6 +161,9 @@ impl Check {
             Self::OutputsBeforeSync0 => output(sub::SM_EVENT_MISSED),
             // The device finds the outputs of the cycle before, which are as new to it.
             Self::OutputsStoredBeforeSync0 => Sign::Judge("outputs fetched in their cycle"),
+            // Each read sets the counter back: one that is missed now and then is never seen in it.
+            Self::InputsReadBeforeSync0 => Sign::Judge("inputs read between two pulses"),
+            Self::OutputsBeforeWatchdog => Sign::Fall(AlStatusCode::WATCHDOG),
             Self::Sync1CoversCopy | Self::ShiftCoversDelay => output(sub::SHIFT_TIME_TOO_SHORT),
             Self::InputShiftCoversDelay => {
                 Sign::Counter(ObjectAddress::new(INPUT_PARAMETER, sub::SHIFT_TIME_TOO_SHORT))
@@ -141,6 +182,7 @@ impl fmt::Display for Sign {
         match self {
             Self::Counter(object) => write!(f, "{object} counts"),
             Self::Refusal(code) => write!(f, "SAFEOP refused, AL status code {code}"),
+            Self::Fall(code) => write!(f, "OP left, AL status code {code}"),
             Self::Judge(name) => write!(f, "judge: {name}"),
         }
     }

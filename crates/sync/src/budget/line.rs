@@ -35,8 +35,11 @@ impl Line {
 impl fmt::Display for Line {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Line { check, needed, available } = self;
-        let (object, words, slack) = (check.object(), check.words(), self.slack());
-        write!(f, "{object}: {words}: needs {needed}, has {available}, slack {slack}")
+        let (words, slack) = (check.words(), self.slack());
+        if let Some(source) = check.source() {
+            write!(f, "{source}: ")?;
+        }
+        write!(f, "{words}: needs {needed}, has {available}, slack {slack}")
     }
 }
 
@@ -111,7 +114,9 @@ pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
         needed: Sum::default()
             .and(Quantity::Frames, wire, Origin::Wire)
             .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
-            .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent),
+            .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
+            // The wire's time is not the reference clock's.
+            .if_any(Quantity::ClockSpeed, speed_error(cycle, cycle.cycle), Origin::Assumed),
         available: Sum::default().and(Quantity::Cycle, cycle.cycle, Origin::Intent),
     }
 }
@@ -121,14 +126,15 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
     let mode = device.mode;
     let (needed, available) = match check {
         Check::FramesInCycle => return None,
-        // In Free Run the device's cycle is its own.
-        Check::MinimumCycle if mode != SyncMode::FreeRun => minimum_cycle(cycle, device),
+        // In Free Run the device's cycle is its own, if it really is in Free Run.
+        Check::MinimumCycle if mode != SyncMode::FreeRun || device.minimum_cycle > Nanos::ZERO => minimum_cycle(cycle, device),
         Check::OutputsBeforeSync0 if mode.uses_dc() && mode != SyncMode::DcSync1 => {
             outputs_ready(cycle, shift, device)?
         }
         Check::OutputsStoredBeforeSync0 if mode == SyncMode::DcSync1 => {
             (outputs_stored(cycle, device)?, pulse(shift, device.pulses.lead))
         }
+        Check::InputsReadBeforeSync0 if mode.uses_dc() => inputs_read(cycle, shift, device)?,
         Check::Sync1CoversCopy if mode == SyncMode::DcSync1 => {
             device.outputs_arrival?;
             let origins = &device.origins;
@@ -144,7 +150,8 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
             let origins = &device.origins;
             let sync1 = Sum::default().and(Quantity::Sync1, device.pulses.sync1, origins.sync1);
             let sync0_cycle = device.pulses.sync0_cycle;
-            let error = speed_error(cycle, device.pulses.sync1);
+            // Both are made of one system time.
+            let error = speed_error(cycle, device.pulses.sync1).min(cycle.clock_error);
             (
                 strictly(sync1.if_any(Quantity::ClockSpeed, error, Origin::Assumed)),
                 Sum::default().and(Quantity::Sync0Cycle, sync0_cycle, origins.sync0_cycle),
@@ -168,6 +175,7 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
             )
         }
         Check::OutputsValidInCycle if mode.uses_dc() => outputs_valid(cycle, device)?,
+        Check::OutputsBeforeWatchdog => within_watchdog(cycle, device)?,
         _ => return None,
     };
     Some(Demand { check, needed, available })
@@ -178,7 +186,7 @@ fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
     let needed = Sum::default().and(Quantity::MinimumCycle, device.minimum_cycle, origin);
     let available = Sum::default();
     match device.mode {
-        SyncMode::SmSynchronous => (
+        SyncMode::SmSynchronous | SyncMode::FreeRun => (
             needed.and(Quantity::SendJitter, cycle.jitter, Origin::Intent),
             available.and(Quantity::Cycle, cycle.cycle, Origin::Intent),
         ),
@@ -195,17 +203,43 @@ fn sync0_cycle(device: &Device) -> Sum {
     Sum::default().and(Quantity::Sync0Cycle, cycle, origin)
 }
 
+/// Outputs must come again while those before are still valid; the SubDevice counts by its own oscillator.
+fn within_watchdog(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
+    device.outputs_arrival?;
+    let (watchdog, origin) = (device.watchdog?, device.origins.watchdog);
+    let needed = Sum::default()
+        .and(Quantity::Cycle, cycle.cycle, Origin::Intent)
+        .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+        .if_any(Quantity::ClockSpeed, speed_error(cycle, watchdog), Origin::Assumed);
+    Some((needed, Sum::default().and(Quantity::Watchdog, watchdog, origin)))
+}
+
+/// A SubDevice without outputs counts reads of its inputs: one, no more and no less, between two pulses.
+fn inputs_read(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
+    if device.outputs_arrival.is_some() {
+        return None;
+    }
+    let read = through(cycle, device, device.inputs_read?);
+    let lead = match device.mode {
+        SyncMode::DcSubordinated => Nanos::ZERO,
+        _ => device.pulses.lead,
+    };
+    Some((read, pulse(shift, lead)))
+}
+
 /// Until the outputs are in the SubDevice's memory at the latest, by its own clock.
 fn outputs_stored(cycle: &Cycle, device: &Device) -> Option<Sum> {
-    let arrival = device.outputs_arrival?;
-    Some(
-        Sum::default()
-            .if_any(Quantity::Send, cycle.send, Origin::Plan)
-            .and(Quantity::FrameEnd, arrival - device.delay, Origin::Wire)
-            .and(Quantity::Propagation, device.delay, device.origins.delay)
-            .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
-            .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent),
-    )
+    Some(through(cycle, device, device.outputs_arrival?))
+}
+
+/// Until the frame is through at the latest; `end`: behind its begin at the reference clock.
+fn through(cycle: &Cycle, device: &Device, end: Nanos) -> Sum {
+    Sum::default()
+        .if_any(Quantity::Send, cycle.send, Origin::Plan)
+        .and(Quantity::FrameEnd, end - device.delay, Origin::Wire)
+        .and(Quantity::Propagation, device.delay, device.origins.delay)
+        .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+        .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
 }
 
 fn outputs_ready(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
@@ -256,9 +290,16 @@ fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum
 fn inputs_by_timer(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     let fetched = device.inputs_fetched?;
     let origins = &device.origins;
-    let needed = outputs_stored(cycle, device)?
-        .and(Quantity::InputShift, device.input_shift, origins.input_shift)
-        .and(Quantity::InputCalcAndCopy, device.input_calc_and_copy, origins.input_calc_and_copy);
+    let stored = outputs_stored(cycle, device)?;
+    let copy = device.output_calc_and_copy;
+    let waits = if device.input_shift < copy {
+        // When the timer comes the CPU is still at the outputs that the frame brought.
+        stored.and(Quantity::OutputCalcAndCopy, copy, origins.output_calc_and_copy)
+    } else {
+        stored.and(Quantity::InputShift, device.input_shift, origins.input_shift)
+    };
+    let copy = device.input_calc_and_copy;
+    let needed = waits.and(Quantity::InputCalcAndCopy, copy, origins.input_calc_and_copy);
     Some((needed, next_frame(cycle, device, fetched)))
 }
 
@@ -298,10 +339,13 @@ fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     Some((needed, available))
 }
 
-/// By how much a SubDevice's own count of a span may differ from system time: its oscillator is within
-/// 100 ppm, and pulses come on ticks of 10 ns. Clocks without error have none.
+/// By how much two counts of a span may differ that no loop keeps together: oscillators are within 100 ppm, and
+/// pulses come on ticks of 10 ns. Clocks without error have none.
 fn speed_error(cycle: &Cycle, span: Nanos) -> Nanos {
-    cycle.clock_error.min(Nanos(span.0 / 10_000 + 10))
+    match cycle.clock_error {
+        Nanos::ZERO => Nanos::ZERO,
+        _ => Nanos(span.0 / 10_000 + 10),
+    }
 }
 
 fn strictly(sum: Sum) -> Sum {

@@ -65,8 +65,11 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
             match (stored, shift) {
                 (Some(stored), Some(shift)) if has_inputs => {
                     let (latch, available) = latched(stored.after(shift, shift));
-                    (moments.input_latch, moments.inputs_available) =
-                        (Some(latch), Some(available));
+                    // The CPU may still be at the outputs.
+                    let waits = device.output_calc_and_copy.max(shift) - shift;
+                    let latest = available.latest + waits;
+                    moments.input_latch = Some(latch);
+                    moments.inputs_available = Some(Span { latest, ..available });
                 }
                 _ if has_inputs => (moments.input_latch, moments.inputs_available) = (all, all),
                 _ => {}

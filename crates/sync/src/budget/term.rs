@@ -23,6 +23,8 @@ pub enum Origin {
     Esi,
     /// Measured on the segment.
     Measured,
+    /// Reset value of the chip's registers.
+    Chip,
     /// The profile of the device says so: cables, chips, CPUs.
     Profile,
     /// Nobody says it: taken for it.
@@ -38,6 +40,7 @@ impl fmt::Display for Origin {
             Self::Object(object) => write!(f, "{object}"),
             Self::Esi => f.pad("ESI"),
             Self::Measured => f.pad("measured"),
+            Self::Chip => f.pad("chip"),
             Self::Profile => f.pad("profile"),
             Self::Assumed => f.pad("assumed"),
         }
@@ -67,6 +70,8 @@ pub struct Origins {
     pub sync0_cycle: Origin,
     /// Of the spread behind a pulse.
     pub pulse_jitter: Origin,
+    /// Of the watchdog.
+    pub watchdog: Origin,
 }
 
 impl Default for Origins {
@@ -85,6 +90,7 @@ impl Default for Origins {
             sync1: Origin::Plan,
             sync0_cycle: Origin::Intent,
             pulse_jitter: Origin::Assumed,
+            watchdog: Origin::Chip,
         }
     }
 }
@@ -134,6 +140,8 @@ pub enum Quantity {
     InputDelay,
     /// Shift time of the inputs.
     InputShift,
+    /// How long outputs stay valid without new ones.
+    Watchdog,
     /// What a SubDevice's steps may be late behind their pulse.
     PulseJitter,
     /// The nanosecond by which "less" differs from "not more".
@@ -165,6 +173,7 @@ impl Quantity {
             Self::InputCalcAndCopy => "calc and copy of inputs",
             Self::InputDelay => "delay of inputs",
             Self::InputShift => "shift of inputs",
+            Self::Watchdog => "watchdog of the process data",
             Self::PulseJitter => "jitter behind the pulse",
             Self::Strictly => "less, not equal",
         }

@@ -14,6 +14,8 @@ fn drive() -> Device {
         pulses: Pulses { sync0_cycle: Nanos(1_000_000), ..Pulses::default() },
         outputs_arrival: Some(Nanos(12_345)),
         inputs_fetched: Some(Nanos(1_000)),
+        inputs_read: Some(Nanos(12_345)),
+        watchdog: None,
         minimum_cycle: Nanos(250_000),
         output_calc_and_copy: Nanos(60_000),
         output_delay: Nanos(30_000),
@@ -72,8 +74,9 @@ fn shift_covers_the_delay_and_stays_in_the_cycle() {
     let ideal = Cycle { clock_error: Nanos(0), ..CYCLE };
     assert_eq!(slack(&ideal, 500_000, &with(1_000_000), Check::OutputsValidInCycle), 0);
     assert_eq!(slack(&ideal, 500_000, &with(1_000_001), Check::OutputsValidInCycle), -1);
-    // An oscillator within 100 ppm: never more than two clocks differ at all.
-    assert_eq!(slack(&CYCLE, 500_000, &with(999_900), Check::OutputsValidInCycle), 0);
+    // An oscillator within 100 ppm, and a tick.
+    assert_eq!(slack(&CYCLE, 500_000, &with(999_891), Check::OutputsValidInCycle), 0);
+    assert_eq!(slack(&CYCLE, 500_000, &with(999_892), Check::OutputsValidInCycle), -1);
     assert_eq!(slack(&CYCLE, 500_000, &with(30_000), Check::OutputsValidInCycle), 969_987);
 }
 
@@ -173,8 +176,32 @@ fn inputs_by_timer_stand_before_the_next_frame() {
 
 #[test]
 fn frames_fill_the_cycle_to_the_nanosecond() {
-    assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_900)).slack(), Nanos(0));
-    assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_901)).slack(), Nanos(-1));
+    assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_790)).slack(), Nanos(0));
+    assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_791)).slack(), Nanos(-1));
+}
+
+/// Without outputs the read of the inputs must not lie on both sides of the pulse that counts it.
+#[test]
+fn inputs_are_read_before_the_pulse_to_the_nanosecond() {
+    let device = Device { outputs_arrival: None, watchdog: None, ..drive() };
+    let read = 12_345 + 20_000 + 100;
+    assert_eq!(slack(&CYCLE, read, &device, Check::InputsReadBeforeSync0), 0);
+    assert_eq!(slack(&CYCLE, read - 1, &device, Check::InputsReadBeforeSync0), -1);
+    assert_eq!(window(&CYCLE, &device).earliest, Some(Nanos(read)));
+    let none = budget(&CYCLE, Nanos(read), &drive()).line(Check::InputsReadBeforeSync0);
+    assert_eq!(none, None, "outputs are what counts");
+}
+
+/// 100 ms less 10 us by which a slow oscillator and a tick shorten them.
+#[test]
+fn outputs_come_before_the_watchdog_to_the_nanosecond() {
+    let device = Device { watchdog: Some(Nanos(100_000_000)), ..drive() };
+    let cycle = |ns| Cycle { cycle: Nanos(ns), ..CYCLE };
+    let last = 100_000_000 - 20_000 - 10_010;
+    assert_eq!(slack(&cycle(last), 0, &device, Check::OutputsBeforeWatchdog), 0);
+    assert_eq!(slack(&cycle(last + 1), 0, &device, Check::OutputsBeforeWatchdog), -1);
+    let sign = demand(&cycle(last), Nanos(0), &device, Check::OutputsBeforeWatchdog).unwrap();
+    assert_eq!(sign.sign(device.mode), Sign::Fall(isocat_wire::AlStatusCode::WATCHDOG));
 }
 
 /// The window is where both lines that look at the acting pulse have no slack left, in every mode.
@@ -192,8 +219,8 @@ fn the_window_ends_where_slack_ends() {
         let window = window(&CYCLE, &device);
         let (earliest, latest) = (window.earliest.unwrap(), window.latest.unwrap());
         let at = |shift: Nanos, check| slack(&CYCLE, shift.0, &device, check);
-        assert_eq!(at(earliest, outputs_check(mode)), 0, "{mode}");
-        assert_eq!(at(earliest - Nanos(1), outputs_check(mode)), -1, "{mode}");
+        assert_eq!(at(earliest, before_pulse(&device)), 0, "{mode}");
+        assert_eq!(at(earliest - Nanos(1), before_pulse(&device)), -1, "{mode}");
         assert_eq!(at(latest, Check::InputsBeforeFrame), 0, "{mode}");
         assert_eq!(at(latest + Nanos(1), Check::InputsBeforeFrame), -1, "{mode}");
         // What the moments say is what the lines say.

@@ -274,3 +274,31 @@ fn a_sync0_cycle_as_short_as_the_device_can() {
         scenario(SYNC0, &[minimum(own), minimum(own)])
     });
 }
+
+/// Frames that fill the cycle but for one acyclic frame. A nanosecond less, and the acyclic ones of the way up push the
+/// next cycle.
+#[test]
+fn frames_that_fill_the_cycle() {
+    let full = |less: i64| {
+        let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 80\n";
+        let file = SegmentFile::parse("edge", text).expect("a segment file");
+        let mut scenario = Scenario::from(file);
+        scenario.host = HostModel { clock_ppb: 0, jitter: Nanos::ZERO, ..HostModel::default() };
+        scenario.duration = Nanos::millis(60);
+        scenario.clock_error = Some(Nanos::ZERO);
+        let frames = Plan::of(&scenario).expect("a plan").timing().frames_in_cycle();
+        scenario.cycle = frames.line().needed - Nanos(less);
+        let plan = Plan::of(&scenario).expect("a plan");
+        let proof = proof::prove(&plan, &scenario);
+        let planned = plan.timing().frames_in_cycle().slack().0;
+        (planned, proof.slack(None, Check::FramesInCycle).map(|(ns, _)| ns), proof.run, scenario)
+    };
+    let (planned, measured, run, _) = full(0);
+    assert_eq!(planned, 0);
+    assert!(measured >= Some(0.0), "{measured:?}");
+    assert!(run.in_sync, "{:?}", run.findings);
+    let (planned, measured, _, scenario) = full(1);
+    assert_eq!((planned, measured), (-1, Some(-1.0)));
+    let refused = run_as_planned(&scenario);
+    assert!(refused.contains("all frames of a cycle") && refused.contains("slack -1"), "{refused}");
+}

@@ -48,6 +48,8 @@ pub(crate) struct Cycle {
     due: Time<Host>,
     /// The cycle that is due was put off after the caller had slept.
     put_off: bool,
+    /// When the port has sent this cycle's frames so far, and the gap behind them.
+    through: Time<Host>,
     /// Next frame of this cycle to send; all are sent if it is the number of frames.
     next_frame: usize,
     /// The count of SubDevices that last answered.
@@ -132,6 +134,7 @@ impl Cycle {
             number: 0,
             due: start,
             put_off: false,
+            through: Time::ZERO,
             next_frame: 0,
             answering: segment.devices.len() as u16,
             al_status: 0,
@@ -175,6 +178,17 @@ impl Cycle {
     /// Whether all frames of the cycle are out.
     pub fn is_sent(&self) -> bool {
         self.next_frame >= self.frames.len() || self.next_frame == 0
+    }
+
+    /// When the port has sent the frames of this cycle that are out, and the gap behind them.
+    pub fn through(&self) -> Time<Host> {
+        self.through
+    }
+
+    /// What the frames of a cycle leave of it, the gaps taken off.
+    pub fn spare(&self) -> Nanos {
+        let wire = |frame: &CyclicFrame| duration_ns(frame.bytes.len()) as i64 + GAP.0;
+        self.cycle - Nanos(self.frames.iter().map(wire).sum())
     }
 
     /// Frames that are under way.
@@ -225,6 +239,7 @@ impl Cycle {
         }
         frame.flights[parity] = Some(now);
         frame.cycles[parity] = self.number;
+        self.through = now.max(self.through) + Nanos(duration_ns(frame.bytes.len()) as i64) + GAP;
         inner.statistics.frames_sent += 1;
         inner.statistics.datagrams += frame.datagrams.len() as u64;
         self.next_frame += 1;

@@ -213,7 +213,7 @@ impl MainDevice {
             }
             let most = share.room(cycle, config, now, inner.first_len()?)?;
             let len = inner.transmit(now, buffer, most)?;
-            share.take(now, len);
+            share.take(now.max(cycle.through()), len);
             Some(len)
         })
     }
@@ -649,7 +649,7 @@ impl MainDevice {
 const CHECK_AGAIN: u64 = 100;
 
 impl Share {
-    /// A frame leaves.
+    /// A frame leaves when the port is free from `now` on.
     fn take(&mut self, now: Time<Host>, len: usize) {
         let duration = duration_ns(len) as i64;
         self.left -= duration;
@@ -661,7 +661,8 @@ impl Share {
     ///
     /// Acyclic frames follow those of the cycle, take no more than their share of it, and are
     /// through before the next cycle. The first of a cycle may exceed the share, so that long
-    /// mailboxes get through short cycles at all.
+    /// mailboxes get through short cycles at all. One that no cycle has room for goes out all the same, or
+    /// everything would wait for it: the next cycle is late then.
     fn room(
         &mut self,
         cycle: &Cycle,
@@ -678,11 +679,10 @@ impl Share {
             *self = Share { cycle: cycle.number(), left: share, free: self.free };
         }
         // Several in a row leave one behind the other: the last of them must be through as well.
-        let until_next = (cycle.due() - now.max(self.free)).0 - GAP.0;
+        let free = now.max(self.free).max(cycle.through());
+        let until_next = (cycle.due() - free).0 - GAP.0;
         let needed = duration_ns(first) as i64;
-        // What a whole cycle can't hold will never fit; it goes out all the same, right behind the
-        // cycle's own.
-        let hopeless = needed > config.cycle.0 / 10 * 9;
+        let hopeless = fresh && needed + GAP.0 > cycle.spare().0;
         if needed > until_next && !hopeless || needed > self.left && self.left < share {
             return None;
         }

@@ -123,6 +123,7 @@ impl Run {
 struct Notes {
     working_counter: u64,
     skipped: u64,
+    lost: u64,
     answers: Vec<(RequestId, Option<u32>)>,
 }
 
@@ -179,6 +180,7 @@ fn run_for<T: Tap>(
 ) {
     let began = world.now();
     let end = began + duration;
+    let lost = world.main().statistics().frames_lost;
     let mut told = began;
     while world.step(end) {
         take_events(world, notes);
@@ -188,6 +190,7 @@ fn run_for<T: Tap>(
         }
     }
     take_events(world, notes);
+    notes.lost = world.main().statistics().frames_lost - lost;
 }
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
@@ -292,6 +295,10 @@ impl<T: Tap> Outcome<T> {
         }
         if notes.skipped > 0 {
             let what = format!("the host skipped {} cycles", notes.skipped);
+            findings.push(Finding { device: None, since: None, what });
+        }
+        if notes.lost > 0 {
+            let what = format!("{} frames did not come back in time", notes.lost);
             findings.push(Finding { device: None, since: None, what });
         }
         // What came first is nearest to the cause; what has no time of its own comes last.

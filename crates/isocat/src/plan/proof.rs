@@ -177,7 +177,12 @@ impl Onlooker {
         Self {
             reference: plan.segment.reference,
             cycle: timing.cycle.cycle.into(),
-            frames: Frames { of_cycle: frames, ..Frames::default() },
+            frames: Frames {
+                of_cycle: frames,
+                cycle: timing.cycle.cycle.into(),
+                tolerance: timing.cycle.clock_error.into(),
+                ..Frames::default()
+            },
             waiting: watches.len(),
             watches,
             from: None,
@@ -226,6 +231,8 @@ impl Onlooker {
         let on = self.is_on(at);
         if cyclic {
             self.frames.passes(at, until, on);
+        } else {
+            self.frames.acyclic(at, until);
         }
     }
 
@@ -274,24 +281,44 @@ fn expected(moments: &Moments, pick: fn(&Moments) -> Option<Span>) -> Option<Pic
 struct Frames {
     of_cycle: usize,
     number: usize,
+    cycle: Picos,
+    /// How far cycles may be apart since clocks differ.
+    tolerance: Picos,
+    /// When the first frame of the last cycle left.
+    first: Option<Time<True>>,
     /// When the port had sent the last frame of a cycle, and its gap.
     free: Option<Time<True>>,
+    /// The same for all frames since.
+    busy: Option<Time<True>>,
     slack: Least,
 }
 
 impl Frames {
     fn passes(&mut self, at: Time<True>, on_wire: Picos, on: bool) {
-        if self.number == 0
-            && let Some(free) = self.free
-            && on
-        {
-            self.slack.take(at - free);
+        if self.number == 0 {
+            if let Some(free) = self.free.filter(|_| on) {
+                self.slack.take(at - free);
+            }
+            // Acyclic frames go whenever there is room, but not into the next cycle, on the way up neither.
+            let due = self.first.map(|first| first + self.cycle);
+            if let (Some(due), Some(busy)) = (due, self.busy)
+                && busy == at
+                && at - due > self.tolerance
+            {
+                self.slack.take(due - busy);
+            }
+            self.first = Some(at);
         }
+        self.busy = None;
         self.number += 1;
         if self.number >= self.of_cycle {
             self.number = 0;
             self.free = Some(at + on_wire);
         }
+    }
+
+    fn acyclic(&mut self, at: Time<True>, on_wire: Picos) {
+        self.busy = Some(at + on_wire);
     }
 }
 

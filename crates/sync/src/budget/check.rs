@@ -127,7 +127,7 @@ impl Check {
     pub const fn words(self) -> &'static str {
         match self {
             Self::FramesInCycle => {
-                "all frames of a cycle with their gaps + send jitter + clock error <= cycle"
+                "all frames of a cycle with their gaps, and one acyclic frame + send jitter + clock error <= cycle"
             }
             Self::InputsReadBeforeSync0 => {
                 "inputs read (SM3) + send jitter + clock error <= SYNC0 that counts the reads"

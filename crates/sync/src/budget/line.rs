@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use isocat_wire::AlStatusCode;
+use isocat_wire::{AlStatusCode, frame};
 use isocat_wire::time::Nanos;
 
 use super::term::{Origin, Quantity, Sum};
@@ -108,11 +108,17 @@ impl Budget {
     }
 }
 
+/// The shortest frame, its preamble and check sequence, and the gap behind it: requests of states need it.
+const ACYCLIC: Nanos = Nanos(
+    ((frame::MIN_LEN + frame::WIRE_OVERHEAD) as u64 * frame::BYTE_TIME_NS) as i64,
+);
+
 pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
     Demand {
         check: Check::FramesInCycle,
         needed: Sum::default()
             .and(Quantity::Frames, wire, Origin::Wire)
+            .and(Quantity::Acyclic, ACYCLIC, Origin::Wire)
             .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
             .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
             // The wire's time is not the reference clock's.

@@ -106,6 +106,8 @@ pub enum Quantity {
     FrameBegin,
     /// All frames of a cycle.
     Frames,
+    /// One short acyclic frame.
+    Acyclic,
     /// From the reference clock to the SubDevice.
     Propagation,
     /// How late a frame may be.
@@ -156,6 +158,7 @@ impl Quantity {
             Self::FrameEnd => "frame to its last bit",
             Self::FrameBegin => "frames before it",
             Self::Frames => "frames with gaps",
+            Self::Acyclic => "one acyclic frame",
             Self::Propagation => "propagation",
             Self::SendJitter => "send jitter",
             Self::ClockError => "clock error",

@@ -85,6 +85,11 @@ impl EsiOpMode {
     pub const fn sync1(&self) -> bool {
         self.assign_activate & (ACTIVE | SYNC1) == ACTIVE | SYNC1
     }
+
+    /// A pulse is generated, SYNC0 or SYNC1.
+    pub const fn has_pulses(&self) -> bool {
+        self.sync0() || self.sync1()
+    }
 }
 
 /// Reads the DC part of a device.
@@ -109,12 +114,12 @@ pub(super) fn read(device: Element<'_>, warnings: &mut Warnings) -> Result<Optio
         dc.op_modes.push(mode);
     }
     if let [first, others @ ..] = &dc.op_modes[..]
-        && !first.sync0()
-        && let Some(with) = others.iter().find(|mode| mode.sync0())
+        && !first.has_pulses()
+        && let Some(with) = others.iter().find(|mode| mode.has_pulses())
     {
         warnings.add(WarningKind::FirstOpModeWithoutDc, first.at, || {
             format!(
-                "the default, \"{}\", has no SYNC0; \"{}\" has",
+                "the default, \"{}\", has neither SYNC0 nor SYNC1; \"{}\" has",
                 read::cut(&first.name),
                 read::cut(&with.name)
             )
@@ -207,7 +212,12 @@ fn doubts(mode: &EsiOpMode, time_loop_control_only: bool, warnings: &mut Warning
     }
     let cycle = mode.cycle_time_sync0;
     let (value, factor) = cycle.map_or((0, 0), |cycle| (cycle.value.0, cycle.factor.unwrap_or(0)));
-    if (mode.sync0() || mode.sync1()) && !time_loop_control_only {
+    if mode.sync1() && !mode.sync0() {
+        warnings.add(WarningKind::Sync1Alone, mode.at, || {
+            format!("\"{}\" has {word:#06x}: SYNC1 without SYNC0, which it is counted from", name())
+        });
+    }
+    if mode.has_pulses() && !time_loop_control_only {
         if value == 0 && factor == 0 {
             warnings.add(WarningKind::Sync0CycleMissing, mode.at, || {
                 format!("\"{}\": the bus cycle is taken for SYNC0", name())

@@ -94,8 +94,13 @@ pub(super) fn read<'a>(
         w.add(WarningKind::GroupUnknown, at, || format!("group \"{}\"", cut(&group)));
     }
     let physics = element.attribute("Physics").map(str::to_owned);
-    if physics.is_none() {
-        w.add(WarningKind::PhysicsMissing, at, || "two MII ports are assumed".to_owned());
+    match &physics {
+        None => w.add(WarningKind::PhysicsMissing, at, || "two MII ports are assumed".to_owned()),
+        Some(letters) => {
+            if let Some(words) = strange_ports(letters) {
+                w.add(WarningKind::PhysicsUnknown, at, || words);
+            }
+        }
     }
     if let Some(further) = element.child("SubDevice") {
         w.add(WarningKind::SeveralControllers, further.at(), || {
@@ -129,6 +134,20 @@ pub(super) fn read<'a>(
     default_image(&device, modules, w);
     device.warnings = warnings.0;
     Ok(device)
+}
+
+/// What is doubtful about the letters of the ports.
+fn strange_ports(letters: &str) -> Option<String> {
+    if letters.trim().is_empty() {
+        return Some("no port at all; two MII ports are assumed".to_owned());
+    }
+    if letters.chars().count() > 4 {
+        let shown = cut(letters);
+        return Some(format!("\"{shown}\" has more than 4 ports; the first 4 are taken"));
+    }
+    let (port, letter) = letters.chars().enumerate().find(|(_, l)| !PHYSICS.contains(l))?;
+    let letter = letter.escape_default();
+    Some(format!("port {port} is \"{letter}\", none of Y, K, H, B and blank; MII is taken"))
 }
 
 fn fmmus(device: Element<'_>) -> Vec<u8> {
@@ -241,6 +260,8 @@ fn default_image(device: &EsiDevice, modules: &[EsiModule], w: &mut Warnings) {
     }
 }
 
+/// MII, EBUS, MII with fast hot connect, EBUS as old files have it, no port.
+const PHYSICS: [char; 5] = ['Y', 'K', 'H', 'B', ' '];
 /// Bits 2 to 4 of 0x1C32:04: SYNC0, SYNC1, subordinated.
 const DC_BITS: u64 = 0x1C;
 /// Children of a device in the schema.

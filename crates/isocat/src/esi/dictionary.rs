@@ -11,7 +11,7 @@ use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 
 use super::numbers::{hex_bytes, number};
-use super::read::{self, U16, cut};
+use super::read::{self, U16, U32, cut};
 use super::tree::{Element, Problem};
 use super::warning::{WarningKind, Warnings};
 
@@ -54,12 +54,22 @@ pub struct EsiEntry {
 /// What `Profile` says.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct EsiProfile {
-    /// Number of the device profile: 402 for drives, 5001 for modular devices.
+    /// Number of the device profile: 402 for drives, 5001 for modular devices. Without one of the whole device,
+    /// that of its first channel.
     pub number: Option<u16>,
+    /// Numbers of the profiles of its channels (`ChannelInfo`), in the order of the file.
+    pub channels: Vec<u16>,
     /// A dictionary stands in the file.
     pub has_dictionary: bool,
     /// Objects, ascending by index.
     pub objects: Vec<EsiObject>,
+}
+
+impl EsiProfile {
+    /// It is a drive (CiA 402), or one of its channels is.
+    pub fn is_drive(&self) -> bool {
+        self.number == Some(DRIVE) || self.channels.contains(&DRIVE)
+    }
 }
 
 /// Reads the profiles of a device. The first dictionary counts.
@@ -69,11 +79,16 @@ pub(super) fn read(
     warnings: &mut Warnings,
 ) -> Result<EsiProfile, Problem> {
     let mut found = EsiProfile::default();
+    // The high half tells more about some profiles (402 with the type of drive).
+    let mut number = |of| Ok(read::child(of, "ProfileNo", U32, warnings)?.map(|no| no as u16));
     for profile in device.children("Profile") {
-        if let Some(no) = read::child(profile, "ProfileNo", 0..=0xFFFF_FFFF, warnings)? {
-            // The high half tells more about some profiles (402 with the type of drive).
-            found.number = found.number.or(Some(no as u16));
+        found.number = found.number.or(number(profile)?);
+        for channel in profile.children("ChannelInfo") {
+            found.channels.extend(number(channel)?);
         }
+    }
+    found.number = found.number.or(found.channels.first().copied());
+    for profile in device.children("Profile") {
         if let Some(file) = profile.child("DictionaryFile") {
             warnings.add(WarningKind::DictionaryFile, file.at(), || {
                 format!("the dictionary is in \"{}\"; it is not read", cut(&file.text()))
@@ -584,3 +599,5 @@ fn to_u16(bits: u32, at: usize) -> Result<u16, Problem> {
 const INTEGER24: DataType = DataType(0x0010);
 const MOST_BITS: u32 = 1 << 24;
 const DEEPEST_TYPE: usize = 8;
+/// Device profile of drives.
+const DRIVE: u16 = 402;

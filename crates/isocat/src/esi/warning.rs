@@ -69,6 +69,8 @@ kinds! {
     GroupUnknown = "group-unknown";
     /// `Physics` is missing: two MII ports are assumed.
     PhysicsMissing = "physics-missing";
+    /// `Physics` has a letter that no port has, no port at all, or more than four.
+    PhysicsUnknown = "physics-unknown";
     /// The box has further ESCs (`SubDevice`), which are devices of their own.
     SeveralControllers = "several-controllers";
     /// A SyncManager's text is missing or of no meaning; its control byte tells.
@@ -113,7 +115,7 @@ kinds! {
     DataTypeUnknown = "data-type-unknown";
     /// A default value whose length is not that of its type.
     DefaultLength = "default-length";
-    /// The first OpMode, the default, switches DC off though another one has it.
+    /// The first OpMode, the default, makes no pulse though another one does.
     FirstOpModeWithoutDc = "first-opmode-without-dc";
     /// Two OpModes have one name: they are told apart by position.
     OpModeNameRepeated = "opmode-name-repeated";
@@ -121,6 +123,8 @@ kinds! {
     AssignActivateMissing = "assign-activate-missing";
     /// AssignActivate switches SYNC on in a way that is not in use elsewhere.
     AssignActivateUnusual = "assign-activate-unusual";
+    /// AssignActivate switches SYNC1 on without SYNC0.
+    Sync1Alone = "sync1-alone";
     /// SYNC is on without a cycle (absent, or 0 with factor 0): the bus cycle is taken.
     Sync0CycleMissing = "sync0-cycle-missing";
     /// SYNC0's cycle has a fixed time: only bus cycles that are a multiple of it are possible.

@@ -5,6 +5,7 @@ use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SupportedTypes, Syn
 use isocat_sync::{SyncMode, budget};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::info::Access;
+use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
 use super::Plan;
@@ -148,14 +149,13 @@ fn types_disagree(found: &SubDevice) -> Option<String> {
 /// All choices of the device leave SYNC off, and it is to run by SYNC.
 fn opmode_leaves_sync_off(found: &SubDevice) -> Option<String> {
     let modes = &found.sii.operation_modes;
-    let active = |word: u16| word & 0x0300 == 0x0300;
     let dc = found.mode.uses_dc();
-    if !dc || modes.is_empty() || modes.iter().any(|mode| active(mode.assign_activate)) {
+    if !dc || modes.is_empty() || modes.iter().any(|mode| makes_pulses(mode.assign_activate)) {
         return None;
     }
     let word = modes[0].assign_activate;
     Some(format!(
-        "mode {} needs SYNC0, but each OpMode of the device leaves it off (AssignActivate 0x{word:04X}); a \
+        "mode {} needs SYNC, but each OpMode of the device leaves it off (AssignActivate 0x{word:04X}); a \
          MainDevice that follows its ESI never starts SYNC",
         found.mode
     ))
@@ -165,12 +165,20 @@ fn opmode_leaves_sync_off(found: &SubDevice) -> Option<String> {
 fn first_opmode_is_off(found: &SubDevice) -> Option<String> {
     let modes = &found.sii.operation_modes;
     let first = modes.first()?.assign_activate;
-    let other = modes.iter().position(|mode| mode.assign_activate & 0x0300 == 0x0300)?;
-    (found.mode.uses_dc() && first & 0x0300 != 0x0300).then(|| {
+    let other = modes.iter().position(|mode| makes_pulses(mode.assign_activate))?;
+    let pulse =
+        if AssignActivate(modes[other].assign_activate).makes_sync0() { "SYNC0" } else { "SYNC1" };
+    (found.mode.uses_dc() && !makes_pulses(first)).then(|| {
         format!(
             "its first OpMode switches DC off (AssignActivate 0x{first:04X}); a MainDevice that takes the first \
-             one leaves it without SYNC. OpMode {} is the one with SYNC0",
+             one leaves it without SYNC. OpMode {} is the one with {pulse}",
             other + 1
         )
     })
+}
+
+/// SYNC0 or SYNC1 runs with this AssignActivate.
+const fn makes_pulses(word: u16) -> bool {
+    let word = AssignActivate(word);
+    word.makes_sync0() || word.makes_sync1()
 }

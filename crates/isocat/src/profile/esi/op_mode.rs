@@ -14,7 +14,9 @@ use crate::esi::{CycleTime, EsiDevice, EsiFile, EsiOpMode, ShiftTime};
 pub struct RunAs {
     /// Mode.
     pub mode: SyncMode,
-    /// From SYNC0 to SYNC1, where the mode has it behind SYNC0.
+    /// Every mode that the OpMode may stand for, the likeliest first: its registers say no more.
+    pub modes: &'static [SyncMode],
+    /// From SYNC0 to SYNC1, where the mode has it behind SYNC0; `None` there: what the device needs.
     pub sync1: Option<Nanos>,
     /// Cycle of SYNC0, where it is a part of the bus cycle.
     pub sync0_cycle: Option<Nanos>,
@@ -80,6 +82,14 @@ impl RunAs {
             notes
                 .push(format!("latch-units: {word} leaves latch units to the device; not written"));
         }
+        // SYNC0 is what SYNC1 is counted from and what these modes copy outputs by.
+        let sync1_alone = word.makes_sync1() && !word.makes_sync0();
+        if sync1_alone {
+            let written = AssignActivate::SYNC0_AND_SYNC1;
+            notes.push(format!(
+                "sync0-added: {word} has no SYNC0, which mode {chosen} needs; {written} is written"
+            ));
+        }
         let behind = registers.behind_sync0();
         if chosen == SyncMode::DcSubordinated && behind != Nanos::ZERO {
             notes.push(format!(
@@ -88,7 +98,10 @@ impl RunAs {
         }
         Ok(Self {
             mode: chosen,
+            modes: candidates,
             sync1: match chosen {
+                // No distance is given, and none is no answer: what the device needs.
+                SyncMode::DcSync1 if sync1_alone && registers.sync1 == 0 => None,
                 SyncMode::DcShiftSync1 | SyncMode::DcSync1 => Some(Nanos(registers.sync1.into())),
                 _ => None,
             },
@@ -113,7 +126,8 @@ impl RunAs {
                 SyncMode::SmSynchronous
             }
         };
-        Self { mode, sync1: None, sync0_cycle: None, notes }
+        let modes = &[SyncMode::SmSynchronous, SyncMode::FreeRun];
+        Self { mode, modes, sync1: None, sync0_cycle: None, notes }
     }
 }
 

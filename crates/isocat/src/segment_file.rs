@@ -347,6 +347,10 @@ fn subdevice(
         Some(value) => Some(mode(&value, profile, own.unwrap_or(cycle))?),
         None => run_as.as_ref().map(|run_as| run_as.mode),
     };
+    let mut run_as = run_as;
+    if let (Some(run_as), Some(value), Some(mode)) = (&mut run_as, table.value("mode"), mode) {
+        esi::agree(&table, &value, mode, run_as)?;
+    }
     // A mode of one's own has pulses of one's own.
     let (own_sync1, own_sync0, notes) = match run_as {
         Some(run_as) if mode == Some(run_as.mode) => {

@@ -1,9 +1,12 @@
 //! Import of device descriptions: what is read, what is doubted, what is refused, and how long that takes.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use isocat::esi::{Direction, Encoding, EsiFile, Purpose, WarningKind};
+use isocat::plan::Plan;
 use isocat::profile::{Obstacle, Profile, RunAs};
+use isocat::segment_file::FileError;
 use isocat::{Nanos, Scenario, SegmentFile, run};
 use isocat_sync::SyncMode;
 use isocat_wire::ObjectAddress;
@@ -309,6 +312,129 @@ fn encodings() {
     assert!(EsiFile::from_bytes("x.xml", b"").is_err());
 }
 
+/// A segment of one "Drive" of this description at 1 ms, with these keys.
+fn drive_segment(text: &str, keys: &str) -> Result<SegmentFile, FileError> {
+    static COUNT: AtomicUsize = AtomicUsize::new(0);
+    let number = COUNT.fetch_add(1, Ordering::Relaxed);
+    let name = format!("isocat-esi-{}-{number}.xml", std::process::id());
+    let path = std::env::temp_dir().join(&name);
+    std::fs::write(&path, text).unwrap();
+    let segment = std::env::temp_dir().join("s.toml").display().to_string();
+    let toml = format!(
+        "cycle = \"1ms\"\nfor = \"20ms\"\n[[subdevice]]\nesi = \"{name}\"\ntype = \"Drive\"\n{keys}\n"
+    );
+    let file = SegmentFile::parse(&segment, &toml);
+    std::fs::remove_file(&path).unwrap();
+    file
+}
+
+/// Names of the notes on the one device.
+fn noted(file: &SegmentFile) -> Vec<&str> {
+    let notes = &file.subdevices[0].notes;
+    notes.iter().map(|note| note.split_once(": ").unwrap().0).collect()
+}
+
+#[test]
+fn a_profile_of_a_channel_makes_a_drive() {
+    let whole = "<ProfileNo>402</ProfileNo>";
+    let of_channels = |numbers: &[u32]| {
+        let channel = |no: &u32| {
+            format!("<ChannelInfo><ProfileNo>{no}</ProfileNo><AddInfo>0</AddInfo></ChannelInfo>")
+        };
+        let channels: String = numbers.iter().map(channel).collect();
+        BOX.replacen(whole, &channels, 1)
+    };
+    for (text, number, mode) in [
+        (BOX.to_owned(), Some(402), SyncMode::DcSync0),
+        (of_channels(&[402]), Some(402), SyncMode::DcSync0),
+        // The high half is the type of drive; the other channel is something else.
+        (of_channels(&[401, 0x2_0192]), Some(401), SyncMode::DcSync0),
+        (of_channels(&[401]), Some(401), SyncMode::SmSynchronous),
+        (of_channels(&[]), None, SyncMode::SmSynchronous),
+    ] {
+        let drive = &import(&text).devices[0];
+        assert_eq!(drive.profile.number, number);
+        assert_eq!(drive.profile.is_drive(), mode == SyncMode::DcSync0);
+        let file = drive_segment(&text, "").unwrap();
+        assert_eq!(file.subdevices[0].mode, Some(mode), "{number:?}");
+        assert!(!noted(&file).contains(&"drive-not-enabled"), "it follows positions");
+    }
+    // A drive that follows velocities: said, not enabled.
+    let text = BOX.replace("#x607A", "#x60FF");
+    let file = drive_segment(&text, "").unwrap();
+    let note = file.subdevices[0].notes.last().unwrap();
+    assert!(
+        note.starts_with("drive-not-enabled: ") && note.contains("lack 0x607A of 32"),
+        "{note}"
+    );
+}
+
+#[test]
+fn a_mode_that_the_op_mode_is_not_for_is_refused() {
+    for (op_mode, mode, stands_for) in [
+        ("\"DC\"", "free-run", "\"dc-sync0\""),
+        ("1", "sm", "\"dc-sync0\""),
+        ("\"Synchron\"", "dc-sync0", "\"sm\" or \"free-run\""),
+    ] {
+        let keys = format!("opmode = {op_mode}\nmode = \"{mode}\"");
+        let error = drive_segment(BOX, &keys).unwrap_err();
+        assert_eq!((error.line, error.column), (7, 8), "{error}");
+        let words = format!(
+            "mode = \"{mode}\" contradicts opmode = {op_mode}, which stands for {stands_for};"
+        );
+        assert!(error.message.contains(&words), "{error}");
+    }
+    for (op_mode, mode) in
+        [("\"DC\"", SyncMode::DcSync0), ("\"Synchron\"", SyncMode::SmSynchronous)]
+    {
+        let keys = format!("opmode = {op_mode}\nmode = \"{mode}\"");
+        let file = drive_segment(BOX, &keys).unwrap();
+        assert_eq!(file.subdevices[0].mode, Some(mode));
+        assert!(!noted(&file).contains(&"mode"), "they agree");
+    }
+    // Nobody asked for the OpMode: the mode counts, and that is said.
+    let file = drive_segment(BOX, "mode = \"sm\"").unwrap();
+    assert_eq!(file.subdevices[0].mode, Some(SyncMode::SmSynchronous));
+    assert!(file.subdevices[0].notes[0].starts_with("mode: \"sm\" as asked for"));
+}
+
+#[test]
+fn sync1_without_sync0_runs_with_both() {
+    let text = BOX.replacen("#x300<", "#x500<", 1);
+    assert_ne!(text, BOX);
+    let kinds: Vec<_> = import(&text).devices[0].warnings.iter().map(|w| w.kind).collect();
+    assert!(kinds.contains(&WarningKind::Sync1Alone), "{kinds:?}");
+    assert!(kinds.contains(&WarningKind::FirstOpModeWithoutDc), "{kinds:?}");
+    let file = drive_segment(&text, "opmode = \"DC\"").unwrap();
+    let device = &file.subdevices[0];
+    assert_eq!((device.mode, device.sync1), (Some(SyncMode::DcSync1), None));
+    let notes = noted(&file);
+    assert!(notes.contains(&"sync0-added"), "{notes:?}");
+    assert_eq!(notes.iter().filter(|note| **note == "sync1-alone").count(), 1, "{notes:?}");
+}
+
+/// The plan says how it read a description, in both of its forms.
+#[test]
+fn a_plan_says_how_it_read_the_description() {
+    let file = drive_segment(BOX, "revision = 0x20000").unwrap();
+    let scenario = Scenario::from(file);
+    let report = Plan::of(&scenario).unwrap().report(&scenario);
+    let noted: Vec<_> = report.devices[0].description.iter().map(|d| d.kind.as_str()).collect();
+    for kind in ["revision", "opmode", "first-opmode-without-dc"] {
+        assert!(noted.contains(&kind), "{kind}: {noted:?}");
+    }
+    let text = report.text();
+    assert!(text.contains("\nDescription of SubDevice 0 (Drive 0), as it was read\n"), "{text}");
+    assert!(
+        text.contains("  - revision: no revision 0x00020000 in the file; 0x00010000,"),
+        "{text}"
+    );
+    let built_in = Scenario::from(SegmentFile::built_in());
+    let report = Plan::of(&built_in).unwrap().report(&built_in);
+    assert!(report.devices.iter().all(|device| device.description.is_empty()));
+    assert!(!report.text().contains("as it was read"));
+}
+
 #[test]
 fn doubts_have_names() {
     let sm = "<Sm ControlByte='#x20' StartAddress='#x1000' DefaultSize='2' Enable='1'>Inputs</Sm>";
@@ -370,6 +496,17 @@ fn doubts_have_names() {
         ),
         (
             dc(
+                "<AssignActivate>#x500</AssignActivate><CycleTimeSync0 Factor='1'/><CycleTimeSync1 Factor='1'/>",
+            ),
+            &["sync1-alone"],
+        ),
+        (
+            dc("<AssignActivate>#x0</AssignActivate></OpMode><OpMode><Name>B</Name>\
+                 <AssignActivate>#x500</AssignActivate><CycleTimeSync0 Factor='1'/>"),
+            &["sync1-alone", "first-opmode-without-dc"],
+        ),
+        (
+            dc(
                 "<AssignActivate>#x300</AssignActivate><CycleTimeSync0 Factor='1'/><CycleTimeSync1 Factor='1'/>",
             ),
             &["sync1-unused"],
@@ -393,6 +530,12 @@ fn doubts_have_names() {
         (device("").replace(" RevisionNo=\"3\"", ""), &["revision-missing"]),
         (device("").replace("ProductCode=\"2\"", ""), &["product-code-missing"]),
         (device("").replace("Physics=\"YY\"", ""), &["physics-missing"]),
+        (device("").replace("\"YY\"", "\"YQ\""), &["physics-unknown"]),
+        (device("").replace("\"YY\"", "\"y\""), &["physics-unknown"]),
+        (device("").replace("\"YY\"", "\"\""), &["physics-unknown"]),
+        (device("").replace("\"YY\"", "\"YYYYY\""), &["physics-unknown"]),
+        (device("").replace("\"YY\"", "\"YKHB\""), &[]),
+        (device("").replace("\"YY\"", "\"Y K \""), &[]),
         (device("").replace("<Eeprom/>", ""), &["eeprom-missing"]),
         (
             device("").replace("<Eeprom/>", "<Eeprom><ConfigData>0102</ConfigData></Eeprom>"),

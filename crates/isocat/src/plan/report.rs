@@ -123,6 +123,8 @@ pub struct Device {
     pub name: String,
     /// Profile.
     pub profile: String,
+    /// How its maker's description (ESI) was read and what is doubtful in it; empty for a profile.
+    pub description: Vec<Doubt>,
     /// Synchronization mode.
     pub mode: String,
     /// Why not a higher mode; empty if this is the one asked for or the highest.
@@ -143,6 +145,16 @@ pub struct Device {
     pub moments: Vec<Moment>,
     /// Its demands on the cycle.
     pub lines: Vec<Line>,
+}
+
+/// What could be read in more than one way, and how it was.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Doubt {
+    /// Its fixed name, for programs: `revision`, `opmode`, `sync-off` …
+    pub kind: String,
+    /// What, with the figures.
+    pub what: String,
 }
 
 /// An event of the cycle in which the frame is sent, by the reference clock.

@@ -46,6 +46,7 @@ impl PlanReport {
             self.write_tightest(out)?;
         }
         self.write_suggestion(out)?;
+        self.write_descriptions(out)?;
         let warnings: Vec<String> = self
             .warnings
             .iter()
@@ -164,6 +165,37 @@ impl PlanReport {
                 let share = measured.of_bound;
                 writeln!(out, "    most used: {share:.4} of the bound, SubDevice {position}")?;
             }
+        }
+        Ok(())
+    }
+
+    /// How makers' descriptions were read; devices that were read alike stand together.
+    fn write_descriptions(&self, out: &mut String) -> fmt::Result {
+        let mut alike: Vec<Vec<&Device>> = Vec::new();
+        for device in self.devices.iter().filter(|device| !device.description.is_empty()) {
+            match alike.iter_mut().find(|group| group[0].description == device.description) {
+                Some(group) => group.push(device),
+                None => alike.push(vec![device]),
+            }
+        }
+        for group in alike.iter().take(MOST_NOTES) {
+            let Device { position, name, description, .. } = group[0];
+            let others = match group.len() {
+                1 => String::new(),
+                count => format!(" and {} more like it", count - 1),
+            };
+            let title =
+                format!("Description of SubDevice {position} ({name}){others}, as it was read");
+            let doubts: Vec<_> =
+                description.iter().map(|d| format!("{}: {}", d.kind, d.what)).collect();
+            write_list(out, &title, &doubts)?;
+        }
+        if alike.len() > MOST_NOTES {
+            writeln!(
+                out,
+                "\n… and {} more descriptions; --json has them all",
+                alike.len() - MOST_NOTES
+            )?;
         }
         Ok(())
     }

@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
 use crate::document::{FileError, Source, Table, Value, name_hint};
 use crate::esi::{EsiDevice, EsiFile};
-use crate::profile::{Profile, RunAs};
+use crate::profile::{ApplicationKind, Profile, RunAs};
 
 /// Descriptions that were read for this segment, by path.
 #[derive(Default)]
@@ -56,10 +57,49 @@ pub(super) fn device(
     let mut run_as = RunAs::new(file, device, op_mode, profile, cycle).map_err(told)?;
     notes.append(&mut run_as.notes);
     for warning in &device.warnings {
-        notes.push(format!("{}: {}", warning.kind, warning.message));
+        // What was said of this OpMode at this cycle is more than what the file alone tells.
+        let name = format!("{}: ", warning.kind);
+        if !notes.iter().any(|note| note.starts_with(&name)) {
+            notes.push(name + &warning.message);
+        }
+    }
+    if device.profile.is_drive() && profile.application == ApplicationKind::Io {
+        notes.push(not_enabled(file, device, op_mode));
     }
     run_as.notes = notes;
     Ok(Imported { profile, run_as })
+}
+
+/// Whether `mode` is one that the OpMode stands for. Where the file names both keys, another one is a mistake; where
+/// the OpMode was only the default, `mode` counts, and a note says so.
+pub(super) fn agree(
+    table: &Table<'_>,
+    value: &Value<'_>,
+    mode: SyncMode,
+    run_as: &mut RunAs,
+) -> Result<(), FileError> {
+    if run_as.modes.contains(&mode) {
+        return Ok(());
+    }
+    let names: Vec<_> = run_as.modes.iter().map(|mode| format!("\"{mode}\"")).collect();
+    let names = names.join(" or ");
+    match table.value("opmode") {
+        Some(op_mode) => {
+            let message = format!(
+                "mode = \"{mode}\" contradicts opmode = {}, which stands for {names}; expected one of \
+                 these modes, or only one of both keys",
+                op_mode.written()
+            );
+            Err(value.error(message))
+        }
+        None => {
+            let words = format!(
+                "mode: \"{mode}\" as asked for; the OpMode that is taken stands for {names}, its times are not used"
+            );
+            run_as.notes.insert(0, words);
+            Ok(())
+        }
+    }
 }
 
 /// The OpMode that the key names or numbers; without it the first, but for a drive the first with SYNC0.
@@ -71,7 +111,7 @@ fn op_mode(
     let names = || modes.iter().map(|mode| mode.name.as_str());
     let Some(value) = value else {
         let first_with_sync = modes.iter().position(|mode| mode.sync0());
-        let drive = device.profile.number == Some(DRIVE);
+        let drive = device.profile.is_drive();
         let number = first_with_sync.filter(|_| drive).or((!modes.is_empty()).then_some(0));
         let note = match number {
             Some(number) if modes.len() > 1 => {
@@ -100,5 +140,24 @@ fn op_mode(
     Ok((Some(number), note.into_iter().collect()))
 }
 
-/// Device profile of drives.
-const DRIVE: u16 = 402;
+/// Why a drive is treated as inputs and outputs.
+fn not_enabled(file: &EsiFile, device: &EsiDevice, op_mode: Option<usize>) -> String {
+    let image = file.image(device, op_mode.and_then(|number| device.op_modes().get(number)));
+    let has = |index: u16, bits: u16| {
+        let mut entries = image.all().flat_map(|pdo| &pdo.entries);
+        entries.any(|entry| entry.object.is_some_and(|o| o.index == index) && entry.bits == bits)
+    };
+    let lacking: Vec<_> = DRIVE_OBJECTS
+        .iter()
+        .filter(|(index, bits)| !has(*index, *bits))
+        .map(|(index, bits)| format!("0x{index:04X} of {bits} bits"))
+        .collect();
+    let why = match lacking.is_empty() {
+        true => "its process data do not begin at whole bytes".to_owned(),
+        false => format!("its process data lack {}", lacking.join(", ")),
+    };
+    format!("drive-not-enabled: a drive (CiA 402), but {why}: it is not enabled and does not move")
+}
+
+/// Objects that a drive which follows positions has in its process data, with their bits.
+const DRIVE_OBJECTS: [(u16, u16); 4] = [(0x6040, 16), (0x607A, 32), (0x6041, 16), (0x6064, 32)];

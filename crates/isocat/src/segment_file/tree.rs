@@ -63,9 +63,11 @@ impl Ports {
             };
             let device = &earlier[above];
             if !device.profile.esc().has_port(port) {
-                let message =
-                    format!("\"{}\" ({}) has no port {port}", device.name, chip(device.profile));
-                return Err(fail(message));
+                let (name, chip) = (&device.name, chip(device.profile));
+                let ports = ports(device.profile);
+                return Err(fail(format!(
+                    "\"{name}\" ({chip}) has no port {port}; it has {ports}"
+                )));
             }
             if std::mem::replace(&mut self.0[above][port.index()], true) {
                 let other = (earlier.iter()).find(|d| d.place.upstream == Some((above, port)));
@@ -101,7 +103,8 @@ fn own_port(value: &Value<'_>, profile: &Profile) -> Result<PortNumber, FileErro
     if profile.esc().has_port(port) {
         return Ok(port);
     }
-    Err(value.error(format!("{} ({}) has no port {port}", profile.name, chip(profile))))
+    let (name, chip, ports) = (&profile.name, chip(profile), ports(profile));
+    Err(value.error(format!("{name} ({chip}) has no port {port}; it has {ports}")))
 }
 
 fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumber), FileError> {
@@ -144,4 +147,10 @@ fn port_number(number: i64) -> PortNumber {
 
 fn chip(profile: &Profile) -> &'static str {
     profile.esc().name
+}
+
+/// The ports that a device has: `0, 1`. A chip may have more of them than its device uses.
+fn ports(profile: &Profile) -> String {
+    let has = PortNumber::ALL.into_iter().filter(|port| profile.esc().has_port(*port));
+    has.map(|port| port.to_string()).collect::<Vec<_>>().join(", ")
 }

@@ -82,7 +82,11 @@ fn places_that_do_not_exist() {
             "7:11 connect: \"4\" is no port; expected 0 to 3",
             None,
         ),
-        (vec![a, "connect = \"axis a:3\""], "7:11 \"axis a\" (ET1100) has no port 3", None),
+        (
+            vec![a, "connect = \"axis a:3\""],
+            "7:11 \"axis a\" (ET1100) has no port 3; it has 0, 1",
+            None,
+        ),
         (
             vec![a, "connect = \"axis a:0\""],
             "7:11 port 0 of \"axis a\" is taken by its own cable upstream",

@@ -108,9 +108,25 @@ impl<'a> Source<'a> {
         }
     }
 
+    /// Where XML belongs.
+    fn xml_hint(&self) -> Option<String> {
+        let text = self.text.trim_start_matches('\u{feff}').trim_start();
+        let path = self.path;
+        text.starts_with('<').then(|| match text.contains("<EtherCATConfig") {
+            true => format!("for an ENI: isocat eni {path}"),
+            false => format!(
+                "for a maker's description (ESI): isocat devices {path} lists it, and esi = \"{path}\" with a \
+                 type names a device of it in a segment file"
+            ),
+        })
+    }
+
     /// The document, or where it is no TOML.
     pub fn parse(&self) -> Result<Spanned<DeTable<'a>>, FileError> {
         DeTable::parse(self.text).map_err(|error| {
+            if let Some(hint) = self.xml_hint() {
+                return self.error(0, "this is XML; expected TOML").with_hint(hint);
+            }
             let at = error.span().map_or(self.text.len(), |span| span.start);
             self.error(at, format!("not valid TOML: {}", error.message().trim_end()))
         })

@@ -76,8 +76,15 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
         let kind = kind(word).expect("it was just looked up");
         return match kind.meaning(rest.trim()) {
             Ok(meaning) => Ok(vec![meaning]),
-            Err(reason) => unknown(reason, understood(kind.near(rest.trim()))),
+            Err(reason) => {
+                let objects = || (kind.name == "object").then(object_list);
+                unknown(reason, understood(kind.near(rest.trim()).or_else(objects)))
+            }
         };
+    }
+    if let Some(kind) = kind(what) {
+        let reason = format!("a number must follow, such as \"{} {}\"", kind.name, kind.example);
+        return unknown(reason, understood(None));
     }
     let (place, value) = match what.split_once('=') {
         Some((place, value)) => (place.trim(), Some(value.trim())),
@@ -99,7 +106,7 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
         };
         return match object_meaning(address, value) {
             Some(meaning) => Ok(vec![meaning]),
-            None => unknown(format!("nothing is known of object {address}"), understood(None)),
+            None => unknown(format!("nothing is known of object {address}"), known_objects()),
         };
     }
     let Some(number) = number(place) else {
@@ -112,11 +119,15 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     if !meanings.is_empty() {
         return Ok(meanings);
     }
-    let near = match u16::try_from(number.value) {
-        Ok(code) => near_al_code(code),
-        Err(_) => near_abort(number.value),
-    };
-    unknown(format!("{} is no number that is known", number.hex()), understood(near))
+    let reason = format!("{} is no number that is known", number.hex());
+    match u16::try_from(number.value) {
+        Ok(code) => match near_al_code(code) {
+            // Objects begin here.
+            None if code >= 0x1000 => unknown(reason, known_objects()),
+            near => unknown(reason, understood(near)),
+        },
+        Err(_) => unknown(reason, understood(near_abort(number.value))),
+    }
 }
 
 /// All that a bare number may be.
@@ -152,6 +163,8 @@ const MORE_OFTEN_REGISTERS: [u16; 2] = [0x0120, 0x0130];
 struct Kind {
     name: &'static str,
     aliases: &'static [&'static str],
+    /// A number of this kind.
+    example: &'static str,
     explain: fn(u32) -> Option<Meaning>,
     near: fn(u32) -> Option<String>,
 }
@@ -160,36 +173,42 @@ static KINDS: [Kind; 6] = [
     Kind {
         name: "AL",
         aliases: &["al-status-code", "al-code"],
+        example: "0x001A",
         explain: |code| al_meaning(u16::try_from(code).ok()?),
         near: |code| near_al_code(u16::try_from(code).ok()?),
     },
     Kind {
         name: "abort",
         aliases: &["sdo", "sdo-abort"],
+        example: "0x06090030",
         explain: abort_meaning,
         near: near_abort,
     },
     Kind {
         name: "object",
         aliases: &["index"],
+        example: "0x1C32",
         explain: |index| object_meaning(ObjectAddress::new(u16::try_from(index).ok()?, 0), None),
         near: |_| None,
     },
     Kind {
         name: "register",
         aliases: &["reg"],
+        example: "0x0990",
         explain: |address| register_meaning(u16::try_from(address).ok()?, None),
         near: |_| None,
     },
     Kind {
         name: "AssignActivate",
         aliases: &["aa", "assign-activate"],
+        example: "0x0300",
         explain: |word| Some(word_meaning(u16::try_from(word).ok()?)),
         near: |_| None,
     },
     Kind {
         name: "SI4",
         aliases: &["supported", "sync-types-supported"],
+        example: "0x0427",
         explain: |word| Some(supported_meaning(u16::try_from(word).ok()?)),
         near: |_| None,
     },
@@ -304,24 +323,33 @@ fn word_meaning(word: u16) -> Meaning {
     let mut meaning = of("AssignActivate", word.to_string(), name, assign_activate::explain(word));
     meaning.value =
         assign_activate::bits(word).map(|(bit, effect)| format!("bit {bit:<2} {effect}")).collect();
-    if let Some(registers) = registers_of(word) {
-        let modes: Vec<_> = registers.modes().iter().map(|mode| mode.name()).collect();
+    let mut modes = Vec::new();
+    for registers in registers_of(word).into_iter().flatten() {
+        for mode in registers.modes().iter().map(|mode| mode.name()) {
+            if !modes.contains(&mode) {
+                modes.push(mode);
+            }
+        }
+    }
+    if !modes.is_empty() {
         meaning.value.push(format!("modes: {}", modes.join(", ")));
     }
     meaning
 }
 
-/// The registers of a plain OpMode with this word: SYNC0 and SYNC1 once a millisecond.
-fn registers_of(word: AssignActivate) -> Option<opmode::Registers> {
-    let cycle = opmode::CycleTime { value: 0, factor: Some(1) };
-    let plain = opmode::OpMode {
-        assign_activate: word,
-        sync0: cycle,
-        sync1: cycle,
-        shift1: 250_000,
-        ..opmode::OpMode::default()
-    };
-    plain.registers(Nanos::millis(1), &opmode::Unit::default()).ok()
+/// The registers of two plain OpModes with this word: SYNC0 and SYNC1 once a millisecond, and SYNC0 four times as
+/// often as SYNC1.
+fn registers_of(word: AssignActivate) -> [Option<opmode::Registers>; 2] {
+    [(1, 250_000), (-4, 0)].map(|(factor, shift1)| {
+        let plain = opmode::OpMode {
+            assign_activate: word,
+            sync0: opmode::CycleTime { value: 0, factor: Some(factor) },
+            sync1: opmode::CycleTime { value: 0, factor: Some(-1) },
+            shift1,
+            ..opmode::OpMode::default()
+        };
+        plain.registers(Nanos::millis(1), &opmode::Unit::default()).ok()
+    })
 }
 
 fn supported_meaning(word: u16) -> Meaning {
@@ -380,6 +408,16 @@ fn near_abort(code: u32) -> Option<String> {
         (digits, known.abs_diff(code))
     })?;
     Some(format!("the nearest SDO abort code is {}", AbortCode(*near)))
+}
+
+/// What is understood, and of which objects something is known.
+fn known_objects() -> String {
+    understood(Some(object_list()))
+}
+
+fn object_list() -> String {
+    let all = objects::OBJECTS.map(|index| format!("0x{index:04X}"));
+    format!("objects that are known, those of synchronization: {}", all.join(", "))
 }
 
 fn understood(near: Option<String>) -> String {

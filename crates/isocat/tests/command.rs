@@ -266,6 +266,32 @@ fn the_example_segment_runs_and_help_teaches_by_example() {
     );
 }
 
+/// A path is no name, and a description no segment: what was probably meant is told.
+#[test]
+fn a_file_of_another_kind_is_told_from_a_typing_error() {
+    let xml = scratch("nobody.xml", "\u{feff}<?xml version=\"1.0\"?>\n<EtherCATInfo/>");
+    let eni = scratch("network.xml", "<EtherCATConfig><Config/></EtherCATConfig>");
+    let toml = scratch("segment.toml", "cycle = \"1ms\"\n");
+    let folder = env!("CARGO_TARGET_TMPDIR");
+    let [xml, eni, toml] = [&xml, &eni, &toml].map(|path| path.to_str().unwrap());
+    for (arguments, words) in [
+        (["devices", folder], "is a folder; expected"),
+        (["devices", toml], "A segment file is for isocat plan"),
+        (["devices", "/nowhere/at/all"], "can't be read: No such file"),
+        (["devices", "kollmorgen_akd2"], "did you mean \"kollmorgen_akd2g\"?"),
+        (["plan", xml], ":1:1: this is XML; expected TOML"),
+        (["plan", xml], "isocat devices"),
+        (["run", eni], "isocat eni"),
+        (["explain", "AL"], "a number must follow"),
+    ] {
+        let output = isocat(&arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        let found = text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(found.contains(words), "{arguments:?}: {found}");
+        assert_eq!(found.contains("unknown device"), arguments[1] == "kollmorgen_akd2", "{found}");
+    }
+}
+
 #[test]
 fn the_report_goes_to_a_file_as_text_or_json() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));

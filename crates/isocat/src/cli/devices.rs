@@ -1,6 +1,7 @@
 //! `isocat devices`: the built-in profiles, and what a maker's description holds.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use clap::Args;
 
@@ -26,9 +27,24 @@ pub fn run(arguments: &Arguments) -> u8 {
     }
     match profile::built_in_text(name) {
         Some(text) => print(text),
-        None => {
+        None => fail(&unknown(name)),
+    }
+}
+
+/// What is wrong with a name that no profile has: a path may have been meant.
+fn unknown(name: &str) -> String {
+    const EXPECTED: &str = "expected the name of a built-in profile, or a device description (ESI), which ends in .xml";
+    match Path::new(name).metadata() {
+        Ok(found) if found.is_dir() => format!("{name} is a folder; {EXPECTED}"),
+        Ok(_) if name.ends_with(".toml") => format!(
+            "{name} is no device description; {EXPECTED}. A segment file is for isocat plan, and names profile \
+             files of your own"
+        ),
+        Ok(_) => format!("{name} is no device description; {EXPECTED}"),
+        Err(error) if name.contains('/') => format!("{name} can't be read: {error}; {EXPECTED}"),
+        Err(_) => {
             let hint = profile::name_hint(name, profile::built_in_ids());
-            fail(&format!("unknown device \"{name}\"\n{hint}"))
+            format!("unknown device \"{name}\"\n{hint}")
         }
     }
 }
@@ -47,15 +63,17 @@ fn built_in() -> String {
 /// What a description holds: each device with its OpModes, then all that is doubtful.
 fn list(file: &EsiFile) -> String {
     let mut out = String::new();
-    let devices = file.devices.len();
+    let number =
+        |count: usize, what| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let _ = writeln!(
         out,
-        "{}: {} (vendor {:#010x}), {}, {devices} devices, {} modules",
+        "{}: {} (vendor {:#010x}), {}, {}, {}",
         file.path,
         plain(&file.vendor),
         file.vendor_id,
         file.encoding.name(),
-        file.modules.len()
+        number(file.devices.len(), "device"),
+        number(file.modules.len(), "module")
     );
     for warning in &file.file_warnings {
         write_warning(&mut out, file, warning);

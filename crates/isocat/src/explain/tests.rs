@@ -59,7 +59,10 @@ fn values_are_taken_apart() {
     assert_eq!(value("0x0130=0x14"), ["SAFEOP+ERR"]);
     let word = value("0x0980=0x0730");
     assert_eq!(word, value("AssignActivate 0x0730"));
-    assert_eq!(word.last().unwrap(), "modes: dc-shift-sync1, dc-sync1");
+    assert_eq!(word.last().unwrap(), "modes: dc-shift-sync1, dc-sync1, dc-subordinated");
+    assert_eq!(value("aa 0x0300").last().unwrap(), "modes: dc-sync0");
+    assert_eq!(value("aa 0x0500").last().unwrap(), "modes: dc-sync1");
+    assert_eq!(value("aa 0").last().unwrap(), "modes: sm, free-run");
 }
 
 #[test]
@@ -89,6 +92,17 @@ fn what_is_not_known_names_what_is_near() {
     assert!(hint("SI4 0x10427").contains("is no SI4"));
     assert!(hint("1C32:").contains("index and a sub-index"));
     assert!(hint("").contains("is not understood"));
+    for (kind, example) in [("AL", "AL 0x001A"), ("si4", "SI4 0x0427"), ("reg", "register 0x0990")]
+    {
+        let words = hint(kind);
+        assert!(words.contains(&format!("a number must follow, such as \"{example}\"")), "{words}");
+        assert!(!words.contains("did you mean"), "{words}");
+        assert!(explain(example).is_ok(), "{example}");
+    }
+    for object in ["0x6040", "0x6040:00", "0x1018:1", "object 0x6040", "object 6040:00"] {
+        let words = hint(object);
+        assert!(words.contains("0x1C00, 0x1C12, 0x1C13, 0x1C32, 0x1C33, 0x10F1"), "{words}");
+    }
     assert!(hint("0x0038").contains("understood: 0x001A"));
 }
 

@@ -93,12 +93,23 @@ all SubDevices, before each one
   PSc FPRD 0x0130     = 04000000 0000 & 1f000000 0000     SAFEOP must be reached
   DC: SYNC0 1 ms, SYNC1 0 ns after it, shift -500 ns, its clock leads
 
-each cycle: 0 bytes of inputs, 0 of outputs
+each cycle, with a process image of 0 bytes of inputs, 0 of outputs
   frame 0  ARMW 0x0910         4 bytes  in SAFEOP, OP  system time
 
 c, f: in a cycle or frame of its own; SDO*: complete access; = what a read must find
 ";
     assert_eq!(list().text(), expected);
+}
+
+#[test]
+fn what_is_not_there_is_not_shown_as_zero() {
+    let mut list = list();
+    (list.name, list.cycle_ns) = (String::new(), 0);
+    list.devices[0].dc = Some(Dc { reference: true, sync0_ns: 0, sync1_ns: 0, shift_ns: 0 });
+    let text = list.text();
+    let title = "Start-up of a segment without a name: no cycle told, 1 SubDevice\n";
+    assert!(text.starts_with(title), "{text}");
+    assert!(text.contains("\n  DC: no SYNC, its clock leads\n"), "{text}");
 }
 
 #[test]

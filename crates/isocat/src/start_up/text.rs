@@ -20,9 +20,14 @@ impl StartUp {
     }
 
     fn write(&self, out: &mut String) -> fmt::Result {
-        let (cycle, count) = (Nanos(self.cycle_ns), self.devices.len());
+        let count = self.devices.len();
         let devices = if count == 1 { "SubDevice" } else { "SubDevices" };
-        writeln!(out, "Start-up of {}: cycle {cycle}, {count} {devices}", self.name)?;
+        let name = if self.name.is_empty() { "a segment without a name" } else { &self.name };
+        let cycle = match self.cycle_ns {
+            0 => "no cycle told".to_owned(),
+            ns => format!("cycle {}", Nanos(ns)),
+        };
+        writeln!(out, "Start-up of {name}: {cycle}, {count} {devices}")?;
         write_common(out, "all SubDevices, before each one", &self.before)?;
         for (position, device) in self.devices.iter().enumerate() {
             device.write(out, position)?;
@@ -30,7 +35,8 @@ impl StartUp {
         write_common(out, "all SubDevices, after each one", &self.after)?;
         if !self.frames.is_empty() {
             let (inputs, outputs) = (self.input_bytes, self.output_bytes);
-            writeln!(out, "\neach cycle: {inputs} bytes of inputs, {outputs} of outputs")?;
+            let image = format!("{inputs} bytes of inputs, {outputs} of outputs");
+            writeln!(out, "\neach cycle, with a process image of {image}")?;
         }
         for (number, frame) in self.frames.iter().enumerate() {
             write_frame(out, number, frame)?;
@@ -59,7 +65,13 @@ impl DeviceStartUp {
             let lead = if dc.reference { ", its clock leads" } else { "" };
             let [sync0, sync1] = [dc.sync0_ns, dc.sync1_ns].map(|ns| Nanos(ns.into()));
             let shift = Nanos(dc.shift_ns.into());
-            writeln!(out, "  DC: SYNC0 {sync0}, SYNC1 {sync1} after it, shift {shift}{lead}")?;
+            match (dc.sync0_ns, dc.sync1_ns) {
+                (0, 0) => writeln!(out, "  DC: no SYNC{lead}")?,
+                _ => writeln!(
+                    out,
+                    "  DC: SYNC0 {sync0}, SYNC1 {sync1} after it, shift {shift}{lead}"
+                )?,
+            }
         }
         write_notes(out, &self.notes)
     }

@@ -302,6 +302,32 @@ fn every_device_in_every_op_mode() {
     golden("esi_boots.txt", &summary);
 }
 
+/// A drive that has an OpMode with SYNC0 runs with SYNC0 if nothing is asked for, wherever its profile stands.
+#[test]
+fn drives_run_with_sync0_by_default() {
+    let files = files();
+    let (mut tried, mut by_channel) = (0, 0);
+    for path in &files {
+        let path = path.display().to_string();
+        let Ok(file) = EsiFile::read(&path) else { continue };
+        let drives = file.devices.iter().filter(|device| device.profile.is_drive());
+        for drive in drives.filter(|device| device.op_modes().iter().any(|mode| mode.sync0())) {
+            let (name, revision) = (&drive.type_name, drive.revision.unwrap_or(0));
+            let text = format!(
+                "cycle = \"4ms\"\n[[subdevice]]\nesi = \"{path}\"\ntype = \"{name}\"\nrevision = {revision}"
+            );
+            // What can't be simulated has its reason in another test.
+            let Ok(segment) = SegmentFile::parse("trial", &text) else { continue };
+            let mode = segment.subdevices[0].mode;
+            assert!(mode.is_some_and(|mode| mode.uses_dc()), "{path} {name}: {mode:?}");
+            tried += 1;
+            by_channel += usize::from(!drive.profile.channels.is_empty());
+        }
+    }
+    println!("{tried} drives, {by_channel} of them by the profile of a channel");
+    assert!(files.is_empty() || (tried > by_channel && by_channel > 0), "{tried}, {by_channel}");
+}
+
 fn different(trials: &[Trial]) -> usize {
     let keys = trials.iter().filter_map(|trial| trial.result.as_ref().ok()).map(|ready| &ready.key);
     keys.collect::<std::collections::HashSet<_>>().len()

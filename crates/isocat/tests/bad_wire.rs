@@ -156,10 +156,11 @@ fn an_answer_cycles_late_is_not_taken_for_that_of_another_cycle() {
     assert!((45..=51).contains(&after.frames_lost), "{after:?}");
 }
 
-/// Every k-th frame of the way up is lost, out or back in turn: it comes up all the same.
+/// Every k-th frame of the way up is lost, out or back in turn: it comes up all the same. (Not where
+/// k is so small that a datagram loses all its four tries, which come at fixed distances too.)
 #[test]
 fn single_losses_do_not_end_the_way_up() {
-    for k in [3, 6, 7, 10, 64] {
+    for k in [5, 6, 7, 10, 64] {
         for first in [0, 1] {
             let lose = move |number: u64| match number % k {
                 0 if number / k % 2 == first => Fate::LostOut,

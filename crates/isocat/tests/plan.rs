@@ -116,8 +116,9 @@ fn holds(mut scenario: Scenario, milliseconds: i64) -> PlanReport {
         let own_cycle = device.mode == SyncMode::FreeRun.name();
         for line in &device.lines {
             let stated = ["shift-covers-delay", "input-shift-covers-delay"].contains(&line.check);
+            let slow = line.check == "outputs-before-watchdog";
             let Some(seen) = line.measured else {
-                assert!(stated, "{}: {} was never seen", device.name, line.check);
+                assert!(stated || slow, "{}: {} was never seen", device.name, line.check);
                 continue;
             };
             assert!(seen.of_bound <= 1.0, "{}: {line:?}", device.name);

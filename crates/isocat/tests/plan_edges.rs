@@ -100,7 +100,9 @@ fn edge(check: Check, step: i64, at: impl Fn(i64) -> Scenario) {
             }
             assert!(!short.in_sync, "{}", found(&short));
         }
-        Sign::Refusal(code) | Sign::Fall(code) => assert_eq!(short.status, code.0, "{}", found(&short)),
+        Sign::Refusal(code) | Sign::Fall(code) => {
+            assert_eq!(short.status, code.0, "{}", found(&short))
+        }
         Sign::Judge(_) => {
             assert_eq!(short.late, [check], "{}", found(&short));
             assert_eq!(short.measured, Some(short.planned), "{}", found(&short));

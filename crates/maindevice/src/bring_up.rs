@@ -111,7 +111,8 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
 
     work.enter(Stage::Mapping);
     work.segment.image = mapping::lay_out(&mut work.segment.devices)?;
-    each(&mut work.segment, |device| Box::pin(mapping::write(link, device, config.watchdog))).await?;
+    each(&mut work.segment, |device| Box::pin(mapping::write(link, device, config.watchdog)))
+        .await?;
 
     work.enter(Stage::Clock);
     clock::synchronize(link, config, &mut work.segment).await?;
@@ -145,7 +146,9 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     if config.shift.is_some_and(|shift| shift.0 < 0 || shift >= cycle) {
         return Err(Cause::Setting { name: "shift", expected: "at least 0 and below the cycle" });
     }
-    let ticks = |time: Nanos| (time.0 % mapping::WATCHDOG_TICK.0 == 0).then_some(time.0 / mapping::WATCHDOG_TICK.0);
+    let ticks = |time: Nanos| {
+        (time.0 % mapping::WATCHDOG_TICK.0 == 0).then_some(time.0 / mapping::WATCHDOG_TICK.0)
+    };
     let range = 1..=i64::from(u16::MAX);
     if config.watchdog.is_some_and(|time| !ticks(time).is_some_and(|n| range.contains(&n))) {
         return Err(Cause::Setting {

@@ -68,8 +68,7 @@ pub(crate) fn type_writes(
         };
         let current = object.entry(sub::SYNC_TYPE).and_then(|entry| entry.number());
         // A stack that was told nothing chooses for itself, and takes another mode than Free Run.
-        let as_wanted =
-            device.mode != SyncMode::FreeRun && current == Some(direction.kind.into());
+        let as_wanted = device.mode != SyncMode::FreeRun && current == Some(direction.kind.into());
         if writable(object, sub::SYNC_TYPE) && !as_wanted {
             write(sub::SYNC_TYPE, &direction.kind.to_le_bytes(), false);
         }

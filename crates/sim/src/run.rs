@@ -317,7 +317,9 @@ impl<T: Tap> Outcome<T> {
             findings.push((since(change.at), what));
         }
         if let Some(first) = bench.missed.first() {
-            let what = bench.missed.words(self.world.segment().devices()[position].stack.sync().has_outputs());
+            let what = bench
+                .missed
+                .words(self.world.segment().devices()[position].stack.sync().has_outputs());
             findings.push((since(first), what));
         }
         if let Some(sync0) = &bench.sync0 {

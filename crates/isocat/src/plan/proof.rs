@@ -163,6 +163,11 @@ impl Onlooker {
                 Watch {
                     mode: device.mode,
                     on_sync1: device.pulses.lead > Nanos::ZERO,
+                    // A slow device has no event for outputs that it does not fetch.
+                    watchdog: device
+                        .watchdog
+                        .filter(|_| sync0 <= timing.cycle.cycle)
+                        .map(Picos::from),
                     inputs_only: device.inputs_read.is_some() && device.outputs_arrival.is_none(),
                     by_timer: device.input_shift > Nanos::ZERO,
                     chunk: own.map(|chunk| chunks[chunk].logical),
@@ -348,6 +353,8 @@ struct Watch {
     mode: SyncMode,
     /// Outputs act at SYNC1 although SYNC0 starts nothing but the calculation.
     on_sync1: bool,
+    /// How long its outputs stay valid.
+    watchdog: Option<Picos>,
     /// It counts reads of its inputs, since it has no outputs.
     inputs_only: bool,
     /// A timer takes the inputs.
@@ -366,6 +373,8 @@ struct Watch {
     phases: [Option<(i64, i64, u64)>; EVENTS.len()],
 
     sm2: Option<Time<True>>,
+    /// The last SM2.
+    stored: Option<Time<True>>,
     ready: Option<Time<True>>,
     /// A pulse that found outputs in work.
     overtaken: Option<Time<True>>,
@@ -396,6 +405,9 @@ impl Watch {
                     self.take(Check::MinimumCycle, at - end, on);
                 }
                 self.sm2 = Some(at);
+                if let (Some(watchdog), Some(before)) = (self.watchdog, self.stored.replace(at)) {
+                    self.take(Check::OutputsBeforeWatchdog, watchdog - (at - before), on);
+                }
             }
             Observed::Began(step) => {
                 self.began[step as usize] = Some(at);

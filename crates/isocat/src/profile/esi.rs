@@ -394,7 +394,9 @@ impl Import<'_> {
         };
         let minimum = stated(object::OUTPUT_PARAMETER, object::sub::MINIMUM_CYCLE_TIME);
         // Small against any cycle that the device can do.
-        let small = minimum.map_or(10_000, |minimum| (minimum / 8).clamp(1, 10_000));
+        let cycle = self.mode.and_then(|mode| mode.cycle_time_sync0).map(|cycle| cycle.value.0);
+        let shortest = minimum.into_iter().chain(cycle.filter(|ns| *ns > 0)).min();
+        let small = shortest.map_or(10_000, |cycle| (cycle / 8).clamp(1, 10_000));
         let mut time = |index, what: &str| {
             let sub = object::sub::CALC_AND_COPY_TIME;
             stated(index, sub).map(Nanos).unwrap_or_else(|| {

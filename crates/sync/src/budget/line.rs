@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-use isocat_wire::{AlStatusCode, frame};
 use isocat_wire::time::Nanos;
+use isocat_wire::{AlStatusCode, frame};
 
 use super::term::{Origin, Quantity, Sum};
 use super::{Check, Cycle, Device, Sign};
@@ -109,9 +109,8 @@ impl Budget {
 }
 
 /// The shortest frame, its preamble and check sequence, and the gap behind it: requests of states need it.
-const ACYCLIC: Nanos = Nanos(
-    ((frame::MIN_LEN + frame::WIRE_OVERHEAD) as u64 * frame::BYTE_TIME_NS) as i64,
-);
+const ACYCLIC: Nanos =
+    Nanos(((frame::MIN_LEN + frame::WIRE_OVERHEAD) as u64 * frame::BYTE_TIME_NS) as i64);
 
 pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
     Demand {
@@ -133,7 +132,9 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
     let (needed, available) = match check {
         Check::FramesInCycle => return None,
         // In Free Run the device's cycle is its own, if it really is in Free Run.
-        Check::MinimumCycle if mode != SyncMode::FreeRun || device.minimum_cycle > Nanos::ZERO => minimum_cycle(cycle, device),
+        Check::MinimumCycle if mode != SyncMode::FreeRun || device.minimum_cycle > Nanos::ZERO => {
+            minimum_cycle(cycle, device)
+        }
         Check::OutputsBeforeSync0 if mode.uses_dc() && mode != SyncMode::DcSync1 => {
             outputs_ready(cycle, shift, device)?
         }

@@ -135,6 +135,8 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         minimum_cycle: Some(times.calc_and_copy + times.application + times.input_copy + jitter),
         pulse_jitter: Some(jitter),
         outputs_calc_and_copy: Some(times.calc_and_copy),
+        // Outputs that nothing delays act behind the application.
+        outputs_delay: Some(times.application),
         inputs_calc_and_copy: Some(copy_inputs),
         ..AssumedTimes::default()
     };

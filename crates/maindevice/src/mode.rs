@@ -251,11 +251,8 @@ fn stated(time: Option<Nanos>, assumed: Option<Nanos>, origin: &mut Origin) -> N
 /// Plans one cycle: SYNC0's phase, and every line of the budget of every SubDevice. Frames find the
 /// reference clock at phase 0 of system time.
 pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> {
-    let clock_error = match segment.reference {
-        // Two clocks within the threshold on either side of the reference.
-        Some(_) => config.clock_error.unwrap_or(Nanos(2 * config.drift_threshold.0)),
-        None => Nanos::ZERO,
-    };
+    // Two clocks within the threshold on either side of the reference.
+    let clock_error = config.clock_error.unwrap_or(Nanos(2 * config.drift_threshold.0));
     let cycle = budget::Cycle {
         cycle: config.cycle,
         send: Nanos::ZERO,

@@ -95,6 +95,12 @@ impl Device {
         self.output_shift.unwrap_or(Nanos::ZERO).max(self.output_delay)
     }
 
+    /// From SYNC1 to Input Latch where SYNC1 takes the inputs. Without outputs 0x1C33:01 alone tells the mode, and to
+    /// the device it is that of inputs at SYNC1 itself.
+    fn delay_behind_sync1(&self) -> Nanos {
+        if self.outputs_arrival.is_some() { self.input_delay } else { Nanos::ZERO }
+    }
+
     /// Whether it must be told when to latch its inputs, and can be.
     fn shifts_inputs(&self) -> bool {
         let modes = [SyncMode::SmSynchronous, SyncMode::DcSync0, SyncMode::DcSubordinated];

@@ -163,10 +163,10 @@ impl Onlooker {
                 Watch {
                     mode: device.mode,
                     on_sync1: device.pulses.lead > Nanos::ZERO,
-                    // A slow device has no event for outputs that it does not fetch.
+                    // There is no event for outputs before those that came last were fetched.
                     watchdog: device
                         .watchdog
-                        .filter(|_| sync0 <= timing.cycle.cycle)
+                        .filter(|_| device.mode != SyncMode::FreeRun && sync0 <= timing.cycle.cycle)
                         .map(Picos::from),
                     inputs_only: device.inputs_read.is_some() && device.outputs_arrival.is_none(),
                     by_timer: device.input_shift > Nanos::ZERO,

@@ -131,6 +131,8 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
     let mode = device.mode;
     let (needed, available) = match check {
         Check::FramesInCycle => return None,
+        // What exchanges nothing has no cycle.
+        _ if device.outputs_arrival.is_none() && device.inputs_fetched.is_none() => return None,
         // In Free Run the device's cycle is its own, if it really is in Free Run.
         Check::MinimumCycle if mode != SyncMode::FreeRun || device.minimum_cycle > Nanos::ZERO => {
             minimum_cycle(cycle, device)
@@ -194,7 +196,16 @@ fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
     let available = Sum::default();
     match device.mode {
         SyncMode::SmSynchronous | SyncMode::FreeRun => (
-            needed.and(Quantity::SendJitter, cycle.jitter, Origin::Intent),
+            needed.and(Quantity::SendJitter, cycle.jitter, Origin::Intent).if_any(
+                Quantity::ClockSpeed,
+                // A time that is stated is a nominal one; one of a CPU counts in that CPU's own oscillator.
+                if origin == Origin::Assumed {
+                    speed_error(cycle, cycle.cycle)
+                } else {
+                    Nanos::ZERO
+                },
+                Origin::Assumed,
+            ),
             available.and(Quantity::Cycle, cycle.cycle, Origin::Intent),
         ),
         SyncMode::DcSubordinated => (needed, sync0_cycle(device)),
@@ -277,7 +288,7 @@ fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum
         SyncMode::DcShiftSync1 => Sum::default()
             .and(Quantity::Sync1, pulses.sync1, origins.sync1)
             .if_any(Quantity::Lead, -pulses.lead, Origin::Plan)
-            .and(Quantity::InputDelay, device.input_delay, origins.input_delay),
+            .if_any(Quantity::InputDelay, device.delay_behind_sync1(), origins.input_delay),
         SyncMode::DcSync1 => Sum::default(),
         SyncMode::DcSubordinated => Sum::default()
             .if_any(Quantity::BehindSync0, -pulses.behind_sync0(), origins.sync1)

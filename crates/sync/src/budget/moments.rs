@@ -2,7 +2,7 @@
 
 use isocat_wire::time::Nanos;
 
-use super::{Cycle, Device};
+use super::{Cycle, Device, Origin};
 use crate::mode::SyncMode;
 
 /// From the earliest to the latest instant of an event, as phases of the cycle in which the frame is sent.
@@ -84,11 +84,14 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
         let from = if device.mode == SyncMode::DcSync1 { sync0 } else { stored };
         moments.outputs_ready = Some(from.after(Nanos::ZERO, device.output_calc_and_copy));
         let after = device.outputs_act_after();
-        moments.outputs_valid = Some(at(shift).after(after, after + device.pulse_jitter));
+        // What is only assumed says how long it takes at most.
+        let assumed = device.origins.output_delay == Origin::Assumed;
+        let least = if assumed { device.output_shift.unwrap_or(Nanos::ZERO) } else { after };
+        moments.outputs_valid = Some(at(shift).after(least, after + device.pulse_jitter));
     }
     if has_inputs {
         let after = match device.mode {
-            SyncMode::DcShiftSync1 => pulses.sync1 - pulses.lead + device.input_delay,
+            SyncMode::DcShiftSync1 => pulses.sync1 - pulses.lead + device.delay_behind_sync1(),
             SyncMode::DcSync1 => Nanos::ZERO,
             SyncMode::DcSubordinated => device.input_shift - pulses.behind_sync0(),
             _ => device.input_shift,

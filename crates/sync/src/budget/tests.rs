@@ -64,6 +64,11 @@ fn minimum_cycle_names_both_figures() {
     let cycle = |ns| Cycle { cycle: Nanos(ns), ..CYCLE };
     assert_eq!(slack(&cycle(270_000), 0, &exact, Check::MinimumCycle), 0);
     assert_eq!(slack(&cycle(269_999), 0, &exact, Check::MinimumCycle), -1);
+    // What nobody states is a CPU's own count: 100 ppm of the cycle, and a tick.
+    let origins = Origins { minimum_cycle: Origin::Assumed, ..exact.origins };
+    let unstated = Device { origins, ..exact };
+    assert_eq!(slack(&cycle(270_037), 0, &unstated, Check::MinimumCycle), 0);
+    assert_eq!(slack(&cycle(270_036), 0, &unstated, Check::MinimumCycle), -1);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The command line: verbs, exit codes, where words go.
 //!
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
-//! sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not, 2 bad input. `run --preflight`: 0 nothing harms
+//! sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not (with `--prove` also: does not hold), 2 bad input. `run --preflight`: 0 nothing harms
 //! punctuality, 1 something does, 2 bad input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad
 //! input. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1
 //! can't be run, 2 can't be read.
@@ -55,7 +55,7 @@ Examples:
   isocat devices vendor.xml           what a maker's description (ESI) holds
   isocat explain modes                what each synchronization mode needs of a device
 
-Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. plan: 0 fits, 1 does not. conform:
+Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
 0 every rule that applies holds, 1 one does not. serve and control: 0 done as asked, 2 not.";
 
 const ABOUT: &str = "\

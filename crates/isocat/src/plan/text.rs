@@ -66,15 +66,13 @@ impl PlanReport {
         let (style, word) = if proof.holds { (GOOD, "Proven") } else { (BAD, "Not proven") };
         let time = Nanos(proof.judged_ns);
         let mut text = format!(
-            "{word}: {time} of virtual time with the worst jitter, seed {}, {} findings",
+            "{word}: {time} of virtual time with the worst jitter, seed {}, {}",
             proof.seed,
-            proof.findings.len()
+            counted(proof.findings.len(), "finding")
         );
         if proof.loose > 0 {
-            let (loose, factor) = (proof.loose, proof.factor);
-            text += &format!(
-                "; {loose} lines need less than their bound by more than the factor {factor}"
-            );
+            let (loose, factor) = (counted(proof.loose, "bound"), proof.factor);
+            text += &format!("; {loose} more than a factor of {factor} above what was needed");
         }
         for line in wrap(&(text + "."), WIDTH) {
             writeln!(out, "{style}{line}{style:#}")?;
@@ -344,6 +342,11 @@ fn sum(terms: &[Term], total: i64) -> String {
         1 => text,
         _ => format!("{text} = {}", Nanos(total)),
     }
+}
+
+/// `1 finding`, `2 findings`.
+fn counted(count: usize, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
 }
 
 fn write_list(out: &mut String, title: &str, items: &[String]) -> fmt::Result {

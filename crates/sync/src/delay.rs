@@ -1,208 +1,264 @@
-//! Propagation delays from the receive times of the ports.
+//! Propagation delays from the receive times of the ports, and how well they are known.
 //!
 //! A write to register 0x0900 latches, at each port of each ESC, when that frame arrived there; only
 //! differences within one ESC mean anything, since each counts its own time. Frames pass the ports in
 //! the order 0 → 3 → 1 → 2, so the time at a port less the time at the port used before it is the
 //! round trip through the branch behind that port (ESC data sheet section I, "propagation delay
-//! measurement").
+//! measurement"). With A above B, `a` the port of A towards B and `p` the port it visited before:
+//!
+//! ```text
+//! t(A→B) = ((tA_a - tA_p) - (tB_last - tB_entry) + tDiff) / 2
+//! ```
+//!
+//! where `tDiff` is what A adds on the way out less what B adds on the way back.
+//!
+//! - [`Node`] is a SubDevice in the tree with the times of one latch, [`Stay`] what its ESC adds.
+//! - [`propagation_delays`] takes one latch; its results go into one [`Mean`] for each SubDevice.
+//! - [`Averaging`] looks at all of them, and with it [`Mean::delay`] gives the [`Delay`].
+//! - [`turn`] makes the tree as frames see it that come from the other end of a ring.
+//!
+//! Errors. Each counter counts in ticks of 10 ns and tells the last one, so that a receive time is early by
+//! something in 0..10 ns. Along a way the times of SubDevices in line cancel, so what is left is ±5 ns at
+//! either end, and 5 to 10 ns at each fork; the coefficients of the times say exactly how much.
+//! Latches at different places within the tick average that out, and how far they did is seen in the
+//! spread over all SubDevices. What no latch sees is kept apart as [`Delay::Known::systematic`]: stays
+//! that are not known well, and clocks that run at different speeds. A cable or a PHY that is slower in
+//! one direction is in neither: half the difference is an error that nothing here can see.
+
+mod mean;
+mod path;
+#[cfg(test)]
+mod tests;
+mod turn;
+
+use core::fmt;
 
 use isocat_wire::address::PortNumber;
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Nanos, Picos};
 
-/// One SubDevice as the delay measurement sees it. Nodes stand in processing order.
+pub use mean::{Averaging, Mean};
+pub use path::{Found, propagation_delays};
+pub use turn::turn;
+
+/// One SubDevice as the delay measurement sees it. Nodes may stand in any order.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Node {
-    /// Index of the SubDevice it hangs on, and that one's port. `None`: the first of the segment.
+    /// Index of the SubDevice it hangs on, and that one's port. `None`: the first that frames meet.
     pub parent: Option<(usize, PortNumber)>,
     /// The port through which frames come in; 0 unless the cables are swapped.
     pub entry: PortNumber,
-    /// Ports that frames leave through.
+    /// Ports that frames leave through; the entry is one of them.
     pub open: [bool; 4],
     /// Receive times of the ports, ns of its own counter, wrapping; `None` without distributed clocks.
     pub receive_times: Option<[u32; 4]>,
-    /// Processing delay less forwarding delay of its ESC (tDiff): frames on their way out take the one,
-    /// on their way back the other. Zero if it is not known.
-    pub forwarding_difference: Nanos,
+    /// What its ESC adds.
+    pub stay: Stay,
+}
+
+/// How long an ESC keeps a frame between one port and the next, and how well that is known.
+///
+/// Only differences count: between the processing delay and the forwarding delay of one kind of ESC, and between
+/// two kinds.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Stay {
+    /// Which kind of ESC: what is not known of two of the same kind is the same (register 0x0000).
+    pub kind: u8,
+    /// A stay that passes the processing unit.
+    pub processing: Picos,
+    /// A stay that does not.
+    pub forwarding: Picos,
+    /// How far off `processing - forwarding` may be.
+    pub difference_bound: Picos,
+    /// How far off either may be when compared with another kind.
+    pub kind_bound: Picos,
+}
+
+/// The delay of one SubDevice: from the instant at which a frame reaches the processing unit of the
+/// reference clock until it reaches that of this one.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Delay {
+    /// It was measured.
+    Known {
+        /// The delay, 0 or more.
+        delay: Picos,
+        /// Standard deviation of what is left of quantization and noise in the mean (1 sigma).
+        standard_error: Picos,
+        /// What no averaging takes away, as a bound: stays that are not known well, and speeds of clocks.
+        systematic: Picos,
+    },
+    /// The receive times do not tell.
+    Indeterminate {
+        /// Why not.
+        why: Why,
+        /// The least and the largest value that the times allow, if they say anything.
+        between: Option<(Picos, Picos)>,
+    },
+}
+
+/// Why a delay can't be known. SubDevices are named by their index among the nodes.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum Why {
+    /// It has no receive times (no register 0x0900).
+    NoReceiveTimes,
+    /// A SubDevice without usable receive times branches between it and the next clock above: how the
+    /// round trip divides among the branches nobody knows.
+    BranchWithoutTimes {
+        /// The SubDevice that branches.
+        at: usize,
+    },
+    /// Its own receive times contradict each other: a port that is open was reached before the one visited
+    /// before it, or never.
+    TimesContradict,
+    /// The frame was away into its branch for less time than it says it kept it.
+    ShorterThanLoop {
+        /// The SubDevice above, which measured the branch.
+        above: usize,
+        /// By how much, noise taken off.
+        by: Nanos,
+    },
+    /// The delay of the SubDevice above it can't be known.
+    Above {
+        /// That one.
+        at: usize,
+    },
+    /// No SubDevice with receive times stands above both it and the reference clock.
+    NothingInCommon,
+    /// The reference clock gave no usable receive times.
+    NoReference,
+    /// No latch came back.
+    NoLatch,
+}
+
+impl Delay {
+    /// What 0x0928 takes, in whole ns; `None` if it was not measured.
+    pub fn nanos(&self) -> Option<Nanos> {
+        match self {
+            Self::Known { delay, .. } => Some(rounded(*delay)),
+            Self::Indeterminate { .. } => None,
+        }
+    }
+
+    /// Half the width of the interval that holds the true delay with a confidence of 95 %: 1.96 standard
+    /// errors, and the systematic part in full.
+    pub fn bar(&self) -> Option<Picos> {
+        match self {
+            Self::Known { standard_error, systematic, .. } => {
+                Some(Picos(standard_error.0.saturating_mul(196) / 100 + systematic.0))
+            }
+            Self::Indeterminate { .. } => None,
+        }
+    }
+
+    /// What to go on with: the delay, or the middle of what the times allow, which is wrong by half the
+    /// width at most, or 0 ns where they allow anything.
+    pub fn or_middle(&self) -> Nanos {
+        match self {
+            Self::Known { delay, .. } => rounded(*delay),
+            Self::Indeterminate { between: Some((least, most)), .. } => {
+                rounded(Picos(least.0 + (most.0 - least.0) / 2))
+            }
+            Self::Indeterminate { between: None, .. } => Nanos::ZERO,
+        }
+    }
+}
+
+/// To the nearest ns.
+fn rounded(span: Picos) -> Nanos {
+    Nanos((span.0 + 500).div_euclid(1_000))
+}
+
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoReceiveTimes => f.write_str("it has no receive times (0x0900)"),
+            Self::BranchWithoutTimes { at } => {
+                write!(f, "SubDevice {at}, which branches above it, has no usable receive times")
+            }
+            Self::TimesContradict => f.write_str(
+                "its receive times contradict each other, expected them to grow in the order of the ports 0, \
+                 3, 1, 2",
+            ),
+            Self::ShorterThanLoop { above, by } => write!(
+                f,
+                "frames are away from SubDevice {above} for {by} less than it keeps them by its own times"
+            ),
+            Self::Above { at } => write!(f, "that of SubDevice {at} above it can't be known"),
+            Self::NothingInCommon => {
+                f.write_str("no SubDevice with receive times stands above both it and the reference clock")
+            }
+            Self::NoReference => {
+                f.write_str("the reference clock gave no usable receive times (0x0900)")
+            }
+            Self::NoLatch => f.write_str("no latch of the receive times (0x0900) was complete"),
+        }
+    }
 }
 
 impl Node {
-    fn open_ports(&self) -> usize {
-        self.open.iter().filter(|open| **open).count()
-    }
-
-    /// The ports in the order in which a frame that entered at [`Node::entry`] visits them.
-    fn order(&self) -> impl DoubleEndedIterator<Item = PortNumber> + '_ {
+    /// The open ports in the order in which a frame that entered at [`Node::entry`] visits them.
+    fn visited(&self) -> impl DoubleEndedIterator<Item = PortNumber> + '_ {
         let order = PortNumber::PROCESSING_ORDER;
         let first = order.iter().position(|port| *port == self.entry).unwrap_or(0);
-        (0..4).map(move |i| order[(first + i) % 4]).filter(|port| self.open[port.index()])
+        (0..4)
+            .map(move |i| order[(first + i) % 4])
+            .filter(|port| self.open[port.index()] || *port == self.entry)
     }
 
-    /// Time from the frame's entry to its return at `port`.
-    fn return_at(&self, port: PortNumber) -> Option<i64> {
-        let times = self.receive_times?;
-        Some(i64::from(times[port.index()].wrapping_sub(times[self.entry.index()])))
+    fn visited_ports(&self) -> usize {
+        self.visited().count()
     }
 
-    /// Time from the frame's entry until it leaves through `port`: its return at the port before.
-    fn departure_at(&self, port: PortNumber) -> Option<i64> {
-        let before = self.order().take_while(|p| *p != port).last()?;
-        self.return_at(before)
+    /// The last port at which a frame comes back, or the entry of a leaf.
+    fn last(&self) -> PortNumber {
+        self.visited().last().unwrap_or(self.entry)
     }
 
-    /// Time from the frame's entry to its return from the last branch.
-    fn loop_time(&self) -> Option<i64> {
-        self.return_at(self.order().last()?)
+    /// The port that a frame visits before `port`.
+    fn before(&self, port: PortNumber) -> PortNumber {
+        self.visited().take_while(|other| *other != port).last().unwrap_or(self.entry)
+    }
+
+    /// The arrival from which a frame goes on through the processing unit, which stands behind port 0: at port 0,
+    /// or at the open port next to it on the way round.
+    fn unit(&self) -> PortNumber {
+        use PortNumber::{P0, P1, P2, P3};
+        let open = |port: &PortNumber| self.open[port.index()] || *port == self.entry;
+        [P0, P2, P1, P3].into_iter().find(open).unwrap_or(self.entry)
+    }
+
+    /// Whether a frame that arrives at `port` passes the processing unit before it leaves.
+    fn processes(&self, port: PortNumber) -> bool {
+        port == self.unit()
+    }
+
+    /// ns between two receive times; they wrap, and no frame is away for 2^31 ns.
+    fn between(&self, from: PortNumber, to: PortNumber) -> i64 {
+        let times = self.receive_times.unwrap_or_default();
+        i64::from(times[to.index()].wrapping_sub(times[from.index()]) as i32)
     }
 }
 
-/// Writes the propagation delay of each SubDevice from the reference clock, the first with receive
-/// times; `None` where it can't be known: no receive times of its own, or a branching SubDevice
-/// without them in between, or times that contradict each other.
-///
-/// SubDevices without receive times and with two open ports count as cable. Panics if `delays` is
-/// shorter than `nodes`.
-pub fn propagation_delays(nodes: &[Node], delays: &mut [Option<Nanos>]) {
-    let mut reference_found = false;
-    for (i, node) in nodes.iter().enumerate() {
-        delays[i] = if node.receive_times.is_none() {
-            None
-        } else if !reference_found {
-            reference_found = true;
-            Some(Nanos::ZERO)
+impl Stay {
+    /// An ESC whose stays are known exactly.
+    pub const fn exact(kind: u8, processing: Picos, forwarding: Picos) -> Self {
+        Self { kind, processing, forwarding, difference_bound: Picos::ZERO, kind_bound: Picos::ZERO }
+    }
+
+    fn of(&self, processed: bool) -> Picos {
+        if processed { self.processing } else { self.forwarding }
+    }
+
+    /// What the one adds less what the other adds, and how far off that may be. The flags say whether they are
+    /// passed through the processing unit.
+    fn difference(out: (&Self, bool), back: (&Self, bool)) -> (Picos, Picos) {
+        let difference = out.0.of(out.1) - back.0.of(back.1);
+        let bound = if out.0.kind != back.0.kind {
+            out.0.kind_bound + back.0.kind_bound
+        } else if out.1 != back.1 {
+            Picos(out.0.difference_bound.0.max(back.0.difference_bound.0))
         } else {
-            delay_of(nodes, delays, i)
+            Picos::ZERO
         };
-    }
-}
-
-fn delay_of(nodes: &[Node], delays: &[Option<Nanos>], i: usize) -> Option<Nanos> {
-    let (parent, port) = clock_above(nodes, i)?;
-    let above = &nodes[parent];
-    let departure = above.departure_at(port)?;
-    let round_trip = above.return_at(port)? - departure;
-    let both_ways = round_trip - nodes[i].loop_time()?;
-    if both_ways < 0 {
-        return None;
-    }
-    // A leaf turns frames round behind its processing unit, so they take the same both ways.
-    let is_leaf = nodes[i].open_ports() < 2;
-    let difference = if is_leaf { 0 } else { nodes[i].forwarding_difference.0 };
-    Some(delays[parent]? + Nanos(departure + (both_ways + difference) / 2))
-}
-
-/// The next SubDevice upstream that has receive times, and its port towards node `i`.
-fn clock_above(nodes: &[Node], i: usize) -> Option<(usize, PortNumber)> {
-    let (mut parent, mut port) = nodes[i].parent?;
-    while nodes[parent].receive_times.is_none() {
-        if nodes[parent].open_ports() > 2 {
-            return None;
-        }
-        (parent, port) = nodes[parent].parent?;
-    }
-    Some((parent, port))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use PortNumber::*;
-
-    fn node(parent: Option<(usize, PortNumber)>, ports: &[usize], times: Option<[u32; 4]>) -> Node {
-        let open = core::array::from_fn(|port| ports.contains(&port));
-        let forwarding_difference = Nanos::ZERO;
-        Node { parent, entry: P0, open, receive_times: times, forwarding_difference }
-    }
-
-    fn delays<const N: usize>(nodes: [Node; N]) -> [Option<i64>; N] {
-        let mut delays = [None; N];
-        propagation_delays(&nodes, &mut delays);
-        delays.map(|delay| delay.map(|d: Nanos| d.0))
-    }
-
-    /// Two LAN9252 as captured: a loop of 1440 ns, 720 ns written to the second.
-    #[test]
-    fn a_leaf_is_half_the_round_trip_away() {
-        let first = node(None, &[0, 1], Some([0x1553_D022, 0x1553_D5C2, 7, 7]));
-        let leaf = node(Some((0, P1)), &[0], Some([1234, 0, 0, 0]));
-        assert_eq!(delays([first, leaf]), [Some(0), Some(720)]);
-    }
-
-    /// EK1100 and E-bus neighbours as captured: delays 0, 145, 300 ns.
-    #[test]
-    fn a_line_takes_off_what_lies_behind() {
-        let nodes = [
-            node(None, &[0, 1], Some([0x3C62_0F52, 0x3C62_11AA, 0, 0])),
-            node(Some((0, P1)), &[0, 1], Some([0x3D0B_D6AE, 0x3D0B_D7E4, 0, 0])),
-            node(Some((1, P1)), &[0], Some([99, 0, 0, 0])),
-        ];
-        assert_eq!(delays(nodes), [Some(0), Some(145), Some(300)]);
-    }
-
-    /// A fork: behind port 3 a leaf (round trip 1000), behind port 1 a leaf (round trip 600). The
-    /// second is reached only after the whole first branch.
-    /// Out through 155 ns of processing, back through 135 ns of forwarding, 100 ns of cable: known, the
-    /// difference gives the true delays.
-    #[test]
-    fn the_difference_of_the_directions_counts_unless_the_child_is_a_leaf() {
-        let mut nodes = [
-            // Through the middle one and back: its own loop of 510 ns, its forwarding, two cables.
-            node(None, &[0, 1], Some([0, 155 + 100 + 510 + 135 + 100, 0, 0])),
-            node(Some((0, P1)), &[0, 1], Some([0, 155 + 100 + 155 + 100, 0, 0])),
-            node(Some((1, P1)), &[0], Some([0; 4])),
-        ];
-        assert_eq!(delays(nodes), [Some(0), Some(245), Some(245 + 255)]);
-        nodes[1].forwarding_difference = Nanos(20);
-        assert_eq!(delays(nodes), [Some(0), Some(255), Some(255 + 255)]);
-    }
-
-    #[test]
-    fn later_branches_wait_for_earlier_ones() {
-        let nodes = [
-            node(None, &[0, 1, 3], Some([100, 1700, 0, 1100])),
-            node(Some((0, P3)), &[0], Some([5, 0, 0, 0])),
-            node(Some((0, P1)), &[0], Some([5, 0, 0, 0])),
-        ];
-        assert_eq!(delays(nodes), [Some(0), Some(500), Some(1000 + 300)]);
-    }
-
-    #[test]
-    fn devices_without_clocks_are_cable_unless_they_branch() {
-        let leaf = |parent, port| node(Some((parent, port)), &[0], Some([0; 4]));
-        let first = node(None, &[0, 1], Some([0, 2000, 0, 0]));
-        let plain = node(Some((0, P1)), &[0, 1], None);
-        assert_eq!(delays([first, plain, leaf(1, P1)]), [Some(0), None, Some(1000)]);
-        let branching = node(Some((0, P1)), &[0, 1, 2], None);
-        assert_eq!(delays([first, branching, leaf(1, P1)]), [Some(0), None, None]);
-    }
-
-    #[test]
-    fn counters_may_wrap_between_the_ports() {
-        let first = node(None, &[0, 1], Some([u32::MAX - 99, 1340, 0, 0]));
-        let leaf = node(Some((0, P1)), &[0], Some([0; 4]));
-        assert_eq!(delays([first, leaf]), [Some(0), Some(720)]);
-    }
-
-    #[test]
-    fn a_child_slower_than_its_branch_is_a_contradiction() {
-        let first = node(None, &[0, 1], Some([0, 500, 0, 0]));
-        let middle = node(Some((0, P1)), &[0, 1], Some([0, 501, 0, 0]));
-        assert_eq!(delays([first, middle])[1], None);
-        let middle = node(Some((0, P1)), &[0, 1], Some([0, 500, 0, 0]));
-        assert_eq!(delays([first, middle])[1], Some(0));
-    }
-
-    /// Cable plugged into port 1: frames come in there and go on 2 → 0.
-    #[test]
-    fn the_entry_port_may_be_another() {
-        let first = node(None, &[0, 1], Some([0, 3000, 0, 0]));
-        let swapped = Node {
-            parent: Some((0, P1)),
-            entry: P1,
-            open: [true, true, false, false],
-            receive_times: Some([1500, 500, 0, 0]),
-            forwarding_difference: Nanos::ZERO,
-        };
-        let leaf = node(Some((1, P0)), &[0], Some([0; 4]));
-        assert_eq!(delays([first, swapped, leaf]), [Some(0), Some(1000), Some(1500)]);
+        (difference, bound)
     }
 }

@@ -1,0 +1,216 @@
+//! Several latches averaged, and what is left of their errors.
+//!
+//! A receive time that lies anywhere within a tick has the variance 10² / 12 ns², so one latch gives a delay
+//! with the variance V = 10² / 12 ns² times the squares of its coefficients. How much of that a mean of n latches
+//! keeps depends on where in the tick they fell. If they always fell at one place, all are wrong by the
+//! same and the mean is no better than one; if they fell anywhere, it keeps V / n. Whatever they did, by the law
+//! of total variance the mean keeps V less the mean square deviation of the latches from their mean. For
+//! one delay that is a poor estimate (an interval of whole ticks never deviates), so it is taken over all SubDevices:
+//! [`Averaging`].
+//!
+//! Noise that is no quantization shows in the spread of the delay itself: the error is never stated below it.
+
+use isocat_wire::time::Picos;
+
+use super::path::TICK;
+use super::{Delay, Found, Why};
+
+/// All latches of one SubDevice.
+#[derive(Clone, Copy, Default, Debug)]
+pub struct Mean {
+    /// Latches that told the delay.
+    known: u32,
+    /// Latches that did not.
+    left_out: u32,
+    why: Option<Why>,
+    first: i64,
+    /// Of the differences from the first, ps and ps².
+    sum: i64,
+    squares: u128,
+    least: i64,
+    most: i64,
+    quarters: u64,
+    systematic: Picos,
+    /// The last one that did not tell it.
+    between: Option<(Picos, Picos)>,
+}
+
+/// How far the latches averaged quantization out, over a whole segment.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Averaging {
+    /// Of the variance of one latch, how much the mean keeps; 1024 is all of it.
+    kept: u32,
+}
+
+/// All of a variance.
+const ALL: u32 = 1024;
+
+impl Mean {
+    /// Takes one more latch.
+    pub fn add(&mut self, found: &Found) {
+        if found.why.is_some() {
+            self.left_out += 1;
+            self.why = found.why;
+            let least = |slack: Picos| Picos((found.delay - slack).0.max(0));
+            self.between = found.slack.map(|slack| (least(slack), found.delay + slack));
+            return;
+        }
+        let delay = found.delay.0;
+        if self.known == 0 {
+            (self.first, self.least, self.most) = (delay, delay, delay);
+        }
+        self.known += 1;
+        let difference = delay.saturating_sub(self.first);
+        self.sum = self.sum.saturating_add(difference);
+        self.squares += u128::from(difference.unsigned_abs()).pow(2);
+        (self.least, self.most) = (self.least.min(delay), self.most.max(delay));
+        self.quarters = self.quarters.max(found.quarters);
+        self.systematic = self.systematic.max(found.systematic);
+    }
+
+    /// Latches that told the delay.
+    pub fn latches(&self) -> u32 {
+        self.known
+    }
+
+    /// Latches that came back and did not tell it.
+    pub fn left_out(&self) -> u32 {
+        self.left_out
+    }
+
+    /// Largest less smallest delay.
+    pub fn spread(&self) -> Picos {
+        Picos(self.most - self.least)
+    }
+
+    /// The result. A delay counts as known if at least half of the latches told it.
+    pub fn delay(&self, averaging: Averaging) -> Delay {
+        if self.known == 0 || self.known < self.left_out {
+            let why = self.why.unwrap_or(Why::NoLatch);
+            return Delay::Indeterminate { why, between: self.between };
+        }
+        let count = i64::from(self.known);
+        // A clock behind the reference can't be reached before it: below zero there is only noise.
+        let delay = Picos((self.first + (self.sum + count / 2).div_euclid(count)).max(0));
+        let one = self.quantization();
+        let kept = one * u128::from(averaging.kept) / u128::from(ALL);
+        let variance = kept.max(one / u128::from(self.known)).max(self.of_the_spread());
+        let standard_error = Picos(root(variance) as i64);
+        Delay::Known { delay, standard_error, systematic: self.systematic }
+    }
+
+    /// Variance of one latch, ps².
+    fn quantization(&self) -> u128 {
+        u128::from(self.quarters) * (TICK * TICK) as u128 / (4 * 12)
+    }
+
+    /// Sum of the squared deviations from the mean, ps².
+    fn deviations(&self) -> u128 {
+        let count = u128::from(self.known.max(1));
+        self.squares.saturating_sub(u128::from(self.sum.unsigned_abs()).pow(2) / count)
+    }
+
+    /// Variance of the mean if nothing but its spread is known.
+    fn of_the_spread(&self) -> u128 {
+        match u128::from(self.known) {
+            0 | 1 => 0,
+            count => self.deviations() / (count * (count - 1)),
+        }
+    }
+}
+
+impl Averaging {
+    /// Looks at all SubDevices of a segment.
+    pub fn of(means: &[Mean]) -> Self {
+        let told = |mean: &&Mean| mean.known > 0;
+        let all: u128 = means.iter().filter(told).map(Mean::quantization).sum();
+        let seen = |mean: &Mean| mean.deviations() / u128::from(mean.known);
+        let seen: u128 = means.iter().filter(told).map(seen).sum();
+        let kept = all.saturating_sub(seen) * u128::from(ALL);
+        Self { kept: kept.checked_div(all).map_or(ALL, |kept| kept as u32) }
+    }
+}
+
+/// Integer square root, rounded up: an error is not stated smaller than it is.
+fn root(square: u128) -> u64 {
+    let root = square.isqrt();
+    (root + u128::from(root * root < square)).min(u128::from(u64::MAX >> 1)) as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// Ten latches of a delay with two coefficients of a half, which deviate by so many ps in turn.
+    fn mean(deviations: &[i64]) -> Mean {
+        let mut mean = Mean::default();
+        for deviation in deviations {
+            let mut found = Found::default();
+            (found.delay, found.why) = (Picos(500_000 + deviation), None);
+            found.quarters = 2;
+            mean.add(&found);
+        }
+        mean
+    }
+
+    fn error(mean: &Mean, averaging: Averaging) -> i64 {
+        match mean.delay(averaging) {
+            Delay::Known { standard_error, .. } => standard_error.0,
+            other => panic!("{other:?}"),
+        }
+    }
+
+    /// 10 ns / sqrt(12) times sqrt(1/4 + 1/4): half of 4.08 ns.
+    const ONE: i64 = 2_042;
+
+    #[test]
+    fn one_latch_has_the_error_of_its_ticks() {
+        let one = mean(&[0]);
+        assert_eq!(error(&one, Averaging::of(&[one])), ONE);
+    }
+
+    #[test]
+    fn latches_at_one_place_in_the_tick_are_worth_one() {
+        let same = mean(&[0; 16]);
+        assert_eq!(error(&same, Averaging::of(&[same])), ONE);
+    }
+
+    #[test]
+    fn latches_all_over_the_tick_are_worth_their_number() {
+        // Half of them one tick later, so half a tick of delay: more than V on the average.
+        let spread: Vec<i64> = (0..16).map(|i| 5_000 * (i % 2)).collect();
+        let spread = mean(&spread);
+        // 2.5 ns of deviation, 15 degrees of freedom.
+        assert_eq!(error(&spread, Averaging::of(&[spread])), 646);
+        // One that never deviates borrows from the others that the latches fell everywhere.
+        let same = mean(&[0; 16]);
+        let together = Averaging::of(&[same, spread, spread]);
+        assert_eq!(error(&same, together), ONE.div_euclid(4) + 1);
+    }
+
+    #[test]
+    fn noise_beyond_the_ticks_shows() {
+        let noisy: Vec<i64> = (0..16).map(|i| 40_000 * (i % 2)).collect();
+        let noisy = mean(&noisy);
+        assert_eq!(error(&noisy, Averaging::of(&[noisy])), 5_164);
+    }
+
+    #[test]
+    fn half_of_the_latches_must_tell() {
+        let mut mean = mean(&[0, 0]);
+        let mut wrong = Found::default();
+        wrong.why = Some(Why::TimesContradict);
+        mean.add(&wrong);
+        mean.add(&wrong);
+        assert!(matches!(mean.delay(Averaging { kept: ALL }), Delay::Known { .. }));
+        assert_eq!((mean.latches(), mean.left_out()), (2, 2));
+        mean.add(&wrong);
+        let why = Why::TimesContradict;
+        let expected = Delay::Indeterminate { why, between: None };
+        assert_eq!(mean.delay(Averaging { kept: ALL }), expected);
+        let nothing = Delay::Indeterminate { why: Why::NoLatch, between: None };
+        assert_eq!(Mean::default().delay(Averaging { kept: ALL }), nothing);
+    }
+}

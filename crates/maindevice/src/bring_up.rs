@@ -156,6 +156,12 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
             expected: "whole 100 us, from 100 us to 6.5535 s",
         });
     }
+    if config.delay_watch.is_some_and(|watch| watch.every < cycle || watch.latches < 2) {
+        return Err(Cause::Setting {
+            name: "delay_watch",
+            expected: "at least a cycle from latch to latch, at least 2 latches",
+        });
+    }
     if !(1..=90).contains(&config.acyclic_share) {
         return Err(Cause::Setting { name: "acyclic_share", expected: "1 to 90 percent" });
     }

@@ -1,6 +1,6 @@
 //! Distributed clocks: delays, offsets, drift.
 //!
-//! 1. The port receive times are latched several times and turned into delays.
+//! 1. The port receive times are latched several times and turned into delays (`delay`).
 //! 2. All clocks get one time: that of the reference clock as it runs. The host gives no date, so
 //!    the segment's time is not the time since 2000 but that since the reference was switched on.
 //!    Offsets are made from local times of one and the same frame, so the delay is in them and
@@ -10,20 +10,21 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use isocat_sync::delay::{Node, propagation_delays};
+use isocat_sync::delay::Delay;
 use isocat_sync::drift::{Convergence, Limits, Verdict};
+use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::Address;
 use isocat_wire::dc::SystemTimeDifference;
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Host, Nanos, Time};
-use isocat_wire::{PortNumber, StationAddress};
 
 use crate::config::Config;
+use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Latch, Times};
 use crate::error::{AccessError, Cause};
+use crate::event::Event;
 use crate::link::{Exchange, Link, Travel};
-use crate::segment::{DcCapability, Segment};
-use crate::topology;
+use crate::segment::{DcCapability, Segment, SubDevice};
 
 /// Measures and sets delays and offsets, then drives the drift loop. Nothing to do without a clock.
 pub(crate) async fn synchronize(
@@ -41,154 +42,56 @@ pub(crate) async fn synchronize(
     Ok(())
 }
 
-/// Times of one latch at one SubDevice.
-#[derive(Clone, Copy, Default)]
-struct Latch {
-    /// Registers 0x0900 to 0x090F.
-    ports: Option<[u32; 4]>,
-    /// Register 0x0918.
-    entry: u64,
-}
-
 /// Latches several times; delays become the mean. Gives the last latch.
 async fn measure_delays(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
-) -> Result<Vec<Latch>, Cause> {
-    let count = segment.devices.len();
-    let mut sums = vec![Sum::default(); count];
-    let mut last = Vec::new();
-    for round in 0..config.delay_latches.max(1) {
-        last = latch(link, segment).await?;
-        if round == 0 {
-            find_entries(segment, &last)?;
-        }
-        let mut delays = vec![None; count];
-        propagation_delays(&nodes(segment, &last), &mut delays);
-        // Delays count from the first SubDevice with receive times, which need not have a clock.
-        let base = delays[reference].unwrap_or(Nanos::ZERO);
-        for (sum, delay) in sums.iter_mut().zip(delays) {
-            if let Some(delay) = delay {
-                sum.add(delay - base);
+) -> Result<Times, Cause> {
+    let wanted = config.delay_latches.max(1);
+    let stations = delay::stations(segment);
+    let mut times: Vec<Times> = Vec::with_capacity(wanted);
+    let mut lost = 0;
+    while times.len() < wanted {
+        match delay::latch(link, &stations).await {
+            Ok(latch) => times.push(latch),
+            Err(error) => {
+                lost += 1;
+                if lost > wanted {
+                    return Err(error.into());
+                }
             }
         }
     }
-    for (device, sum) in segment.devices.iter_mut().zip(sums) {
-        device.delay = sum.mean();
-        device.delay_spread = device.delay.map(|_| Nanos(sum.max - sum.min));
-        if device.dc.has_clock() && device.delay.is_none() {
-            return Err(Cause::Delay { place: device.place() });
+    link.with(|inner| inner.statistics.delay_latches_lost += lost as u64);
+    delay::find_entries(segment, times.get(wanted.wrapping_sub(2)), &times[wanted - 1])?;
+    let mut estimator = Estimator::new(segment, reference, FREE_RUNNING_PPB);
+    for latch in &times {
+        estimator.sample(latch);
+    }
+    for (position, (device, delay)) in
+        segment.devices.iter_mut().zip(estimator.delays()).enumerate()
+    {
+        take(link, device, delay);
+        let spread = estimator.mean(position).spread();
+        device.delay_spread = delay.nanos().map(|_| Nanos(spread.0 / 1_000));
+    }
+    Ok(times.pop().unwrap_or_default())
+}
+
+/// Takes over what was measured. A clock whose delay can't be known is led all the same, with the middle of what
+/// is possible, and is reported.
+fn take(link: &Link, device: &mut SubDevice, delay: Delay) {
+    device.measured_delay = Some(delay);
+    device.delay = delay.nanos();
+    if let Delay::Indeterminate { why, between } = delay {
+        if device.dc.has_clock() {
+            let used = delay.or_middle();
+            device.delay = Some(used);
+            let position = device.position;
+            link.report(Event::DelayUnknown { position, why, between, used });
         }
-    }
-    Ok(last)
-}
-
-/// One write to 0x0900 and all times that it latched.
-async fn latch(link: &Link, segment: &Segment) -> Result<Vec<Latch>, Cause> {
-    let timed = segment.devices.iter().filter(|device| device.dc.has_receive_times()).count();
-    link.bwr(register::RECEIVE_TIME_0.address, &[0; 4]).expect(timed as u16).await?;
-    let reads: Vec<Option<(Exchange, Option<Exchange>)>> = segment
-        .devices
-        .iter()
-        .map(|device| {
-            device.dc.has_receive_times().then(|| {
-                let ports = link.fprd(device.station, register::RECEIVE_TIME_0.address, 16);
-                let entry = device
-                    .dc
-                    .has_clock()
-                    .then(|| link.fprd(device.station, register::RECEIVE_TIME_EPU.address, 8));
-                (ports, entry)
-            })
-        })
-        .collect();
-    let mut all = Vec::with_capacity(reads.len());
-    for read in reads {
-        let mut latch = Latch::default();
-        if let Some((ports, entry)) = read {
-            let bytes = ports.expect(1).await?.data;
-            let time = |port: usize| {
-                let at = 4 * port;
-                u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-            };
-            latch.ports = Some(PortNumber::ALL.map(|port| time(port.index())));
-            if let Some(entry) = entry {
-                let bytes = entry.expect(1).await?.data;
-                latch.entry = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
-            }
-        }
-        all.push(latch);
-    }
-    Ok(all)
-}
-
-/// With receive times it shows where frames really come in; parents follow from that.
-fn find_entries(segment: &mut Segment, latches: &[Latch]) -> Result<(), Cause> {
-    for (device, latch) in segment.devices.iter_mut().zip(latches) {
-        if let Some(times) = &latch.ports {
-            device.entry = topology::entry_by_times(device.dl_status, times);
-        }
-    }
-    let ports: Vec<_> =
-        segment.devices.iter().map(|device| (device.dl_status, device.entry)).collect();
-    for (device, parent) in segment.devices.iter_mut().zip(topology::parents(&ports)?) {
-        device.parent = parent;
-    }
-    Ok(())
-}
-
-fn nodes(segment: &Segment, latches: &[Latch]) -> Vec<Node> {
-    segment
-        .devices
-        .iter()
-        .zip(latches)
-        .map(|(device, latch)| Node {
-            parent: device.parent,
-            entry: device.entry,
-            open: PortNumber::ALL.map(|port| device.dl_status.open(port)),
-            receive_times: latch.ports,
-            forwarding_difference: forwarding_difference(device.esc.kind),
-        })
-        .collect()
-}
-
-/// Processing delay less forwarding delay by ESC type (register 0x0000). Captured receive times of a line of
-/// ET1100 and ET1200 (loops of 600 and 310 ns) give 155 ns out and 135 ns back; for the others, which
-/// contain the same core, the figure is taken over. What is not known counts as equal.
-const fn forwarding_difference(kind: u8) -> Nanos {
-    match kind {
-        0x04 | 0x11 | 0x12 | 0x98 | 0xC0 => Nanos(20),
-        _ => Nanos::ZERO,
-    }
-}
-
-/// Sum of one SubDevice's delays.
-#[derive(Clone, Copy)]
-struct Sum {
-    sum: i64,
-    count: i64,
-    min: i64,
-    max: i64,
-}
-
-impl Default for Sum {
-    fn default() -> Self {
-        Self { sum: 0, count: 0, min: i64::MAX, max: i64::MIN }
-    }
-}
-
-impl Sum {
-    fn add(&mut self, delay: Nanos) {
-        self.sum += delay.0;
-        self.count += 1;
-        self.min = self.min.min(delay.0);
-        self.max = self.max.max(delay.0);
-    }
-    /// Rounded to the nearest.
-    fn mean(&self) -> Option<Nanos> {
-        let half = self.count / 2;
-        (self.count > 0).then(|| Nanos((self.sum + half).div_euclid(self.count)))
     }
 }
 

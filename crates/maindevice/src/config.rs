@@ -42,8 +42,12 @@ pub struct Config {
     pub source: [u8; 6],
     /// How often the port receive times are latched for the delay measurement. Each latch has an
     /// error of a 10 ns tick at every port; 16 of them bring the mean near 1 ns at a cost of well
-    /// under 1 ms a device.
+    /// under 1 ms a device. Latches whose frame is lost, or that not all SubDevices take, are made again,
+    /// once more at most. 0 counts as 1.
     pub delay_latches: usize,
+    /// Whether delays are measured on while the segment runs. Default no: each latch takes a frame and a read of
+    /// 16 bytes from every SubDevice, out of the acyclic share.
+    pub delay_watch: Option<DelayWatch>,
     /// Clocks count as converged when 0x092C is below this at every device. Default 100 ns: well
     /// above the tick and below what any sync budget notices.
     pub drift_threshold: Nanos,
@@ -74,12 +78,35 @@ impl Config {
             force: false,
             source: [0x10; 6],
             delay_latches: 16,
+            delay_watch: None,
             drift_threshold: Nanos(100),
             clock_error: None,
             watchdog: None,
             acyclic_share: 40,
             timeouts: Timeouts::default(),
         }
+    }
+}
+
+/// How delays are measured on while the segment runs.
+///
+/// Only receive times are latched (a write to 0x0900), which disturbs neither SYNC nor the drift loop. Filters
+/// (0x0930) are never reset. A delay that lies beyond the error from the one in force is
+/// [`Event::DelayChanged`](crate::Event::DelayChanged).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct DelayWatch {
+    /// From one latch to the next; at least one cycle. Default 1 s.
+    pub every: Nanos,
+    /// Latches that make one estimate; at least 2. Default 16.
+    pub latches: usize,
+    /// Whether 0x0928 is written with a delay that has changed. The clock then moves to its new time as the
+    /// drift loop allows, and its pulses with it. Default no.
+    pub rewrite: bool,
+}
+
+impl Default for DelayWatch {
+    fn default() -> Self {
+        Self { every: Nanos::millis(1_000), latches: 16, rewrite: false }
     }
 }
 

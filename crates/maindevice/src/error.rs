@@ -178,11 +178,6 @@ pub enum Cause {
         /// How.
         problem: MappingProblem,
     },
-    /// The delay of a SubDevice can't be known from the receive times.
-    Delay {
-        /// Where.
-        place: Place,
-    },
     /// A clock did not converge to the reference.
     Drift {
         /// Where it was worst.
@@ -412,7 +407,6 @@ impl Cause {
             | Cause::Mode { place, .. }
             | Cause::Plan { place, .. }
             | Cause::Mapping { place, .. }
-            | Cause::Delay { place }
             | Cause::Drift { place, .. }
             | Cause::SyncNotStarted { place, .. } => Some(place),
             _ => None,
@@ -478,11 +472,6 @@ impl fmt::Display for Cause {
             Cause::Plan { place, line } => write!(f, "{place}: {line}"),
             Cause::Frames { line } => write!(f, "{line}"),
             Cause::Mapping { place, problem } => write!(f, "{place}: {problem}"),
-            Cause::Delay { place } => write!(
-                f,
-                "{place}: its delay can't be known from the port receive times (a branching SubDevice \
-                 without receive times before it, or times that contradict each other)"
-            ),
             Cause::Drift { place, difference, slope_ppb, after } => write!(
                 f,
                 "{place}: clock still {difference} from the reference after {after}, moving {slope_ppb} \

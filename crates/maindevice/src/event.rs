@@ -3,9 +3,10 @@
 use alloc::vec::Vec;
 use core::fmt;
 
+use isocat_sync::delay::{Delay, Why};
 use isocat_sync::phase;
 use isocat_wire::al::{AlStatus, AlStatusCode};
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Nanos, Picos};
 
 use crate::error::{AccessError, Error, SdoError};
 
@@ -119,6 +120,38 @@ pub enum Event {
         expected: u16,
         /// Clocks that answered.
         found: u16,
+    },
+    /// The delay of a clock can't be known from the receive times. It goes on with the middle of what is
+    /// possible, or 0 ns if anything is.
+    DelayUnknown {
+        /// Position.
+        position: usize,
+        /// Why not; SubDevices in it are named by position.
+        why: Why,
+        /// What is possible.
+        between: Option<(Picos, Picos)>,
+        /// What was written to 0x0928.
+        used: Nanos,
+    },
+    /// A delay measured while the segment runs lies beyond the error from the one in force, which is what 0x0928
+    /// was written with: a cable was changed, or a port behaves otherwise. Told when it begins; see
+    /// [`DelayWatch`](crate::config::DelayWatch).
+    DelayChanged {
+        /// Position.
+        position: usize,
+        /// In force.
+        written: Nanos,
+        /// Measured now.
+        found: Delay,
+        /// Whether 0x0928 is now written with it.
+        rewritten: bool,
+    },
+    /// A delay measured while the segment runs is again the one in force.
+    DelayRestored {
+        /// Position.
+        position: usize,
+        /// In force.
+        written: Nanos,
     },
     /// Another number of SubDevices answers than was found at the scan.
     CountChanged {

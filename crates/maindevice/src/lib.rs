@@ -8,11 +8,11 @@
 //! 2. `bring_up` is the way up in order. `scan` and `topology` find the SubDevices, `sii` reads who
 //!    they are, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
 //!    `objects`. `mode` decides how each SubDevice is synchronized and plans the cycle, `mapping`
-//!    lays out the process image, `clock` makes all clocks one, `sync` programs SYNC0 and sees that
-//!    it runs.
+//!    lays out the process image, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
+//!    programs SYNC0 and sees that it runs.
 //! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
 //!    nothing.
-//! 4. `health` finds the SubDevice that left its state.
+//! 4. `health` finds the SubDevice that left its state, `delay_watch` the delay that is no longer what it was.
 //!
 //! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
 //! and counts in [`statistics`].
@@ -58,6 +58,8 @@ mod bring_up;
 mod clock;
 mod coe;
 mod cycle;
+mod delay;
+mod delay_watch;
 mod esm;
 mod health;
 mod link;
@@ -74,7 +76,7 @@ mod topology;
 #[cfg(test)]
 mod tests;
 
-pub use config::{AssumedTimes, Config, DeviceConfig, StartupDownload, Timeouts};
+pub use config::{AssumedTimes, Config, DelayWatch, DeviceConfig, StartupDownload, Timeouts};
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};
 pub use link::FRAME_LEN;

@@ -11,6 +11,7 @@ use core::task::{Context, Poll, Waker};
 use isocat_sync::phase;
 use isocat_wire::al::{AlState, AlStatus};
 use isocat_wire::frame::{self, duration_ns};
+use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{ObjectAddress, StationAddress};
 
@@ -18,6 +19,8 @@ use crate::bring_up::{self, End, Work};
 use crate::coe;
 use crate::config::Config;
 use crate::cycle::Cycle;
+use crate::delay::{self, Times};
+use crate::delay_watch::{Change, DelayWatch};
 use crate::error::{AccessError, Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Status};
@@ -76,6 +79,10 @@ pub struct MainDevice {
     health: Option<Pin<Box<dyn Future<Output = Vec<Status>>>>>,
     /// What the cyclic broadcast read when health was last checked, and in which cycle.
     checked: Option<(u16, u64)>,
+    /// Delays measured on in operation.
+    delay_watch: Option<DelayWatch>,
+    latching: Option<Pin<Box<Latching>>>,
+    rewriting: Vec<Pin<Box<Rewriting>>>,
     stopping: bool,
 }
 
@@ -122,6 +129,12 @@ struct Job {
 /// A read of memory under way.
 type Reading = dyn Future<Output = Result<Vec<u8>, AccessError>>;
 
+/// A latch of the receive times under way; `None`: it did not come back whole.
+type Latching = dyn Future<Output = Option<Times>>;
+
+/// A write of 0x0928 under way; gives whether it was taken.
+type Rewriting = dyn Future<Output = (Change, bool)>;
+
 struct RunningJob {
     request: RequestId,
     position: usize,
@@ -158,6 +171,9 @@ impl MainDevice {
             next_request: 0,
             health: None,
             checked: None,
+            delay_watch: None,
+            latching: None,
+            rewriting: Vec::new(),
             stopping: false,
         };
         machine.work();
@@ -352,6 +368,7 @@ impl MainDevice {
         self.work_on_jobs();
         self.work_on_reads();
         self.work_on_health();
+        self.work_on_delays();
     }
 
     /// Whether nothing but the cycle runs: no procedure to poll, nobody out of OP.
@@ -363,6 +380,9 @@ impl MainDevice {
             && self.running.is_empty()
             && self.health.is_none()
             && self.checked.is_none()
+            && self.latching.is_none()
+            && self.rewriting.is_empty()
+            && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.link.now()))
             && self.cycle.as_ref().is_some_and(|cycle| cycle.al_status == op)
     }
 
@@ -449,6 +469,8 @@ impl MainDevice {
         if let Some(cycle) = &mut self.cycle {
             cycle.measuring = true;
         }
+        let watch = |config| DelayWatch::new(config, &self.segment, now);
+        self.delay_watch = self.config.delay_watch.and_then(watch);
         self.activity = Activity::Operating;
     }
 
@@ -479,6 +501,7 @@ impl MainDevice {
         };
         if turns {
             self.health = None;
+            self.forget_delays();
             self.refuse_jobs();
             self.begin_piece(Piece::LeaveOperation);
         }
@@ -496,6 +519,7 @@ impl MainDevice {
         self.refuse_jobs();
         self.reads.clear();
         self.health = None;
+        self.forget_delays();
         self.cycle = None;
         self.activity = Activity::Over;
     }
@@ -642,6 +666,82 @@ impl MainDevice {
                 self.link.report(Event::StateChanged { position, status, code, cycle });
             }
         }
+    }
+}
+
+/// Delays while the segment runs.
+impl MainDevice {
+    /// Latches when it is time, and tells what has changed.
+    fn work_on_delays(&mut self) {
+        let Activity::Operating = self.activity else { return };
+        self.end_rewriting();
+        let now = self.link.now();
+        let Some(watch) = &mut self.delay_watch else { return };
+        if let Some(latching) = &mut self.latching {
+            let Poll::Ready(times) = poll(latching) else { return };
+            self.latching = None;
+            if times.is_none() {
+                self.link.with(|inner| inner.statistics.delay_latches_lost += 1);
+            }
+            for change in watch.sample(now, times.as_ref()) {
+                self.take_change(change);
+            }
+        } else if watch.due(now) {
+            let (link, stations) = (self.link.clone(), delay::stations(&self.segment));
+            let mut latching: Pin<Box<Latching>> =
+                Box::pin(async move { delay::latch(&link, &stations).await.ok() });
+            // The first poll queues its datagram.
+            let _pending = poll(&mut latching).is_pending();
+            self.latching = Some(latching);
+        }
+    }
+
+    fn take_change(&mut self, change: Change) {
+        let Change { position, written, found } = change;
+        let Some(found) = found else {
+            return self.link.report(Event::DelayRestored { position, written });
+        };
+        let wished = self.config.delay_watch.is_some_and(|watch| watch.rewrite);
+        let device = &self.segment.devices[position];
+        match found.nanos().filter(|_| wished && device.dc.has_clock()) {
+            Some(delay) => {
+                let address = register::SYSTEM_TIME_DELAY.address;
+                let data = (delay.0 as u32).to_le_bytes();
+                let write = self.link.fpwr(device.station, address, &data);
+                let write = async move { (change, write.expect(1).await.is_ok()) };
+                self.rewriting.push(Box::pin(write));
+            }
+            None => {
+                let rewritten = false;
+                self.link.report(Event::DelayChanged { position, written, found, rewritten });
+            }
+        }
+    }
+
+    fn end_rewriting(&mut self) {
+        let mut at = 0;
+        while at < self.rewriting.len() {
+            let Poll::Ready((change, rewritten)) = poll(&mut self.rewriting[at]) else {
+                at += 1;
+                continue;
+            };
+            drop(self.rewriting.swap_remove(at));
+            let Change { position, written, found: Some(found) } = change else { continue };
+            if rewritten {
+                let device = &mut self.segment.devices[position];
+                (device.delay, device.measured_delay) = (found.nanos(), Some(found));
+                if let Some(watch) = &mut self.delay_watch {
+                    watch.rewritten(position, found);
+                }
+            }
+            self.link.report(Event::DelayChanged { position, written, found, rewritten });
+        }
+    }
+
+    fn forget_delays(&mut self) {
+        self.delay_watch = None;
+        self.latching = None;
+        self.rewriting.clear();
     }
 }
 

@@ -15,7 +15,7 @@ use crate::error::{AccessError, AccessProblem, Cause};
 use crate::esm;
 use crate::link::{Link, Procedure, join};
 use crate::segment::{DcCapability, EscInformation, Segment, SubDevice};
-use crate::topology;
+use crate::topology::{self, Ports};
 
 /// Station address of the first SubDevice.
 const FIRST_STATION: u16 = 0x1001;
@@ -62,9 +62,15 @@ pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) ->
             .collect(),
     )
     .await?;
-    let ports: Vec<_> =
-        segment.devices.iter().map(|device| (device.dl_status, device.entry)).collect();
-    for (device, parent) in segment.devices.iter_mut().zip(topology::parents(&ports)?) {
+    let ports: Vec<_> = segment
+        .devices
+        .iter()
+        .map(|device| Ports { status: device.dl_status, entry: device.entry, times: None })
+        .collect();
+    topology::check_count(&ports)?;
+    // Where cables are swapped they make no tree yet; receive times will tell.
+    let parents = topology::parents(&ports).unwrap_or_default();
+    for (device, parent) in segment.devices.iter_mut().zip(parents) {
         device.parent = parent;
     }
     segment.reference = segment.devices.iter().position(|device| device.dc.has_clock());

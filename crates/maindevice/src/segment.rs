@@ -4,6 +4,7 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use isocat_sync::budget::{self, Budget, Check, Demand, Moments};
+use isocat_sync::delay::Delay;
 use isocat_sync::object::{self, SyncParameters};
 use isocat_sync::{Pulses, SyncMode, SyncType};
 use isocat_wire::al::{AlStatus, AlStatusCode};
@@ -126,8 +127,11 @@ pub struct SubDevice {
     pub output_sync: Option<SyncObject>,
     /// Object 0x1C33; `None` if the device has none.
     pub input_sync: Option<SyncObject>,
-    /// Propagation delay from the reference clock, register 0x0928; `None` without DC clock.
+    /// Propagation delay from the reference clock, as it was written to register 0x0928; `None` where it was
+    /// neither measured nor written.
     pub delay: Option<Nanos>,
+    /// What the receive times say of it, with its error, or why they do not; `None` before they were latched.
+    pub measured_delay: Option<Delay>,
     /// Spread of the delay over all latches, largest less smallest.
     pub delay_spread: Option<Nanos>,
     /// Offset written to 0x0920.
@@ -428,6 +432,7 @@ impl SubDevice {
             output_sync: None,
             input_sync: None,
             delay: None,
+            measured_delay: None,
             delay_spread: None,
             offset: 0,
             difference: None,

@@ -34,6 +34,9 @@ pub struct Statistics {
     pub drift_frames: u64,
     /// Of these, sent before the clocks had converged.
     pub drift_burst: u64,
+    /// Latches of the receive times (0x0900) that were not used: the frame was lost, or not every SubDevice
+    /// took it.
+    pub delay_latches_lost: u64,
     /// Cycles begun.
     pub cycles: u64,
     /// Send instants that the caller let pass.

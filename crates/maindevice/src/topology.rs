@@ -1,5 +1,6 @@
 //! Who hangs on whom: parents from the ports that are open.
 
+use alloc::vec;
 use alloc::vec::Vec;
 
 use isocat_wire::PortNumber;
@@ -7,41 +8,132 @@ use isocat_wire::dl::DlStatus;
 
 use crate::error::Cause;
 
-/// The parent of each SubDevice and the port there, in processing order. `ports` holds the DL
-/// status of each and the port through which frames come in.
+/// What is known of the ports of one SubDevice.
+#[derive(Clone, Copy)]
+pub(crate) struct Ports {
+    /// Register 0x0110.
+    pub status: DlStatus,
+    /// Where frames come in.
+    pub entry: PortNumber,
+    /// Receive times of one latch, if there are any.
+    pub times: Option<[u32; 4]>,
+}
+
+/// The parent of each SubDevice and the port there, in processing order.
 ///
 /// A frame visits the ports after its entry in the order 0 → 3 → 1 → 2 and goes down a branch as
-/// soon as it meets an open port, so the SubDevices behind it follow in processing order.
-pub(crate) fn parents(
-    ports: &[(DlStatus, PortNumber)],
-) -> Result<Vec<Option<(usize, PortNumber)>>, Cause> {
-    let mut parents = Vec::with_capacity(ports.len());
-    // Open ports that still wait for a SubDevice; the next one hangs on the last.
-    let mut waiting: Vec<(usize, PortNumber)> = Vec::new();
-    let mut offered = 0;
-    for (position, (status, entry)) in ports.iter().enumerate() {
-        let parent = waiting.pop();
-        if parent.is_none() && position > 0 {
-            return Err(Cause::Topology { devices: ports.len(), ports: offered });
+/// soon as it meets an open port. The processing unit stands behind port 0: what hangs on ports that are visited
+/// before (with the cable from above in another port than 0) comes before its parent in processing order,
+/// the rest behind it.
+pub(crate) fn parents(ports: &[Ports]) -> Result<Vec<Option<(usize, PortNumber)>>, Cause> {
+    let mut parents = vec![None; ports.len()];
+    let mut trees: Vec<Tree> = Vec::new();
+    for (position, own) in ports.iter().enumerate() {
+        let before = own.before().count();
+        for port in own.before().collect::<Vec<_>>().into_iter().rev() {
+            // Larger trees than the one that ends here may hang on the port: as large as fits into the time
+            // that the frame was away.
+            let away = own.away(port);
+            let mut tried = trees.clone();
+            while close(&mut tried, ports, &mut parents) {
+                if tried.last().is_some_and(|tree| ports[tree.top].away_in_all() < away) {
+                    trees.clone_from(&tried);
+                }
+            }
+            let Some(tree) = trees.pop() else { return Err(mismatch(ports)) };
+            parents[tree.top] = Some((position, port));
         }
-        parents.push(parent);
-        let first = waiting.len();
-        waiting.extend(downstream(*status, *entry).map(|port| (position, port)));
-        waiting[first..].reverse();
-        offered += waiting.len() - first;
+        trees.push(Tree { top: position, wanted: own.downstream().count() - before });
     }
-    if waiting.is_empty() {
-        Ok(parents)
-    } else {
-        Err(Cause::Topology { devices: ports.len(), ports: offered })
+    while close(&mut trees, ports, &mut parents) {}
+    match trees[..] {
+        [Tree { wanted: 0, .. }] | [] => Ok(parents),
+        _ => Err(mismatch(ports)),
     }
 }
 
-/// The open ports after the entry, in the order in which the frame visits them.
-fn downstream(status: DlStatus, entry: PortNumber) -> impl Iterator<Item = PortNumber> {
+/// Whether so many open ports make one tree of so many SubDevices, whatever it looks like.
+pub(crate) fn check_count(ports: &[Ports]) -> Result<(), Cause> {
+    let offered: usize = ports.iter().map(|own| own.downstream().count()).sum();
+    if offered + 1 == ports.len() { Ok(()) } else { Err(mismatch(ports)) }
+}
+
+fn mismatch(ports: &[Ports]) -> Cause {
+    let offered = ports.iter().map(|own| own.downstream().count()).sum();
+    Cause::Topology { devices: ports.len(), ports: offered }
+}
+
+/// A SubDevice with what hangs on it, as far as it has come by.
+#[derive(Clone, Copy)]
+struct Tree {
+    top: usize,
+    /// Trees that must follow and hang on it.
+    wanted: usize,
+}
+
+/// Hangs trees on the last SubDevice that wants some, if enough of them follow it; the last of them may be the
+/// last of all. Gives whether there was one.
+fn close(
+    trees: &mut Vec<Tree>,
+    ports: &[Ports],
+    parents: &mut [Option<(usize, PortNumber)>],
+) -> bool {
+    let whole = trees.iter().rev().take_while(|tree| tree.wanted == 0).count();
+    let Some(at) = trees.len().checked_sub(whole + 1) else { return false };
+    let Tree { top, wanted } = trees[at];
+    if whole < wanted {
+        return false;
+    }
+    let after = ports[top].downstream().skip(ports[top].before().count());
+    for (tree, port) in trees.drain(at + 1..=at + wanted).zip(after) {
+        parents[tree.top] = Some((top, port));
+    }
+    trees[at].wanted = 0;
+    true
+}
+
+impl Ports {
+    /// The open ports after the entry, in the order in which the frame visits them.
+    fn downstream(&self) -> impl Iterator<Item = PortNumber> {
+        let (status, entry) = (self.status, self.entry);
+        round(entry).skip(1).filter(move |port| status.open(*port))
+    }
+
+    /// Those of them that it visits before it is processed.
+    fn before(&self) -> impl Iterator<Item = PortNumber> {
+        let entry = self.entry;
+        let own = self.downstream();
+        let place = |port: PortNumber| PortNumber::PROCESSING_ORDER.iter().position(|p| *p == port);
+        own.filter(move |port| {
+            entry != PortNumber::P0 && (*port == PortNumber::P0 || place(*port) > place(entry))
+        })
+    }
+
+    /// How long the frame was away behind a port, ns; 0 if nobody knows.
+    fn away(&self, port: PortNumber) -> u32 {
+        let open = |other: &PortNumber| self.status.open(*other) || *other == self.entry;
+        let before = round(self.entry).take_while(|other| *other != port).filter(open).last();
+        self.between(before.unwrap_or(self.entry), port)
+    }
+
+    /// From its entry until it was back from the last branch, ns; the longest time if nobody knows.
+    fn away_in_all(&self) -> u32 {
+        match self.times {
+            Some(_) => self.between(self.entry, self.downstream().last().unwrap_or(self.entry)),
+            None => u32::MAX,
+        }
+    }
+
+    fn between(&self, from: PortNumber, to: PortNumber) -> u32 {
+        self.times.map_or(0, |times| times[to.index()].wrapping_sub(times[from.index()]))
+    }
+}
+
+/// All ports in the order in which a frame visits them.
+fn round(entry: PortNumber) -> impl Iterator<Item = PortNumber> {
     let order = PortNumber::PROCESSING_ORDER;
     let at = order.iter().position(|port| *port == entry).unwrap_or(0);
-    (1..4).map(move |step| order[(at + step) % 4]).filter(move |port| status.open(*port))
+    (0..4).map(move |step| order[(at + step) % 4])
 }
 
 /// The port through which frames come in, as far as the links tell it: port 0 if it is open.
@@ -52,18 +144,23 @@ pub(crate) fn likely_entry(status: DlStatus) -> PortNumber {
         .unwrap_or(PortNumber::P0)
 }
 
-/// The port through which frames come in, by the receive times: the open one with the earliest.
-/// Times wrap.
-pub(crate) fn entry_by_times(status: DlStatus, times: &[u32; 4]) -> PortNumber {
+/// The port through which frames come in, by the receive times: the open one with the earliest, of those
+/// whose time is another than in the latch before. Times wrap.
+pub(crate) fn entry_by_times(
+    status: DlStatus,
+    times: &[u32; 4],
+    before: Option<&[u32; 4]>,
+) -> PortNumber {
     let time = |port: PortNumber| times[port.index()];
+    let stale = |port: PortNumber| before.is_some_and(|before| before[port.index()] == time(port));
     PortNumber::PROCESSING_ORDER
         .into_iter()
-        .filter(|port| status.open(*port))
+        .filter(|port| status.open(*port) && !stale(*port))
         .reduce(|first, port| {
             let earlier = (time(port).wrapping_sub(time(first)) as i32) < 0;
             if earlier { port } else { first }
         })
-        .unwrap_or(PortNumber::P0)
+        .unwrap_or(likely_entry(status))
 }
 
 #[cfg(test)]
@@ -71,11 +168,15 @@ mod tests {
     use super::*;
     use PortNumber::*;
 
-    fn open(ports: &[PortNumber]) -> (DlStatus, PortNumber) {
+    fn open(ports: &[PortNumber]) -> Ports {
         let status = ports
             .iter()
             .fold(DlStatus::default(), |status, port| status.with_port(*port, true, false, true));
-        (status, likely_entry(status))
+        Ports { status, entry: likely_entry(status), times: None }
+    }
+
+    fn swapped(ports: &[PortNumber], entry: PortNumber, times: [u32; 4]) -> Ports {
+        Ports { entry, times: Some(times), ..open(ports) }
     }
 
     #[test]
@@ -97,15 +198,46 @@ mod tests {
     fn one_device_more_or_less_than_ports_is_an_error() {
         let two = [open(&[P0, P1]), open(&[P0, P1])];
         assert_eq!(parents(&two), Err(Cause::Topology { devices: 2, ports: 2 }));
+        assert_eq!(check_count(&two), Err(Cause::Topology { devices: 2, ports: 2 }));
         let two = [open(&[P0]), open(&[P0])];
         assert_eq!(parents(&two), Err(Cause::Topology { devices: 2, ports: 0 }));
+        assert_eq!(check_count(&two), Err(Cause::Topology { devices: 2, ports: 0 }));
+        let hidden = [open(&[P0]), open(&[P0, P1])];
+        assert!(check_count(&hidden).is_ok() && parents(&hidden).is_err(), "a swapped cable");
+    }
+
+    /// What hangs on port 0 of a SubDevice with swapped cables is processed before it.
+    #[test]
+    fn a_swapped_cable_turns_the_order_round() {
+        let first = swapped(&[P0, P1], P1, [1500, 500, 0, 0]);
+        assert_eq!(parents(&[open(&[P0]), first]).unwrap(), [Some((1, P0)), None]);
+        let cross = swapped(&[P0, P1, P2, P3], P1, [1500, 500, 900, 2500]);
+        let leaf = open(&[P0]);
+        let expected = [Some((2, P2)), Some((2, P0)), None, Some((2, P3))];
+        assert_eq!(parents(&[leaf, leaf, cross, leaf]).unwrap(), expected);
+    }
+
+    /// X, Z, Y with Y swapped: X on Y's port 0 with Z behind it, or Y on X with Z on its port 0. Only the times
+    /// tell.
+    #[test]
+    fn times_tell_which_of_two_trees_it_is() {
+        let leaf = swapped(&[P0], P0, [0; 4]);
+        let x = |away| swapped(&[P0, P1], P0, [0, away, 0, 0]);
+        let y = |away: u32| swapped(&[P0, P1], P1, [away, 0, 0, 0]);
+        let below = [Some((2, P0)), Some((0, P1)), None];
+        assert_eq!(parents(&[x(1000), leaf, y(2000)]).unwrap(), below);
+        let above = [None, Some((2, P0)), Some((0, P1))];
+        assert_eq!(parents(&[x(2000), leaf, y(1000)]).unwrap(), above);
     }
 
     #[test]
     fn a_swapped_cable_shows_in_the_times() {
-        let (status, _) = open(&[P0, P1]);
-        assert_eq!(entry_by_times(status, &[1500, 500, 0, 0]), P1);
-        assert_eq!(entry_by_times(status, &[500, 1500, 0, 0]), P0);
-        assert_eq!(entry_by_times(status, &[5, u32::MAX - 5, 0, 0]), P1, "wraps in between");
+        let status = open(&[P0, P1]).status;
+        let entry = |times| entry_by_times(status, &times, None);
+        assert_eq!(entry([1500, 500, 0, 0]), P1);
+        assert_eq!(entry([500, 1500, 0, 0]), P0);
+        assert_eq!(entry([5, u32::MAX - 5, 0, 0]), P1, "wraps in between");
+        // A port that no frame comes back at.
+        assert_eq!(entry_by_times(status, &[5000, 500, 0, 0], Some(&[1500, 500, 0, 0])), P0);
     }
 }

@@ -241,7 +241,13 @@ impl Node {
 impl Stay {
     /// An ESC whose stays are known exactly.
     pub const fn exact(kind: u8, processing: Picos, forwarding: Picos) -> Self {
-        Self { kind, processing, forwarding, difference_bound: Picos::ZERO, kind_bound: Picos::ZERO }
+        Self {
+            kind,
+            processing,
+            forwarding,
+            difference_bound: Picos::ZERO,
+            kind_bound: Picos::ZERO,
+        }
     }
 
     fn of(&self, processed: bool) -> Picos {

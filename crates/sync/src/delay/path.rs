@@ -27,6 +27,8 @@ pub struct Found {
     /// Squares of the coefficients of all receive times in it, times 4.
     pub(super) quarters: u64,
     pub(super) systematic: Picos,
+    /// How long the frame was on its way from the entry to each other port, ns.
+    pub(super) rounds: [Option<i64>; 4],
     work: Work,
 }
 
@@ -96,6 +98,7 @@ impl Default for Found {
             why: Some(Why::NoLatch),
             quarters: 0,
             systematic: Picos::ZERO,
+            rounds: [None; 4],
             work,
         }
     }
@@ -182,9 +185,8 @@ impl Node {
     /// Half ps that these coefficients make. They add up to nothing, so where the counter stands is all the
     /// same.
     fn weigh(&self, halves: [i8; 4]) -> i64 {
-        let one = |port: PortNumber| {
-            i64::from(halves[port.index()]) * self.between(self.entry, port)
-        };
+        let one =
+            |port: PortNumber| i64::from(halves[port.index()]) * self.between(self.entry, port);
         1_000 * self.visited().map(one).sum::<i64>()
     }
 }
@@ -396,6 +398,9 @@ impl Found {
         let mut sum = work.others;
         let mut halves = work.own;
         if work.timed {
+            for port in node.visited().skip(1) {
+                self.rounds[port.index()] = Some(node.between(node.entry, port));
+            }
             halves[node.unit().index()] += 2;
             halves[node.entry.index()] -= 2;
         }

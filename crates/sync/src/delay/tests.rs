@@ -105,8 +105,7 @@ fn the_difference_of_the_directions_counts_unless_the_child_is_a_leaf() {
 /// 135 ns after it is back, and is turned round in 155 ns.
 #[test]
 fn the_second_branch_of_a_fork_begins_with_forwarding() {
-    let mut nodes =
-        [node(None, &[0, 1, 3], Some([100, 1700, 0, 1100])), leaf(0, P3), leaf(0, P1)];
+    let mut nodes = [node(None, &[0, 1, 3], Some([100, 1700, 0, 1100])), leaf(0, P3), leaf(0, P1)];
     assert_eq!(delays(&nodes), [Some(0), Some(500), Some(1000 + 300)]);
     for node in &mut nodes {
         node.stay = UNEVEN;
@@ -204,10 +203,7 @@ fn times_out_of_order_are_no_times() {
 /// back.
 #[test]
 fn the_entry_port_may_be_another() {
-    let swapped = Node {
-        entry: P1,
-        ..node(Some((0, P1)), &[0, 1], Some([1500, 500, 0, 0]))
-    };
+    let swapped = Node { entry: P1, ..node(Some((0, P1)), &[0, 1], Some([1500, 500, 0, 0])) };
     let first = node(None, &[0, 1], Some([0, 3000, 0, 0]));
     let nodes = [first, swapped, leaf(1, P0)];
     // The entry is 1000 ns away, and the frame is back from the leaf 1000 ns later.

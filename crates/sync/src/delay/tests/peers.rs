@@ -73,8 +73,13 @@ fn one_fork() {
     expect("fork", &fork, &[Some(0), Some(500), Some(1500)]);
 }
 
-const NESTED: [(Parent, bool); 5] =
-    [FIRST, (Some((0, P3)), true), (Some((1, P1)), true), (Some((1, P2)), true), (Some((0, P1)), true)];
+const NESTED: [(Parent, bool); 5] = [
+    FIRST,
+    (Some((0, P3)), true),
+    (Some((1, P1)), true),
+    (Some((1, P2)), true),
+    (Some((0, P1)), true),
+];
 
 #[test]
 fn a_fork_whose_first_branch_is_a_fork() {
@@ -91,8 +96,7 @@ fn the_same_with_one_more_branch() {
 
 #[test]
 fn a_cross_with_a_deep_branch() {
-    let shape =
-        [FIRST, below(0, P1), below(1, P3), below(2, P1), below(1, P1), below(1, P2)];
+    let shape = [FIRST, below(0, P1), below(1, P3), below(2, P1), below(1, P1), below(1, P2)];
     expect("cross", &shape, &[0, 500, 1000, 1500, 3000, 4000].map(Some));
 }
 

@@ -1,0 +1,326 @@
+//! Propagation delays: latching the receive times, and what many latches make of them.
+//!
+//! [`latch`] is the procedure, [`Estimator`] takes its [`Times`] and gives the delays of all SubDevices. A latch
+//! whose frame was lost, or that not every SubDevice took, is none: [`Estimator::lost`] counts it. One in which
+//! a single SubDevice contradicts itself is left out there, and below it where the branch can't be told.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use isocat_sync::delay::{Averaging, Delay, Found, Mean, Node, Stay, propagation_delays};
+use isocat_wire::command::Command;
+use isocat_wire::datagram::Address;
+use isocat_wire::register;
+use isocat_wire::time::Picos;
+use isocat_wire::{PortNumber, StationAddress};
+
+use crate::error::{AccessError, Cause};
+use crate::link::{Exchange, Link, Travel};
+use crate::segment::{DcCapability, Segment, SubDevice};
+use crate::topology;
+
+/// Times of one latch at one SubDevice.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Latch {
+    /// Registers 0x0900 to 0x090F; `None` without receive times.
+    pub ports: Option<[u32; 4]>,
+    /// Register 0x0918; 0 without a clock.
+    pub entry: u64,
+}
+
+/// One latch of all SubDevices, by position.
+pub(crate) type Times = Vec<Latch>;
+
+/// Who latches: station and what its DC unit can do, by position.
+pub(crate) fn stations(segment: &Segment) -> Vec<(StationAddress, DcCapability)> {
+    segment.devices.iter().map(|device| (device.station, device.dc)).collect()
+}
+
+/// One write to 0x0900 and all times that it latched. It disturbs nothing: SYNC and the drift loop do not use
+/// them.
+pub(crate) async fn latch(
+    link: &Link,
+    stations: &[(StationAddress, DcCapability)],
+) -> Result<Times, AccessError> {
+    let timed = stations.iter().filter(|(_, dc)| dc.has_receive_times()).count();
+    // A repetition after a loss might leave times of two frames: rather another latch.
+    let travel = Travel { alone: false, once: true };
+    let address = Address::Broadcast(register::RECEIVE_TIME_0.address);
+    link.exchange(Command::Bwr, address, vec![0; 4], travel).expect(timed as u16).await?;
+    let reads: Vec<Option<(Exchange, Option<Exchange>)>> = stations
+        .iter()
+        .map(|(station, dc)| {
+            dc.has_receive_times().then(|| {
+                let ports = link.fprd(*station, register::RECEIVE_TIME_0.address, 16);
+                let entry = dc
+                    .has_clock()
+                    .then(|| link.fprd(*station, register::RECEIVE_TIME_EPU.address, 8));
+                (ports, entry)
+            })
+        })
+        .collect();
+    let mut all = Vec::with_capacity(reads.len());
+    for read in reads {
+        let mut latch = Latch::default();
+        if let Some((ports, entry)) = read {
+            let bytes = ports.expect(1).await?.data;
+            let time = |port: PortNumber| {
+                let bytes = bytes.get(4 * port.index()..).unwrap_or_default();
+                bytes.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes))
+            };
+            latch.ports = Some(PortNumber::ALL.map(time));
+            if let Some(entry) = entry {
+                let bytes = entry.expect(1).await?.data;
+                latch.entry = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
+            }
+        }
+        all.push(latch);
+    }
+    Ok(all)
+}
+
+/// With receive times it shows where frames really come in; parents follow from that. Ports whose time did
+/// not change from one latch to the next were not reached.
+pub(crate) fn find_entries(
+    segment: &mut Segment,
+    before: Option<&Times>,
+    latches: &Times,
+) -> Result<(), Cause> {
+    for (position, (device, latch)) in segment.devices.iter_mut().zip(latches).enumerate() {
+        if let Some(times) = &latch.ports {
+            let before = before.and_then(|before| before.get(position)?.ports);
+            device.entry = topology::entry_by_times(device.dl_status, times, before.as_ref());
+        }
+    }
+    let ports: Vec<_> = segment
+        .devices
+        .iter()
+        .zip(latches)
+        .map(|(device, latch)| topology::Ports {
+            status: device.dl_status,
+            entry: device.entry,
+            times: latch.ports,
+        })
+        .collect();
+    for (device, parent) in segment.devices.iter_mut().zip(topology::parents(&ports)?) {
+        device.parent = parent;
+    }
+    Ok(())
+}
+
+/// Makes delays of many latches. No input or output of its own: [`Estimator::sample`] takes what was read.
+pub(crate) struct Estimator {
+    /// The receive times in it are those of the last latch.
+    nodes: Vec<Node>,
+    reference: usize,
+    rate_ppb: u32,
+    found: Vec<Found>,
+    means: Vec<Mean>,
+    previous: Vec<Option<[u32; 4]>>,
+    latches: usize,
+    lost: usize,
+}
+
+impl Estimator {
+    /// For a segment whose parents are known. `rate_ppb`: how much the speeds of two clocks may differ.
+    pub fn new(segment: &Segment, reference: usize, rate_ppb: u32) -> Self {
+        let count = segment.devices.len();
+        Self {
+            nodes: segment.devices.iter().map(node).collect(),
+            reference,
+            rate_ppb,
+            found: vec![Found::default(); count],
+            means: vec![Mean::default(); count],
+            previous: vec![None; count],
+            latches: 0,
+            lost: 0,
+        }
+    }
+
+    /// Takes one latch.
+    pub fn sample(&mut self, times: &Times) {
+        for ((node, previous), latch) in self.nodes.iter_mut().zip(&mut self.previous).zip(times) {
+            node.receive_times = latch.ports;
+            if let (Some(times), Some(before)) = (latch.ports, *previous) {
+                node.receive_times = Some(without_stale(node, times, before));
+            }
+            *previous = latch.ports;
+        }
+        propagation_delays(&self.nodes, self.reference, self.rate_ppb, &mut self.found);
+        for (mean, found) in self.means.iter_mut().zip(&self.found) {
+            mean.add(found);
+        }
+        self.latches += 1;
+    }
+
+    /// A latch that did not come back whole.
+    pub fn lost(&mut self) {
+        self.lost += 1;
+    }
+
+    /// Latches taken.
+    pub fn latches(&self) -> usize {
+        self.latches
+    }
+
+    /// Latches that did not come back whole.
+    pub fn latches_lost(&self) -> usize {
+        self.lost
+    }
+
+    /// The delays by position.
+    pub fn delays(&self) -> Vec<Delay> {
+        let averaging = Averaging::of(&self.means);
+        self.means.iter().map(|mean| mean.delay(averaging)).collect()
+    }
+
+    /// What the mean of one SubDevice is made of.
+    pub fn mean(&self, position: usize) -> Mean {
+        self.means.get(position).copied().unwrap_or_default()
+    }
+
+    /// Forgets all latches but the last, whose times tell which of the next are stale.
+    pub fn restart(&mut self) {
+        self.means.fill(Mean::default());
+        (self.latches, self.lost) = (0, 0);
+    }
+}
+
+/// The times, or such as say that they contradict each other, if a port holds the time of an earlier frame: the
+/// round trip to it then changed by the time between two latches.
+fn without_stale(node: &Node, times: [u32; 4], before: [u32; 4]) -> [u32; 4] {
+    let entry = node.entry.index();
+    let open = |port: &PortNumber| node.open[port.index()] && *port != node.entry;
+    let stale = PortNumber::ALL.into_iter().filter(open).find(|port| {
+        let round = |times: [u32; 4]| times[port.index()].wrapping_sub(times[entry]);
+        let change = round(times).wrapping_sub(round(before)) as i32;
+        change.unsigned_abs() > MOST_CHANGE_NS
+    });
+    let mut times = times;
+    if let Some(port) = stale {
+        // Before the frame came in.
+        times[port.index()] = times[entry].wrapping_sub(1);
+    }
+    times
+}
+
+fn node(device: &SubDevice) -> Node {
+    let mut stay = stay(device.esc.kind);
+    if !device.dc.has_receive_times() {
+        // Its entry is not known either, so what it adds may be the other way round.
+        let difference = (stay.processing - stay.forwarding).abs();
+        stay.difference_bound += difference + difference;
+    }
+    Node {
+        parent: device.parent,
+        entry: device.entry,
+        open: PortNumber::ALL.map(|port| device.dl_status.open(port)),
+        receive_times: None,
+        stay,
+    }
+}
+
+/// How long an ESC keeps frames, by its type (register 0x0000). Captured receive times of a line of ET1100 and
+/// ET1200 (loops of 600 and 310 ns) give 155 ns out and 135 ns back, to a tick; for the others, which contain
+/// the same core, the figures are taken over. What is not known counts as equal both ways and as long as
+/// those on the average.
+fn stay(kind: u8) -> Stay {
+    let nanos = |ns: i64| Picos(1_000 * ns);
+    match kind {
+        0x04 | 0x11 | 0x12 | 0x98 | 0xC0 => Stay {
+            kind,
+            processing: nanos(155),
+            forwarding: nanos(135),
+            difference_bound: nanos(10),
+            kind_bound: nanos(20),
+        },
+        _ => Stay {
+            kind,
+            processing: nanos(145),
+            forwarding: nanos(145),
+            difference_bound: nanos(40),
+            kind_bound: nanos(150),
+        },
+    }
+}
+
+/// How far the speeds of two free-running clocks may lie apart: 50 ppm each.
+pub(crate) const FREE_RUNNING_PPB: u32 = 100_000;
+/// The same for clocks that the drift loop keeps: within 1 ppm, or they would not stay together.
+pub(crate) const STEERED_PPB: u32 = 1_000;
+/// A round trip changes by ticks and jitter from latch to latch; a stale time by the time in between, which is
+/// longer than a frame.
+const MOST_CHANGE_NS: u32 = 2_000;
+
+#[cfg(test)]
+mod tests {
+    use isocat_sync::delay::Why;
+    use isocat_wire::dl::DlStatus;
+
+    use super::*;
+
+    fn line(count: usize) -> Segment {
+        let device = |position: usize| {
+            let mut device = SubDevice::new(position, StationAddress(0x1001 + position as u16));
+            let open = |status: DlStatus, port| status.with_port(port, true, false, true);
+            device.dl_status = open(DlStatus::default(), PortNumber::P0);
+            if position + 1 < count {
+                device.dl_status = open(device.dl_status, PortNumber::P1);
+            }
+            device.parent = position.checked_sub(1).map(|above| (above, PortNumber::P1));
+            device.dc = DcCapability::Clock64;
+            device.esc.kind = 0x11;
+            device
+        };
+        Segment { devices: (0..count).map(device).collect(), ..Segment::default() }
+    }
+
+    fn times(loops: &[u32], at: u32) -> Times {
+        let ports =
+            |time: &u32| Latch { ports: Some([at, at.wrapping_add(*time), 0, 0]), entry: 0 };
+        loops.iter().map(ports).collect()
+    }
+
+    fn nanos(estimator: &Estimator) -> Vec<Option<i64>> {
+        estimator.delays().iter().map(|delay| delay.nanos().map(|delay| delay.0)).collect()
+    }
+
+    #[test]
+    fn latches_become_one_delay() {
+        let mut estimator = Estimator::new(&line(3), 0, FREE_RUNNING_PPB);
+        for (number, first) in [600, 610, 620, 610].into_iter().enumerate() {
+            estimator.sample(&times(&[first, 310, 0], 1_000_000 * number as u32));
+        }
+        estimator.lost();
+        assert_eq!(nanos(&estimator), [Some(0), Some(160), Some(315)]);
+        assert_eq!((estimator.latches(), estimator.latches_lost()), (4, 1));
+        assert_eq!(estimator.mean(1).spread(), Picos(10_000));
+        estimator.restart();
+        assert_eq!(nanos(&estimator), [None, None, None]);
+    }
+
+    /// A port at which no frame comes back any more keeps its time.
+    #[test]
+    fn a_stale_port_is_left_out_and_counted() {
+        let mut estimator = Estimator::new(&line(3), 0, FREE_RUNNING_PPB);
+        for number in 0..5 {
+            let mut times = times(&[600, 310, 0], 50_000 * number);
+            if number == 3 {
+                times[1].ports = Some([150_000, 100_310, 0, 0]);
+            }
+            estimator.sample(&times);
+        }
+        // The next latch differs from the stale one as well.
+        assert_eq!((estimator.mean(1).latches(), estimator.mean(1).left_out()), (3, 2));
+        // Then it was cable for those behind it.
+        assert_eq!(estimator.mean(2).latches(), 5);
+        assert_eq!(nanos(&estimator), [Some(0), Some(155), Some(310)]);
+        for number in 5..20 {
+            let mut times = times(&[600, 310, 0], 50_000 * number);
+            times[1].ports = Some([50_000 * number, 100_310, 0, 0]);
+            estimator.sample(&times);
+        }
+        let why = Why::TimesContradict;
+        assert!(matches!(estimator.delays()[1], Delay::Indeterminate { why: w, .. } if w == why));
+    }
+}

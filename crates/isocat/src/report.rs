@@ -191,6 +191,13 @@ pub struct DeviceRegisters {
     pub al_status_code: u16,
     /// Propagation delay, 0x0928; null without clock.
     pub delay_ns: Option<i64>,
+    /// Half the width of the interval around it that holds the true delay with a confidence of 95 %, whole ns:
+    /// quantization and noise of the measurement, and what is not known of the chips' own delays; null where it
+    /// was not measured.
+    pub delay_error_ns: Option<i64>,
+    /// Why the delay can't be known from the receive times, though there is a clock; 0x0928 then holds the
+    /// middle of what is possible. Null otherwise.
+    pub delay_unknown: Option<String>,
     /// System time difference, 0x092C, at the end of the drift phase; null without clock.
     pub system_time_difference_ns: Option<i64>,
     /// 0x1C32:01; null without the object.

@@ -64,7 +64,10 @@ async fn measure_delays(
             }
         }
     }
-    link.with(|inner| inner.statistics.delay_latches_lost += lost as u64);
+    link.with(|inner| {
+        inner.statistics.delay_latches += wanted as u64;
+        inner.statistics.delay_latches_lost += lost as u64;
+    });
     delay::find_entries(segment, times.get(wanted.wrapping_sub(2)), &times[wanted - 1])?;
     let mut estimator = Estimator::new(segment, reference, FREE_RUNNING_PPB);
     for latch in &times {
@@ -74,8 +77,9 @@ async fn measure_delays(
         segment.devices.iter_mut().zip(estimator.delays()).enumerate()
     {
         take(link, device, delay);
-        let spread = estimator.mean(position).spread();
-        device.delay_spread = delay.nanos().map(|_| Nanos(spread.0 / 1_000));
+        let mean = estimator.mean(position);
+        device.delay_spread = delay.nanos().map(|_| Nanos(mean.spread().0 / 1_000));
+        device.delay_latches_left_out = mean.left_out();
     }
     Ok(times.pop().unwrap_or_default())
 }

@@ -1,8 +1,9 @@
 //! Propagation delays: latching the receive times, and what many latches make of them.
 //!
 //! [`latch`] is the procedure, [`Estimator`] takes its [`Times`] and gives the delays of all SubDevices. A latch
-//! whose frame was lost, or that not every SubDevice took, is none: [`Estimator::lost`] counts it. One in which
-//! a single SubDevice contradicts itself is left out there, and below it where the branch can't be told.
+//! whose frame was lost, or that not every SubDevice took, is none, which
+//! [`Statistics`](crate::Statistics) counts. One in which a single SubDevice contradicts itself is left out
+//! there, and below it where the branch can't be told.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -118,7 +119,6 @@ pub(crate) struct Estimator {
     means: Vec<Mean>,
     previous: Vec<Option<[u32; 4]>>,
     latches: usize,
-    lost: usize,
 }
 
 impl Estimator {
@@ -133,7 +133,6 @@ impl Estimator {
             means: vec![Mean::default(); count],
             previous: vec![None; count],
             latches: 0,
-            lost: 0,
         }
     }
 
@@ -153,19 +152,9 @@ impl Estimator {
         self.latches += 1;
     }
 
-    /// A latch that did not come back whole.
-    pub fn lost(&mut self) {
-        self.lost += 1;
-    }
-
     /// Latches taken.
     pub fn latches(&self) -> usize {
         self.latches
-    }
-
-    /// Latches that did not come back whole.
-    pub fn latches_lost(&self) -> usize {
-        self.lost
     }
 
     /// The delays by position.
@@ -182,7 +171,7 @@ impl Estimator {
     /// Forgets all latches but the last, whose times tell which of the next are stale.
     pub fn restart(&mut self) {
         self.means.fill(Mean::default());
-        (self.latches, self.lost) = (0, 0);
+        self.latches = 0;
     }
 }
 
@@ -291,9 +280,8 @@ mod tests {
         for (number, first) in [600, 610, 620, 610].into_iter().enumerate() {
             estimator.sample(&times(&[first, 310, 0], 1_000_000 * number as u32));
         }
-        estimator.lost();
         assert_eq!(nanos(&estimator), [Some(0), Some(160), Some(315)]);
-        assert_eq!((estimator.latches(), estimator.latches_lost()), (4, 1));
+        assert_eq!(estimator.latches(), 4);
         assert_eq!(estimator.mean(1).spread(), Picos(10_000));
         estimator.restart();
         assert_eq!(nanos(&estimator), [None, None, None]);

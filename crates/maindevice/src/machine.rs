@@ -680,9 +680,10 @@ impl MainDevice {
         if let Some(latching) = &mut self.latching {
             let Poll::Ready(times) = poll(latching) else { return };
             self.latching = None;
-            if times.is_none() {
-                self.link.with(|inner| inner.statistics.delay_latches_lost += 1);
-            }
+            self.link.with(|inner| match times {
+                Some(_) => inner.statistics.delay_latches += 1,
+                None => inner.statistics.delay_latches_lost += 1,
+            });
             for change in watch.sample(now, times.as_ref()) {
                 self.take_change(change);
             }

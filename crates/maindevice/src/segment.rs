@@ -134,6 +134,8 @@ pub struct SubDevice {
     pub measured_delay: Option<Delay>,
     /// Spread of the delay over all latches, largest less smallest.
     pub delay_spread: Option<Nanos>,
+    /// Latches whose times contradicted each other here, or above so that they did not tell the delay.
+    pub delay_latches_left_out: u32,
     /// Offset written to 0x0920.
     pub offset: u64,
     /// Last 0x092C read: local time less received time.
@@ -434,6 +436,7 @@ impl SubDevice {
             delay: None,
             measured_delay: None,
             delay_spread: None,
+            delay_latches_left_out: 0,
             offset: 0,
             difference: None,
             mode: SyncMode::FreeRun,

@@ -34,7 +34,9 @@ pub struct Statistics {
     pub drift_frames: u64,
     /// Of these, sent before the clocks had converged.
     pub drift_burst: u64,
-    /// Latches of the receive times (0x0900) that were not used: the frame was lost, or not every SubDevice
+    /// Latches of the receive times (0x0900), from which delays are measured.
+    pub delay_latches: u64,
+    /// Latches that were not used: the frame was lost, or not every SubDevice
     /// took it.
     pub delay_latches_lost: u64,
     /// Cycles begun.

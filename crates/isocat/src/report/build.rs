@@ -1,10 +1,12 @@
 //! From the outcome of a run to the report.
 
+use isocat_maindevice::SubDevice;
 use isocat_maindevice::statistics::Summary;
 use isocat_sim::bench::DeviceBench;
 use isocat_sim::motion::{Axis, Drive};
 use isocat_sim::{Outcome, Statistics, Tap, run};
 use isocat_sync::SyncMode;
+use isocat_sync::delay::Delay;
 use isocat_wire::time::{Nanos, Picos};
 
 use super::*;
@@ -218,6 +220,8 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
         al_status: found.map_or(String::new(), |device| device.al_status.to_string()),
         al_status_code: found.map_or(0, |device| device.al_code.0),
         delay_ns: ns(found.and_then(|device| device.delay)),
+        delay_error_ns: found.and_then(delay_error),
+        delay_unknown: found.and_then(delay_unknown),
         system_time_difference_ns: ns(found.and_then(|device| device.difference)),
         output_sync_type: found
             .and_then(|device| device.output_sync.as_ref()?.sync_type())
@@ -227,6 +231,25 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
             .map(|kind| kind.0),
         output_counters: counters(outcome.output_counters[position]),
         input_counters: counters(outcome.input_counters[position]),
+    }
+}
+
+/// The error bar of the delay that was measured, rounded up.
+pub(super) fn delay_error(device: &SubDevice) -> Option<i64> {
+    let bar = device.measured_delay?.bar()?;
+    Some((bar.0 + 999).div_euclid(1_000))
+}
+
+/// Why the delay of a clock is none that was measured.
+pub(super) fn delay_unknown(device: &SubDevice) -> Option<String> {
+    match device.measured_delay? {
+        Delay::Indeterminate { why, between } if device.dc.has_clock() => {
+            Some(match between.map(|(least, most)| (least.0 / 1_000, most.0 / 1_000)) {
+                Some((least, most)) => format!("{why}; {least} to {most} ns are possible"),
+                None => why.to_string(),
+            })
+        }
+        _ => None,
     }
 }
 

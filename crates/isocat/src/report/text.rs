@@ -6,7 +6,7 @@ use anstyle::{AnsiColor, Style};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
-use super::{Counters, DOUBT, Device, Finding, Report, Span, Spread};
+use super::{Counters, DOUBT, Device, DeviceRegisters, Finding, Report, Span, Spread};
 
 /// Columns of the text.
 pub(crate) const WIDTH: usize = 100;
@@ -171,6 +171,7 @@ impl Report {
             if !device.application.is_empty() {
                 notes.push(format!("SubDevice {}: {}", device.position, device.application));
             }
+            notes.extend(device.registers.unknown_delay(device.position));
         }
         for device in self.devices.iter().take(MOST_DEVICES) {
             let doubts = device.assumptions.iter().filter_map(|a| a.item.strip_prefix(DOUBT));
@@ -241,6 +242,14 @@ pub(super) fn write_notes(out: &mut String, notes: &[String]) -> fmt::Result {
         }
     }
     Ok(())
+}
+
+impl DeviceRegisters {
+    /// The note on a clock whose delay was not measured.
+    pub(super) fn unknown_delay(&self, position: usize) -> Option<String> {
+        let (why, used) = (self.delay_unknown.as_ref()?, Nanos(self.delay_ns?));
+        Some(format!("SubDevice {position}: its delay can't be known, {used} was written: {why}"))
+    }
 }
 
 /// `0  0  0  0`, and both objects where they differ.

@@ -9,7 +9,9 @@ use super::*;
 use crate::link::Histogram;
 use crate::live::Outcome;
 use crate::live::job::{self, AtEnd, End};
-use crate::report::build::{application, counters, plan_line, summary, verdict_of_modes};
+use crate::report::build::{
+    application, counters, delay_error, delay_unknown, plan_line, summary, verdict_of_modes,
+};
 
 /// What was asked of the run, for its report.
 #[derive(Clone, Copy, Debug)]
@@ -191,6 +193,8 @@ fn registers(found: &SubDevice, at_end: &AtEnd, operated: bool) -> DeviceRegiste
         al_status: status.map_or("unknown".to_owned(), |(status, _)| status.to_string()),
         al_status_code: status.map_or(0, |(_, code)| code.0),
         delay_ns: ns(found.delay),
+        delay_error_ns: delay_error(found),
+        delay_unknown: delay_unknown(found),
         system_time_difference_ns: ns(difference),
         output_sync_type: found.output_sync.as_ref().and_then(|o| o.sync_type()).map(|t| t.0),
         input_sync_type: found.input_sync.as_ref().and_then(|o| o.sync_type()).map(|t| t.0),

@@ -148,6 +148,7 @@ impl InterfaceReport {
                     notes.push(format!("SubDevice {position}: {text}"));
                 }
             }
+            notes.extend(device.registers.unknown_delay(position));
         }
         writeln!(out)?;
         write_notes(out, &notes)?;

@@ -196,6 +196,13 @@ impl Segment {
         self.disturbances.restore(&self.wiring, cable, at, Cause::Pulled);
     }
 
+    /// Puts another cable in the place of one, so fast that no link is lost. Takes effect with the next frame.
+    /// Panics if there is no cable with this number.
+    pub fn replace_cable(&mut self, number: usize, cable: Cable) {
+        self.wiring.replace(number, cable);
+        self.stale = true;
+    }
+
     /// Takes a SubDevice's power away. From `at` on it does nothing, and its neighbours lose their links
     /// to it as if all its cables were pulled. Panics if it, or one of its cables, was changed later than
     /// `at`.

@@ -102,6 +102,11 @@ impl Wiring {
         Ok(number)
     }
 
+    /// Puts another cable in the place of one. Panics if there is none with this number.
+    pub fn replace(&mut self, number: usize, cable: Cable) {
+        self.cables[number].cable = cable;
+    }
+
     /// Number of SubDevices.
     pub fn devices(&self) -> usize {
         self.stays.len()

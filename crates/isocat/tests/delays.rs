@@ -1,0 +1,242 @@
+//! Propagation delays over a whole way up: what is measured, what can't be, and what is watched afterwards.
+
+use isocat::{Nanos, NoTap, Scenario, SegmentFile, run};
+use isocat_esc::Chip;
+use isocat_esc::chip::ET1100;
+use isocat_maindevice::{DelayWatch, Event};
+use isocat_sim::world::Setup;
+use isocat_sim::{Motion, World};
+use isocat_sync::delay::{Delay, Why};
+use isocat_wire::register::{self, features};
+use isocat_wire::time::{Picos, Time};
+
+const FORK: &str = r#"
+    cycle = "1ms"
+    for = "100ms"
+    [[subdevice]]
+    device = "kollmorgen_akd2g"
+    clock_walk = { step = "0.02ppm", every = "1ms", within = "1ppm" }
+    [[subdevice]]
+    name = "junction"
+    device = "simple_io16"
+    cable = "40m"
+    [[subdevice]]
+    name = "near"
+    device = "kollmorgen_akd2g"
+    connect = "junction:1"
+    cable = "7m"
+    [[subdevice]]
+    name = "far"
+    device = "kollmorgen_akd2g"
+    connect = "junction:2"
+    clock = "-30ppm"
+    cable = "90m"
+"#;
+
+fn scenario(text: &str) -> Scenario {
+    Scenario::from(SegmentFile::parse("delays.toml", text).expect("it reads"))
+}
+
+/// Brings it up; what happened on the way.
+fn operating(setup: Setup) -> (World<Motion, NoTap>, Vec<Event>) {
+    let mut world = World::new(setup, Motion::default(), None::<NoTap>);
+    let limit = Time::new(20_000_000_000_000);
+    let mut events = Vec::new();
+    loop {
+        while let Some(event) = world.poll_event() {
+            if let Event::InOperation { .. } = event {
+                return (world, events);
+            }
+            events.push(event);
+        }
+        assert!(world.step(limit), "the segment does not come up: {events:?}");
+    }
+}
+
+fn run_for(world: &mut World<Motion, NoTap>, time: Nanos) -> Vec<Event> {
+    let end = world.now() + Picos::from(time);
+    let mut events = Vec::new();
+    while world.step(end) {
+        events.extend(std::iter::from_fn(|| world.poll_event()));
+    }
+    events
+}
+
+/// ps from the reference's processing unit to that of each, in true time.
+fn true_delays(world: &World<Motion, NoTap>) -> Vec<i64> {
+    let entries = &world.segment().path().entries;
+    let reference = world.main().segment().reference.expect("there is a clock");
+    entries.iter().map(|entry| (entry.after - entries[reference].after).0).collect()
+}
+
+/// Every delay of a fork is within the error that it states, which the report shows as well.
+#[test]
+fn delays_are_within_their_errors() {
+    let scenario = scenario(FORK);
+    let (world, _) = operating(scenario.run().setup);
+    let statistics = world.main().statistics();
+    assert_eq!((statistics.delay_latches, statistics.delay_latches_lost), (16, 0));
+    for (device, truth) in world.main().segment().devices.iter().zip(true_delays(&world)) {
+        let measured = device.measured_delay.expect("it was measured");
+        let Delay::Known { delay, standard_error, systematic } = measured else {
+            panic!("{}: {measured:?}", device.name)
+        };
+        assert_eq!(device.delay, measured.nanos());
+        assert_eq!(device.delay_latches_left_out, 0);
+        let error = (delay.0 - truth).abs();
+        assert!(error <= 4 * standard_error.0 + systematic.0, "{}: {error} ps", device.name);
+        assert!(standard_error.0 <= 5_000, "{}: {standard_error:?}", device.name);
+        let first = device.position == 0;
+        assert!(first == (standard_error.0 == 0) && first == (systematic.0 == 0));
+    }
+    let report = run(&scenario);
+    assert!(report.in_sync, "{}", report.verdict);
+    for device in &report.devices {
+        let registers = &device.registers;
+        let error = registers.delay_error_ns.expect("it was measured");
+        assert!((0..40).contains(&error) && registers.delay_unknown.is_none(), "{registers:?}");
+    }
+}
+
+/// A junction without DC unit.
+static JUNCTION: Chip =
+    Chip { features: ET1100.features & !(features::DC | features::DC_64_BIT), ..ET1100 };
+
+/// Behind a junction without receive times nobody knows the delays. They are named, with the reason and what is
+/// possible, and the clocks run with the middle of it.
+#[test]
+fn a_junction_without_receive_times() {
+    let mut setup = scenario(FORK).run().setup;
+    setup.segment[1].device.chip = &JUNCTION;
+    let (world, events) = operating(setup);
+    let truth = true_delays(&world);
+    let segment = world.main().segment();
+    let mut unknown = Vec::new();
+    for event in &events {
+        let Event::DelayUnknown { position, why, between, used } = event else { continue };
+        unknown.push(*position);
+        assert_eq!(*why, Why::BranchWithoutTimes { at: 1 });
+        let (least, most) = between.expect("the branch has a length");
+        assert!((least.0..=most.0).contains(&truth[*position]), "{least:?} to {most:?}");
+        assert!((used.0 * 1_000 - (least.0 + most.0) / 2).abs() <= 500);
+        let device = &segment.devices[*position];
+        assert_eq!(device.delay, Some(*used));
+        assert!(matches!(device.measured_delay, Some(Delay::Indeterminate { .. })));
+        let esc = &world.segment().devices()[*position].esc;
+        assert_eq!(i64::from(esc.register(register::SYSTEM_TIME_DELAY)), used.0);
+    }
+    assert_eq!(unknown, [2, 3]);
+    let why = Why::NoReceiveTimes;
+    let expected = Some(Delay::Indeterminate { why, between: None });
+    assert_eq!((segment.devices[1].measured_delay, segment.devices[1].delay), (expected, None));
+}
+
+/// In a line with a swapped cable SubDevices behind port 0 are processed before the one that they hang on.
+#[test]
+fn a_swapped_cable_in_the_middle() {
+    const TEXT: &str = r#"
+        cycle = "1ms"
+        [[subdevice]]
+        name = "first"
+        device = "simple_io16"
+        [[subdevice]]
+        name = "swapped"
+        device = "simple_io16"
+        port = 1
+        [[subdevice]]
+        name = "last"
+        device = "simple_io16"
+        connect = "swapped:0"
+    "#;
+    let mut setup = match SegmentFile::parse("swapped.toml", TEXT) {
+        Ok(file) => Scenario::from(file).run().setup,
+        Err(error) => panic!("{error}"),
+    };
+    setup.config.devices.clear();
+    let (world, _) = operating(setup);
+    let found = &world.main().segment().devices;
+    let parents: Vec<_> =
+        found.iter().map(|d| d.parent.map(|(parent, port)| (parent, port.index()))).collect();
+    assert_eq!(parents, [None, Some((2, 0)), Some((0, 1))]);
+    for (device, truth) in found.iter().zip(true_delays(&world)) {
+        let delay = device.measured_delay.expect("measured");
+        let error = Picos::from(delay.nanos().expect("known")).0 - truth;
+        assert!(error.abs() <= delay.bar().unwrap().0 + 2_000, "{}: {error} ps", device.name);
+    }
+}
+
+/// Measuring on disturbs nothing and finds nothing as long as nothing changes.
+#[test]
+fn watching_a_segment_that_stays_as_it_is() {
+    let mut setup = scenario(FORK).run().setup;
+    let every = Nanos::millis(5);
+    setup.config.delay_watch = Some(DelayWatch { every, latches: 4, rewrite: true });
+    let (mut world, _) = operating(setup);
+    let before = world.main().statistics();
+    let delays: Vec<_> = world.main().segment().devices.iter().map(|device| device.delay).collect();
+    let events = run_for(&mut world, Nanos::millis(500));
+    let changed =
+        |event: &&Event| matches!(event, Event::DelayChanged { .. } | Event::DelayRestored { .. });
+    assert_eq!(events.iter().find(changed), None);
+    let after = world.main().statistics();
+    let latches = after.delay_latches - before.delay_latches;
+    // Each takes a cycle or two more than the pause.
+    assert!((60..=100).contains(&latches), "{latches} latches");
+    assert_eq!(after.delay_latches_lost, 0);
+    assert_eq!(after.working_counter_errors, before.working_counter_errors);
+    let now: Vec<_> = world.main().segment().devices.iter().map(|device| device.delay).collect();
+    assert_eq!(now, delays);
+    for device in world.segment().devices() {
+        assert_eq!(device.esc.register(register::SPEED_COUNTER_START), 0x1000, "never written");
+    }
+}
+
+/// A cable pulled: latches that not all SubDevices take are counted, and measured with nothing.
+#[test]
+fn a_latch_that_not_all_take_is_none() {
+    let mut setup = scenario(FORK).run().setup;
+    let every = Nanos::millis(5);
+    setup.config.delay_watch = Some(DelayWatch { every, latches: 4, rewrite: true });
+    let (mut world, _) = operating(setup);
+    let before = world.main().statistics();
+    let pulled = world.now() + Picos(300_000_000);
+    world.segment_mut().unplug(3, pulled);
+    let events = run_for(&mut world, Nanos::millis(200));
+    let changed = |event: &Event| matches!(event, Event::DelayChanged { .. });
+    assert!(!events.iter().any(changed));
+    let after = world.main().statistics();
+    assert!(after.delay_latches_lost - before.delay_latches_lost >= 20, "{after:?}");
+    assert!(after.delay_latches - before.delay_latches <= 1);
+}
+
+/// A cable of 90 m is replaced by one of 10 m: it is told, and with the setting the delay is put right.
+#[test]
+fn a_delay_that_changed_is_told_and_put_right_if_wished() {
+    for rewrite in [false, true] {
+        let mut setup = scenario(FORK).run().setup;
+        let every = Nanos::millis(5);
+        setup.config.delay_watch = Some(DelayWatch { every, latches: 4, rewrite });
+        let (mut world, _) = operating(setup);
+        let written = world.main().segment().devices[3].delay.expect("measured");
+        world.segment_mut().replace_cable(3, isocat_sim::Cable::of_length(10_000));
+        let events = run_for(&mut world, Nanos::millis(100));
+        let changes: Vec<_> = events
+            .iter()
+            .filter(|event| {
+                matches!(event, Event::DelayChanged { .. } | Event::DelayRestored { .. })
+            })
+            .collect();
+        let [Event::DelayChanged { position: 3, written: old, found, rewritten }] = changes[..]
+        else {
+            panic!("{changes:?}")
+        };
+        assert_eq!((*old, *rewritten), (written, rewrite));
+        let found = found.nanos().expect("known");
+        // 80 m less, at 5 ns/m.
+        assert!((written - found - Nanos(400)).0.abs() <= 15, "{written} to {found}");
+        let expected = if rewrite { found } else { written };
+        assert_eq!(world.main().segment().devices[3].delay, Some(expected));
+        let esc = &world.segment().devices()[3].esc;
+        assert_eq!(i64::from(esc.register(register::SYSTEM_TIME_DELAY)), expected.0);
+    }
+}

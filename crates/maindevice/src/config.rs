@@ -42,8 +42,8 @@ pub struct Config {
     pub source: [u8; 6],
     /// How often the port receive times are latched for the delay measurement. Each latch has an
     /// error of a 10 ns tick at every port; 16 of them bring the mean near 1 ns at a cost of well
-    /// under 1 ms a device. Latches whose frame is lost, or that not all SubDevices take, are made again,
-    /// once more at most. 0 counts as 1.
+    /// under 1 ms a device. Latches whose frame is lost, or that not all SubDevices take, are counted and
+    /// made again; more of them than wanted ones end the way up. 0 counts as 1.
     pub delay_latches: usize,
     /// Whether delays are measured on while the segment runs. Default no: each latch takes a frame and a read of
     /// 16 bytes from every SubDevice, out of the acyclic share.

@@ -11,8 +11,8 @@
 //!
 //! [`explain`] says in plain words what codes, objects and registers mean and what to do about them.
 //!
-//! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays, [`way`] does so for cables and chips,
-//! [`drift`]
+//! The MainDevice's clocks: [`delay`] turns port receive times into propagation delays and says how well they are
+//! known, [`way`] does so for cables and chips, [`drift`]
 //! judges from measured differences whether clocks have converged, [`phase`] is the servo that lets
 //! the host follow the reference clock.
 //!

@@ -131,6 +131,26 @@ fn a_junction_without_receive_times() {
     assert_eq!((segment.devices[1].measured_delay, segment.devices[1].delay), (expected, None));
 }
 
+#[test]
+fn the_report_says_which_delay_is_not_known_and_why() {
+    let scenario = scenario(FORK);
+    let mut run = scenario.run();
+    run.setup.segment[1].device.chip = &JUNCTION;
+    let outcome = run.execute(None::<NoTap>, &mut |_| {});
+    let report = isocat::Report::new(&scenario, &outcome);
+    let unknown = |device: &isocat::report::Device| device.registers.delay_unknown.clone();
+    let why: Vec<_> = report.devices.iter().map(unknown).collect();
+    assert!(why[0].is_none() && why[1].is_none(), "{why:?}");
+    for why in &why[2..] {
+        let why = why.as_ref().expect("it is behind the junction");
+        assert!(why.starts_with("SubDevice 1, which branches above it,"), "{why}");
+        assert!(why.contains(" ns are possible"), "{why}");
+    }
+    assert_eq!(report.devices[2].registers.delay_error_ns, None);
+    let text = report.text();
+    assert!(text.contains("SubDevice 3: its delay can't be known, "), "{text}");
+}
+
 /// In a line with a swapped cable SubDevices behind port 0 are processed before the one that they hang on.
 #[test]
 fn a_swapped_cable_in_the_middle() {

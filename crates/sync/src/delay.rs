@@ -15,7 +15,7 @@
 //! - [`Node`] is a SubDevice in the tree with the times of one latch, [`Stay`] what its ESC adds.
 //! - [`propagation_delays`] takes one latch; its results go into one [`Mean`] for each SubDevice.
 //! - [`Averaging`] looks at all of them, and with it [`Mean::delay`] gives the [`Delay`].
-//! - [`turn`] makes the tree as frames see it that come from the other end of a ring.
+//! - [`turn()`] makes the tree as frames see it that come from the other end of a ring.
 //!
 //! Errors. Each counter counts in ticks of 10 ns and tells the last one, so that a receive time is early by
 //! something in 0..10 ns. Along a way the times of SubDevices in line cancel, so what is left is ±5 ns at

@@ -3,7 +3,7 @@
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
-use crate::oscillator::Oscillator;
+use crate::oscillator::{ClockModel, Oscillator, Step};
 use crate::random::Stream;
 
 /// What is imperfect about a host.
@@ -19,12 +19,60 @@ pub struct HostModel {
     /// Wake-ups are either in time or as late as they can be, by the toss of a coin: the worst case that a plan
     /// must stand, every other cycle. Default: as a real machine.
     pub extremes: bool,
+    /// The speed of its clock changes at once. Default: it does not.
+    pub clock_step: Option<Step>,
+    /// Lateness of wake-ups without a bound, in place of [`HostModel::jitter`]. Default: the bound.
+    pub wake_ups: Option<Delay>,
+    /// How much later than the program's time stamp a frame sets out, beside the constant latency. Default: not at all.
+    pub hold_ups: Option<Delay>,
+    /// One time during which no program runs. Default: none.
+    pub stall: Option<Stall>,
+}
+
+/// A delay as programs meet it: exponential as a rule, and now and then far more.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Delay {
+    /// Mean of the exponential part.
+    pub mean: Nanos,
+    /// One of so many is longer; 0: none.
+    pub one_of: u64,
+    /// By how much these are longer: evenly from the first to the second.
+    pub more: (Nanos, Nanos),
+}
+
+/// No program runs for a time.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Stall {
+    /// True time at which it begins.
+    pub at: Nanos,
+    /// How long it lasts.
+    pub length: Nanos,
+}
+
+impl Delay {
+    fn draw(&self, chance: &mut Stream) -> Nanos {
+        let usual = Nanos(chance.exponential(self.mean.0.max(0) as u64) as i64);
+        let (least, most) = self.more;
+        match self.one_of > 0 && chance.up_to(self.one_of - 1) == 0 {
+            true => usual + least + Nanos(chance.up_to((most - least).0.max(0) as u64) as i64),
+            false => usual,
+        }
+    }
 }
 
 impl Default for HostModel {
     /// A PC with a tuned real-time kernel: 20 us wake-up lateness at worst, 2 us each way.
     fn default() -> Self {
-        Self { clock_ppb: 0, jitter: Nanos(20_000), latency: Nanos(2_000), extremes: false }
+        Self {
+            clock_ppb: 0,
+            jitter: Nanos(20_000),
+            latency: Nanos(2_000),
+            extremes: false,
+            clock_step: None,
+            wake_ups: None,
+            hold_ups: None,
+            stall: None,
+        }
     }
 }
 
@@ -32,10 +80,9 @@ impl Default for HostModel {
 #[derive(Clone, Debug)]
 pub struct HostMachine {
     clock: Oscillator,
-    jitter: Nanos,
-    latency: Picos,
-    extremes: bool,
+    model: HostModel,
     wake_ups: Stream,
+    hold_ups: Stream,
     /// When the port has sent the last frame and the gap behind it.
     port_free: Time<True>,
 }
@@ -43,12 +90,12 @@ pub struct HostMachine {
 impl HostMachine {
     /// A host whose clock counts from true time zero.
     pub fn new(model: HostModel, seed: u64) -> Self {
+        let clock = ClockModel { step: model.clock_step, ..ClockModel::constant(model.clock_ppb) };
         Self {
-            clock: Oscillator::new(model.clock_ppb),
-            jitter: model.jitter,
-            latency: model.latency.into(),
-            extremes: model.extremes,
+            clock: Oscillator::of(&clock, &mut Stream::new(seed, "host clock", 0)),
+            model,
             wake_ups: Stream::new(seed, "host wake-up", 0),
+            hold_ups: Stream::new(seed, "host hold-up", 0),
             port_free: Time::ZERO,
         }
     }
@@ -58,20 +105,32 @@ impl HostMachine {
         self.clock.read(at)
     }
 
+    /// When its clock shows `reading`.
+    pub fn when(&self, reading: Time<Host>) -> Time<True> {
+        self.clock.when(reading)
+    }
+
     /// When a timer set to `wanted` really wakes the program.
     pub fn wake_up(&mut self, wanted: Time<Host>) -> Time<True> {
-        let worst = self.jitter.0.max(0) as u64;
-        let late = match self.extremes {
-            true => worst * self.wake_ups.up_to(1),
-            false => self.wake_ups.lateness(worst),
+        let worst = self.model.jitter.0.max(0) as u64;
+        let late = match (self.model.wake_ups, self.model.extremes) {
+            (Some(delay), _) => delay.draw(&mut self.wake_ups),
+            (None, true) => Nanos((worst * self.wake_ups.up_to(1)) as i64),
+            (None, false) => Nanos(self.wake_ups.lateness(worst) as i64),
         };
-        self.clock.when(wanted + Nanos(late as i64))
+        let woken = self.clock.when(wanted + late);
+        let Some(Stall { at, length }) = self.model.stall else { return woken };
+        let begin = Time::ZERO + Picos::from(at);
+        let end = begin + Picos::from(length);
+        if woken >= begin && woken < end { end } else { woken }
     }
 
     /// When the first bit of a frame of `len` bytes leaves that the program sends at `at`: behind the
     /// latency, and behind the frames before it.
     pub fn send(&mut self, at: Time<True>, len: usize) -> Time<True> {
-        let start = (at + self.latency).max(self.port_free);
+        let held_up = self.model.hold_ups.map(|delay| delay.draw(&mut self.hold_ups));
+        let latency = self.model.latency + held_up.unwrap_or_default();
+        let start = (at + Picos::from(latency)).max(self.port_free);
         let on_wire = len.max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
         self.port_free = start + Picos(on_wire as i64 * BYTE_PS);
         start
@@ -79,7 +138,7 @@ impl HostMachine {
 
     /// When the program has an answer whose last bit arrived at `at`.
     pub fn receive(&self, at: Time<True>) -> Time<True> {
-        at + self.latency
+        at + Picos::from(self.model.latency)
     }
 }
 
@@ -112,6 +171,43 @@ mod tests {
         late.sort_unstable();
         late.dedup();
         assert_eq!(late, [0, 20_000]);
+    }
+
+    /// Stamps of 10 000 frames, and how long after the constant latency each of them left.
+    #[test]
+    fn delays_are_exponential_and_sometimes_more() {
+        let more = (Nanos(50_000), Nanos(150_000));
+        let delay = Delay { mean: Nanos(5_000), one_of: 100, more };
+        let model = HostModel { wake_ups: Some(delay), hold_ups: Some(delay), ..Default::default() };
+        let mut host = HostMachine::new(model, 1);
+        let (mut woken, mut held) = (vec![], vec![]);
+        for ms in 1..10_000 {
+            let wanted = Time::new(ms * 1_000_000);
+            let at = host.wake_up(wanted);
+            woken.push((host.now(at) - wanted).0);
+            held.push((host.send(at, 60) - at).0 / 1_000 - 2_000);
+        }
+        for mut delays in [woken, held] {
+            delays.sort_unstable();
+            let at = |percent: usize| delays[delays.len() * percent / 100];
+            // Quantiles of an exponential distribution: -ln(1 - p) times its mean.
+            assert!((3_300..3_600).contains(&at(50)), "{}", at(50));
+            assert!((10_800..12_600).contains(&at(90)), "{}", at(90));
+            let spikes = delays.iter().filter(|delay| **delay > 60_000).count();
+            assert!((60..140).contains(&spikes), "{spikes}");
+            assert!(delays[0] >= 0 && delays[9_998] < 220_000);
+        }
+    }
+
+    #[test]
+    fn a_stall_puts_off_what_falls_into_it() {
+        let stall = Some(Stall { at: Nanos(5_000_000), length: Nanos(1_000_000) });
+        let model = HostModel { jitter: Nanos::ZERO, stall, ..Default::default() };
+        let mut host = HostMachine::new(model, 1);
+        let mut woken = |ns: u64| host.wake_up(Time::new(ns)).as_nanos();
+        assert_eq!([4_999_999, 5_000_000, 5_999_999, 6_000_000].map(&mut woken), [
+            4_999_999, 6_000_000, 6_000_000, 6_000_000
+        ]);
     }
 
     #[test]

@@ -38,11 +38,47 @@ impl Stream {
         let late = (u128::from(deviate) * u128::from(worst) / (4 * ONE as u128)) as u64;
         late.min(worst)
     }
+
+    /// An exponential deviate of this mean, below 44 times the mean. Without floating point, so that it is
+    /// the same on every machine.
+    pub fn exponential(&mut self, mean: u64) -> u64 {
+        // -ln(u) = ln(2) x (64 - log2(number)), the logarithm bit by bit: a square is twice as long.
+        let number = self.0.next_u64().max(1);
+        let zeros = number.leading_zeros();
+        let mut mantissa = number << zeros;
+        let mut fraction = 0u64;
+        for _ in 0..LOG_BITS {
+            let square = (u128::from(mantissa) * u128::from(mantissa)) >> 63;
+            let carry = square >> 64 != 0;
+            mantissa = (if carry { square >> 1 } else { square }) as u64;
+            fraction = fraction << 1 | u64::from(carry);
+        }
+        let halvings = (u64::from(zeros + 1) << LOG_BITS) - fraction;
+        let product = u128::from(halvings) * u128::from(LN_2) * u128::from(mean);
+        (product >> (LOG_BITS + 32)) as u64
+    }
 }
+
+/// Fraction bits of the logarithm.
+const LOG_BITS: u32 = 20;
+/// ln(2) with 32 fraction bits.
+const LN_2: u64 = 2_977_044_472;
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exponential_deviates_have_their_mean_and_median() {
+        let mut stream = Stream::new(1, "test", 0);
+        let mut values: Vec<u64> = (0..100_000).map(|_| stream.exponential(1_000_000)).collect();
+        let mean = values.iter().sum::<u64>() / 100_000;
+        assert!((990_000..1_010_000).contains(&mean), "{mean}");
+        values.sort_unstable();
+        assert!((683_000..703_000).contains(&values[50_000]), "{}", values[50_000]);
+        assert!(values[99_999] < 44_400_000);
+        assert_eq!(stream.exponential(0), 0);
+    }
 
     #[test]
     fn streams_differ_by_seed_name_and_number_and_repeat() {

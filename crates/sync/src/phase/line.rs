@@ -1,0 +1,57 @@
+//! A line: which system time belongs to which host time.
+
+use isocat_wire::time::{Dc, Host, Nanos, Time};
+
+/// A point and a rate.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Line {
+    /// A point of the line, system time as of `host`, with its fraction of a nanosecond.
+    pub host: Time<Host>,
+    pub dc: Time<Dc>,
+    pub fraction: f64,
+    /// System time runs faster than host time by this part.
+    pub rate: f64,
+}
+
+impl Line {
+    /// The system time at `host`, and its fraction of a nanosecond.
+    pub fn at(&self, host: Time<Host>) -> (Time<Dc>, f64) {
+        let elapsed = host - self.host;
+        let correction = self.fraction + elapsed.0 as f64 * self.rate;
+        let whole = round(correction);
+        (self.dc + elapsed + Nanos(whole), correction - whole as f64)
+    }
+
+    /// How much later than the line `dc` is at `host`, ns.
+    pub fn error(&self, host: Time<Host>, dc: Time<Dc>) -> f64 {
+        let (expected, fraction) = self.at(host);
+        (dc - expected).0 as f64 - fraction
+    }
+
+    /// The host time at which the line is at `dc`.
+    pub fn when(&self, dc: Time<Dc>) -> Time<Host> {
+        let ahead = (dc - self.dc).0 as f64 - self.fraction;
+        self.host + Nanos(round(ahead / (1.0 + self.rate)))
+    }
+
+    /// The same line from the point at `host` on, moved by `correction` ns.
+    pub fn moved(&self, host: Time<Host>, correction: f64) -> Self {
+        let (dc, fraction) = self.at(host);
+        let correction = fraction + correction;
+        let whole = round(correction);
+        Self { host, dc: dc + Nanos(whole), fraction: correction - whole as f64, ..*self }
+    }
+}
+
+/// To the nearest whole number; `f64::round` needs std.
+pub(super) fn round(value: f64) -> i64 {
+    (if value < 0.0 { value - 0.5 } else { value + 0.5 }) as i64
+}
+
+/// The root to a thousandth, up to four million; `f64::sqrt` needs std.
+pub(super) fn root(square: f64) -> f64 {
+    ((square.max(0.0) * 1e6) as u64).isqrt() as f64 / 1e3
+}
+
+/// No two quartz clocks differ by more than 0.1 %: a steeper line is a misreading.
+pub(super) const RATE_LIMIT: f64 = 1e-3;

@@ -1,0 +1,233 @@
+//! The servo: lines, outliers, states.
+
+use isocat_wire::time::{Dc, Host, Nanos, Time};
+
+use super::envelope::Envelope;
+use super::least_squares::LeastSquares;
+use super::line::{Line, RATE_LIMIT, round};
+use super::settings::Settings;
+
+/// What the servo knows.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum State {
+    /// No sample yet.
+    Free,
+    /// The line is not yet trusted.
+    Acquiring,
+    /// The line predicts the samples within the threshold.
+    Locked,
+    /// No samples come; the line is extended.
+    Holdover,
+}
+
+/// How well the line is known: one standard error each, from what the samples are off it.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Uncertainty {
+    /// Of the phase at the newest sample, ns. What no sample shows is not in it: the constant time from stamp
+    /// to wire.
+    pub phase_ns: f64,
+    /// Of the rate, parts per billion.
+    pub rate_ppb: f64,
+}
+
+/// Follows the reference clock with a line through pairs of host and system time.
+///
+/// - Input: [`sample`](Self::sample) with each pair, [`handle_timeout`](Self::handle_timeout) now and then,
+///   [`reset`](Self::reset) for another reference;
+/// - the line: [`dc_at`](Self::dc_at), [`host_at`](Self::host_at), [`next_send`](Self::next_send),
+///   [`rate_ppb`](Self::rate_ppb), [`uncertainty`](Self::uncertainty);
+/// - what it is worth: [`state`](Self::state), [`last_error`](Self::last_error).
+///
+/// Pairs come in the order of their host times; one that is not later than the last is ignored.
+#[derive(Clone, Debug)]
+pub struct Servo {
+    settings: Settings,
+    state: State,
+    line: Line,
+    fit: Fit,
+    last_sample: Time<Host>,
+    last_error: Nanos,
+    good: u32,
+    bad: u32,
+    outliers: u32,
+}
+
+/// How the line is found.
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one servo, and no heap to put it on")]
+enum Fit {
+    Exact(LeastSquares),
+    Early(Envelope),
+}
+
+impl Fit {
+    fn new(settings: &Settings) -> Self {
+        match settings.stamp_noise.0 > 0 {
+            true => Self::Early(Envelope::new()),
+            false => Self::Exact(LeastSquares::default()),
+        }
+    }
+
+    fn samples(&self) -> u32 {
+        match self {
+            Self::Exact(fit) => fit.samples(),
+            Self::Early(fit) => fit.samples(),
+        }
+    }
+}
+
+impl Servo {
+    /// A servo without samples.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            state: State::Free,
+            line: Line::default(),
+            fit: Fit::new(&settings),
+            last_sample: Time::ZERO,
+            last_error: Nanos::ZERO,
+            good: 0,
+            bad: 0,
+            outliers: 0,
+        }
+    }
+
+    /// Takes one pair: a frame sent at `host` found the reference clock at `dc`.
+    pub fn sample(&mut self, host: Time<Host>, dc: Time<Dc>) {
+        if self.state == State::Free {
+            self.restart(host, dc);
+            return;
+        }
+        let interval = host - self.last_sample;
+        if interval.0 <= 0 {
+            return;
+        }
+        let error = self.line.error(host, dc);
+        self.last_error = Nanos(round(error));
+        if self.is_outlier(interval) {
+            self.outliers += 1;
+            let held_up = self.last_error.0 > 0 || self.state == State::Locked;
+            if !held_up || self.outliers >= self.settings.outlier_count {
+                self.restart(host, dc);
+            }
+            return;
+        }
+        self.outliers = 0;
+        let Settings { bandwidth_hz, stamp_noise, .. } = self.settings;
+        self.line = match &mut self.fit {
+            Fit::Exact(fit) => fit.sample(&self.line, host, interval, error, bandwidth_hz),
+            Fit::Early(fit) => {
+                let window = self.settings.window(interval);
+                fit.sample(&self.line, (host, dc), window, stamp_noise)
+            }
+        };
+        self.last_sample = host;
+        self.judge();
+    }
+
+    /// Tells the servo the time, so that it notices missing samples.
+    pub fn handle_timeout(&mut self, now: Time<Host>) {
+        if self.state == State::Locked && now - self.last_sample > self.settings.holdover_after {
+            self.state = State::Holdover;
+        }
+    }
+
+    /// Forgets everything: the reference clock is another one.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.settings);
+    }
+
+    /// What the servo knows.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The last sample less its prediction.
+    pub fn last_error(&self) -> Nanos {
+        self.last_error
+    }
+
+    /// How much faster system time runs than host time, parts per billion.
+    pub fn rate_ppb(&self) -> i64 {
+        round(self.line.rate * 1e9)
+    }
+
+    /// How well phase and rate are known; `None` while there are too few samples to tell.
+    pub fn uncertainty(&self) -> Option<Uncertainty> {
+        match &self.fit {
+            Fit::Exact(fit) => fit.uncertainty(),
+            Fit::Early(fit) => fit.uncertainty(),
+        }
+    }
+
+    /// The system time that a frame sent at `host` will find at the reference clock. Host time itself
+    /// while there is no sample.
+    pub fn dc_at(&self, host: Time<Host>) -> Time<Dc> {
+        let (dc, fraction) = self.line.at(host);
+        dc + Nanos(round(fraction))
+    }
+
+    /// When to send so that the frame finds system time `dc` at the reference clock.
+    pub fn host_at(&self, dc: Time<Dc>) -> Time<Host> {
+        self.line.when(dc)
+    }
+
+    /// The first send time not before `earliest` whose frame finds the reference clock at `phase` of a
+    /// cycle of `cycle`. Panics if the cycle is not positive.
+    pub fn next_send(&self, earliest: Time<Host>, cycle: Nanos, phase: Nanos) -> Time<Host> {
+        assert!(cycle.0 > 0, "a cycle has a length");
+        let from = self.dc_at(earliest);
+        let into = (from + -phase).phase(cycle.0 as u64) as i64;
+        let wait = if into == 0 { 0 } else { cycle.0 - into };
+        let send = self.host_at(from + Nanos(wait));
+        // Rounding may put the instant a nanosecond before `earliest`.
+        send.max(earliest)
+    }
+
+    /// Whether the last sample is too far off to be used.
+    fn is_outlier(&self, interval: Nanos) -> bool {
+        self.last_error.abs() > self.settings.outlier + self.rate_allowance(interval)
+    }
+
+    /// What a line of few samples may be off since it does not know its rate yet.
+    fn rate_allowance(&self, interval: Nanos) -> Nanos {
+        match self.state {
+            State::Locked => Nanos::ZERO,
+            _ if self.fit.samples() >= RATE_KNOWN => Nanos::ZERO,
+            _ => Nanos((2.0 * RATE_LIMIT * interval.0 as f64) as i64),
+        }
+    }
+
+    fn restart(&mut self, host: Time<Host>, dc: Time<Dc>) {
+        let rate = self.line.rate;
+        *self = Self::new(self.settings);
+        self.state = State::Acquiring;
+        self.last_sample = host;
+        self.line = Line { host, dc, fraction: 0.0, rate };
+        if let Fit::Early(fit) = &mut self.fit {
+            let window = self.settings.window(Nanos::ZERO);
+            self.line = fit.sample(&self.line, (host, dc), window, self.settings.stamp_noise);
+        }
+    }
+
+    fn judge(&mut self) {
+        let error = self.last_error.abs();
+        let threshold = self.settings.lock_threshold;
+        self.good = if error <= threshold { self.good + 1 } else { 0 };
+        self.bad = if error.0 > 4 * threshold.0 { self.bad + 1 } else { 0 };
+        self.state = match self.state {
+            State::Acquiring
+                if self.good >= self.settings.lock_count
+                    && self.fit.samples() >= self.settings.least_samples =>
+            {
+                State::Locked
+            }
+            State::Holdover => State::Acquiring,
+            State::Locked if self.bad >= self.settings.lock_count => State::Acquiring,
+            state => state,
+        };
+    }
+}
+
+/// Samples from which on a line knows its rate.
+const RATE_KNOWN: u32 = 8;

@@ -26,11 +26,13 @@
 //! anew. Neither kind of line has an integrator that could wind up: the rate is clamped to what quartz
 //! clocks do, and without samples the line is extended as it is.
 //!
+//! The other way round, [`drive`] leads the reference clock after the host's clock or after an
+//! [`external`] one. [`Direction`] says which way, and what follows from that.
 
-
-
+mod direction;
+pub mod drive;
 mod envelope;
-
+pub mod external;
 mod least_squares;
 mod line;
 mod servo;
@@ -38,6 +40,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
-
+pub use direction::Direction;
+pub use drive::Drive;
 pub use servo::{Servo, State, Uncertainty};
 pub use settings::Settings;

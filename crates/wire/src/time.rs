@@ -45,6 +45,9 @@ pub enum Dc {}
 /// The MainDevice's own monotonic clock, in ns.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Host {}
+/// A time from outside the segment, in ns since 2000-01-01 00:00: that of another segment, or of a network.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum External {}
 
 macro_rules! scale {
     ($($scale:ident $span:ident $name:literal;)*) => {$(
@@ -57,6 +60,7 @@ scale! {
     Local Nanos "local time";
     Dc Nanos "system time";
     Host Nanos "host time";
+    External Nanos "external time";
 }
 
 /// A point on the clock `S`. It wraps at 2^64 of its unit (ns; ps for [`True`]).

@@ -184,6 +184,11 @@ impl Servo {
         send.max(earliest)
     }
 
+    /// The line itself.
+    pub(super) fn line(&self) -> &Line {
+        &self.line
+    }
+
     /// Whether the last sample is too far off to be used.
     fn is_outlier(&self, interval: Nanos) -> bool {
         self.last_error.abs() > self.settings.outlier + self.rate_allowance(interval)

@@ -11,6 +11,8 @@ use alloc::rc::Rc;
 use alloc::vec::Vec;
 use core::convert::Infallible;
 
+use isocat_sync::phase::Direction;
+use isocat_sync::phase::drive::Limits;
 use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::dc::SyncActivation;
 use isocat_wire::register::{self, Value};
@@ -141,6 +143,23 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
         return Err(Cause::Setting {
             name: "stamp_noise",
             expected: "0 or more, at most a twentieth of the cycle",
+        });
+    }
+    let (limits, source) = match config.direction {
+        Direction::FollowReference => (None, None),
+        Direction::DriveReference { limits } => (Some(limits), None),
+        Direction::External { limits, source } => (Some(limits), Some(source)),
+    };
+    let is_bad = |limits: Limits| {
+        limits.slew_ppb <= 0 || limits.acceleration_ppb <= 0 || limits.most <= Nanos::ZERO
+    };
+    if limits.is_some_and(is_bad) || source.is_some_and(|source| source.interval <= Nanos::ZERO) {
+        return Err(Cause::Setting { name: "direction", expected: "limits and interval above 0" });
+    }
+    if limits.is_some() && !config.drift_compensation {
+        return Err(Cause::Setting {
+            name: "direction",
+            expected: "drift compensation, if the reference clock is to be led",
         });
     }
     if config.shift.is_some_and(|shift| shift.0 < 0 || shift >= cycle) {

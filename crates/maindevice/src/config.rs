@@ -4,6 +4,7 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use isocat_sync::SyncMode;
+use isocat_sync::phase::Direction;
 use isocat_wire::address::ObjectAddress;
 use isocat_wire::time::Nanos;
 
@@ -32,6 +33,9 @@ pub struct Config {
     /// Phase of SYNC0 in the cycle, counted from the instant at which the frame is sent, in
     /// `0..cycle`. `None`: the plan takes the phase at which all devices have most slack.
     pub shift: Option<Nanos>,
+    /// Which clock leads the segment. Default: the reference clock, and the host follows. Anything else writes
+    /// into the reference clock in every cycle, and what is imperfect about this host's stamps with it.
+    pub direction: Direction,
     /// Whether the reference clock's time is distributed, at start and in every cycle. Switched off
     /// for tests only: clocks then run apart by their ppm.
     pub drift_compensation: bool,
@@ -74,6 +78,7 @@ impl Config {
             host_jitter: Nanos::micros(20),
             stamp_noise: Nanos::ZERO,
             shift: None,
+            direction: Direction::FollowReference,
             drift_compensation: true,
             force: false,
             source: [0x10; 6],

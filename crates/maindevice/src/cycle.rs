@@ -1,8 +1,9 @@
 //! The cyclic exchange: frames built once, sent at the phase planned, allocation-free.
 //!
 //! All frames of a cycle are in flight together. The first begins with the drift datagram (FRMW of
-//! 0x0910): it distributes the reference time and brings it back for the servo. Then come the
-//! chunks of process data and, last, a broadcast read of AL status, by which a SubDevice that
+//! 0x0910): it distributes the reference time and brings it back for the servo. Where the reference
+//! clock is led (see `Config::direction`), a write of its 0x0910 follows (FPWR; NOP in a cycle with nothing to
+//! write). Then come the chunks of process data and, last, a broadcast read of AL status, by which a SubDevice that
 //! leaves its state is noticed in the same cycle. Inputs are taken only from a chunk that counts
 //! right, so inputs of one SubDevice are always of one moment; a lost frame is counted and never
 //! stops the exchange.
@@ -10,7 +11,8 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use isocat_sync::phase::{Servo, Settings, State};
+use isocat_sync::phase::external::Stamps;
+use isocat_sync::phase::{Direction, Drive, Servo, Settings, State};
 use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::{Address, HEADER_LEN, Layout};
@@ -31,6 +33,10 @@ pub(crate) struct Cycle {
     samples_to_lock: u32,
     last_state: State,
     reference: Option<Reference>,
+    /// Leads the reference clock; `None`: nobody does.
+    drive: Option<Drive>,
+    /// What was written to the reference clock, by parity of the cycle.
+    written: [Option<Time<Dc>>; 2],
     count: u16,
     image: ProcessImage,
     /// Process data run; before that only the drift datagram and AL status.
@@ -87,6 +93,8 @@ struct CyclicFrame {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Part {
     Drift,
+    /// Leads the reference clock.
+    Lead,
     /// Chunk and what its working counter must be.
     ReadWrite(usize),
     Write(usize),
@@ -121,6 +129,8 @@ impl Cycle {
             servo: Servo::new(settings),
             samples_to_lock: settings.samples_to_lock(),
             last_state: State::Free,
+            drive: reference.as_ref().and(drive(config)),
+            written: [None; 2],
             reference,
             count: segment.devices.len() as u16,
             wrong: vec![[0; 2]; image.chunks.len()],
@@ -163,6 +173,18 @@ impl Cycle {
     /// The servo.
     pub fn servo(&self) -> &Servo {
         &self.servo
+    }
+
+    /// What leads the reference clock, if something does.
+    pub fn drive(&self) -> Option<&Drive> {
+        self.drive.as_ref()
+    }
+
+    /// Takes stamps of an external time.
+    pub fn external_stamps(&mut self, stamps: Stamps) {
+        if let Some(drive) = &mut self.drive {
+            drive.stamps(stamps, &self.servo);
+        }
     }
 
     /// Cycles begun.
@@ -236,6 +258,15 @@ impl Cycle {
                 let outputs = &self.outputs[from..from + usize::from(chunk.length)];
                 bytes[layout.data()..layout.wkc()].copy_from_slice(outputs);
             }
+            if *part == Part::Lead {
+                let drive = self.drive.as_mut();
+                let value = drive.and_then(|drive| drive.value(now, &self.servo));
+                self.written[parity] = value;
+                let command = if value.is_some() { Command::Fpwr } else { Command::Nop };
+                bytes[layout.start] = command as u8;
+                let value = value.unwrap_or(Time::ZERO).count().to_le_bytes();
+                bytes[layout.data()..layout.wkc()].copy_from_slice(&value);
+            }
         }
         frame.flights[parity] = Some(now);
         frame.cycles[parity] = self.number;
@@ -281,16 +312,25 @@ impl Cycle {
         let cycle = frame.cycles[parity];
         inner.statistics.frames_received += 1;
         let mut complete = true;
+        let mut reference_time = None;
         for i in 0..self.frames[at].datagrams.len() {
             let (part, layout) = self.frames[at].datagrams[i];
             let data = &bytes[layout.data()..layout.wkc()];
             let wkc = u16::from_le_bytes([bytes[layout.wkc()], bytes[layout.wkc() + 1]]);
             match part {
                 Part::Drift => {
-                    self.take_time(sent, data, wkc, cycle, inner);
+                    reference_time = self.take_time(sent, data, wkc, cycle, inner);
                     // Planned when the frame left; planned better with what it brought back.
                     if cycle == self.number && self.is_sent() {
                         self.due = self.next_send(sent + Nanos(self.cycle.0 / 2));
+                    }
+                }
+                Part::Lead => {
+                    let Some(written) = self.written[parity].take() else { continue };
+                    // Of one SubDevice; without its access nothing was written.
+                    inner.statistics.working_counter_errors += u64::from(wkc != 1);
+                    if let (Some(drive), Some(found), 1) = (&mut self.drive, reference_time, wkc) {
+                        drive.came_back(written, found);
                     }
                 }
                 Part::AlStatus => {
@@ -398,7 +438,7 @@ impl Cycle {
         self.servo.next_send(earliest, self.cycle, self.send_phase)
     }
 
-    /// Feeds the servo with the reference time that came back.
+    /// Feeds the servo with the reference time that came back, and gives it.
     fn take_time(
         &mut self,
         sent: Time<Host>,
@@ -406,8 +446,8 @@ impl Cycle {
         wkc: u16,
         cycle: u64,
         inner: &mut Inner,
-    ) {
-        let Some(reference) = &mut self.reference else { return };
+    ) -> Option<Time<Dc>> {
+        let reference = self.reference.as_mut()?;
         let expected = reference.clocks;
         if wkc != reference.counted {
             reference.counted = wkc;
@@ -418,9 +458,9 @@ impl Cycle {
             // Without the reference's own access the data are ours; with it but not all others, a
             // clock is no longer led, and the time would still be right: but which of both it is
             // can't be told.
-            return;
+            return None;
         }
-        let Some(raw) = data.first_chunk().map(|raw| u64::from_le_bytes(*raw)) else { return };
+        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
         let dc = if reference.wide { Time::new(raw) } else { extend(raw as u32, reference.last) };
         reference.last = dc;
         self.servo.sample(sent, dc);
@@ -430,6 +470,7 @@ impl Cycle {
             let error = if phase > cycle / 2 { phase - cycle } else { phase };
             inner.statistics.phase_error.add(Nanos(error));
         }
+        Some(dc)
     }
 
     /// Takes the inputs of a chunk that counts right.
@@ -473,7 +514,8 @@ impl Cycle {
     fn build(&mut self) {
         self.frames.clear();
         let reference = self.reference.as_ref();
-        for plan in plan_frames(&self.image, reference.is_some(), self.exchanging) {
+        let clock = (reference.is_some(), self.drive.is_some());
+        for plan in plan_frames(&self.image, clock, self.exchanging) {
             let mut bytes = vec![0; MAX_LEN];
             let mut writer = FrameWriter::new(&mut bytes, self.source);
             let mut datagrams = Vec::new();
@@ -486,6 +528,11 @@ impl Cycle {
                         let command =
                             if reference.compensate { Command::Frmw } else { Command::Fprd };
                         (command, address, TIME_LEN)
+                    }
+                    Part::Lead => {
+                        let Some(reference) = reference else { continue };
+                        let address = register::SYSTEM_TIME.address;
+                        (Command::Fpwr, Address::Station(reference.station, address), TIME_LEN)
                     }
                     Part::AlStatus => {
                         (Command::Brd, Address::Broadcast(register::AL_STATUS.address), 2)
@@ -507,7 +554,11 @@ impl Cycle {
                     (part, layout.expect("the datagram was just written"))
                 })
                 .collect();
-            let marks = datagrams.iter().map(|(_, layout)| Mark::of(layout)).collect();
+            let mark = |(part, layout): &(Part, Layout)| {
+                let mark = Mark::of(layout);
+                if *part == Part::Lead { mark.of_any_command() } else { mark }
+            };
+            let marks = datagrams.iter().map(mark).collect();
             let (flights, cycles) = ([None; 2], [0; 2]);
             self.frames.push(CyclicFrame { bytes, datagrams, marks, flights, cycles });
         }
@@ -537,6 +588,12 @@ impl Mark {
         Self { mask, value: u64::from_le_bytes(bytes) & mask }
     }
 
+    /// The same whatever the command.
+    fn of_any_command(self) -> Self {
+        let mask = self.mask & !0xFF;
+        Self { mask, value: self.value & mask }
+    }
+
     /// Whether the datagram is at `start` of a frame.
     fn is_at(self, bytes: &[u8], start: usize) -> bool {
         let found = bytes.get(start..).and_then(|rest| rest.first_chunk());
@@ -550,8 +607,18 @@ pub(crate) fn extend(low: u32, near: Time<Dc>) -> Time<Dc> {
     near + Nanos(i64::from(ahead))
 }
 
-/// Which parts go into which frame of a cycle. No chunk is cut, so no SubDevice is.
-fn plan_frames(image: &ProcessImage, clock: bool, exchanging: bool) -> Vec<Vec<Part>> {
+/// What leads the reference clock, as the configuration has it.
+fn drive(config: &crate::Config) -> Option<Drive> {
+    match config.direction {
+        Direction::FollowReference => None,
+        Direction::DriveReference { limits } => Some(Drive::after_host(limits)),
+        Direction::External { limits, source } => Some(Drive::after_external(limits, source)),
+    }
+}
+
+/// Which parts go into which frame of a cycle. No chunk is cut, so no SubDevice is. `clock`: there is a reference
+/// clock; it is led.
+fn plan_frames(image: &ProcessImage, clock: (bool, bool), exchanging: bool) -> Vec<Vec<Part>> {
     let mut frames: Vec<Vec<Part>> = vec![Vec::new()];
     let mut room = ROOM;
     let mut put = |part: Part, len: usize| {
@@ -565,8 +632,11 @@ fn plan_frames(image: &ProcessImage, clock: bool, exchanging: bool) -> Vec<Vec<P
             frame.push(part);
         }
     };
-    if clock {
+    if clock.0 {
         put(Part::Drift, TIME_LEN);
+        if clock.1 {
+            put(Part::Lead, TIME_LEN);
+        }
     }
     if exchanging {
         for (at, chunk) in image.chunks.iter().enumerate() {
@@ -586,11 +656,12 @@ fn plan_frames(image: &ProcessImage, clock: bool, exchanging: bool) -> Vec<Vec<P
 
 /// The frames of a cycle with process data, as they will be sent: what is in them, and when they are on the
 /// wire, counted from the first bit of the first.
-pub(crate) fn frames(segment: &Segment, compensate: bool) -> Vec<FramePlan> {
+pub(crate) fn frames(segment: &Segment, compensate: bool, leads: bool) -> Vec<FramePlan> {
     let image = &segment.image;
     let mut start = 0;
     let mut frames = Vec::new();
-    for parts in plan_frames(image, segment.reference.is_some(), true) {
+    let clock = (segment.reference.is_some(), leads);
+    for parts in plan_frames(image, clock, true) {
         let mut at = HEADERS;
         let mut datagrams = Vec::new();
         for part in parts {
@@ -599,11 +670,15 @@ pub(crate) fn frames(segment: &Segment, compensate: bool) -> Vec<FramePlan> {
                 (Address::Logical(of.logical), usize::from(of.length), Some(chunk))
             };
             let (command, (address, length, chunk)) = match part {
-                Part::Drift => {
+                Part::Drift | Part::Lead => {
                     let station = segment.reference.map(|at| segment.devices[at].station);
                     let station = station.unwrap_or(StationAddress(0));
                     let address = Address::Station(station, register::SYSTEM_TIME.address);
-                    let command = if compensate { Command::Frmw } else { Command::Fprd };
+                    let command = match (part, compensate) {
+                        (Part::Lead, _) => Command::Fpwr,
+                        (_, true) => Command::Frmw,
+                        (_, false) => Command::Fprd,
+                    };
                     (command, (address, TIME_LEN, None))
                 }
                 Part::AlStatus => {

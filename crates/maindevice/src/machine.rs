@@ -352,6 +352,24 @@ impl MainDevice {
         self.cycle.as_ref().map(|cycle| cycle.servo().rate_ppb())
     }
 
+    /// How well the servo knows phase and rate; `None` before the cyclic exchange, and with too few samples.
+    pub fn phase_uncertainty(&self) -> Option<phase::Uncertainty> {
+        self.cycle.as_ref().and_then(|cycle| cycle.servo().uncertainty())
+    }
+
+    /// Takes stamps of an external time, if that is to lead the reference clock; see [`Config::direction`].
+    pub fn external_stamps(&mut self, stamps: phase::external::Stamps) {
+        if let Some(cycle) = &mut self.cycle {
+            cycle.external_stamps(stamps);
+        }
+    }
+
+    /// What leads the reference clock: how far it is, and what it puts into the clocks. `None` if nothing
+    /// does, and before the cyclic exchange.
+    pub fn drive(&self) -> Option<&phase::Drive> {
+        self.cycle.as_ref().and_then(|cycle| cycle.drive())
+    }
+
     /// The system time that a frame sent at `host` finds at the reference clock, by the servo;
     /// `None` before the cyclic exchange.
     pub fn system_time(&self, host: Time<Host>) -> Option<Time<Dc>> {

@@ -8,6 +8,7 @@ use isocat_sync::budget::{self, Check, Line, Origin, Origins, budget, common_shi
 use isocat_sync::object::{
     INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, SupportedTypes, SyncParameters, sub,
 };
+use isocat_sync::phase::Direction;
 use isocat_sync::{Pulses, SyncMode};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
@@ -259,7 +260,11 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
         jitter: config.host_jitter,
         clock_error,
     };
-    let frames = cycle::frames(segment, config.drift_compensation);
+    let frames = cycle::frames(
+        segment,
+        config.drift_compensation,
+        config.direction != Direction::FollowReference,
+    );
     let times = cycle::chunk_times(&frames, segment.image.chunks.len());
     let mut demands: Vec<budget::Device> =
         segment.devices.iter().map(|device| demands_of(config, device)).collect();

@@ -605,7 +605,7 @@ fn frames_of_a_cycle_follow_each_other() {
     let device = crate::SubDevice::new(0, StationAddress(0x1001));
     let segment =
         crate::Segment { devices: alloc::vec![device], reference: Some(0), image, timing: None };
-    let frames = crate::cycle::frames(&segment, true);
+    let frames = crate::cycle::frames(&segment, true, false);
     let times = crate::cycle::chunk_times(&frames, 3);
     // Headers 16, drift 20, chunk 1012, preamble and FCS 12; AL status 14 in the last one; gap 12.
     let first = (16 + 20 + 1012 + 12) * 80;

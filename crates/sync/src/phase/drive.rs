@@ -31,12 +31,12 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// A phase is caught up at 10 ppm, so 1 ms in 100 s. The rate changes by 5 ppm a second: the host's line,
-    /// whose memory is a second at most, is then off by half a microsecond, and two quartzes that differ by 100 ppm
-    /// meet in 20 s. 1000 ns are above what frames are held up as a rule, and not more than the drift loop of a chip is
+    /// A phase is caught up at 10 ppm, so 1 ms in 100 s. The rate changes by 1 ppm a second: two quartzes that
+    /// differ by 50 ppm meet in 50 s, and drift loops that learn a rate in some four seconds, as those of
+    /// the simulated chips do at 1 ms, are off by less than 100 ns meanwhile. 1000 ns are above what frames are held up as a rule, and not more than the drift loop of a chip is
     /// known to take for a steady difference.
     fn default() -> Self {
-        Self { slew_ppb: 10_000, acceleration_ppb: 5_000, most: Nanos(1_000) }
+        Self { slew_ppb: 10_000, acceleration_ppb: 1_000, most: Nanos(1_000) }
     }
 }
 

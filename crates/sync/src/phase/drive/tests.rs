@@ -93,8 +93,9 @@ impl Bench {
     }
 }
 
+/// Faster than the default, so that runs are short.
 fn limits() -> Limits {
-    Limits::default()
+    Limits { slew_ppb: 10_000, acceleration_ppb: 5_000, most: Nanos(1_000) }
 }
 
 /// From 100 ppm off, either way: the rates meet in the time that the acceleration allows, not much sooner and

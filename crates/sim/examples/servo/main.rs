@@ -22,13 +22,13 @@ fn main() -> ExitCode {
         "| host | law | lock on target, ms | lock on own mean, ms | mean phase, us | repeats within, us | \
          deadlines within, us | earliest, us | latest, us | window, us | recovery, ms |"
     );
-    println!("|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|");
+    println!("|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|");
     for course in hosts::COURSES {
         for law in laws::LAWS {
             let summary = Summary::of(&law, &course, starts);
             let micros = |ps: i64| ps as f64 / 1e6;
             println!(
-                "| {} | {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.1} | {:.1} | {:.1} | {} |",
+                "| {} | {} | {} | {} | {:.2} | {:.3} | {:.3} | {:.2} | {:.2} | {:.2} | {} |",
                 course.name,
                 law.name,
                 times(summary.lock, starts),

@@ -224,3 +224,135 @@ fn holdover_when_samples_stop() {
     run(&mut servo, 130_000_000, 20, 20, |_| 0);
     assert_eq!(servo.state(), State::Locked);
 }
+
+/// Rate after `samples` of a host, and phase at the last, less the truth, each in standard errors as told: root of
+/// the mean square over many seeds.
+fn errors_in_standard_errors(noise: i64, samples: u64) -> (f64, f64) {
+    let (mut phase, mut rate) = (0.0, 0.0);
+    let seeds = 200;
+    for seed in 1..=seeds {
+        let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(noise)));
+        let mut host = Host::new(seed, noise as f64, u64::MAX);
+        let ppm = 30;
+        for i in 0..samples {
+            let stamp = 77_000 + i * 1_000_000;
+            let late = if noise > 0 { host.held_up() as u64 } else { 0 };
+            let grain = if noise > 0 { 0 } else { (host.random() % 21) as i64 - 10 };
+            servo.sample(Time::new(stamp), dc(stamp + late, ppm) + Nanos(grain));
+        }
+        let told = servo.uncertainty().expect("samples enough");
+        let at = 77_000 + (samples - 1) * 1_000_000;
+        let phase_error = (servo.dc_at(Time::new(at)) - dc(at, ppm)).0 as f64;
+        let rate_error = (servo.rate_ppb() - ppm * 1_000) as f64;
+        phase += (phase_error / told.phase_ns).powi(2);
+        rate += (rate_error / told.rate_ppb).powi(2);
+    }
+    ((phase / seeds as f64).sqrt(), (rate / seeds as f64).sqrt())
+}
+
+/// What is told of the uncertainty is what it is: neither half of it nor twice.
+#[test]
+fn standard_errors_are_what_errors_are() {
+    for noise in [0, 2_000, 20_000] {
+        for samples in [20, 100, 700, 3_000] {
+            let (phase, rate) = errors_in_standard_errors(noise, samples);
+            let what = std::format!("{noise} ns, {samples}: phase {phase:.2}, rate {rate:.2}");
+            assert!((0.6..1.7).contains(&phase), "{what}");
+            assert!((0.6..1.7).contains(&rate), "{what}");
+        }
+    }
+}
+
+/// Too few samples for a figure give none.
+#[test]
+fn no_standard_error_of_nothing() {
+    for noise in [0, 2_000] {
+        let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(noise)));
+        assert_eq!(servo.uncertainty(), None);
+        run(&mut servo, 0, 2, 20, |_| 0);
+        assert_eq!(servo.uncertainty(), None);
+        run(&mut servo, 2_000_000, 10, 20, |_| 0);
+        assert!(servo.uncertainty().is_some_and(|told| told.phase_ns > 1.0), "the grain is there");
+    }
+}
+
+/// From 62.5 us to 10 ms, exact stamps and early ones: locked within 200 ms of samples, and what the line is off by
+/// then is small.
+#[test]
+fn one_setting_for_all_cycles() {
+    for cycle in [62_500, 250_000, 1_000_000, 4_000_000, 10_000_000] {
+        let samples = (200_000_000 / cycle as u64).max(20);
+        let exact = Settings::new(Nanos(cycle), Nanos::ZERO);
+        assert!(u64::from(exact.samples_to_lock()) <= samples);
+        let mut servo = Servo::new(exact);
+        for i in 0..samples {
+            let host = 9_000 + i * cycle as u64;
+            servo.sample(Time::new(host), dc(host, 100) + Nanos(i as i64 * 7919 % 21 - 10));
+        }
+        assert_eq!(servo.state(), State::Locked, "{cycle}");
+        for seed in 1..=20 {
+            let mut servo = Servo::new(Settings::new(Nanos(cycle), Nanos(2_000)));
+            let mut host = Host::new(seed, 2_000.0, 200);
+            let (locked, lost) = run_noisy(&mut servo, &mut host, Nanos(cycle), samples, 100);
+            let most = samples.max(40);
+            if samples >= 40 {
+                assert!(locked.is_some_and(|after| after <= most), "{cycle}, {seed}: {locked:?}");
+                let at = 77_000 + samples * cycle as u64;
+                let error = servo.dc_at(Time::new(at)) - dc(at, 100);
+                assert!(error.abs() < Nanos(1_000), "{cycle}, {seed}: {error}");
+            }
+            assert_eq!(lost, 0);
+        }
+    }
+}
+
+/// The host's clock changes by 50 ppm, either way: how far a sample after that is from what the line says.
+fn worst_after_a_step(noise: i64, ppm: i64) -> i64 {
+    let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(noise)));
+    let mut host = Host::new(5, noise as f64, u64::MAX);
+    let mut worst = 0;
+    let truth = |at: u64| dc(at, 20) + Nanos(at.saturating_sub(2_000_000_000) as i64 * ppm / 1_000_000);
+    for i in 0..3_000 {
+        let stamp = 77_000 + i * 1_000_000;
+        if i > 1_000 {
+            let error = servo.dc_at(Time::new(stamp)) - truth(stamp);
+            worst = worst.max(error.0.abs());
+        }
+        let late = if noise > 0 { host.held_up() as u64 } else { 0 };
+        servo.sample(Time::new(stamp), truth(stamp + late));
+        assert!(i < 100 || servo.state() == State::Locked, "{noise} ns, {ppm} ppm, {i}");
+    }
+    assert!((servo.rate_ppb() - (20 + ppm) * 1_000).abs() < 200, "{}", servo.rate_ppb());
+    worst
+}
+
+#[test]
+fn a_changed_rate_is_noticed() {
+    for ppm in [-50, 50] {
+        // One sample is off by 50 ns, the next by 100; then it is known.
+        let exact = worst_after_a_step(0, ppm);
+        assert!((80..=250).contains(&exact), "{ppm}: {exact}");
+        let early = worst_after_a_step(500, ppm);
+        assert!((100..=2_000).contains(&early), "{ppm}: {early}");
+    }
+}
+
+/// A host of whose frames one of fifty leaves at once and all others 5 us later: not as the noise is said to
+/// be, but the line finds those few and stays with them.
+#[test]
+fn few_frames_that_leave_at_once_are_enough() {
+    let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(2_000)));
+    let mut host = Host::new(9, 300.0, u64::MAX);
+    let mut off = std::vec::Vec::new();
+    for i in 0..20_000 {
+        let stamp = 77_000 + i * 1_000_000;
+        let slow = if host.random() % 50 == 0 { 0 } else { 5_000 };
+        servo.sample(Time::new(stamp), dc(stamp + slow + host.held_up() as u64, 20));
+        off.push((servo.dc_at(Time::new(stamp)) - dc(stamp, 20)).0);
+        assert!(i < 200 || servo.state() == State::Locked);
+    }
+    // Until it has learnt caution it may take the many for a new truth.
+    let settled = &off[10_000..];
+    let (least, most) = (settled.iter().min().unwrap(), settled.iter().max().unwrap());
+    assert!(*least > -1_000 && *most < 1_000, "{least} to {most}");
+}

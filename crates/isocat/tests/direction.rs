@@ -145,7 +145,7 @@ struct Hardware;
 
 impl Control for Hardware {
     fn cycle(&mut self, main: &mut isocat_maindevice::MainDevice, cycle: u64) {
-        let Some(host) = main.next_cycle().filter(|_| cycle % 10 == 0) else { return };
+        let Some(host) = main.next_cycle().filter(|_| cycle.is_multiple_of(10)) else { return };
         // 25 ppm faster than the host's clock.
         let external = host.count() + host.count() / 1_000_000 * 25 + 1_000_000_000;
         let (before, after) = (host + Nanos(-500), host + Nanos(500));

@@ -178,7 +178,8 @@ mod tests {
     fn delays_are_exponential_and_sometimes_more() {
         let more = (Nanos(50_000), Nanos(150_000));
         let delay = Delay { mean: Nanos(5_000), one_of: 100, more };
-        let model = HostModel { wake_ups: Some(delay), hold_ups: Some(delay), ..Default::default() };
+        let model =
+            HostModel { wake_ups: Some(delay), hold_ups: Some(delay), ..Default::default() };
         let mut host = HostMachine::new(model, 1);
         let (mut woken, mut held) = (vec![], vec![]);
         for ms in 1..10_000 {
@@ -205,9 +206,10 @@ mod tests {
         let model = HostModel { jitter: Nanos::ZERO, stall, ..Default::default() };
         let mut host = HostMachine::new(model, 1);
         let mut woken = |ns: u64| host.wake_up(Time::new(ns)).as_nanos();
-        assert_eq!([4_999_999, 5_000_000, 5_999_999, 6_000_000].map(&mut woken), [
-            4_999_999, 6_000_000, 6_000_000, 6_000_000
-        ]);
+        assert_eq!(
+            [4_999_999, 5_000_000, 5_999_999, 6_000_000].map(&mut woken),
+            [4_999_999, 6_000_000, 6_000_000, 6_000_000]
+        );
     }
 
     #[test]

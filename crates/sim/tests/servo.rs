@@ -49,8 +49,7 @@ fn locked_soon_and_in_the_same_phase_after_every_start() {
 fn no_law_of_the_field_is_better() {
     let starts = 10;
     for course in COURSES {
-        let all: Vec<Summary> =
-            LAWS.iter().map(|law| Summary::of(law, &course, starts)).collect();
+        let all: Vec<Summary> = LAWS.iter().map(|law| Summary::of(law, &course, starts)).collect();
         let (ours, others) = all.split_first().expect("there are laws");
         let window = |summary: &Summary| summary.latest - summary.earliest;
         for (other, law) in others.iter().zip(&LAWS[1..]) {

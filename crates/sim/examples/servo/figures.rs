@@ -31,8 +31,7 @@ impl Figures {
     /// Reads a race.
     pub fn of(track: &Track, course: &Course, own_phase: bool) -> Self {
         let end = Picos::from(LENGTH).0;
-        let happens =
-            course.disturbance.map(|at| (Time::ZERO + Picos::from(at) - track.begin).0);
+        let happens = course.disturbance.map(|at| (Time::ZERO + Picos::from(at) - track.begin).0);
         let quiet_end = happens.unwrap_or(end);
         let quiet = || track.points.iter().filter(|point| point.at.0 < quiet_end);
         let settled: Vec<i64> =
@@ -40,7 +39,8 @@ impl Figures {
         let mean = settled.iter().sum::<i64>() as f64 / settled.len().max(1) as f64;
         let worst = settled.iter().map(|error| (error - mean as i64).abs()).max().unwrap_or(0);
         let in_lock_since = |points: &mut dyn Iterator<Item = (i64, i64)>| {
-            points.fold(0, |since, (at, error)| if error.abs() >= LOCK { at + CYCLE } else { since })
+            points
+                .fold(0, |since, (at, error)| if error.abs() >= LOCK { at + CYCLE } else { since })
         };
         let target = |point: &race::Point| (point.at.0, point.deadline);
         let own = |point: &race::Point| (point.at.0, point.deadline - mean as i64);
@@ -53,8 +53,8 @@ impl Figures {
         let shift = if own_phase { mean as i64 } else { 0 };
         let arrivals = track.points.iter().filter(|point| point.at >= SETTLED);
         let arrivals = arrivals.map(|point| point.arrival - shift);
-        let (earliest, latest) = arrivals
-            .fold((i64::MAX, i64::MIN), |(least, most), at| (least.min(at), most.max(at)));
+        let (earliest, latest) =
+            arrivals.fold((i64::MAX, i64::MIN), |(least, most), at| (least.min(at), most.max(at)));
         Self {
             lock: stays(in_lock_since(&mut quiet().map(target)), quiet_end),
             own_lock,
@@ -114,8 +114,8 @@ impl Summary {
         let race = |seed| Figures::of(&race::run(law, course, seed), course, law.own_phase);
         let all: Vec<Figures> = (0..starts).map(race).collect();
         let means = || all.iter().map(|figures| figures.mean);
-        let (least, most) =
-            means().fold((f64::MAX, f64::MIN), |(least, most), mean| (least.min(mean), most.max(mean)));
+        let (least, most) = means()
+            .fold((f64::MAX, f64::MIN), |(least, most), mean| (least.min(mean), most.max(mean)));
         Self {
             lock: Times::of(all.iter().map(|figures| figures.lock)),
             own_lock: Times::of(all.iter().map(|figures| figures.own_lock)),

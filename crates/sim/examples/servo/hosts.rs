@@ -40,11 +40,7 @@ const REAL_TIME: HostModel = HostModel {
         one_of: 1_000,
         more: (Nanos(50_000), Nanos(150_000)),
     }),
-    hold_ups: Some(Delay {
-        mean: Nanos(500),
-        one_of: 2_000,
-        more: (Nanos(10_000), Nanos(50_000)),
-    }),
+    hold_ups: Some(Delay { mean: Nanos(500), one_of: 2_000, more: (Nanos(10_000), Nanos(50_000)) }),
     ..QUIET
 };
 

@@ -39,7 +39,11 @@ fn main() -> ExitCode {
                 micros(summary.earliest),
                 micros(summary.latest),
                 micros(summary.latest - summary.earliest),
-                if course.disturbance.is_some() { times(summary.recovery, starts) } else { "".into() },
+                if course.disturbance.is_some() {
+                    times(summary.recovery, starts)
+                } else {
+                    "".into()
+                },
             );
         }
     }

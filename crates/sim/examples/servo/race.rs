@@ -138,4 +138,3 @@ fn phase_error(segment: &Segment, at: Time<True>) -> i64 {
     let phase = (system - i128::from(GRID.target) * 1_000).rem_euclid(cycle);
     (if phase > cycle / 2 { phase - cycle } else { phase }) as i64
 }
-

@@ -153,7 +153,10 @@ impl Envelope {
             let point = self.points[self.len - back];
             lowest = lowest.min(line.error(point.host, point.dc));
             let pairs = (back as f64) * f64::from(self.pairs_each);
-            if back >= 2 && pairs >= FEWEST_HIGH && lowest > GRAIN + self.caution * SURPRISE * noise / pairs {
+            if back >= 2
+                && pairs >= FEWEST_HIGH
+                && lowest > GRAIN + self.caution * SURPRISE * noise / pairs
+            {
                 self.raised = lowest;
                 self.points.copy_within(self.len - back..self.len, 0);
                 self.len = back;

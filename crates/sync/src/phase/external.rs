@@ -25,11 +25,7 @@ pub struct Source {
 impl Default for Source {
     /// A pair every 10 ms, good to 100 ns, read within 20 us.
     fn default() -> Self {
-        Self {
-            interval: Nanos::millis(10),
-            noise: Nanos(100),
-            longest_read: Nanos::micros(20),
-        }
+        Self { interval: Nanos::millis(10), noise: Nanos(100), longest_read: Nanos::micros(20) }
     }
 }
 

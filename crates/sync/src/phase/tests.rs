@@ -135,10 +135,7 @@ fn locks_on_stamps_that_are_early() {
                 assert_eq!(lost, 0, "{what}");
                 let at = 77_000 + cycles * cycle.0 as u64;
                 let error = servo.dc_at(Time::new(at)) - dc(at, ppm);
-                assert!(
-                    error > Nanos(-mean / 2) && error < Nanos(mean * 3 / 2),
-                    "{what}: {error}"
-                );
+                assert!(error > Nanos(-mean / 2) && error < Nanos(mean * 3 / 2), "{what}: {error}");
             }
         }
     }
@@ -311,7 +308,8 @@ fn worst_after_a_step(noise: i64, ppm: i64) -> i64 {
     let mut servo = Servo::new(Settings::new(Nanos::millis(1), Nanos(noise)));
     let mut host = Host::new(5, noise as f64, u64::MAX);
     let mut worst = 0;
-    let truth = |at: u64| dc(at, 20) + Nanos(at.saturating_sub(2_000_000_000) as i64 * ppm / 1_000_000);
+    let truth =
+        |at: u64| dc(at, 20) + Nanos(at.saturating_sub(2_000_000_000) as i64 * ppm / 1_000_000);
     for i in 0..3_000 {
         let stamp = 77_000 + i * 1_000_000;
         if i > 1_000 {

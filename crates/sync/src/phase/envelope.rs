@@ -204,7 +204,7 @@ const MOST_TURNS: usize = 8;
 const FEWEST: u32 = 8;
 /// How surprising it must be that pairs all stay above the line: the probability is e to the minus this. At
 /// once a millisecond that happens once in ten minutes, and costs a line of fewer points for a while.
-const SURPRISE: f64 = 13.0;
+const SURPRISE: f64 = 16.0;
 /// So many pairs must stay above the line, whatever their heights: one frame of a few may be held up for long.
 const FEWEST_HIGH: f64 = 8.0;
 /// Most that [`Envelope::caution`] may become.

@@ -117,7 +117,7 @@ impl Servo {
         self.line = match &mut self.fit {
             Fit::Exact(fit) => fit.sample(&self.line, host, interval, error, bandwidth_hz),
             Fit::Early(fit) => {
-                let window = self.settings.window(interval);
+                let window = self.settings.window();
                 fit.sample(&self.line, (host, dc), window, stamp_noise)
             }
         };
@@ -210,7 +210,7 @@ impl Servo {
         self.last_sample = host;
         self.line = Line { host, dc, fraction: 0.0, rate };
         if let Fit::Early(fit) = &mut self.fit {
-            let window = self.settings.window(Nanos::ZERO);
+            let window = self.settings.window();
             self.line = fit.sample(&self.line, (host, dc), window, self.settings.stamp_noise);
         }
     }

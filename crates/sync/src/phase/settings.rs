@@ -5,6 +5,9 @@ use isocat_wire::time::Nanos;
 /// Settings of the servo.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct Settings {
+    /// From one sample to the next as a rule: how many of them a line of noisy stamps remembers follows from it, and
+    /// not from a gap.
+    pub interval: Nanos,
     /// Bandwidth of the locked loop, Hz, above zero. Larger follows the clocks' wander faster, smaller
     /// averages time-stamp noise longer. 5 Hz averages some 30 samples of a 1 ms cycle. With
     /// [`Settings::stamp_noise`] the line's memory is one period of it.
@@ -30,6 +33,7 @@ impl Default for Settings {
     /// For exact stamps and a cycle of up to 4 ms.
     fn default() -> Self {
         Self {
+            interval: Nanos::millis(1),
             bandwidth_hz: 5.0,
             stamp_noise: Nanos::ZERO,
             lock_threshold: Nanos(1_000),
@@ -56,11 +60,13 @@ impl Settings {
         let default = Self::default();
         let holds = |least: Nanos, samples| least.max(Nanos(interval.0.saturating_mul(samples)));
         if stamp_noise.0 <= 0 {
-            return Self { holdover_after: holds(default.holdover_after, 5), ..default };
+            let holdover_after = holds(default.holdover_after, 5);
+            return Self { interval, holdover_after, ..default };
         }
         let seconds = interval.0.max(1) as f64 / 1e9;
         let slowest = 1.0 / (f64::from(LEAST_WINDOW) * seconds);
         Self {
+            interval,
             bandwidth_hz: slowest.min(1.0),
             stamp_noise,
             lock_threshold: default.lock_threshold + Nanos(stamp_noise.0.saturating_mul(4)),
@@ -73,9 +79,9 @@ impl Settings {
         }
     }
 
-    /// Samples that a line of noisy stamps remembers, one every `interval`.
-    pub(super) fn window(&self, interval: Nanos) -> u32 {
-        let seconds = interval.0.max(1) as f64 / 1e9;
+    /// Samples that a line of noisy stamps remembers.
+    pub(super) fn window(&self) -> u32 {
+        let seconds = self.interval.0.max(1) as f64 / 1e9;
         ((1.0 / (self.bandwidth_hz * seconds)) as u32).max(LEAST_WINDOW)
     }
 

@@ -202,7 +202,10 @@ fn settings_follow_cycle_and_noise() {
     let exact = Settings::new(Nanos::millis(1), Nanos::ZERO);
     assert_eq!(exact, Settings::default());
     let slow = Settings::new(Nanos::millis(100), Nanos::ZERO);
-    assert_eq!(slow, Settings { holdover_after: Nanos::millis(500), ..exact });
+    assert_eq!(
+        slow,
+        Settings { interval: Nanos::millis(100), holdover_after: Nanos::millis(500), ..exact }
+    );
     let noisy = Settings::new(Nanos::millis(1), Nanos(10_000));
     assert_eq!(noisy.lock_threshold, Nanos(41_000));
     assert_eq!(noisy.outlier, Nanos(180_000));

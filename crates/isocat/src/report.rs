@@ -119,6 +119,11 @@ pub struct SegmentMainDevice {
     pub host_phase_error: Option<Spread>,
     /// How much faster the reference clock runs than the host's, parts per billion.
     pub reference_rate_ppb: Option<i64>,
+    /// Standard error of that rate, from what the samples are off the servo's line; rounded up.
+    pub reference_rate_error_ppb: Option<i64>,
+    /// Standard error of the phase at which the servo takes the reference clock to be; rounded up. What no sample
+    /// shows is not in it: the constant time from stamp to wire.
+    pub reference_phase_error_ns: Option<i64>,
 }
 
 /// What the plan says of the segment.

@@ -89,6 +89,8 @@ pub struct Outcome {
     pub stall: Option<(Nanos, Nanos)>,
     /// How much faster the reference clock runs than the host's.
     pub rate_ppb: Option<i64>,
+    /// How well that, and the phase, are known.
+    pub uncertainty: Option<phase::Uncertainty>,
     /// The application's view of each SubDevice.
     pub axes: Vec<Axis>,
     /// What each SubDevice said at the end, by position.
@@ -224,6 +226,7 @@ impl Job {
             }
         };
         let (phase, rate_ppb) = (run.exchange.main().phase(), run.exchange.main().rate_ppb());
+        let uncertainty = run.exchange.main().phase_uncertainty();
         let answers = run.began.is_some() && matches!(end, End::Time | End::Asked);
         let mut notes = Vec::new();
         let read = if answers { run.read(&mut devices, false) } else { Ok(()) };
@@ -248,6 +251,7 @@ impl Job {
             locks_lost: noted.locks_lost,
             stall: noted.stall,
             rate_ppb,
+            uncertainty,
             axes: exchange.motion().axes().to_vec(),
             devices,
             judged,

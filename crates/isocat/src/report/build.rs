@@ -116,6 +116,7 @@ fn findings<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Vec<Finding> {
 fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
     let main = outcome.world.main();
     let counts = main.statistics();
+    let uncertainty = main.phase_uncertainty();
     let timing = main.segment().timing.as_ref();
     let bench = &outcome.bench;
     Segment {
@@ -139,6 +140,8 @@ fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
             working_counter_errors: counts.working_counter_errors,
             host_phase_error: summary(&counts.phase_error),
             reference_rate_ppb: main.rate_ppb(),
+            reference_rate_error_ppb: uncertainty.map(|told| told.rate_ppb.ceil() as i64),
+            reference_phase_error_ns: uncertainty.map(|told| told.phase_ns.ceil() as i64),
         },
         plan: timing.map(SegmentPlan::from),
     }

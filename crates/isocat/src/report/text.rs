@@ -117,7 +117,10 @@ impl Report {
             line("frames against their phase", range(&spread.span()), "m")?;
         }
         if let Some(ppb) = counted.reference_rate_ppb {
-            let ppm = format!("{:+.2} ppm", ppb as f64 / 1000.0);
+            let error = counted.reference_rate_error_ppb.map_or_else(String::new, |error| {
+                format!(", standard error {:.3}", error as f64 / 1000.0)
+            });
+            let ppm = format!("{:+.2} ppm{error}", ppb as f64 / 1000.0);
             line("reference clock against the host's", ppm, "m")?;
         }
         Ok(())

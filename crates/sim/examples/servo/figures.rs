@@ -34,25 +34,33 @@ impl Figures {
         let happens = course.disturbance.map(|at| (Time::ZERO + Picos::from(at) - track.begin).0);
         let quiet_end = happens.unwrap_or(end);
         let quiet = || track.points.iter().filter(|point| point.at.0 < quiet_end);
-        let settled: Vec<i64> =
-            quiet().filter(|point| point.at >= SETTLED).map(|point| point.deadline).collect();
+        // Around the first of them: a law that chose its phase near half a cycle from the target is not
+        // to be torn apart by the fold.
+        let first = quiet().find(|point| point.at >= SETTLED).map_or(0, |point| point.deadline);
+        let around = |deadline: i64| first + fold(deadline - first);
+        let settled: Vec<i64> = quiet()
+            .filter(|point| point.at >= SETTLED)
+            .map(|point| around(point.deadline))
+            .collect();
         let mean = settled.iter().sum::<i64>() as f64 / settled.len().max(1) as f64;
+        let own_error = |deadline: i64| fold(deadline - mean as i64);
         let worst = settled.iter().map(|error| (error - mean as i64).abs()).max().unwrap_or(0);
         let in_lock_since = |points: &mut dyn Iterator<Item = (i64, i64)>| {
             points
                 .fold(0, |since, (at, error)| if error.abs() >= LOCK { at + CYCLE } else { since })
         };
         let target = |point: &race::Point| (point.at.0, point.deadline);
-        let own = |point: &race::Point| (point.at.0, point.deadline - mean as i64);
+        let own = |point: &race::Point| (point.at.0, own_error(point.deadline));
         let stays = |since: i64, end: i64| (since + STAYS < end).then_some(since);
         let own_lock = stays(in_lock_since(&mut quiet().map(own)), quiet_end);
         let recovery = happens.filter(|_| own_lock.is_some()).and_then(|happens| {
             let after = track.points.iter().filter(|point| point.at.0 >= happens);
             stays(in_lock_since(&mut after.map(own)), end).map(|since| (since - happens).max(0))
         });
-        let shift = if own_phase { mean as i64 } else { 0 };
-        let arrivals = track.points.iter().filter(|point| point.at >= SETTLED);
-        let arrivals = arrivals.map(|point| point.arrival - shift);
+        let arrivals = track.points.iter().filter(|point| point.at >= SETTLED).map(|point| {
+            let deadline = if own_phase { own_error(point.deadline) } else { point.deadline };
+            deadline + point.late
+        });
         let (earliest, latest) =
             arrivals.fold((i64::MAX, i64::MIN), |(least, most), at| (least.min(at), most.max(at)));
         Self {
@@ -127,6 +135,11 @@ impl Summary {
             recovery: Times::of(all.iter().map(|figures| figures.recovery)),
         }
     }
+}
+
+/// Within half a cycle.
+fn fold(error: i64) -> i64 {
+    (error + CYCLE / 2).rem_euclid(CYCLE) - CYCLE / 2
 }
 
 /// What is in lock for less than this before the end did not stay.

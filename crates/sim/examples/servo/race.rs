@@ -40,8 +40,8 @@ pub struct Point {
     /// The reference's phase at which a frame arrives that leaves at the deadline without any delay, less the
     /// target: what the law commands, ps.
     pub deadline: i64,
-    /// The same of the frame that left: [`Self::deadline`] and its lateness, ps.
-    pub arrival: i64,
+    /// How much later the frame did arrive, ps. Not folded: what is late by a whole cycle is late.
+    pub late: i64,
 }
 
 static PLAIN: Description = Description {
@@ -93,10 +93,11 @@ pub fn run(law: &Entry, course: &Course, seed: u64) -> Track {
         let start = now;
         let exchange = exchange(&mut host, &mut segment, start);
         let due = host.when(deadline) + Picos::from(model.latency) + exchange.way;
-        let error = phase_error(&segment, due);
-        // Not folded: what is late by a whole cycle is late.
-        let arrival = error + (exchange.arrival - due).0;
-        points.push(Point { at: start - begin, deadline: error, arrival });
+        points.push(Point {
+            at: start - begin,
+            deadline: phase_error(&segment, due),
+            late: (exchange.arrival - due).0,
+        });
         now = exchange.back;
         let stamp = host.now(start);
         let (back, dc) = (host.now(now), exchange.dc);

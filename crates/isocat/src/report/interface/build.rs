@@ -140,6 +140,7 @@ fn punctuality(asked: Asked<'_>, outcome: &Outcome) -> Punctuality {
 
 fn main_device(outcome: &Outcome) -> SegmentMainDevice {
     let counts = &outcome.statistics.1;
+    let uncertainty = outcome.segment.reference.and(outcome.uncertainty);
     SegmentMainDevice {
         reference: outcome.segment.reference,
         // A way up that failed has no other frames.
@@ -154,6 +155,8 @@ fn main_device(outcome: &Outcome) -> SegmentMainDevice {
         working_counter_errors: counts.working_counter_errors,
         host_phase_error: summary(&counts.phase_error),
         reference_rate_ppb: outcome.segment.reference.and(outcome.rate_ppb),
+        reference_rate_error_ppb: uncertainty.map(|told| told.rate_ppb.ceil() as i64),
+        reference_phase_error_ns: uncertainty.map(|told| told.phase_ns.ceil() as i64),
     }
 }
 

@@ -131,16 +131,14 @@ impl Envelope {
         }
         let most = (window.div_ceil(self.pairs_each) as usize).clamp(4, POINTS);
         if self.len >= most {
-            let surplus = self.len + 1 - most;
-            self.points.copy_within(surplus..self.len, 0);
-            self.len -= surplus;
+            self.keep(most - 1);
         }
         self.points[self.len] = point;
         self.len += 1;
     }
 
     /// If the newest pairs all stay above the line by more than chance allows, those before them tell of a
-    /// time that is over.
+    /// time that is over. If those in the middle do, the line is a chord of a curve, and the oldest are too old.
     fn forget_what_is_over(&mut self, line: &Line, noise: Nanos) {
         if self.len < 8 {
             return;
@@ -148,21 +146,32 @@ impl Envelope {
         // What is measured counts once there is enough of it; it may be more than was set.
         let known = self.samples >= HEIGHT_KNOWN;
         let noise = if known { self.height } else { self.height.max(noise.0 as f64) };
-        let mut lowest = f64::MAX;
-        for back in 1..=self.len / 2 {
-            let point = self.points[self.len - back];
-            lowest = lowest.min(line.error(point.host, point.dc));
-            let pairs = (back as f64) * f64::from(self.pairs_each);
-            if back >= 2
-                && pairs >= FEWEST_HIGH
-                && lowest > GRAIN + self.caution * SURPRISE * noise / pairs
-            {
+        let most = |points: usize| {
+            let pairs = points as f64 * f64::from(self.pairs_each);
+            let chance = GRAIN + self.caution * SURPRISE * noise / pairs;
+            if pairs >= FEWEST_HIGH { chance } else { f64::MAX }
+        };
+        let height = |point: &Point| line.error(point.host, point.dc);
+        let points = &self.points[..self.len];
+        let mut lowest = height(&points[self.len - 1]);
+        for back in 2..=self.len / 2 {
+            lowest = lowest.min(height(&points[self.len - back]));
+            if lowest > most(back) {
                 self.raised = lowest;
-                self.points.copy_within(self.len - back..self.len, 0);
-                self.len = back;
-                return;
+                return self.keep(back);
             }
         }
+        let third = self.len / 3;
+        let middle = &points[third..self.len - third];
+        if middle.iter().map(height).fold(f64::MAX, f64::min) > most(middle.len()) {
+            self.keep(self.len - third);
+        }
+    }
+
+    /// Keeps the newest points.
+    fn keep(&mut self, newest: usize) {
+        self.points.copy_within(self.len - newest..self.len, 0);
+        self.len = newest;
     }
 
     /// The line under all points and `newest`.

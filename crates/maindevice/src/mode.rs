@@ -222,7 +222,10 @@ pub(crate) fn demands(
             &mut origins.output_calc_and_copy,
         ),
         output_delay: stated(outputs.delay_time, assumed.outputs_delay, &mut origins.output_delay),
-        output_shift: wish.and_then(|wish| wish.shift_outputs).filter(|_| local(&outputs)),
+        // 0 is no shift, to the device too.
+        output_shift: wish
+            .and_then(|wish| wish.shift_outputs)
+            .filter(|shift| *shift > Nanos::ZERO && local(&outputs)),
         input_calc_and_copy: stated(
             inputs.calc_and_copy_time,
             assumed.inputs_calc_and_copy,

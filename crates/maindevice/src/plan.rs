@@ -1,7 +1,7 @@
 //! The plan without a wire: what the way up would decide about a segment that is known beforehand.
 //!
-//! A [`Segment`] is filled with what the scan, the SII and the objects would tell: identities and clocks, PDOs,
-//! sync objects, delays. [`plan`] then goes through the very steps of the way up that decide and do not
+//! A [`Segment`] is filled with what the scan, the SII and the objects would tell: identities and clocks, PDOs (those
+//! of devices without CoE stand in the SII), sync objects, delays. [`plan`] then goes through the very steps of the way up that decide and do not
 //! ask: mode and pulses of each SubDevice, process image, timing.
 
 use alloc::vec::Vec;
@@ -21,6 +21,9 @@ pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
     let at = |stage| move |cause: Cause| Error { stage, cause };
     bring_up::check(config).map_err(at(Stage::Scan))?;
     for device in &mut segment.devices {
+        if !device.has_coe() {
+            objects::from_sii(device);
+        }
         mapping::place_process_data(device).map_err(at(Stage::Objects))?;
     }
     for device in &mut segment.devices {

@@ -46,8 +46,12 @@ pub struct Timing {
 impl Timing {
     /// The demand of the frames: all of a cycle, with the gap behind each.
     pub fn frames_in_cycle(&self) -> Demand {
-        let end = self.frames.last().map_or(Nanos::ZERO, |frame| frame.end + GAP);
-        budget::frames_in_cycle(&self.cycle, end)
+        budget::frames_in_cycle(&self.cycle, self.frames_on_wire())
+    }
+
+    /// How long all frames of a cycle take on the wire, with the gap behind each.
+    pub fn frames_on_wire(&self) -> Nanos {
+        self.frames.last().map_or(Nanos::ZERO, |frame| frame.end + GAP)
     }
 
     /// One line of a SubDevice with all its figures; `None` if it does not have it.

@@ -61,6 +61,27 @@ pub(crate) async fn read(
     Ok(())
 }
 
+impl Sii {
+    /// Takes the data of a category; those without use here, and those that name strings, are left out.
+    pub fn take(&mut self, kind: u16, data: &[u8]) {
+        match kind {
+            category::FMMU => self.fmmus = data.to_vec(),
+            category::SYNC_MANAGER => {
+                let records = data.chunks_exact(SmRecord::LEN);
+                self.sync_managers =
+                    records.filter_map(|r| r.first_chunk()).map(SmRecord::parse).collect();
+            }
+            category::RX_PDO => self.rx_pdos.extend(pdos(data)),
+            category::TX_PDO => self.tx_pdos.extend(pdos(data)),
+            category::DC => {
+                let modes = data.chunks_exact(OPERATION_MODE_LEN);
+                self.operation_modes = modes.filter_map(operation_mode).collect();
+            }
+            _ => {}
+        }
+    }
+}
+
 enum Failure {
     Problem(SiiProblem),
     Cause(Cause),
@@ -117,19 +138,7 @@ impl Reader<'_> {
                     name = data.get(3).copied().unwrap_or(0);
                     sii.coe_details = data.get(5).copied().unwrap_or(0);
                 }
-                category::FMMU => sii.fmmus = data,
-                category::SYNC_MANAGER => {
-                    let records = data.chunks_exact(SmRecord::LEN);
-                    sii.sync_managers =
-                        records.filter_map(|r| r.first_chunk()).map(SmRecord::parse).collect();
-                }
-                category::RX_PDO => sii.rx_pdos.extend(pdos(&data)),
-                category::TX_PDO => sii.tx_pdos.extend(pdos(&data)),
-                category::DC => {
-                    let modes = data.chunks_exact(OPERATION_MODE_LEN);
-                    sii.operation_modes = modes.filter_map(operation_mode).collect();
-                }
-                _ => {}
+                _ => sii.take(kind, &data),
             }
         }
         sii.name = text(&strings, name);

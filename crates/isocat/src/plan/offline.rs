@@ -12,7 +12,7 @@ use isocat_sync::way::{Cabled, Way, propagation};
 use isocat_wire::StationAddress;
 use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
 use isocat_wire::register::features;
-use isocat_wire::sii::{self, SmRecord, category};
+use isocat_wire::sii::{self, category};
 use isocat_wire::time::{Nanos, Picos};
 
 use crate::profile::Profile;
@@ -93,7 +93,6 @@ fn subdevice(position: usize, file: &segment_file::SubDevice) -> SubDevice {
     device.sii = Sii {
         header,
         name: profile.name.clone(),
-        sync_managers: sync_managers(profile),
         operation_modes: profile
             .op_modes
             .iter()
@@ -108,17 +107,19 @@ fn subdevice(position: usize, file: &segment_file::SubDevice) -> SubDevice {
             .collect(),
         ..Sii::default()
     };
+    let used = [category::SYNC_MANAGER, category::RX_PDO, category::TX_PDO];
+    for found in sii::categories(&profile.sii).flatten() {
+        if used.contains(&found.kind) {
+            device.sii.take(found.kind, found.data);
+        }
+    }
     let outputs = &profile.assignment.outputs;
     let inputs = &profile.assignment.inputs;
-    if profile.has_mailbox() {
+    if device.has_coe() {
         device.outputs.pdos = pdos(profile, OUTPUT_ASSIGNMENT, outputs);
         device.inputs.pdos = pdos(profile, INPUT_ASSIGNMENT, inputs);
         device.output_sync = sync_object(description, OUTPUT_PARAMETER);
         device.input_sync = sync_object(description, INPUT_PARAMETER);
-    } else {
-        // The areas of a simple device have exactly the length of its PDOs.
-        device.outputs.pdos = whole(outputs.first(), description.outputs.max_length);
-        device.inputs.pdos = whole(inputs.first(), description.inputs.max_length);
     }
     device
 }
@@ -136,13 +137,6 @@ fn clock(chip: &Chip, configuration: u8) -> DcCapability {
         (false, _) if chip.has(features::DC) => DcCapability::ReceiveTimes,
         (false, _) => DcCapability::None,
     }
-}
-
-fn sync_managers(profile: &Profile) -> Vec<SmRecord> {
-    let all = sii::categories(&profile.sii).flatten();
-    let category = all.into_iter().find(|found| found.kind == category::SYNC_MANAGER);
-    let data = category.map_or(&[][..], |category| category.data);
-    data.chunks_exact(SmRecord::LEN).filter_map(|r| r.first_chunk()).map(SmRecord::parse).collect()
 }
 
 /// The PDOs that will be assigned, with what is mapped into them; those of power-on where none are wanted.
@@ -165,13 +159,6 @@ pub(super) fn list(profile: &Profile, index: u16) -> Vec<u32> {
     let value = |sub| profile.value(isocat_wire::ObjectAddress::new(index, sub));
     let count = value(0).unwrap_or(0).min(254) as u8;
     (1..=count).filter_map(|sub| Some(value(sub)? as u32)).collect()
-}
-
-/// One PDO that takes the whole area, in entries of one byte.
-fn whole(index: Option<&u16>, length: u16) -> Vec<Pdo> {
-    let byte = PdoEntry { index: 0, sub: 0, bits: 8 };
-    let index = index.copied().unwrap_or(0);
-    (length > 0).then(|| Pdo { index, entries: vec![byte; length.into()] }).into_iter().collect()
 }
 
 fn sync_object(description: &Description, index: u16) -> Option<SyncObject> {

@@ -108,7 +108,7 @@ impl Proof {
         report.proof = Some(ProofSummary {
             seed: self.run.seed,
             judged_ns: self.run.judged_ns,
-            holds: findings.is_empty() && self.run.in_sync,
+            holds: report.fits && findings.is_empty() && self.run.in_sync,
             factor: FACTOR,
             loose,
             findings,
@@ -252,13 +252,11 @@ impl Onlooker {
         }
         let on = self.is_on(at);
         let watch = &mut self.watches[device];
-        watch.happens(at, event, on);
-        if !on {
-            return;
-        }
-        let Some(reference) = self.reference.map(|position| &segment.devices()[position]) else {
-            return;
-        };
+        let reference = self.reference.map(|position| &segment.devices()[position]);
+        // The plan's cycle is one of the reference clock, so spans are taken as that clock would, to the picosecond.
+        let system = |clock: &isocat_sim::device::Device| clock.system_time_ps(at).max(0) as u64;
+        watch.happens(reference.map_or(at, |clock| Time::new(system(clock))), event, on);
+        let Some(reference) = reference.filter(|_| on) else { return };
         let number = match event {
             Observed::Sm2 => 0,
             Observed::Finished(Step::MapOutputs) => 1,

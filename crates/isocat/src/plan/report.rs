@@ -239,6 +239,8 @@ pub struct Measured {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Suggestion {
+    /// Whether a line fails at this phase too, and so at any: what fails then is not the phase's.
+    pub no_shift_helps: bool,
     /// Phase of the acting pulse behind the frame with the most even slack; null without DC.
     pub shift_ns: Option<i64>,
     /// The same as the phase of the frame, with the acting pulse at 0; null without DC.
@@ -264,7 +266,7 @@ pub struct ProofSummary {
     pub seed: u64,
     /// Virtual time from operation on.
     pub judged_ns: i64,
-    /// Whether no line and no event went beyond its bound, and nothing else was wrong.
+    /// Whether the plan fits, no line and no event went beyond its bound, and nothing else was wrong.
     pub holds: bool,
     /// A bound is tight if what was needed, and twice the clock error, is at least the bound divided by this.
     pub factor: f64,

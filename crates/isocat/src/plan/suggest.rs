@@ -4,10 +4,12 @@ use isocat_maindevice::Config;
 use isocat_sync::SyncMode;
 use isocat_sync::budget::common_window;
 use isocat_sync::object::ShiftBy;
+use isocat_wire::frame;
 use isocat_wire::time::Nanos;
 
 use super::Plan;
 use super::report::Suggestion;
+use super::warnings;
 
 /// Looks for both. The cycle is searched by planning again and again, with the phase left to the plan.
 pub fn suggest(plan: &Plan) -> Suggestion {
@@ -23,6 +25,13 @@ pub fn suggest(plan: &Plan) -> Suggestion {
         let middle = (earliest.0 + latest.0).div_euclid(2);
         Nanos(middle.div_euclid(TICK) * TICK)
     });
+    // A line that looks at no phase may fail at any.
+    let helps = |shift: &Nanos| {
+        let shift = Nanos(shift.0.rem_euclid(cycle.cycle.0));
+        plan.with(Config { shift: Some(shift), ..plan.config.clone() })
+            .is_ok_and(|plan| plan.fits())
+    };
+    let no_shift_helps = shift.is_some_and(|shift| !helps(&shift));
     let slack = ends.zip(shift).map(|((earliest, latest), at)| (at - earliest).min(latest - at));
     let into_cycle = |phase: Nanos| phase.0.rem_euclid(cycle.cycle.0);
     let shiftable: Vec<usize> = (0..timing.devices.len())
@@ -39,6 +48,7 @@ pub fn suggest(plan: &Plan) -> Suggestion {
     let slowest = acting.map(|device| device.outputs_act_after()).max();
     let step = step(plan);
     Suggestion {
+        no_shift_helps,
         shift_ns: shift.map(into_cycle),
         send_phase_ns: shift.map(|shift| into_cycle(-shift)),
         slack_ns: slack.map(|slack| slack.0),
@@ -66,7 +76,7 @@ fn smallest_cycle(plan: &Plan, step: i64) -> Option<Nanos> {
             let times = device.cycle.map(|own| own.0 / plan.config.cycle.0);
             device.cycle = times.map(|times| Nanos(times * wished.cycle.0));
         }
-        plan.with(wished).is_ok_and(|plan| plan.fits())
+        plan.with(wished).is_ok_and(|plan| plan.fits() && mailboxes_fit(&plan))
     };
     let mut enough = 1;
     while !fits(enough) {
@@ -87,6 +97,14 @@ fn smallest_cycle(plan: &Plan, step: i64) -> Option<Nanos> {
     Some(Nanos(enough * step))
 }
 
+/// Whether a cycle has room for the longest mailbox message: a cycle that only its plan can live in is no help.
+fn mailboxes_fit(plan: &Plan) -> bool {
+    let longest = plan.segment.devices.iter().filter_map(warnings::mailbox_frame).max();
+    let frames = plan.timing().frames_in_cycle().line();
+    // The line has room for a short frame.
+    longest.is_none_or(|longest| longest - SHORT_FRAME <= frames.slack())
+}
+
 fn least_common_multiple(a: i64, b: i64) -> i64 {
     let (mut x, mut y) = (a, b);
     while y != 0 {
@@ -95,6 +113,9 @@ fn least_common_multiple(a: i64, b: i64) -> i64 {
     a / x * b
 }
 
+/// On the wire, with its gap.
+const SHORT_FRAME: Nanos =
+    Nanos(((frame::MIN_LEN + frame::WIRE_OVERHEAD) as u64 * frame::BYTE_TIME_NS) as i64);
 /// Grid of SYNC pulses, ns.
 const TICK: i64 = 10;
 const MICROSECOND: i64 = 1_000;

@@ -70,6 +70,9 @@ impl PlanReport {
             proof.seed,
             counted(proof.findings.len(), "finding")
         );
+        if !self.fits {
+            text += ", of a plan that does not fit";
+        }
         if proof.loose > 0 {
             let (loose, factor) = (counted(proof.loose, "bound"), proof.factor);
             text += &format!("; {loose} more than a factor of {factor} above what was needed");
@@ -201,7 +204,9 @@ impl PlanReport {
     fn write_suggestion(&self, out: &mut String) -> fmt::Result {
         let Some(found) = &self.suggestion else { return Ok(()) };
         writeln!(out, "\nSuggestion")?;
-        if let (Some(shift), Some(send), Some(slack)) =
+        if found.no_shift_helps {
+            writeln!(out, "  no shift makes this cycle fit: other lines fail, see above")?;
+        } else if let (Some(shift), Some(send), Some(slack)) =
             (found.shift_ns, found.send_phase_ns, found.slack_ns)
         {
             let (shift, send, slack) = (Nanos(shift), Nanos(send), Nanos(slack));

@@ -1,12 +1,14 @@
 //! What the field falls into: settings that are allowed, and that fail on a real wire.
 
 use isocat_maindevice::SubDevice;
+use isocat_maindevice::segment::Timing;
+use isocat_sim::judge::outputs_delay;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SupportedTypes, SyncType, sub};
 use isocat_sync::{SyncMode, budget};
-use isocat_wire::ObjectAddress;
 use isocat_wire::coe::info::Access;
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
+use isocat_wire::{ObjectAddress, datagram, frame};
 
 use super::Plan;
 use super::report::Note;
@@ -25,6 +27,8 @@ pub(super) fn all(plan: &Plan, scenario: &Scenario) -> Vec<Note> {
         };
         note("sync0-in-frame", sync0_in_frame(&timing.cycle, timing.sync0, planned));
         note("free-run-by-sm", free_run_by_sm(found));
+        note("uneven-outputs", uneven_outputs(planned));
+        note("mailbox-no-room", mailbox_no_room(found, timing));
         note("two-phases", two_phases(found, planned));
         note("type-read-only", read_only_types(found));
         for (object, _) in types(found) {
@@ -57,6 +61,43 @@ fn sync0_in_frame(
         )
     })
 }
+
+/// Outputs that follow their pulse with a spread that the judges of a run do not let pass.
+fn uneven_outputs(device: &budget::Device) -> Option<String> {
+    let (spread, limit) = (device.pulse_jitter, UNEVEN);
+    let acts = device.mode.uses_dc() && device.outputs_arrival.is_some();
+    (acts && spread > limit).then(|| {
+        format!(
+            "its outputs follow their pulse with a spread of up to {spread}; a run with more than {limit} counts as not in sync"
+        )
+    })
+}
+
+/// A mailbox whose frame is longer than what a cycle has to spare.
+fn mailbox_no_room(found: &SubDevice, timing: &Timing) -> Option<String> {
+    let needed = mailbox_frame(found)?;
+    let spare = timing.cycle.cycle - timing.frames_on_wire() - timing.cycle.jitter;
+    (needed > spare).then(|| {
+        format!(
+            "a frame for its mailbox takes {needed}, and a cycle has {spare} to spare: SDO transfers while the cycle runs \
+             make the next cycle late"
+        )
+    })
+}
+
+/// How long a frame is on the wire that carries the longest mailbox message.
+pub(super) fn mailbox_frame(found: &SubDevice) -> Option<Nanos> {
+    let header = &found.sii.header;
+    let length = usize::from(header.receive.length.max(header.send.length));
+    let bytes = frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN + DATAGRAM + length;
+    let on_wire = bytes.max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
+    found.has_mailbox().then_some(Nanos(on_wire as i64 * frame::BYTE_TIME_NS as i64))
+}
+
+/// Header and working counter.
+const DATAGRAM: usize = datagram::HEADER_LEN + datagram::WKC_LEN;
+/// Spread of outputs behind their pulse that the judges let pass.
+const UNEVEN: Nanos = Nanos(outputs_delay::LIMIT.0 / 1_000);
 
 /// It can't be told to be in Free Run, and would choose SM for itself.
 fn free_run_by_sm(found: &SubDevice) -> Option<String> {
@@ -171,8 +212,7 @@ fn first_opmode_is_off(found: &SubDevice) -> Option<String> {
     (found.mode.uses_dc() && !makes_pulses(first)).then(|| {
         format!(
             "its first OpMode switches DC off (AssignActivate 0x{first:04X}); a MainDevice that takes the first \
-             one leaves it without SYNC. OpMode {} is the one with {pulse}",
-            other + 1
+             one leaves it without SYNC. OpMode {other}, counted from 0, is the one with {pulse}"
         )
     })
 }

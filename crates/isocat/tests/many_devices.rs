@@ -79,7 +79,7 @@ fn three_hundred_on_120_m() {
     let chip = &isocat_esc::chip::ET1100;
     let off = Box::leak(Box::new(Chip {
         processing_delay: chip.processing_delay + Picos(1_000),
-        ..chip.clone()
+        ..*chip
     }));
     let mut table = String::from(
         "# 300 SubDevices, 120 m: SYNC0 of the last against the first, ns in true time, to the next ns.\n",

@@ -19,7 +19,7 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
-use crate::config::Config;
+use crate::config::{Config, QualityWatch};
 use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
 use crate::link::{Link, Procedure, join};
@@ -179,6 +179,16 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
         return Err(Cause::Setting {
             name: "delay_watch",
             expected: "at least a cycle from latch to latch, at least 2 latches",
+        });
+    }
+    let share = 1..=200;
+    let sound = |watch: QualityWatch| {
+        share.contains(&watch.share_permille) && watch.history >= 16 && watch.difference_limit.0 > 0
+    };
+    if config.quality.is_some_and(|watch| !sound(watch)) {
+        return Err(Cause::Setting {
+            name: "quality",
+            expected: "a share of 1 to 200 permille, 16 readings or more, a limit above 0",
         });
     }
     if !(1..=90).contains(&config.acyclic_share) {

@@ -52,6 +52,10 @@ pub struct Config {
     /// Whether delays are measured on while the segment runs. Default no: each latch takes a frame and a read of
     /// 16 bytes from every SubDevice, out of the acyclic share.
     pub delay_watch: Option<DelayWatch>,
+    /// Whether the clocks are read in the background while the segment runs: what they say is
+    /// [`MainDevice::quality`](crate::MainDevice::quality), what leaves its limits [`Event::ClockAlarm`](crate::Event::ClockAlarm).
+    /// Default no.
+    pub quality: Option<QualityWatch>,
     /// Clocks count as converged when 0x092C is below this at every device. Default 100 ns: well
     /// above the tick and below what any sync budget notices.
     pub drift_threshold: Nanos,
@@ -84,6 +88,7 @@ impl Config {
             source: [0x10; 6],
             delay_latches: 16,
             delay_watch: None,
+            quality: None,
             drift_threshold: Nanos(100),
             clock_error: None,
             watchdog: None,
@@ -107,6 +112,24 @@ pub struct DelayWatch {
     /// Whether 0x0928 is written with a delay that has changed. The clock then moves to its new time as the
     /// drift loop allows, and its pulses with it. Default no.
     pub rewrite: bool,
+}
+
+/// Reading the clocks in the background.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct QualityWatch {
+    /// Share of the wire's time that the reads may take, permille, 1..=200. Default 10.
+    pub share_permille: u16,
+    /// Readings kept of each clock, 16 or more. Default 256.
+    pub history: usize,
+    /// 0x092C beyond this raises an alarm; half of it lets it go. Default 200 ns: twice what clocks count as
+    /// converged with.
+    pub difference_limit: Nanos,
+}
+
+impl Default for QualityWatch {
+    fn default() -> Self {
+        Self { share_permille: 10, history: 256, difference_limit: Nanos(200) }
+    }
 }
 
 impl Default for DelayWatch {

@@ -9,6 +9,7 @@ use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::time::{Nanos, Picos};
 
 use crate::error::{AccessError, Error, SdoError};
+use crate::quality::Alarm;
 
 /// The steps of the way up, in their order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -152,6 +153,19 @@ pub enum Event {
         position: usize,
         /// In force.
         written: Nanos,
+    },
+    /// An alarm of a clock that is read in the background comes or goes.
+    ClockAlarm {
+        /// Position.
+        position: usize,
+        /// Which.
+        alarm: Alarm,
+        /// It came; else it is over.
+        raised: bool,
+        /// 0x092C as last read.
+        difference: Nanos,
+        /// Its slope, ns per second.
+        slope_ppb: i64,
     },
     /// Another number of SubDevices answers than was found at the scan.
     CountChanged {

@@ -12,7 +12,8 @@
 //!    programs SYNC0 and sees that it runs.
 //! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
 //!    nothing.
-//! 4. `health` finds the SubDevice that left its state, `delay_watch` the delay that is no longer what it was.
+//! 4. `health` finds the SubDevice that left its state, `delay_watch` the delay that is no longer what it was,
+//!    `quality` the clock that does not follow.
 //!
 //! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
 //! and counts in [`statistics`].
@@ -68,6 +69,7 @@ mod mailbox;
 mod mapping;
 mod mode;
 mod objects;
+pub mod quality;
 mod scan;
 mod sii;
 mod sync;
@@ -76,7 +78,9 @@ mod topology;
 #[cfg(test)]
 mod tests;
 
-pub use config::{AssumedTimes, Config, DelayWatch, DeviceConfig, StartupDownload, Timeouts};
+pub use config::{
+    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, StartupDownload, Timeouts,
+};
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};
 pub use link::FRAME_LEN;

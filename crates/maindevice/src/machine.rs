@@ -21,6 +21,7 @@ use crate::config::Config;
 use crate::cycle::Cycle;
 use crate::delay::{self, Times};
 use crate::delay_watch::{Change, DelayWatch};
+use crate::quality::{self, ClockQuality, Monitor};
 use crate::error::{AccessError, Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Status};
@@ -81,6 +82,9 @@ pub struct MainDevice {
     checked: Option<(u16, u64)>,
     /// Delays measured on in operation.
     delay_watch: Option<DelayWatch>,
+    quality: Option<Monitor>,
+    /// Clocks that are being read.
+    reading: Option<Pin<Box<ReadingClocks>>>,
     latching: Option<Pin<Box<Latching>>>,
     rewriting: Vec<Pin<Box<Rewriting>>>,
     stopping: bool,
@@ -132,6 +136,9 @@ type Reading = dyn Future<Output = Result<Vec<u8>, AccessError>>;
 /// A latch of the receive times under way; `None`: it did not come back whole.
 type Latching = dyn Future<Output = Option<Times>>;
 
+/// Reads of clocks under way.
+type ReadingClocks = dyn Future<Output = Vec<(usize, Option<quality::Registers>)>>;
+
 /// A write of 0x0928 under way; gives whether it was taken.
 type Rewriting = dyn Future<Output = (Change, bool)>;
 
@@ -172,6 +179,8 @@ impl MainDevice {
             health: None,
             checked: None,
             delay_watch: None,
+            quality: None,
+            reading: None,
             latching: None,
             rewriting: Vec::new(),
             stopping: false,
@@ -387,6 +396,7 @@ impl MainDevice {
         self.work_on_reads();
         self.work_on_health();
         self.work_on_delays();
+        self.work_on_quality();
     }
 
     /// Whether nothing but the cycle runs: no procedure to poll, nobody out of OP.
@@ -399,6 +409,8 @@ impl MainDevice {
             && self.health.is_none()
             && self.checked.is_none()
             && self.latching.is_none()
+            && self.reading.is_none()
+            && !self.quality.as_ref().is_some_and(|monitor| monitor.due(self.link.now()))
             && self.rewriting.is_empty()
             && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.link.now()))
             && self.cycle.as_ref().is_some_and(|cycle| cycle.al_status == op)
@@ -489,6 +501,8 @@ impl MainDevice {
         }
         let watch = |config| DelayWatch::new(config, &self.segment, now);
         self.delay_watch = self.config.delay_watch.and_then(watch);
+        let monitor = |config| Monitor::new(config, &self.segment, now);
+        self.quality = self.config.quality.and_then(monitor);
         self.activity = Activity::Operating;
     }
 
@@ -758,9 +772,49 @@ impl MainDevice {
     }
 
     fn forget_delays(&mut self) {
+        self.reading = None;
         self.delay_watch = None;
         self.latching = None;
         self.rewriting.clear();
+    }
+}
+
+/// Clocks while the segment runs.
+impl MainDevice {
+    /// What the clocks say that are read in the background ([`Config::quality`]); empty without, and before the segment
+    /// is in operation. Stays when it ends.
+    pub fn quality(&self) -> &[ClockQuality] {
+        self.quality.as_ref().map_or(&[], |monitor| monitor.clocks())
+    }
+
+    /// Time on the wire of the frames that read them so far.
+    pub fn quality_wire_time(&self) -> Nanos {
+        self.quality.as_ref().map_or(Nanos::ZERO, |monitor| monitor.spent())
+    }
+
+    fn work_on_quality(&mut self) {
+        let Activity::Operating = self.activity else { return };
+        let now = self.link.now();
+        let Some(monitor) = &mut self.quality else { return };
+        if let Some(reading) = &mut self.reading {
+            let Poll::Ready(found) = poll(reading) else { return };
+            self.reading = None;
+            for (index, registers) in found {
+                for change in monitor.sample(index, registers) {
+                    let quality::Change { position, alarm, raised, difference, slope_ppb } = change;
+                    let alarm =
+                        Event::ClockAlarm { position, alarm, raised, difference, slope_ppb };
+                    self.link.report(alarm);
+                }
+            }
+        } else if monitor.due(now) {
+            let wanted = monitor.batch(now);
+            let mut reading: Pin<Box<ReadingClocks>> =
+                Box::pin(quality::read(self.link.clone(), wanted));
+            // The first poll queues its datagrams.
+            let _pending = poll(&mut reading).is_pending();
+            self.reading = Some(reading);
+        }
     }
 }
 

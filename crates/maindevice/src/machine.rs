@@ -28,6 +28,7 @@ use crate::link::{Link, Origin};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{GAP, ProcessData, Segment};
 use crate::statistics::Statistics;
+use crate::survey;
 
 /// A MainDevice without sockets, threads or a clock of its own.
 ///
@@ -43,7 +44,8 @@ use crate::statistics::Statistics;
 /// is the time stamp of the frame that it gives, and the clock servo follows these stamps. Points
 /// of time never go backwards from call to call.
 ///
-/// The machine begins to work at once and ends in [`Event::InOperation`] or [`Event::Failed`].
+/// The machine begins to work at once and ends in [`Event::InOperation`] or [`Event::Failed`]; with
+/// [`Config::survey`] in [`Event::Surveyed`] instead.
 ///
 /// [`handle_frame`]: Self::handle_frame
 /// [`handle_timeout`]: Self::handle_timeout
@@ -94,6 +96,8 @@ enum Activity {
     Locking { since: Time<Host> },
     /// All SubDevices are in OP.
     Operating,
+    /// A survey is through; SubDevices are in PREOP.
+    Surveyed,
     /// Nothing more is sent.
     Over,
 }
@@ -104,6 +108,7 @@ enum Piece {
     Prepare,
     Synchronize,
     Operate,
+    Survey,
     LeaveOperation,
     Stop,
 }
@@ -155,13 +160,17 @@ impl MainDevice {
             mailboxes: Vec::new(),
             stage: Stage::Scan,
         };
+        let first: (Piece, Pin<Box<dyn Future<Output = End>>>) = match work.config.survey {
+            None => (Piece::Prepare, Box::pin(bring_up::prepare(work))),
+            Some(_) => (Piece::Survey, Box::pin(survey::survey(work))),
+        };
         let mut machine = Self {
             config,
             link,
             begin: now,
             segment: Segment::default(),
             mailboxes: Vec::new(),
-            activity: Activity::Task(Piece::Prepare, Box::pin(bring_up::prepare(work))),
+            activity: Activity::Task(first.0, first.1),
             stage: Stage::Scan,
             cycle: None,
             share: Share::default(),
@@ -432,7 +441,7 @@ impl MainDevice {
                     let error = cycle.servo().last_error();
                     self.fail(Error { stage: Stage::Phase, cause: Cause::Phase { error, after } });
                 }
-                Activity::Operating | Activity::Over => return,
+                Activity::Operating | Activity::Surveyed | Activity::Over => return,
             }
         }
     }
@@ -460,6 +469,10 @@ impl MainDevice {
                 self.begin_piece(Piece::Operate);
             }
             (Piece::Operate, Ok(())) => self.begin_operation(),
+            (Piece::Survey, Ok(())) => {
+                self.activity = Activity::Surveyed;
+                self.link.report(Event::Surveyed);
+            }
         }
     }
 
@@ -502,6 +515,7 @@ impl MainDevice {
         };
         let task: Pin<Box<dyn Future<Output = End>>> = match piece {
             Piece::Prepare => Box::pin(bring_up::prepare(work)),
+            Piece::Survey => Box::pin(survey::survey(work)),
             Piece::Synchronize => Box::pin(bring_up::synchronize(work)),
             Piece::Operate => Box::pin(bring_up::operate(work)),
             Piece::LeaveOperation => Box::pin(bring_up::leave_operation(work)),
@@ -514,7 +528,7 @@ impl MainDevice {
     fn begin_stop(&mut self) -> bool {
         let turns = match &self.activity {
             Activity::Task(piece, _) => !matches!(piece, Piece::LeaveOperation | Piece::Stop),
-            Activity::Locking { .. } | Activity::Operating => true,
+            Activity::Locking { .. } | Activity::Operating | Activity::Surveyed => true,
             Activity::Over => false,
         };
         if turns {

@@ -188,7 +188,11 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
 }
 
 /// Sets up the mailbox SyncManagers and goes to PREOP.
-pub(crate) async fn to_preop(link: &Link, config: &Config, device: &mut SubDevice) -> Result<(), Cause> {
+pub(crate) async fn to_preop(
+    link: &Link,
+    config: &Config,
+    device: &mut SubDevice,
+) -> Result<(), Cause> {
     for (address, data) in mailbox_writes(device) {
         link.fpwr(device.station, address, &data).expect(1).await?;
     }

@@ -92,8 +92,7 @@ async fn describe(link: &Link, config: &Config, device: &mut SubDevice) -> Resul
     let station = device.station;
     device.observed.alias = link.try_read(station, register::STATION_ALIAS).await?;
     device.observed.pdi = link.try_read(station, register::PDI_CONTROL).await?;
-    device.observed.sync_latch =
-        link.try_read(station, register::SYNC_LATCH_CONFIGURATION).await?;
+    device.observed.sync_latch = link.try_read(station, register::SYNC_LATCH_CONFIGURATION).await?;
     esm::change(link, device, AlState::Init, config.timeouts.init).await
 }
 

@@ -81,6 +81,8 @@ enum Verb {
     /// Plan the cycle of a segment without sending anything: frames, phases, the slack of every demand
     Plan(plan::Arguments),
     /// Find out about a segment before any cycle: topology, delays, clocks, SII, objects, and what is doubtful
+    ///
+    /// Every SubDevice goes to INIT, to PREOP and back: not for a segment that somebody else has in operation.
     Scan(scan::Arguments),
     /// Try whether a SubDevice synchronizes as it says, rule by rule
     Conform(conform::Arguments),

@@ -8,11 +8,12 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::register::{PROCESS_RAM, features};
 use isocat_wire::sii::sm_type;
 use isocat_wire::time::Nanos;
-use isocat_wire::{ObjectAddress, PortNumber};
+use isocat_wire::{AlState, ObjectAddress, PortNumber};
 
 use super::esc::{has_port, port_kind, sync_manager_use};
 use super::objects::{
-    MODES, columns, is_mandatory, is_unstated, shown_type, writable, wrong_length,
+    COUNTERS, MODES, columns, copies_too_long, is_mandatory, is_unstated, not_stated, shown_type,
+    writable, wrong_length,
 };
 
 /// What is to say about one SubDevice.
@@ -27,6 +28,7 @@ pub(super) struct Doubts {
 /// All doubts about a SubDevice. `identified`: its SII was read. `asked`: its objects were, too.
 pub(super) fn of(device: &SubDevice, identified: bool, asked: bool) -> Doubts {
     let mut doubts = Doubts::default();
+    doubts.state(device);
     doubts.ports(device);
     doubts.clock(device);
     if identified {
@@ -47,6 +49,22 @@ impl Doubts {
 
     fn asks(&mut self, kind: &'static str, what: String) {
         self.open.push((kind, what));
+    }
+
+    /// What it did before the scan came.
+    fn state(&mut self, device: &SubDevice) {
+        let Some((status, code)) = device.observed.state_before else { return };
+        if status.error() {
+            self.asks(
+                "error-before",
+                format!("it stood in an error before the scan: {status}, AL status code {code}"),
+            );
+        } else if status.state() != Ok(AlState::Init) {
+            self.asks(
+                "in-use",
+                format!("it was in {status}: whoever brought it there may run on; the scan took it to INIT"),
+            );
+        }
     }
 
     fn ports(&mut self, device: &SubDevice) {
@@ -98,12 +116,6 @@ impl Doubts {
         }
         if device.identity.vendor == 0 || device.identity.product == 0 {
             self.asks("no-identity", "its SII names no vendor or no product".to_owned());
-        }
-        if let Some((_, code)) = device.observed.state_before.filter(|(status, _)| status.error()) {
-            self.asks(
-                "error-before",
-                format!("it stood in an error before the scan: AL status code {code}"),
-            );
         }
     }
 
@@ -206,6 +218,13 @@ impl Doubts {
                 None => {}
             }
         }
+        if !both[0].2 && !both[1].2 && !device.sii.sync_managers.is_empty() {
+            self.asks(
+                "nothing-assigned",
+                "nothing is assigned in 0x1C12 and 0x1C13: whoever brings it up must assign PDOs"
+                    .to_owned(),
+            );
+        }
         let types = |object: Option<&SyncObject>, used| object.filter(|_| used)?.values.supported;
         let (outputs, inputs) = (types(both[0].1, both[0].2), types(both[1].1, both[1].2));
         if let (Some(outputs), Some(inputs)) = (outputs, inputs) {
@@ -291,13 +310,13 @@ impl Doubts {
             .map(|entry| format!("{:02X}", entry.sub))
             .collect();
         if !unstated.is_empty() {
-            let why = match types.dynamic_times() {
-                true => "measured in OP, on command of sub-index 08",
-                false => "not stated",
-            };
+            let why = not_stated(object);
             self.asks(
                 "not-stated",
-                format!("times that read 0 in 0x{index:04X}: {} ({why})", unstated.join(", ")),
+                format!(
+                    "modes that are announced ask for times in 0x{index:04X} that read {why}: {}",
+                    unstated.join(", ")
+                ),
             );
         }
     }
@@ -361,20 +380,18 @@ impl Doubts {
                 ),
             );
         }
-        let time = |time: Option<Nanos>| time.filter(|time| *time > Nanos::ZERO);
-        if let (Some(copy), Some(cycle)) =
-            (time(values.calc_and_copy_time), time(values.minimum_cycle_time))
-        {
-            if copy > cycle {
-                self.contradicts(
-                    "copy-longer-than-cycle",
-                    format!(
-                        "{} is {copy}, the minimum cycle in {} {cycle}",
-                        at(sub::CALC_AND_COPY_TIME),
-                        at(sub::MINIMUM_CYCLE_TIME)
-                    ),
-                );
-            }
+        if copies_too_long(object) {
+            let time = |time: Option<Nanos>| time.unwrap_or_default();
+            self.contradicts(
+                "copy-longer-than-cycle",
+                format!(
+                    "{} is {}, the minimum cycle in {} {}",
+                    at(sub::CALC_AND_COPY_TIME),
+                    time(values.calc_and_copy_time),
+                    at(sub::MINIMUM_CYCLE_TIME),
+                    time(values.minimum_cycle_time)
+                ),
+            );
         }
         let missing: Vec<String> = table::SUBS
             .into_iter()
@@ -413,6 +430,3 @@ pub(super) fn alias(device: &SubDevice) -> u16 {
     let words = &device.sii.header.configuration;
     u16::from_le_bytes([words[8], words[9]])
 }
-
-const COUNTERS: [u8; 4] =
-    [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];

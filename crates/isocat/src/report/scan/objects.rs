@@ -18,7 +18,7 @@ pub(super) fn sync_object(
         sub: entry.sub,
         name: name(entry),
         value: entry.number(),
-        in_words: in_words(entry),
+        in_words: in_words(found, entry),
         writable: writable(entry),
         doubt: doubt(device, index, found, entry),
     });
@@ -38,7 +38,7 @@ pub(super) fn writable(entry: &Found) -> Option<bool> {
     Some(description.access.has_any(Access::WRITE_PREOP))
 }
 
-fn in_words(entry: &Found) -> String {
+fn in_words(object: &FoundObject, entry: &Found) -> String {
     let bytes = match &entry.value {
         Ok(bytes) => bytes,
         Err(code) => return format!("can't be read: abort {code}"),
@@ -48,6 +48,7 @@ fn in_words(entry: &Found) -> String {
         sub::SYNC_TYPE => SyncType(value as u16).to_string(),
         sub::SUPPORTED_TYPES => SupportedTypes(value as u16).to_string(),
         sub::SYNC_ERROR => if value & 1 != 0 { "set" } else { "not set" }.to_owned(),
+        sub if value == 0 && NOT_STATED_AS_0.contains(&sub) => not_stated(object).to_owned(),
         sub if TIMES.contains(&sub) => Nanos::from_u32(value).to_string(),
         _ => value.to_string(),
     }
@@ -68,11 +69,22 @@ fn doubt(device: &SubDevice, index: u16, object: &FoundObject, entry: &Found) ->
         sub::SHIFT_TIME => (announced?.shift() == ShiftBy::LocalTimer
             && writable(entry) == Some(false))
         .then(|| "a shift by local timer is announced, but it can't be written".to_owned()),
+        sub::SUPPORTED_TYPES if announced?.shift() == ShiftBy::Reserved => {
+            Some("11 in bits 6:5 means nothing".to_owned())
+        }
+        sub::SUPPORTED_TYPES
+            if announced?.delay_should_be_measured() && announced?.delay_fixed() =>
+        {
+            Some("delays can't be both fixed and to be measured".to_owned())
+        }
+        sub::CALC_AND_COPY_TIME if copies_too_long(object) => {
+            Some("longer than the minimum cycle".to_owned())
+        }
+        sub if COUNTERS.contains(&sub) && entry.number().is_some_and(|count| count > 0) => {
+            Some("counted before the scan".to_owned())
+        }
         sub if entry.number() == Some(0) && is_unstated(device, index, object, sub) => {
-            Some(match announced.is_some_and(SupportedTypes::dynamic_times) {
-                true => "0: measured in OP (sub-index 04 bit 14)".to_owned(),
-                false => "0: not stated".to_owned(),
-            })
+            Some("a mode that 04 announces asks for it".to_owned())
         }
         _ => None,
     }
@@ -97,6 +109,14 @@ pub(super) fn shown_type(shown: SyncType, announced: SupportedTypes) -> Option<S
     (!fits && announced.0 & MODES != 0).then(|| "not among those that 04 announces".to_owned())
 }
 
+/// What a time of 0 means that nothing can do in no time.
+pub(super) fn not_stated(object: &FoundObject) -> &'static str {
+    match object.values.supported.is_some_and(SupportedTypes::dynamic_times) {
+        true => "0, not stated: measured in OP",
+        false => "0, not stated",
+    }
+}
+
 /// Whether a time of 0 says nothing: a mode that is announced needs it.
 pub(super) fn is_unstated(device: &SubDevice, index: u16, object: &FoundObject, sub: u8) -> bool {
     let synchronized = columns(object.values.supported.unwrap_or_default())
@@ -106,6 +126,13 @@ pub(super) fn is_unstated(device: &SubDevice, index: u16, object: &FoundObject, 
         _ => device.inputs.length > 0,
     };
     in_use && synchronized && NOT_STATED_AS_0.contains(&sub)
+}
+
+/// Whether copying takes longer than the shortest cycle that is stated, both being stated.
+pub(super) fn copies_too_long(object: &FoundObject) -> bool {
+    let stated = |time: Option<Nanos>| time.filter(|time| *time > Nanos::ZERO);
+    let copy = stated(object.values.calc_and_copy_time);
+    copy.zip(stated(object.values.minimum_cycle_time)).is_some_and(|(copy, cycle)| copy > cycle)
 }
 
 /// Whether a mode asks for a sub-index without a condition.
@@ -128,6 +155,9 @@ pub(super) fn columns(types: SupportedTypes) -> impl Iterator<Item = Column> {
     .flatten()
 }
 
+/// What counts errors, and the error itself.
+pub(super) const COUNTERS: [u8; 4] =
+    [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];
 /// Bits of sub-index 04 that are modes.
 pub(super) const MODES: u16 = 0x1F;
 
@@ -146,5 +176,5 @@ const TIMES: [u8; 11] = [
 ];
 
 /// Times that nothing can do in 0 ns.
-const NOT_STATED_AS_0: [u8; 3] =
+pub(super) const NOT_STATED_AS_0: [u8; 3] =
     [sub::MINIMUM_CYCLE_TIME, sub::CALC_AND_COPY_TIME, sub::DELAY_TIME];

@@ -2,8 +2,11 @@
 
 use std::fmt::{self, Write};
 
+use isocat_sync::object::sub;
+use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
+use super::objects::NOT_STATED_AS_0;
 use super::{Delay, Device, Note, Port, ProcessData, ScanReport, State, SyncObject};
 use crate::report::{BAD, GOOD, QUIET, WIDTH, cut, cut_front, wrap};
 
@@ -220,7 +223,15 @@ impl ScanReport {
             line(if port.port == 0 { "ports" } else { "" }, self.port(port))?;
         }
         line("DC", self.dc(device, full))?;
-        line("delay", self::delay(&device.delay))?;
+        let reference = self.reference == Some(device.position);
+        line(
+            "delay",
+            if reference {
+                "0 ns: the reference clock".to_owned()
+            } else {
+                self::delay(&device.delay)
+            },
+        )?;
         line("clock", self.clock(device))?;
         for (i, manager) in device.sync_managers.iter().enumerate() {
             let mut text = format!(
@@ -242,14 +253,21 @@ impl ScanReport {
         line("outputs", process_data(&device.outputs))?;
         line("inputs", process_data(&device.inputs))?;
         for (i, mode) in device.op_modes.iter().enumerate() {
-            let text = format!(
-                "{:#06x}: SYNC0 cycle {}, shift {}; SYNC1 factor {}, shift {}",
-                mode.assign_activate,
-                cycle(mode.sync0_cycle_ns, mode.sync0_factor),
-                Nanos(mode.sync0_shift_ns.into()),
-                mode.sync1_factor,
-                Nanos(mode.sync1_shift_ns.into()),
-            );
+            let word = AssignActivate(mode.assign_activate);
+            let mut text = format!("{:#06x}: ", word.0);
+            match word.activates() {
+                false => text += "SYNC off",
+                true => {
+                    let shift = |ns: i32| Nanos(ns.into());
+                    text += &format!(
+                        "SYNC0 cycle {}, shift {}; SYNC1 factor {}, shift {}",
+                        cycle(mode.sync0_cycle_ns, mode.sync0_factor),
+                        shift(mode.sync0_shift_ns),
+                        mode.sync1_factor,
+                        shift(mode.sync1_shift_ns),
+                    );
+                }
+            }
             line(if i == 0 { "OpModes" } else { "" }, text)?;
             if full {
                 line("", format!("  {}", mode.in_words))?;
@@ -412,10 +430,10 @@ fn process_data(data: &ProcessData) -> String {
         return "none".to_owned();
     }
     let pdos = data.pdos.iter().map(|pdo| {
-        let bits = if pdo.bits % 8 == 0 {
-            format!("{} bytes", pdo.bits / 8)
-        } else {
-            format!("{} bits", pdo.bits)
+        let bits = match (pdo.bits / 8, pdo.bits % 8) {
+            (1, 0) => "1 byte".to_owned(),
+            (bytes, 0) => format!("{bytes} bytes"),
+            _ => format!("{} bits", pdo.bits),
         };
         format!("0x{:04X} ({bits})", pdo.index)
     });
@@ -444,11 +462,12 @@ fn write_pdos(out: &mut String, device: &Device) -> fmt::Result {
     Ok(())
 }
 
-/// One line to a sub-index; counters of 0 only if everything is asked for.
+/// One line to a sub-index; what is 0 and means nothing by it only if everything is asked for.
 fn write_sync_object(out: &mut String, object: &SyncObject, full: bool) -> fmt::Result {
     writeln!(out, "  0x{:04X}", object.index)?;
     for entry in &object.entries {
-        let dull = entry.sub == 0 || entry.sub >= FIRST_COUNTER && entry.value == Some(0);
+        let telling = entry.sub == sub::SYNC_TYPE || NOT_STATED_AS_0.contains(&entry.sub);
+        let dull = entry.sub == 0 || entry.value == Some(0) && !telling;
         if dull && entry.doubt.is_none() && !full {
             continue;
         }
@@ -492,5 +511,3 @@ fn cycle(ns: u32, factor: i16) -> String {
 
 /// Frames pass the ports in this order.
 const ORDER: [usize; 4] = [0, 3, 1, 2];
-/// Sub-indices from here on are counters, distances and the error, 0 as a rule.
-const FIRST_COUNTER: u8 = 0x0B;

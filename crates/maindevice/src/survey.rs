@@ -149,8 +149,10 @@ async fn each<'a>(
     }
 }
 
-/// Keeps what went wrong.
+/// Keeps what went wrong, once: open ports that make no tree are met again by the receive times.
 fn note(work: &mut Work, result: Result<(), Cause>) {
-    let stage = work.stage;
-    work.segment.problems.extend(result.err().map(|cause| Error { stage, cause }));
+    let (stage, problems) = (work.stage, &mut work.segment.problems);
+    if let Some(cause) = result.err().filter(|c| problems.iter().all(|known| known.cause != *c)) {
+        problems.push(Error { stage, cause });
+    }
 }

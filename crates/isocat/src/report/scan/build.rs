@@ -12,7 +12,7 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Picos;
 use isocat_wire::{PortNumber, StationAddress};
 
-use super::doubts::{self, alias};
+use super::doubts::{self, Known, alias};
 use super::objects::sync_object;
 use super::{
     Clock, Delay, Device, FORMAT, Mailbox, Note, OpMode, Pdo, PdoEntry, Port, ProcessData,
@@ -70,9 +70,10 @@ impl ScanReport {
                 let here = |problem: &&Error| position(segment, problem) == at;
                 segment.problems.iter().filter(here).any(|problem| problem.stage <= stage)
             };
-            let identified = scan.failure.is_none() && !failed(Stage::Sii);
-            let found =
-                doubts::of(device, identified, scan.objects && identified && !failed(Stage::PreOp));
+            let sii = scan.failure.is_none() && !failed(Stage::Sii);
+            let objects = scan.objects && sii && !failed(Stage::PreOp);
+            let known = Known { sii, objects, all_objects: !failed(Stage::Objects) };
+            let found = doubts::of(device, known);
             findings.extend(
                 found.contradictions.into_iter().map(|(kind, what)| note(segment, at, kind, what)),
             );

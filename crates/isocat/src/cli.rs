@@ -3,7 +3,7 @@
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
 //! sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not (with `--prove` also: does not hold), 2 bad input. `run --preflight`: 0 nothing harms
 //! punctuality, 1 something does, 2 bad input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad
-//! input. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1
+//! input. `scan`: 0 found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1
 //! can't be run, 2 can't be read.
 
 mod conform;
@@ -14,6 +14,7 @@ mod explain;
 mod interface;
 mod plan;
 mod run;
+mod scan;
 #[cfg(target_os = "linux")]
 mod serve;
 
@@ -45,6 +46,7 @@ Examples:
                                       what on this machine harms punctuality
   isocat plan my.toml --suggest       does it fit, with how much slack, and what would fit better
   isocat plan my.toml --prove         ... and what really happens, next to each line of the plan
+  isocat scan --interface eth0        what is on a wire: tree, delays, clocks, ESCs, objects, doubts
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
   isocat control ecat-seg pull 2      ... and something that happens to it
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
@@ -56,7 +58,8 @@ Examples:
   isocat explain modes                what each synchronization mode needs of a device
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
-0 every rule that applies holds, 1 one does not. serve and control: 0 done as asked, 2 not.";
+0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
+answer. serve and control: 0 done as asked, 2 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -77,6 +80,10 @@ enum Verb {
     Run(Box<run::Arguments>),
     /// Plan the cycle of a segment without sending anything: frames, phases, the slack of every demand
     Plan(plan::Arguments),
+    /// Find out about a segment before any cycle: topology, delays, clocks, SII, objects, and what is doubtful
+    ///
+    /// Every SubDevice goes to INIT, to PREOP and back: not for a segment that somebody else has in operation.
+    Scan(scan::Arguments),
     /// Try whether a SubDevice synchronizes as it says, rule by rule
     Conform(conform::Arguments),
     /// Serve the virtual segment on a network interface, for anybody's MainDevice
@@ -110,6 +117,7 @@ pub fn main() -> ExitCode {
         None => run::run(&arguments.run),
         Some(Verb::Run(arguments)) => run::run(&arguments),
         Some(Verb::Plan(arguments)) => plan::run(&arguments),
+        Some(Verb::Scan(arguments)) => scan::run(&arguments),
         Some(Verb::Conform(arguments)) => conform::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Serve(arguments)) => serve::run(&arguments),

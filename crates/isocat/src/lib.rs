@@ -13,7 +13,7 @@
 //! Data's way: a [`segment_file`] names devices by their [`profile`], or by a maker's description ([`esi`]) of
 //! which a profile is made; both become a [`scenario`], which `isocat-sim` runs in virtual time; of the
 //! outcome comes a [`report`], and of the frames, if wanted, a [`capture`]. What a scenario's timing will be,
-//! [`plan`] tells before anything is sent. On Linux, `live` does the same job on a real interface, with the
+//! [`plan`] tells before anything is sent; what is found out about a segment before any cycle, [`scan`]. On Linux, `live` does the same job on a real interface, with the
 //! sockets of `link`. [`document`]
 //! gives errors in files their place, [`quantity`] reads durations, lengths and
 //! clock deviations. Serialized forms exist in
@@ -36,6 +36,7 @@ pub mod plan;
 pub mod profile;
 pub mod quantity;
 pub mod report;
+pub mod scan;
 pub mod scenario;
 pub mod segment_file;
 #[cfg(target_os = "linux")]
@@ -45,6 +46,7 @@ pub mod timeline;
 
 pub use isocat_wire::Nanos;
 pub use report::Report;
+pub use scan::Scan;
 pub use scenario::Scenario;
 pub use segment_file::SegmentFile;
 pub use start_up::StartUp;

@@ -7,6 +7,7 @@
 mod build;
 #[cfg(target_os = "linux")]
 pub mod interface;
+pub mod scan;
 mod text;
 
 pub(crate) use build::{span, spread};

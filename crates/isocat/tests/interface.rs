@@ -236,6 +236,50 @@ fn whatever_is_there_is_taken() {
     assert_ne!(report["devices"][0]["name"], "");
 }
 
+/// A scan, on the wire of a test.
+fn scan(wire: &Veth, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_isocat"));
+    let interface = wire.main_end();
+    command.args(["scan", "--interface", &interface, "--netns", wire.namespace()]).args(arguments);
+    command.stdin(Stdio::null()).output().expect("isocat starts")
+}
+
+/// What is found on a wire is what is found in virtual time, but for what depends on punctuality.
+#[test]
+fn a_scan_over_a_wire_finds_what_is_there() {
+    let Some(wire) = wire("ic-scan") else { return };
+    let (_, file) = slow_segment("interface_scan");
+    let segment = Responder::begin(&wire, &file);
+    let output = scan(&wire, &["--json"]);
+    drop(segment);
+    let found = report(&output);
+    assert_eq!(output.status.code(), Some(0), "{found:#}");
+    assert_eq!((&found["interface"], &found["segment_file"]), (&"ic-scan".into(), &Value::Null));
+    let expected = isocat::Scan::of(&Scenario::from(file.clone()), true, &mut |_| {});
+    let place = isocat::report::scan::Place::Virtual("");
+    let expected = isocat::report::scan::ScanReport::new(place, &expected);
+    let expected = serde_json::to_value(expected).expect("JSON");
+    let devices = |report: &Value| report["devices"].as_array().expect("devices").clone();
+    assert_eq!(devices(&found).len(), 4);
+    for (at, (found, expected)) in devices(&found).iter().zip(devices(&expected)).enumerate() {
+        for (key, expected) in expected.as_object().expect("a device") {
+            if !["delay", "clock"].contains(&key.as_str()) {
+                assert_eq!(found[key], *expected, "{key} of SubDevice {at}");
+            }
+        }
+        let ns = |report: &Value| report["delay"]["ns"].as_f64().expect("a delay");
+        assert!((ns(found) - ns(&expected)).abs() < 40.0, "{found:#}");
+        // Its error grows where the machine wakes late from the time between the latches: not beyond this.
+        let ppm = |report: &Value| report["clock"]["speed_ppm"].as_f64().expect("a speed");
+        assert!((ppm(found) - ppm(&expected)).abs() < 0.5, "{found:#}");
+    }
+
+    let output = scan(&wire, &[]);
+    let message = text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert_eq!((output.status.code(), text(&output.stdout).as_str()), (Some(2), ""), "{message}");
+    assert!(message.contains("ic-scan: no frame came back in"), "{message}");
+}
+
 #[test]
 fn a_wire_without_devices_says_so() {
     let Some(wire) = wire("ic-none") else { return };

@@ -16,7 +16,8 @@ impl Tap for Share {
     fn frame(&mut self, _: Time<True>, sent: bool, bytes: &[u8]) {
         let Ok(payload) = frame::payload(bytes) else { return };
         let address = u32::from(register::SYSTEM_TIME_DIFFERENCE.address);
-        let reads = |d: datagram::Datagram<'_>| d.header.address >> 16 == address && d.data.len() == 8;
+        let reads =
+            |d: datagram::Datagram<'_>| d.header.address >> 16 == address && d.data.len() == 8;
         if sent && datagram::datagrams(payload).flatten().any(reads) {
             let on_wire = bytes.len().max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
             self.0.set(self.0.get() + on_wire as i64 * frame::BYTE_TIME_NS as i64);

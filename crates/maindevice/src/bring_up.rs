@@ -40,12 +40,12 @@ pub(crate) struct Work {
 pub(crate) type End = (Work, Result<(), Error>);
 
 impl Work {
-    fn enter(&mut self, stage: Stage) {
+    pub(crate) fn enter(&mut self, stage: Stage) {
         self.stage = stage;
         self.link.report(Event::Progress(stage));
     }
 
-    fn end(self, result: Result<(), Cause>) -> End {
+    pub(crate) fn end(self, result: Result<(), Cause>) -> End {
         let result = result.map_err(|cause| Error { stage: self.stage, cause });
         (self, result)
     }
@@ -198,7 +198,11 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
 }
 
 /// Sets up the mailbox SyncManagers and goes to PREOP.
-async fn to_preop(link: &Link, config: &Config, device: &mut SubDevice) -> Result<(), Cause> {
+pub(crate) async fn to_preop(
+    link: &Link,
+    config: &Config,
+    device: &mut SubDevice,
+) -> Result<(), Cause> {
     for (address, data) in mailbox_writes(device) {
         link.fpwr(device.station, address, &data).expect(1).await?;
     }
@@ -221,7 +225,7 @@ pub(crate) fn mailbox_writes(device: &SubDevice) -> Vec<(u16, Vec<u8>)> {
     managers.into_iter().enumerate().map(write).collect()
 }
 
-fn mailbox(link: &Link, config: &Config, device: &SubDevice) -> Option<Mailbox> {
+pub(crate) fn mailbox(link: &Link, config: &Config, device: &SubDevice) -> Option<Mailbox> {
     let areas = sii::mailbox_areas(&device.sii.header);
     let patience = config.timeouts.mailbox;
     device.has_coe().then(|| Mailbox::new(link, device.position, device.station, areas, patience))
@@ -318,7 +322,7 @@ pub(crate) async fn leave_operation(mut work: Work) -> End {
     work.enter(Stage::Stop);
     let (link, config) = (work.link.clone(), work.config.clone());
     let patience = config.timeouts.init;
-    let results = settle(&mut work.segment, |device| {
+    let results = settle(&mut work.segment.devices, |device| {
         Box::pin(step_down(&link, device, AlState::SafeOp, patience))
     })
     .await;
@@ -330,7 +334,7 @@ pub(crate) async fn stop(mut work: Work) -> End {
     work.stage = Stage::Stop;
     let (link, config) = (work.link.clone(), work.config.clone());
     let patience = config.timeouts.init;
-    let preop = settle(&mut work.segment, |device| {
+    let preop = settle(&mut work.segment.devices, |device| {
         Box::pin(step_down(&link, device, AlState::PreOp, patience))
     })
     .await;
@@ -345,7 +349,7 @@ pub(crate) async fn stop(mut work: Work) -> End {
     let sync = link.bwr(register::SYNC_ACTIVATION.address, &off).reply().await;
     let silent: Vec<_> =
         preop.iter().map(|result| matches!(result, Err(Cause::Access(_)))).collect();
-    let init = settle(&mut work.segment, |device| {
+    let init = settle(&mut work.segment.devices, |device| {
         // One that did not answer a moment ago is asked once, and not waited for.
         let patience = if silent[device.position] { Nanos::ZERO } else { patience };
         Box::pin(esm::change(&link, device, AlState::Init, patience))
@@ -380,14 +384,13 @@ async fn each<'a>(
     join(segment.devices.iter_mut().map(procedure).collect()).await.map(|_| ())
 }
 
-/// Does the same at all SubDevices side by side, to the end at every one.
-async fn settle<'a>(
-    segment: &'a mut Segment,
+/// Does the same at SubDevices side by side, to the end at every one.
+pub(crate) async fn settle<'a>(
+    devices: impl IntoIterator<Item = &'a mut SubDevice>,
     procedure: impl Fn(&'a mut SubDevice) -> Procedure<'a, Result<(), Cause>>,
 ) -> Vec<Result<(), Cause>> {
-    let all: Vec<Procedure<'a, Result<Result<(), Cause>, Infallible>>> = segment
-        .devices
-        .iter_mut()
+    let all: Vec<Procedure<'a, Result<Result<(), Cause>, Infallible>>> = devices
+        .into_iter()
         .map(|device| {
             let one = procedure(device);
             Box::pin(async move { Ok(one.await) }) as Procedure<'a, _>

@@ -24,7 +24,7 @@ use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Latch, Times};
 use crate::error::{AccessError, Cause};
 use crate::event::Event;
 use crate::link::{Exchange, Link, Travel};
-use crate::segment::{DcCapability, Segment, SubDevice};
+use crate::segment::{DcCapability, Segment, Speed, SubDevice};
 
 /// Measures and sets delays and offsets, then drives the drift loop. Nothing to do without a clock.
 pub(crate) async fn synchronize(
@@ -38,6 +38,45 @@ pub(crate) async fn synchronize(
     write(link, segment).await?;
     if config.drift_compensation {
         converge(link, config, segment, reference).await?;
+    }
+    Ok(())
+}
+
+/// How fast each clock runs when nobody leads it, against the reference clock. Corrections that an earlier run
+/// left in the clocks are taken away first.
+pub(crate) async fn measure_speeds(link: &Link, segment: &mut Segment) -> Result<(), AccessError> {
+    let Some(reference) = segment.reference else { return Ok(()) };
+    let start = SPEED_COUNTER_START.to_bytes();
+    link.bwr(register::SPEED_COUNTER_START.address, &start).reply().await?;
+    let stations = delay::stations(segment);
+    let mut tries = 0;
+    let (first, last) = loop {
+        let first = delay::latch(link, &stations).await;
+        link.sleep(SPEED_WINDOW).await;
+        match (first, delay::latch(link, &stations).await) {
+            (Ok(first), Ok(last)) => break (first, last),
+            (Err(error), _) | (_, Err(error)) if tries == MOST_TRIES => return Err(error),
+            _ => tries += 1,
+        }
+    };
+    // Half of what a clock of 32 bits holds; a host that slept longer has measured nothing.
+    let counted = |device: &SubDevice| {
+        let time = |latch: &Latch| match device.dc.has_clock() {
+            true => Some(latch.entry as u32),
+            false => latch.ports.map(|ports| ports[device.entry.index()]),
+        };
+        let at = device.position;
+        let span = time(last.get(at)?)?.wrapping_sub(time(first.get(at)?)?);
+        i32::try_from(span).ok().map(i64::from).filter(|span| *span > 0)
+    };
+    let Some(window) = counted(&segment.devices[reference]) else { return Ok(()) };
+    for device in &mut segment.devices {
+        device.observed.speed = counted(device).map(|span| Speed {
+            ppb: (span - window) * 1_000_000_000 / window,
+            // The first tick may be missing at one clock and the last at the other.
+            error_ppb: if device.position == reference { 0 } else { 2 * TICK_E9 / window },
+            window: Nanos(window),
+        });
     }
     Ok(())
 }
@@ -274,6 +313,12 @@ impl Burst<'_> {
     }
 }
 
+/// From one latch to the other: both ticks of 10 ns then make 0.1 ppm.
+const SPEED_WINDOW: Nanos = Nanos(200_000_000);
+/// A tick of 10 ns, in ns times 10^9.
+const TICK_E9: i64 = 10_000_000_000;
+/// Pairs of latches that may be lost.
+const MOST_TRIES: usize = 3;
 /// Drift frames in flight: enough to fill the time of one round trip through a short line.
 const IN_FLIGHT: usize = 8;
 /// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.

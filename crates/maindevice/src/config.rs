@@ -69,6 +69,10 @@ pub struct Config {
     pub watchdog: Option<Nanos>,
     /// How much of the cycle acyclic frames may take on the wire, percent, 1..=90. Default 40.
     pub acyclic_share: u8,
+    /// Instead of bringing the segment into operation, look what is there: up to PREOP with clocks, then
+    /// [`Event::Surveyed`](crate::Event::Surveyed). Nothing is written to objects, and what one SubDevice lacks
+    /// ends nothing: it goes into [`Segment::problems`](crate::Segment::problems). Default no.
+    pub survey: Option<Survey>,
     /// How long to wait for what.
     pub timeouts: Timeouts,
 }
@@ -93,6 +97,7 @@ impl Config {
             clock_error: None,
             watchdog: None,
             acyclic_share: 40,
+            survey: None,
             timeouts: Timeouts::default(),
         }
     }
@@ -135,6 +140,19 @@ impl Default for QualityWatch {
 impl Default for DelayWatch {
     fn default() -> Self {
         Self { every: Nanos::millis(1_000), latches: 16, rewrite: false }
+    }
+}
+
+/// What a survey looks at.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Survey {
+    /// Whether objects are read by SDO; without them the SII alone says what process data there are. Default yes.
+    pub objects: bool,
+}
+
+impl Default for Survey {
+    fn default() -> Self {
+        Self { objects: true }
     }
 }
 

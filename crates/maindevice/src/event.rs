@@ -240,6 +240,9 @@ pub enum Event {
         /// The bytes.
         result: Result<Vec<u8>, AccessError>,
     },
+    /// What was asked for by [`Config::survey`](crate::Config::survey) is known. SubDevices stay in PREOP and answer
+    /// requests until [`MainDevice::stop`](crate::MainDevice::stop).
+    Surveyed,
     /// All SubDevices are back in INIT; nothing more is sent.
     Stopped,
     /// The way up ended here; nothing more is sent.

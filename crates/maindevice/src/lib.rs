@@ -12,7 +12,9 @@
 //!    programs SYNC0 and sees that it runs.
 //! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
 //!    nothing.
-//! 4. `health` finds the SubDevice that left its state, `delay_watch` the delay that is no longer what it was,
+//! 4. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
+//!    SubDevices that fail.
+//! 5. `health` finds the SubDevice that left its state, `delay_watch` the delay that is no longer what it was,
 //!    `quality` the clock that does not follow.
 //!
 //! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
@@ -72,6 +74,7 @@ mod objects;
 pub mod quality;
 mod scan;
 mod sii;
+mod survey;
 mod sync;
 mod topology;
 
@@ -79,7 +82,7 @@ mod topology;
 mod tests;
 
 pub use config::{
-    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, StartupDownload, Timeouts,
+    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, StartupDownload, Survey, Timeouts,
 };
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};

@@ -252,6 +252,13 @@ impl Link {
         self.exchange(Command::Fpwr, address, data.to_vec(), Travel::default())
     }
 
+    /// Reads `len` bytes of the SubDevice at a position.
+    pub fn aprd(&self, position: usize, ado: u16, len: usize) -> Exchange {
+        let adp = AutoIncrementAddress::of_position(position as u16);
+        let address = Address::Position(adp, ado);
+        self.exchange(Command::Aprd, address, vec![0; len], Travel::default())
+    }
+
     /// Writes bytes to the SubDevice at a position.
     pub fn apwr(&self, position: usize, ado: u16, data: &[u8]) -> Exchange {
         let adp = AutoIncrementAddress::of_position(position as u16);

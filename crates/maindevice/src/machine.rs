@@ -21,14 +21,15 @@ use crate::config::Config;
 use crate::cycle::Cycle;
 use crate::delay::{self, Times};
 use crate::delay_watch::{Change, DelayWatch};
-use crate::quality::{self, ClockQuality, Monitor};
 use crate::error::{AccessError, Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Status};
 use crate::link::{Link, Origin};
 use crate::mailbox::{Mailbox, Mailboxes};
+use crate::quality::{self, ClockQuality, Monitor};
 use crate::segment::{GAP, ProcessData, Segment};
 use crate::statistics::Statistics;
+use crate::survey;
 
 /// A MainDevice without sockets, threads or a clock of its own.
 ///
@@ -44,7 +45,8 @@ use crate::statistics::Statistics;
 /// is the time stamp of the frame that it gives, and the clock servo follows these stamps. Points
 /// of time never go backwards from call to call.
 ///
-/// The machine begins to work at once and ends in [`Event::InOperation`] or [`Event::Failed`].
+/// The machine begins to work at once and ends in [`Event::InOperation`] or [`Event::Failed`]; with
+/// [`Config::survey`] in [`Event::Surveyed`] instead.
 ///
 /// [`handle_frame`]: Self::handle_frame
 /// [`handle_timeout`]: Self::handle_timeout
@@ -98,6 +100,8 @@ enum Activity {
     Locking { since: Time<Host> },
     /// All SubDevices are in OP.
     Operating,
+    /// A survey is through; SubDevices are in PREOP.
+    Surveyed,
     /// Nothing more is sent.
     Over,
 }
@@ -108,6 +112,7 @@ enum Piece {
     Prepare,
     Synchronize,
     Operate,
+    Survey,
     LeaveOperation,
     Stop,
 }
@@ -162,13 +167,17 @@ impl MainDevice {
             mailboxes: Vec::new(),
             stage: Stage::Scan,
         };
+        let first: (Piece, Pin<Box<dyn Future<Output = End>>>) = match work.config.survey {
+            None => (Piece::Prepare, Box::pin(bring_up::prepare(work))),
+            Some(_) => (Piece::Survey, Box::pin(survey::survey(work))),
+        };
         let mut machine = Self {
             config,
             link,
             begin: now,
             segment: Segment::default(),
             mailboxes: Vec::new(),
-            activity: Activity::Task(Piece::Prepare, Box::pin(bring_up::prepare(work))),
+            activity: Activity::Task(first.0, first.1),
             stage: Stage::Scan,
             cycle: None,
             share: Share::default(),
@@ -444,7 +453,7 @@ impl MainDevice {
                     let error = cycle.servo().last_error();
                     self.fail(Error { stage: Stage::Phase, cause: Cause::Phase { error, after } });
                 }
-                Activity::Operating | Activity::Over => return,
+                Activity::Operating | Activity::Surveyed | Activity::Over => return,
             }
         }
     }
@@ -472,6 +481,10 @@ impl MainDevice {
                 self.begin_piece(Piece::Operate);
             }
             (Piece::Operate, Ok(())) => self.begin_operation(),
+            (Piece::Survey, Ok(())) => {
+                self.activity = Activity::Surveyed;
+                self.link.report(Event::Surveyed);
+            }
         }
     }
 
@@ -516,6 +529,7 @@ impl MainDevice {
         };
         let task: Pin<Box<dyn Future<Output = End>>> = match piece {
             Piece::Prepare => Box::pin(bring_up::prepare(work)),
+            Piece::Survey => Box::pin(survey::survey(work)),
             Piece::Synchronize => Box::pin(bring_up::synchronize(work)),
             Piece::Operate => Box::pin(bring_up::operate(work)),
             Piece::LeaveOperation => Box::pin(bring_up::leave_operation(work)),
@@ -528,7 +542,7 @@ impl MainDevice {
     fn begin_stop(&mut self) -> bool {
         let turns = match &self.activity {
             Activity::Task(piece, _) => !matches!(piece, Piece::LeaveOperation | Piece::Stop),
-            Activity::Locking { .. } | Activity::Operating => true,
+            Activity::Locking { .. } | Activity::Operating | Activity::Surveyed => true,
             Activity::Over => false,
         };
         if turns {

@@ -398,8 +398,12 @@ mod tests {
     fn planned(device: SubDevice, config: &Config) -> Result<Timing, Cause> {
         let chunk = Chunk { logical: 0, length: 8, first: 0, end: 1, writers: 1, readers: 1 };
         let image = ProcessImage { chunks: alloc::vec![chunk], read_write: true };
-        let segment =
-            Segment { devices: alloc::vec![device], reference: Some(0), image, timing: None };
+        let segment = Segment {
+            devices: alloc::vec![device],
+            reference: Some(0),
+            image,
+            ..Segment::default()
+        };
         plan(&segment, config)
     }
 

@@ -41,6 +41,36 @@ pub(crate) async fn read(
     Ok(())
 }
 
+/// Reads the same without writing anything, and goes on where something can't be read; gives what could not.
+pub(crate) async fn look(mailbox: &mut Mailbox, device: &mut SubDevice) -> Vec<Cause> {
+    let mut problems = Vec::new();
+    let mut failed = |cause| problems.push(cause);
+    device.sm_types = sm_types(mailbox, device).await.unwrap_or_else(|cause| {
+        failed(cause);
+        Vec::new()
+    });
+    for index in [OUTPUT_ASSIGNMENT, INPUT_ASSIGNMENT] {
+        let pdos = pdos(mailbox, device, index, None).await.unwrap_or_else(|cause| {
+            failed(cause);
+            Vec::new()
+        });
+        let data =
+            if index == OUTPUT_ASSIGNMENT { &mut device.outputs } else { &mut device.inputs };
+        data.pdos = pdos;
+    }
+    for index in [OUTPUT_PARAMETER, INPUT_PARAMETER] {
+        let object = sync_object(mailbox, device, index).await.unwrap_or_else(|cause| {
+            failed(cause);
+            None
+        });
+        match index {
+            OUTPUT_PARAMETER => device.output_sync = object,
+            _ => device.input_sync = object,
+        }
+    }
+    problems
+}
+
 /// Takes assignment and mapping from the SII, for a device without CoE.
 pub(crate) fn from_sii(device: &mut SubDevice) {
     let assigned = |pdos: &[SiiPdo]| -> Vec<Pdo> {

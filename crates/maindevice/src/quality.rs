@@ -108,7 +108,8 @@ impl ClockQuality {
         let first = readings.next()?.at;
         let (last, count) = readings.fold((first, 1), |(_, n), reading| (reading.at, n + 1));
         let between = (last - first).0 / (count - 1).max(1);
-        let moved = (i128::from(between) * i128::from(self.slope_ppb.abs()) / NANOS_PER_SECOND) as i64;
+        let moved =
+            (i128::from(between) * i128::from(self.slope_ppb.abs()) / NANOS_PER_SECOND) as i64;
         Some(self.worst() + Nanos(moved) + Nanos(2 * TICK) + self.delay_bar)
     }
 
@@ -122,9 +123,10 @@ impl ClockQuality {
             position: device.position,
             station: device.station,
             has_status: device.esc.has(features::ENHANCED_SYNC_ACTIVATION) && device.mode.uses_dc(),
-            delay_bar: device.measured_delay.and_then(|delay| delay.bar()).map_or(Nanos::ZERO, |bar| {
-                Nanos((bar.0 + 999) / 1_000)
-            }),
+            delay_bar: device
+                .measured_delay
+                .and_then(|delay| delay.bar())
+                .map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000)),
             ring: Vec::with_capacity(history),
             next: 0,
             convergence: Convergence::new(limits),
@@ -201,7 +203,13 @@ impl Monitor {
         let led = |device: &&SubDevice| device.dc.has_clock() && device.position != reference;
         let clock = |device| ClockQuality::new(device, config.history.max(1), limits);
         let clocks: Vec<_> = segment.devices.iter().filter(led).map(clock).collect();
-        (!clocks.is_empty()).then_some(Self { config, clocks, turn: 0, next: now, spent: Nanos::ZERO })
+        (!clocks.is_empty()).then_some(Self {
+            config,
+            clocks,
+            turn: 0,
+            next: now,
+            spent: Nanos::ZERO,
+        })
     }
 
     /// Whether it is time to read.
@@ -320,7 +328,8 @@ fn correction_ppb(start: i64, change: i64) -> i64 {
 
 /// The time that the frames of a batch take: as if each batch were one frame of its own.
 fn wire_time(wanted: &[Wanted]) -> Nanos {
-    let of = |&(_, _, has_status): &Wanted| DATAGRAM + 8 + if has_status { DATAGRAM + 1 } else { 0 };
+    let of =
+        |&(_, _, has_status): &Wanted| DATAGRAM + 8 + if has_status { DATAGRAM + 1 } else { 0 };
     let bytes = frame::ETHERNET_HEADER_LEN
         + frame::ETHERCAT_HEADER_LEN
         + wanted.iter().map(of).sum::<usize>();
@@ -464,7 +473,11 @@ mod tests {
     /// Start 0x1000 and a difference of 100: 1.19 ppm; the ends of the range some 763 ppm.
     #[test]
     fn the_speed_counter_in_ppb() {
-        assert!((correction_ppb(0x1000, 100) - 1_190).abs() < 10, "{}", correction_ppb(0x1000, 100));
+        assert!(
+            (correction_ppb(0x1000, 100) - 1_190).abs() < 10,
+            "{}",
+            correction_ppb(0x1000, 100)
+        );
         assert_eq!(correction_ppb(0x1000, 0), 0);
         assert!((correction_ppb(0x1000, 3_969) / 1_000 - 763).abs() < 5);
         assert!((correction_ppb(0x1000, -3_969) / 1_000 + 763).abs() < 5);

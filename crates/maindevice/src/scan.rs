@@ -23,31 +23,8 @@ const FIRST_STATION: u16 = 0x1001;
 /// Finds all SubDevices and brings them, whatever they did before, into INIT with nothing left over
 /// from an earlier run.
 pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
-    let count = count(link).await?;
-    if count == 0 {
-        return Err(Cause::Empty);
-    }
-    if !config.devices.is_empty() && config.devices.len() != usize::from(count) {
-        return Err(Cause::Count { expected: config.devices.len(), found: count.into() });
-    }
-    reset(link, count).await?;
-    for position in 0..usize::from(count) {
-        let station = StationAddress(FIRST_STATION.wrapping_add(position as u16));
-        let mut device = SubDevice::new(position, station);
-        if let Some(config) = config.devices.get(position) {
-            device.name.clone_from(&config.name);
-        }
-        segment.devices.push(device);
-    }
-    let address = register::STATION_ADDRESS.address;
-    let writes: Vec<_> = segment
-        .devices
-        .iter()
-        .map(|device| link.apwr(device.position, address, &device.station.0.to_bytes()))
-        .collect();
-    for write in writes {
-        write.expect(1).await?;
-    }
+    find(link, config, segment).await?;
+    address(link, segment).await?;
     let init = config.timeouts.init;
     join(
         segment
@@ -62,6 +39,47 @@ pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) ->
             .collect(),
     )
     .await?;
+    tree(segment)
+}
+
+/// Counts the SubDevices; nothing is written to them.
+pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
+    let count = count(link).await?;
+    if count == 0 {
+        return Err(Cause::Empty);
+    }
+    if !config.devices.is_empty() && config.devices.len() != usize::from(count) {
+        return Err(Cause::Count { expected: config.devices.len(), found: count.into() });
+    }
+    for position in 0..usize::from(count) {
+        let station = StationAddress(FIRST_STATION.wrapping_add(position as u16));
+        let mut device = SubDevice::new(position, station);
+        if let Some(config) = config.devices.get(position) {
+            device.name.clone_from(&config.name);
+        }
+        segment.devices.push(device);
+    }
+    Ok(())
+}
+
+/// Undoes what an earlier run left over, and gives station addresses.
+pub(crate) async fn address(link: &Link, segment: &Segment) -> Result<(), Cause> {
+    reset(link, segment.devices.len() as u16).await?;
+    let address = register::STATION_ADDRESS.address;
+    let writes: Vec<_> = segment
+        .devices
+        .iter()
+        .map(|device| link.apwr(device.position, address, &device.station.0.to_bytes()))
+        .collect();
+    for write in writes {
+        write.expect(1).await?;
+    }
+    Ok(())
+}
+
+/// Who hangs on whom, as far as open ports tell, and whose clock leads.
+pub(crate) fn tree(segment: &mut Segment) -> Result<(), Cause> {
+    segment.reference = segment.devices.iter().position(|device| device.dc.has_clock());
     let ports: Vec<_> = segment
         .devices
         .iter()
@@ -73,7 +91,6 @@ pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) ->
     for (device, parent) in segment.devices.iter_mut().zip(parents) {
         device.parent = parent;
     }
-    segment.reference = segment.devices.iter().position(|device| device.dc.has_clock());
     Ok(())
 }
 
@@ -144,7 +161,7 @@ async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
 }
 
 /// Reads what an ESC says of itself.
-async fn describe(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
+pub(crate) async fn describe(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
     let station = device.station;
     let information = link.fprd(station, register::TYPE.address, 10);
     let configuration = link.fprd(station, register::ESC_CONFIGURATION.address, 1);

@@ -15,7 +15,7 @@ use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord};
 use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{AbortCode, Command, PortNumber, StationAddress};
 
-use crate::error::Place;
+use crate::error::{Error, Place};
 
 /// All SubDevices behind the MainDevice's port, in processing order.
 #[derive(Clone, Debug, Default)]
@@ -28,6 +28,8 @@ pub struct Segment {
     pub image: ProcessImage,
     /// The timing of one cycle; `None` before it is planned.
     pub timing: Option<Timing>,
+    /// What a survey could not read or bring about, in the order of its stages; empty otherwise.
+    pub problems: Vec<Error>,
 }
 
 /// The timing of one cycle as it was planned.
@@ -156,6 +158,36 @@ pub struct SubDevice {
     pub al_status: AlStatus,
     /// Last AL status code read.
     pub al_code: AlStatusCode,
+    /// What only a survey asks for; empty otherwise.
+    pub observed: Observed,
+}
+
+/// What only a survey asks an ESC for. `None`: it does not have it, or did not answer.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Observed {
+    /// AL status and code before anything was written to it.
+    pub state_before: Option<(AlStatus, AlStatusCode)>,
+    /// Register 0x0012: its alias, as the ESC took it from the SII.
+    pub alias: Option<u16>,
+    /// Register 0x0140: kind of PDI.
+    pub pdi: Option<u8>,
+    /// Register 0x0151: use of the SYNC/LATCH pins.
+    pub sync_latch: Option<u8>,
+    /// How fast its clock runs freely.
+    pub speed: Option<Speed>,
+    /// Registers 0x0930 and 0x0932 when the clocks had converged: bandwidth, and present correction.
+    pub correction: Option<(u16, i16)>,
+}
+
+/// Speed of a clock that nobody leads, from two latches of receive times.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Speed {
+    /// How much faster than the reference clock, parts per billion.
+    pub ppb: i64,
+    /// How far off that may be: a tick at either end of either clock, parts per billion.
+    pub error_ppb: i64,
+    /// From one latch to the other, by the reference clock.
+    pub window: Nanos,
 }
 
 /// Registers 0x0000 to 0x0009 and 0x0141.
@@ -449,6 +481,7 @@ impl SubDevice {
             sync: None,
             al_status: AlStatus(0),
             al_code: AlStatusCode::NO_ERROR,
+            observed: Observed::default(),
         }
     }
 

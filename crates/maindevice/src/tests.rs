@@ -603,8 +603,12 @@ fn frames_of_a_cycle_follow_each_other() {
     let chunk = |logical| Chunk { logical, length: 1000, first: 0, end: 1, writers: 1, readers: 1 };
     let image = ProcessImage { chunks: [0, 1000, 2000].map(chunk).to_vec(), read_write: true };
     let device = crate::SubDevice::new(0, StationAddress(0x1001));
-    let segment =
-        crate::Segment { devices: alloc::vec![device], reference: Some(0), image, timing: None };
+    let segment = crate::Segment {
+        devices: alloc::vec![device],
+        reference: Some(0),
+        image,
+        ..Segment::default()
+    };
     let frames = crate::cycle::frames(&segment, true, false);
     let times = crate::cycle::chunk_times(&frames, 3);
     // Headers 16, drift 20, chunk 1012, preamble and FCS 12; AL status 14 in the last one; gap 12.

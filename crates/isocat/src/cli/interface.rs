@@ -232,7 +232,7 @@ fn finish(
 }
 
 /// A flag that SIGINT and SIGTERM set; the second of them ends the program at once.
-fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
+pub(super) fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         let code = 128 + signal;
@@ -247,7 +247,7 @@ const DEFAULT_CYCLE: Nanos = Nanos::millis(1);
 const SHORTEST_CYCLE: Nanos = Nanos::micros(10);
 const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);
 /// From sending a frame to giving it up. A machine that stalls for tens of milliseconds has not lost it.
-const FRAME_TIMEOUT: Nanos = Nanos::millis(20);
+pub(super) const FRAME_TIMEOUT: Nanos = Nanos::millis(20);
 /// Between reading the clock and the first bit on the wire lies the kernel's way through the driver.
 /// Some microseconds, and far more at times; measured on a virtual machine with veth.
 const STAMP_NOISE: Nanos = Nanos::micros(10);

@@ -1,0 +1,120 @@
+//! `isocat scan`.
+
+use clap::Args;
+use isocat_maindevice::Cause;
+
+use super::run::{json, progress_bar};
+use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
+use crate::Scenario;
+use crate::report::scan::{Place, ScanReport};
+use crate::scan::{Failure, Scan};
+
+/// Arguments of `scan`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Segment file to scan in virtual time; without one, the built-in segment
+    segment: Option<String>,
+    /// Scan what is on this network interface instead
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "IF", conflicts_with_all = ["segment", "seed"])]
+    interface: Option<String>,
+    /// Network namespace of the interface
+    #[cfg(target_os = "linux")]
+    #[arg(long, value_name = "NAME", requires = "interface")]
+    netns: Option<String>,
+    /// Tell all of the SubDevice at this position, and nothing else
+    #[arg(long, value_name = "N", conflicts_with = "json")]
+    device: Option<usize>,
+    /// Read no objects by SDO: the SII alone says what process data there are
+    #[arg(long)]
+    quick: bool,
+    /// Seed of everything random in virtual time
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Print as one JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+/// Scans; gives the exit code.
+pub fn run(arguments: &Arguments) -> u8 {
+    #[cfg(target_os = "linux")]
+    if let Some(interface) = &arguments.interface {
+        return on_interface(arguments, interface);
+    }
+    let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
+        Ok(file) => file,
+        Err(error) => return fail(&error.to_string()),
+    };
+    let mut scenario = Scenario::from(file);
+    scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    let bar = progress_bar(scenario.duration);
+    let scan = Scan::of(&scenario, !arguments.quick, &mut |stage| bar.set_message(stage.name()));
+    bar.finish_and_clear();
+    finish(arguments, Place::Virtual(&scenario.source), &scan)
+}
+
+#[cfg(target_os = "linux")]
+fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
+    let namespace = arguments.netns.as_deref();
+    let socket = match crate::link::RawSocket::open(interface, namespace) {
+        Ok(socket) => socket,
+        Err(error) => return fail(&error.to_string()),
+    };
+    let stop = match super::interface::stop_on_signals() {
+        Ok(stop) => stop,
+        Err(error) => return fail(&format!("signals can't be caught: {error}")),
+    };
+    let mut config = crate::scan::config(!arguments.quick);
+    config.timeouts.frame = super::interface::FRAME_TIMEOUT;
+    let bar = progress_bar(isocat_wire::Nanos::ZERO);
+    let told = &mut |stage: isocat_maindevice::Stage| bar.set_message(stage.name());
+    let scan = crate::live::scan::scan(config, socket, &stop, told);
+    bar.finish_and_clear();
+    finish(arguments, Place::Interface(interface, namespace), &scan)
+}
+
+fn finish(arguments: &Arguments, place: Place<'_>, scan: &Scan) -> u8 {
+    if let Some(message) = no_answer(place, scan) {
+        return fail(&message);
+    }
+    let report = ScanReport::new(place, scan);
+    if let Some(wanted) = arguments.device.filter(|wanted| *wanted >= report.devices.len()) {
+        let last = report.devices.len().saturating_sub(1);
+        return fail(&format!(
+            "--device {wanted}: there is no such SubDevice, expected 0 to {last}"
+        ));
+    }
+    let code = print(&match arguments.json {
+        true => json(&report),
+        false => report.text(arguments.device),
+    });
+    match report.consistent {
+        _ if code == BAD_INPUT => BAD_INPUT,
+        true => IN_SYNC,
+        false => NOT_IN_SYNC,
+    }
+}
+
+/// What to say if nobody answered; there is nothing to report then.
+fn no_answer(place: Place<'_>, scan: &Scan) -> Option<String> {
+    if !scan.segment.devices.is_empty() {
+        return None;
+    }
+    let place = match place {
+        Place::Virtual(file) => file,
+        Place::Interface(name, _) => name,
+    };
+    match scan.failure.as_ref()? {
+        Failure::Gave(error) => match &error.cause {
+            Cause::Silent { .. } | Cause::Empty | Cause::Access(_) => {
+                Some(format!("{place}: {}", error.cause))
+            }
+            _ => Some(format!("{place}: {error}")),
+        },
+        Failure::TooLong(stage) => {
+            Some(format!("{place}: the scan did not end, its last stage was {stage}"))
+        }
+        Failure::Ended(why) => Some(format!("{place}: {why}")),
+    }
+}

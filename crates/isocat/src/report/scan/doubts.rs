@@ -1,0 +1,258 @@
+//! What contradicts itself in a SubDevice, and what it leaves open.
+
+mod sync_objects;
+
+use isocat_maindevice::segment::{DcCapability, SubDevice};
+use isocat_sync::delay::Delay;
+use isocat_wire::dc::AssignActivate;
+use isocat_wire::register::{PROCESS_RAM, features};
+use isocat_wire::sii::sm_type;
+use isocat_wire::{AlState, PortNumber};
+
+use super::esc::{has_port, port_kind, sync_manager_use};
+
+/// How much of a SubDevice was read.
+#[derive(Clone, Copy)]
+pub(super) struct Known {
+    /// Its SII.
+    pub sii: bool,
+    /// Objects that it has.
+    pub objects: bool,
+    /// All of them that were asked for.
+    pub all_objects: bool,
+}
+
+/// What is to say about one SubDevice.
+#[derive(Default)]
+pub(super) struct Doubts {
+    /// Two things that it says and that can't both be so: kind and words.
+    pub contradictions: Vec<(&'static str, String)>,
+    /// What is allowed and leaves a question open.
+    pub open: Vec<(&'static str, String)>,
+}
+
+/// All doubts about a SubDevice, as far as it is known.
+pub(super) fn of(device: &SubDevice, known: Known) -> Doubts {
+    let mut doubts = Doubts::default();
+    doubts.state(device);
+    doubts.ports(device);
+    doubts.clock(device);
+    if known.sii {
+        doubts.sii(device);
+        doubts.sync_managers(device);
+        doubts.op_modes(device);
+    }
+    if known.objects && device.has_coe() {
+        doubts.sync_objects(device, known.all_objects);
+    }
+    doubts
+}
+
+impl Doubts {
+    fn contradicts(&mut self, kind: &'static str, what: String) {
+        self.contradictions.push((kind, what));
+    }
+
+    fn asks(&mut self, kind: &'static str, what: String) {
+        self.open.push((kind, what));
+    }
+
+    /// What it did before the scan came.
+    fn state(&mut self, device: &SubDevice) {
+        let Some((status, code)) = device.observed.state_before else { return };
+        if status.error() {
+            self.asks(
+                "error-before",
+                format!("it stood in an error before the scan: {status}, AL status code {code}"),
+            );
+        } else if status.state() != Ok(AlState::Init) {
+            self.asks(
+                "in-use",
+                format!(
+                    "it was in {status}: whoever brought it there may run on; the \
+                    scan took it to INIT"
+                ),
+            );
+        }
+    }
+
+    fn ports(&mut self, device: &SubDevice) {
+        let (status, kinds) = (device.dl_status, device.esc.ports);
+        for port in PortNumber::ALL {
+            if status.open(port) && !has_port(kinds, port) {
+                let kind = port_kind(kinds, port);
+                self.contradicts(
+                    "port-not-there",
+                    format!(
+                        "frames leave through port {port} (0x0110), whose kind is \
+                        \"{kind}\" (0x0007)"
+                    ),
+                );
+            } else if status.link(port) && !status.communication(port) {
+                self.asks(
+                    "link-without-signal",
+                    format!(
+                        "port {port} has a link and no signal (0x0110): what is \
+                        behind it does not answer"
+                    ),
+                );
+            }
+        }
+    }
+
+    fn clock(&mut self, device: &SubDevice) {
+        let promised = device.esc.has(features::DC);
+        match (promised, device.dc) {
+            (true, DcCapability::None) => self.contradicts(
+                "no-receive-times",
+                "0x0008 bit 2 promises distributed clocks, but 0x0900 does not answer".to_owned(),
+            ),
+            (true, DcCapability::ReceiveTimes) => self.asks(
+                "receive-times-only",
+                "it has receive times and no system time (0x0910 does not answer)".to_owned(),
+            ),
+            _ => {}
+        }
+        if let Some(Delay::Indeterminate { why, between }) = device.measured_delay {
+            let range = between.map_or(String::new(), |(least, most)| {
+                format!("; {} to {} ns are possible", least.0 / 1_000, most.0 / 1_000)
+            });
+            self.asks("delay-unknown", format!("its delay can't be known: {why}{range}"));
+        }
+    }
+
+    fn sii(&mut self, device: &SubDevice) {
+        let alias = alias(device);
+        if let Some(found) = device.observed.alias.filter(|found| *found != alias) {
+            self.contradicts(
+                "alias",
+                format!("its alias is {found} in register 0x0012 and {alias} in the SII"),
+            );
+        }
+        if device.identity.vendor == 0 || device.identity.product == 0 {
+            self.asks("no-identity", "its SII names no vendor or no product".to_owned());
+        }
+    }
+
+    fn sync_managers(&mut self, device: &SubDevice) {
+        let (records, esc) = (&device.sii.sync_managers, &device.esc);
+        if records.len() > usize::from(esc.sync_managers) {
+            self.contradicts(
+                "too-few-sync-managers",
+                format!(
+                    "its SII has {} SyncManagers, its ESC {} (0x0005)",
+                    records.len(),
+                    esc.sync_managers
+                ),
+            );
+        }
+        let used = [&device.outputs, &device.inputs].iter().filter(|data| data.length > 0).count();
+        if used > usize::from(esc.fmmus) {
+            self.contradicts(
+                "too-few-fmmus",
+                format!(
+                    "{used} FMMUs are needed for its process data, its ESC has {} (0x0004)",
+                    esc.fmmus
+                ),
+            );
+        }
+        for (number, (record, kind)) in records.iter().zip(&device.sm_types).enumerate() {
+            if record.kind != *kind && *kind != sm_type::UNUSED {
+                let (sii, object) = (sync_manager_use(record.kind), sync_manager_use(*kind));
+                self.contradicts(
+                    "sync-manager-use",
+                    format!(
+                        "SyncManager {number} is for {sii} in its SII, for {object} \
+                        in 0x1C00"
+                    ),
+                );
+            }
+        }
+        let areas = areas(device);
+        let end = u32::from(PROCESS_RAM) + 1024 * u32::from(esc.ram);
+        for (at, (name, from, to)) in areas.iter().enumerate() {
+            if *from < u32::from(PROCESS_RAM) || *to > end {
+                self.contradicts(
+                    "beyond-the-memory",
+                    format!(
+                        "{name} is at {from:#06x}..{to:#06x}, its process RAM at \
+                        0x1000..{end:#06x} (0x0006)"
+                    ),
+                );
+            }
+            for (other, begin, until) in &areas[at + 1..] {
+                if from < until && begin < to {
+                    self.contradicts(
+                        "overlap",
+                        format!(
+                            "{name} at {from:#06x}..{to:#06x} and {other} at \
+                            {begin:#06x}..{until:#06x} overlap"
+                        ),
+                    );
+                }
+            }
+        }
+        if device.has_mailbox() {
+            let header = &device.sii.header;
+            let named =
+                [(sm_type::MAILBOX_OUT, header.receive), (sm_type::MAILBOX_IN, header.send)];
+            for (kind, area) in named {
+                let Some(record) = records.iter().find(|record| record.kind == kind) else {
+                    continue;
+                };
+                if (record.start, record.length) != (area.start, area.length) {
+                    self.contradicts(
+                        "mailbox-area",
+                        format!(
+                            "{} is {} bytes at {:#06x} in the head of its SII, {} bytes \
+                                at {:#06x} among its SyncManagers",
+                            sync_manager_use(kind),
+                            area.length,
+                            area.start,
+                            record.length,
+                            record.start
+                        ),
+                    );
+                }
+            }
+        }
+    }
+
+    fn op_modes(&mut self, device: &SubDevice) {
+        let wanting =
+            device.sii.operation_modes.iter().map(|mode| AssignActivate(mode.assign_activate));
+        let synced = wanting.filter(|word| word.activates()).count();
+        if synced > 0 && !device.dc.has_clock() {
+            self.contradicts(
+                "op-mode-without-clock",
+                format!("{synced} OpModes of its SII switch SYNC on, but it has no system time"),
+            );
+        }
+    }
+}
+
+/// What lies where in the process RAM: name, first byte, behind the last. Three buffers lie one behind the
+/// other.
+fn areas(device: &SubDevice) -> Vec<(String, u32, u32)> {
+    let header = &device.sii.header;
+    let mut areas = Vec::new();
+    if device.has_mailbox() {
+        for (name, area) in [("mailbox out", header.receive), ("mailbox in", header.send)] {
+            areas.push((name.to_owned(), area.start.into(), u32::from(area.length)));
+        }
+    }
+    for (name, data) in [("outputs", &device.outputs), ("inputs", &device.inputs)] {
+        let Some(number) = data.sync_manager else { continue };
+        let record = device.sii.sync_managers.get(usize::from(number));
+        let buffers = if record.is_some_and(|record| record.control & 3 == 0) { 3 } else { 1 };
+        areas.push((name.to_owned(), data.start.into(), buffers * u32::from(data.length)));
+    }
+    areas.retain(|(_, _, length)| *length > 0);
+    areas.into_iter().map(|(name, start, length)| (name, start, start + length)).collect()
+}
+
+/// Word 4 of the SII.
+pub(super) fn alias(device: &SubDevice) -> u16 {
+    let words = &device.sii.header.configuration;
+    u16::from_le_bytes([words[8], words[9]])
+}

@@ -40,18 +40,22 @@ fn registers_bound_the_truth_within_their_share() {
     let main = outcome.world.main();
     let clocks = main.quality();
     let led: Vec<usize> = clocks.iter().map(|clock| clock.position).collect();
-    assert_eq!(led, [1, 3], "all with a clock but the reference");
+    assert_eq!(led, [1, 2, 3], "all with a clock but the reference");
     for clock in clocks {
-        let sync0 = outcome.bench.devices()[clock.position].sync0.as_ref().expect("SYNC0 in use");
-        let worst = sync0.statistics().worst() as f64 / 1e3;
         let bound = clock.bound().expect("it was read");
+        // The one in the middle has a clock and makes no pulses.
+        let sync0 = outcome.bench.devices()[clock.position].sync0.as_ref();
+        assert_eq!(sync0.is_some(), clock.position != 2);
+        let worst = sync0.map_or(0.0, |judge| judge.statistics().worst() as f64 / 1e3);
         assert!(bound.0 as f64 >= worst, "{}: {bound} and {worst} ns", clock.position);
         assert!(bound < Nanos(250), "{}: {bound}", clock.position);
         assert_eq!(clock.readings().count(), 256);
         assert!(Alarm::ALL.into_iter().all(|alarm| !clock.has(alarm)));
         let ppb = |at: usize| scenario.devices[at].clock.0;
-        let apart = clock.last().unwrap().correction_ppb + ppb(clock.position) - ppb(0);
-        assert!(apart.abs() < 1_000, "{}: {apart} ppb", clock.position);
+        // 0x0932 is filtered by 0x0935, over some thousand drift frames: it follows late.
+        let corrections = clock.readings().map(|reading| reading.correction_ppb);
+        let apart = corrections.sum::<i64>() / 256 + ppb(clock.position) - ppb(0);
+        assert!(apart.abs() < 3_000, "{}: {apart} ppb", clock.position);
     }
     let on_wire = share.0.get();
     assert_eq!(main.quality_wire_time(), Nanos(on_wire), "told and seen");
@@ -59,7 +63,13 @@ fn registers_bound_the_truth_within_their_share() {
     assert!((9.0..=10.1).contains(&permille), "{permille}");
 }
 
-/// Clocks that nobody leads slide and leave the limit; a SubDevice without power is silent. The others raise nothing.
+#[derive(Debug, PartialEq)]
+enum Found {
+    Alarm(usize, Alarm, bool),
+    Unled(u64),
+}
+
+/// Clocks that nobody leads are told; a SubDevice without power is silent. The others raise nothing.
 #[test]
 fn alarms_name_the_clock_and_what_is_wrong() {
     let up = |change: &dyn Fn(&mut Scenario)| {
@@ -79,21 +89,26 @@ fn alarms_name_the_clock_and_what_is_wrong() {
         let mut found = Vec::new();
         while world.step(end) {
             while let Some(event) = world.poll_event() {
-                if let Event::ClockAlarm { position, alarm, raised, .. } = event {
-                    found.push((position, alarm, raised));
+                match event {
+                    Event::ClockAlarm { position, alarm, raised, .. } => {
+                        found.push(Found::Alarm(position, alarm, raised));
+                    }
+                    Event::ClocksUnled { cycles } => found.push(Found::Unled(cycles)),
+                    _ => {}
                 }
             }
         }
         found
     };
+    // Nobody compares: 0x092C stays as it is, however far they are apart.
     let mut alone = up(&|scenario| scenario.drift_compensation = false);
-    let mut found = alarms(&mut alone, 1_000);
-    found.sort_by_key(|(position, alarm, _)| (*position, *alarm as usize));
-    let sliding = |at| (at, Alarm::Sliding, true);
-    assert!(found.contains(&sliding(1)) && found.contains(&sliding(3)), "{found:?}");
+    let found = alarms(&mut alone, 1_000);
+    assert!(matches!(found[..], [Found::Unled(100..)]), "{found:?}");
     let mut world = up(&|_| {});
     assert_eq!(alarms(&mut world, 500), []);
     let now = world.now();
     world.segment_mut().power_off(3, now + Picos(1));
-    assert_eq!(alarms(&mut world, 500), [(3, Alarm::Silent, true)]);
+    let found = alarms(&mut world, 500);
+    assert!(found.contains(&Found::Alarm(3, Alarm::Silent, true)), "{found:?}");
+    assert!(!found.iter().any(|one| matches!(one, Found::Alarm(1 | 2, ..))), "{found:?}");
 }

@@ -183,12 +183,15 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     }
     let share = 1..=200;
     let sound = |watch: QualityWatch| {
-        share.contains(&watch.share_permille) && watch.history >= 16 && watch.difference_limit.0 > 0
+        share.contains(&watch.share_permille)
+            && watch.history >= 16
+            && watch.unled_cycles > 0
+            && watch.difference_limit.0 > 0
     };
     if config.quality.is_some_and(|watch| !sound(watch)) {
         return Err(Cause::Setting {
             name: "quality",
-            expected: "a share of 1 to 200 permille, 16 readings or more, a limit above 0",
+            expected: "a share of 1 to 200 permille, 16 readings or more, limits above 0",
         });
     }
     if !(1..=90).contains(&config.acyclic_share) {

@@ -126,6 +126,9 @@ pub struct QualityWatch {
     pub share_permille: u16,
     /// Readings kept of each clock, 16 or more. Default 256.
     pub history: usize,
+    /// Cycles without a drift frame that all clocks took, after which [`Event::ClocksUnled`](crate::Event::ClocksUnled)
+    /// tells so: what 0x092C shows is old then. 1 or more; default 100.
+    pub unled_cycles: u64,
     /// 0x092C beyond this raises an alarm; half of it lets it go. Default 200 ns: twice what clocks count as
     /// converged with.
     pub difference_limit: Nanos,
@@ -133,7 +136,7 @@ pub struct QualityWatch {
 
 impl Default for QualityWatch {
     fn default() -> Self {
-        Self { share_permille: 10, history: 256, difference_limit: Nanos(200) }
+        Self { share_permille: 10, history: 256, unled_cycles: 100, difference_limit: Nanos(200) }
     }
 }
 

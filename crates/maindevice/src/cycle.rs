@@ -77,6 +77,8 @@ struct Reference {
     /// Working counter that last came back.
     counted: u16,
     compensate: bool,
+    /// The last cycle whose drift datagram all clocks took; 0 before the first.
+    led: u64,
 }
 
 /// One frame of the cycle and where its datagrams are.
@@ -118,6 +120,7 @@ impl Cycle {
             clocks: if config.drift_compensation { clocks as u16 } else { 1 },
             counted: if config.drift_compensation { clocks as u16 } else { 1 },
             compensate: config.drift_compensation,
+            led: 0,
         });
         let image = segment.image.clone();
         let bytes = image.chunks.iter().map(|c| c.logical as usize + usize::from(c.length)).max();
@@ -200,6 +203,11 @@ impl Cycle {
     /// Whether all frames of the cycle are out.
     pub fn is_sent(&self) -> bool {
         self.next_frame >= self.frames.len() || self.next_frame == 0
+    }
+
+    /// Cycles since all clocks last took the reference's time; `None` without a reference.
+    pub fn unled(&self) -> Option<u64> {
+        self.reference.as_ref().map(|reference| self.number.saturating_sub(reference.led))
     }
 
     /// When the port has sent the frames of this cycle that are out, and the gap behind them.
@@ -463,6 +471,9 @@ impl Cycle {
         let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
         let dc = if reference.wide { Time::new(raw) } else { extend(raw as u32, reference.last) };
         reference.last = dc;
+        if reference.compensate {
+            reference.led = cycle;
+        }
         self.servo.sample(sent, dc);
         if self.measuring {
             let cycle = self.cycle.0;

@@ -167,6 +167,12 @@ pub enum Event {
         /// Its slope, ns per second.
         slope_ppb: i64,
     },
+    /// No drift frame that all clocks took for many cycles ([`QualityWatch::unled_cycles`](crate::QualityWatch)):
+    /// clocks run by themselves, and 0x092C tells nothing new. `cycles` is 0 when they are led again.
+    ClocksUnled {
+        /// Cycles since the last one.
+        cycles: u64,
+    },
     /// Another number of SubDevices answers than was found at the scan.
     CountChanged {
         /// Cycle.

@@ -810,6 +810,10 @@ impl MainDevice {
         let Activity::Operating = self.activity else { return };
         let now = self.link.now();
         let Some(monitor) = &mut self.quality else { return };
+        let unled = self.cycle.as_ref().and_then(|cycle| cycle.unled());
+        if let Some(cycles) = unled.and_then(|cycles| monitor.guidance(cycles)) {
+            self.link.report(Event::ClocksUnled { cycles });
+        }
         if let Some(reading) = &mut self.reading {
             let Poll::Ready(found) = poll(reading) else { return };
             self.reading = None;

@@ -193,6 +193,8 @@ pub(crate) struct Monitor {
     next: Time<Host>,
     /// Wire time of all reads so far.
     spent: Nanos,
+    /// It was told that clocks are not led.
+    unled: bool,
 }
 
 impl Monitor {
@@ -209,6 +211,7 @@ impl Monitor {
             turn: 0,
             next: now,
             spent: Nanos::ZERO,
+            unled: false,
         })
     }
 
@@ -266,6 +269,17 @@ impl Monitor {
             }
         }
         changes
+    }
+
+    /// Takes for how many cycles no drift frame reached all clocks; gives what is to be told of it: how many, 0 when it
+    /// is over.
+    pub fn guidance(&mut self, cycles: u64) -> Option<u64> {
+        let unled = cycles >= self.config.unled_cycles;
+        if unled == self.unled {
+            return None;
+        }
+        self.unled = unled;
+        Some(if unled { cycles } else { 0 })
     }
 
     /// All clocks.
@@ -362,7 +376,12 @@ mod tests {
     const LIMIT: Nanos = Nanos(100);
 
     fn config() -> config::QualityWatch {
-        config::QualityWatch { share_permille: 10, history: 20, difference_limit: LIMIT }
+        config::QualityWatch {
+            share_permille: 10,
+            history: 20,
+            unled_cycles: 3,
+            difference_limit: LIMIT,
+        }
     }
 
     fn monitor(clocks: usize) -> Monitor {
@@ -415,6 +434,14 @@ mod tests {
         let gone = read(&mut monitor, 50);
         assert_eq!((gone.len(), gone[0].alarm, gone[0].raised), (1, Alarm::Difference, false));
         assert!(!monitor.clocks()[0].has(Alarm::Difference));
+    }
+
+    #[test]
+    fn clocks_without_guidance() {
+        let mut monitor = monitor(1);
+        assert_eq!([0, 1, 2].map(|cycles| monitor.guidance(cycles)), [None; 3]);
+        assert_eq!([3, 4, 500].map(|cycles| monitor.guidance(cycles)), [Some(3), None, None]);
+        assert_eq!([0, 1].map(|cycles| monitor.guidance(cycles)), [Some(0), None]);
     }
 
     #[test]

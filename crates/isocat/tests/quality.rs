@@ -58,7 +58,9 @@ fn registers_bound_the_truth_within_their_share() {
         assert!(apart.abs() < 3_000, "{}: {apart} ppb", clock.position);
     }
     let on_wire = share.0.get();
-    assert_eq!(main.quality_wire_time(), Nanos(on_wire), "told and seen");
+    // A few share their frame with the SDO services at the end.
+    let told = main.quality_wire_time().0;
+    assert!((told..=told * 101 / 100).contains(&on_wire), "{told} told, {on_wire} seen");
     let permille = on_wire as f64 / 3e9 * 1e3;
     assert!((9.0..=10.1).contains(&permille), "{permille}");
 }

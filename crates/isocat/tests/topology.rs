@@ -48,7 +48,10 @@ fn a_tree_comes_into_synchronization() {
 #[test]
 fn a_pulled_cable_shows_in_the_working_counter_until_it_is_back() {
     let scenario = Scenario::from(SegmentFile::built_in());
-    let mut world = World::new(scenario.run().setup, Motion::default(), None::<NoTap>);
+    // Nobody is to bring it back.
+    let mut setup = scenario.run().setup;
+    setup.config.readmission = None;
+    let mut world = World::new(setup, Motion::default(), None::<NoTap>);
     let limit = Time::new(20_000_000_000_000);
     while !matches!(world.poll_event(), Some(Event::InOperation { .. })) {
         assert!(world.step(limit), "the segment does not come up");
@@ -90,7 +93,9 @@ fn a_power_cycle_leaves_the_device_behind_in_init() {
     let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 3\n";
     let scenario = Scenario::from(SegmentFile::parse("simple.toml", text).expect("it reads"));
     let outcome = || {
-        let mut world = World::new(scenario.run().setup, Motion::default(), None::<NoTap>);
+        let mut setup = scenario.run().setup;
+        setup.config.readmission = None;
+        let mut world = World::new(setup, Motion::default(), None::<NoTap>);
         let limit = Time::new(20_000_000_000_000);
         while !matches!(world.poll_event(), Some(Event::InOperation { .. })) {
             assert!(world.step(limit), "the segment does not come up");

@@ -248,7 +248,7 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     .await?;
     let phase = work.segment.timing.as_ref().and_then(|timing| timing.sync0);
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
-        let now = sync::system_time(link, work.segment.devices[reference].station).await?;
+        let now = sync::reference_now(link, &work.segment.devices[reference]).await?;
         // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.
         let grid = sync::grid(&work.segment, config.cycle);
         let acting = grid.start(now, config.timeouts.sync_lead, phase);
@@ -354,7 +354,8 @@ pub(crate) async fn stop(mut work: Work) -> End {
         preop.iter().map(|result| matches!(result, Err(Cause::Access(_)))).collect();
     let init = settle(&mut work.segment.devices, |device| {
         // One that did not answer a moment ago is asked once, and not waited for.
-        let patience = if silent[device.position] { Nanos::ZERO } else { patience };
+        let answers = device.admitted && !silent[device.position];
+        let patience = if answers { patience } else { Nanos::ZERO };
         Box::pin(esm::change(&link, device, AlState::Init, patience))
     })
     .await;
@@ -369,6 +370,9 @@ async fn step_down(
     state: AlState,
     patience: Nanos,
 ) -> Result<(), Cause> {
+    if !device.admitted {
+        return Ok(());
+    }
     let (status, code) = esm::read_status(link, device.station).await?;
     (device.al_status, device.al_code) = (status, code);
     let above = status.state().is_ok_and(|now| now as u8 > state as u8);
@@ -418,4 +422,4 @@ async fn each_with_mailbox<'a>(
 
 /// Cycles in a row in which all process data must count right before OP is asked for: inputs are
 /// put into their buffers by the application of the device, which may be some cycles late.
-const COMPLETE_CYCLES: u64 = 10;
+pub(crate) const COMPLETE_CYCLES: u64 = 10;

@@ -23,7 +23,7 @@ use crate::config::Config;
 use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Latch, Times};
 use crate::error::{AccessError, Cause};
 use crate::event::Event;
-use crate::link::{Exchange, Link, Travel};
+use crate::link::{Exchange, Link, Travel, Wish};
 use crate::segment::{DcCapability, Segment, Speed, SubDevice};
 
 /// Measures and sets delays and offsets, then drives the drift loop. Nothing to do without a clock.
@@ -79,6 +79,226 @@ pub(crate) async fn measure_speeds(link: &Link, segment: &mut Segment) -> Result
         });
     }
     Ok(())
+}
+
+/// Clocks that come into a running segment.
+pub(crate) struct Joining {
+    /// Positions of those that come.
+    pub joining: Vec<usize>,
+    /// Positions of all that are there, those that come included, in processing order.
+    pub there: Vec<usize>,
+    /// Others that answer.
+    pub strangers: u16,
+}
+
+/// Gives clocks that come into a running segment their delays and offsets; nobody else's clock is written to.
+///
+/// The drift datagram reaches what lies behind the reference only. So where one comes that lies before it, or
+/// where no reference is left, the first of them leads from now on ([`Wish::Lead`]); it takes over the time as it
+/// runs, so that nothing jumps. Until it does, the datagram would write the host's time to it, and the clocks are
+/// left to themselves.
+pub(crate) async fn join(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    joining: Joining,
+) -> Result<(), Cause> {
+    let Joining { joining, there, strangers } = joining;
+    let clocks = |segment: &Segment| -> Vec<usize> {
+        joining.iter().copied().filter(|at| segment.devices[*at].dc.has_clock()).collect()
+    };
+    let clocks = clocks(segment);
+    let (Some(&first), Some(before)) = (clocks.first(), segment.reference) else { return Ok(()) };
+    let led = segment.devices[before].admitted;
+    let reference = if led { before.min(first) } else { first };
+    if reference != before {
+        link.with(|inner| inner.wishes.push_back(Wish::HoldClocks));
+        link.sleep(Nanos(2 * config.cycle.0)).await;
+    }
+    for &position in &clocks {
+        reset_filters(link, segment.devices[position].station).await?;
+    }
+    // The others as they are, without the gaps.
+    let place = |position: usize| there.iter().position(|at| *at == position);
+    let mut devices: Vec<SubDevice> = there.iter().map(|at| segment.devices[*at].clone()).collect();
+    for device in &mut devices {
+        device.parent = device.parent.and_then(|(above, port)| Some((place(above)?, port)));
+    }
+    let Some(at) = place(reference) else { return Ok(()) };
+    let present = Segment { devices, reference: Some(at), ..Segment::default() };
+    let stations = delay::stations(&present);
+    let mut estimator = Estimator::new(&present, at, FREE_RUNNING_PPB);
+    let wanted = config.delay_latches.max(1);
+    let (mut last, mut lost) = (None, 0);
+    while estimator.latches() < wanted {
+        let sent = link.now();
+        match delay::latch_among(link, &stations, strangers).await {
+            Ok(latch) => {
+                estimator.sample(&latch);
+                last = Some((sent, latch));
+            }
+            Err(error) => {
+                lost += 1;
+                if lost > wanted {
+                    return Err(error.into());
+                }
+            }
+        }
+    }
+    link.with(|inner| {
+        inner.statistics.delay_latches += wanted as u64;
+        inner.statistics.delay_latches_lost += lost as u64;
+    });
+    let Some((sent, latch)) = last else { return Ok(()) };
+    let delays = estimator.delays();
+    let entry = |position: usize| place(position).map_or(0, |at| latch[at].entry);
+    // System time and delay of whoever has both: all others follow from them.
+    let (known, time, delay) = if led {
+        let device = &segment.devices[before];
+        let time = entry(before).wrapping_add(device.offset);
+        (before, time, device.delay.unwrap_or(Nanos::ZERO))
+    } else {
+        // Nobody has the time any more but the host.
+        let time = link.with(|inner| {
+            let (host, dc) = inner.reference_time;
+            dc + (sent - host)
+        });
+        (first, time.count(), Nanos::ZERO)
+    };
+    let from_reference = |position: usize| {
+        place(position).and_then(|at| delays.get(at)).map_or(Nanos::ZERO, |delay| delay.or_middle())
+    };
+    let mut writes = Vec::new();
+    for &position in &clocks {
+        let measured = place(position).and_then(|at| delays.get(at)).copied();
+        let apart = from_reference(position) - from_reference(known);
+        let device = &mut segment.devices[position];
+        if let Some(measured) = measured {
+            take(link, device, measured);
+        }
+        // Delays count from the first reference that there was.
+        device.delay = Some(Nanos((delay + apart).0.max(0)));
+        device.offset = time.wrapping_add_signed(apart.0).wrapping_sub(entry(position));
+        if device.dc == DcCapability::Clock32 {
+            device.offset &= u64::from(u32::MAX);
+        }
+        let delay = device.delay.unwrap_or(Nanos::ZERO).0 as u32;
+        let offset = device.offset.to_bytes();
+        writes.push(link.fpwr(device.station, register::SYSTEM_TIME_OFFSET.address, &offset));
+        let delay = delay.to_bytes();
+        writes.push(link.fpwr(device.station, register::SYSTEM_TIME_DELAY.address, &delay));
+    }
+    for write in writes {
+        write.expect(1).await?;
+    }
+    for &position in &clocks {
+        reset_filters(link, segment.devices[position].station).await?;
+    }
+    if reference != before {
+        segment.reference = Some(reference);
+        link.with(|inner| inner.wishes.push_back(Wish::Lead(reference)));
+    }
+    Ok(())
+}
+
+/// Sets delays right after frames have come to take another way: a branch that is gone, or back, makes it shorter
+/// or longer to all that lie behind it in the order of frames.
+///
+/// The first drift datagram on the new way has measured by how much, as the clocks themselves agreed until then:
+/// 0x092C shows it. A loop that has taken a wrong time for a right one pulls until it gets the next, so that follows
+/// at once, in a drift datagram beside those of the cycle. Gives the delays that were written.
+pub(crate) async fn shift(
+    link: Link,
+    threshold: Nanos,
+    reference: StationAddress,
+    clocks: Vec<SubDevice>,
+) -> Vec<(usize, Nanos)> {
+    let there = link.fprd(reference, register::SYSTEM_TIME.address, 8);
+    let address = register::SYSTEM_TIME_DIFFERENCE.address;
+    let reads: Vec<_> =
+        clocks.iter().map(|device| (device, link.fprd(device.station, address, 4))).collect();
+    // Without the reference nothing was measured.
+    if there.expect(1).await.is_err() {
+        return Vec::new();
+    }
+    let mut writes = Vec::new();
+    for (device, read) in reads {
+        let Ok(reply) = read.expect(1).await else { continue };
+        let bytes = reply.data.first_chunk().copied().unwrap_or_default();
+        let apart = SystemTimeDifference::from_bytes(bytes).nanos();
+        let Some(written) = device.delay else { continue };
+        if apart.abs() <= threshold || apart.abs() > LONGEST_DETOUR {
+            continue;
+        }
+        let mut delay = Nanos((written + apart).0.max(0));
+        // The way is again what it was when it was measured with care.
+        let measured = device.measured_delay.and_then(|measured| measured.nanos());
+        if let Some(measured) = measured.filter(|measured| (delay - *measured).abs() <= threshold) {
+            delay = measured;
+        }
+        let data = (delay.0 as u32).to_bytes();
+        let write = link.fpwr(device.station, register::SYSTEM_TIME_DELAY.address, &data);
+        writes.push((device.position, delay, write));
+    }
+    let mut delays = Vec::with_capacity(writes.len());
+    if writes.is_empty() {
+        return delays;
+    }
+    let address = Address::Station(reference, register::SYSTEM_TIME.address);
+    let travel = Travel { alone: true, once: true };
+    let next = link.exchange(Command::Frmw, address, vec![0; 8], travel);
+    link.with(|inner| inner.statistics.drift_frames += 1);
+    for (position, delay, write) in writes {
+        if write.expect(1).await.is_ok() {
+            delays.push((position, delay));
+        }
+    }
+    // Should it be lost, that of the next cycle does the same.
+    let _lost = next.reply().await.is_err();
+    delays
+}
+
+/// More than any branch takes; a datagram that has not passed the reference makes differences beyond.
+const LONGEST_DETOUR: Nanos = Nanos::millis(1);
+
+/// Filter depths and, last, the write to 0x0930 that clears all filters of this clock.
+async fn reset_filters(link: &Link, station: StationAddress) -> Result<(), AccessError> {
+    let depths = [TIME_FILTER_DEPTH, SPEED_FILTER_DEPTH];
+    link.fpwr(station, register::TIME_FILTER_DEPTH.address, &depths).expect(1).await?;
+    link.write(station, register::SPEED_COUNTER_START, SPEED_COUNTER_START).await
+}
+
+/// Waits until a clock has converged, led by the drift datagram of the cycle.
+pub(crate) async fn follow(
+    link: &Link,
+    config: &Config,
+    device: &mut SubDevice,
+) -> Result<(), Cause> {
+    let begin = link.now();
+    let end = begin + config.timeouts.drift;
+    let limits = Limits { difference: config.drift_threshold, ..Limits::default() };
+    let mut judge = Convergence::new(limits);
+    let interval = Nanos(READING_INTERVAL.0.max(2 * config.cycle.0));
+    loop {
+        link.sleep(interval).await;
+        let clocks = [(device.position, device.station)];
+        for (at, difference) in read_differences(link, &clocks).await? {
+            device.difference = Some(difference);
+            judge.sample(at, difference);
+        }
+        match judge.verdict() {
+            Verdict::Converged { .. } => return Ok(()),
+            Verdict::Converging { slope_ppb, .. } if link.now() >= end => {
+                return Err(Cause::Drift {
+                    place: device.place(),
+                    difference: device.difference.unwrap_or(Nanos::ZERO),
+                    slope_ppb,
+                    after: link.now() - begin,
+                });
+            }
+            _ => {}
+        }
+    }
 }
 
 /// Latches several times; delays become the mean. Gives the last latch.

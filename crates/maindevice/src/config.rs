@@ -73,6 +73,12 @@ pub struct Config {
     /// [`Event::Surveyed`](crate::Event::Surveyed). Nothing is written to objects, and what one SubDevice lacks
     /// ends nothing: it goes into [`Segment::problems`](crate::Segment::problems). Default no.
     pub survey: Option<Survey>,
+    /// What becomes of SubDevices that are lost while the segment runs, by power or by cable. `None`: nothing is
+    /// done, and nothing expected otherwise. Default: they are admitted again when they are back.
+    pub readmission: Option<Readmission>,
+    /// What becomes of SubDevices that leave OP by themselves. Default [`Recovery::Never`]: why a device fell is
+    /// for whoever knows its machine to judge.
+    pub recovery: Recovery,
     /// How long to wait for what.
     pub timeouts: Timeouts,
 }
@@ -98,6 +104,8 @@ impl Config {
             watchdog: None,
             acyclic_share: 40,
             survey: None,
+            readmission: Some(Readmission::default()),
+            recovery: Recovery::Never,
             timeouts: Timeouts::default(),
         }
     }
@@ -157,6 +165,38 @@ impl Default for Survey {
     fn default() -> Self {
         Self { objects: true }
     }
+}
+
+/// How SubDevices that were lost are taken up again.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Readmission {
+    /// From an attempt that failed to the next one. Default 1 s.
+    pub pause: Nanos,
+}
+
+impl Default for Readmission {
+    fn default() -> Self {
+        Self { pause: Nanos::millis(1_000) }
+    }
+}
+
+/// When a SubDevice that left OP by itself, its AL status showing an error as a rule, is acknowledged and brought
+/// back.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Recovery {
+    /// Never.
+    #[default]
+    Never,
+    /// One attempt for each SubDevice in the whole run.
+    Once,
+    /// Again and again, each pause after a failure twice as long as the one before. Being well for as long as
+    /// the longest pause makes it short again.
+    BackOff {
+        /// From the fall to the first attempt.
+        first: Nanos,
+        /// Longest pause.
+        longest: Nanos,
+    },
 }
 
 /// Patience, all in host time.

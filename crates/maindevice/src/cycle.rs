@@ -10,6 +10,7 @@
 
 use alloc::vec;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use isocat_sync::phase::external::Stamps;
 use isocat_sync::phase::{Direction, Drive, Servo, Settings, State};
@@ -22,7 +23,9 @@ use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use crate::event::Event;
 use crate::link::{CYCLIC_INDEX, Inner};
-use crate::segment::{DatagramPlan, DcCapability, FramePlan, GAP, ProcessImage, Segment};
+use crate::segment::{
+    Chunk, DatagramPlan, DcCapability, FramePlan, GAP, ProcessImage, Segment, SubDevice,
+};
 
 /// The exchange and its state.
 pub(crate) struct Cycle {
@@ -49,6 +52,14 @@ pub(crate) struct Cycle {
     inputs: Vec<u8>,
     /// Cycles for which each chunk has counted wrongly: with LRW or LRD, with LWR.
     wrong: Vec<[u64; 2]>,
+    /// By position: where its process data are, and whether they take part.
+    places: Vec<Place>,
+    /// By chunk: writers and readers that take part.
+    admitted: Vec<(u16, u16)>,
+    /// SubDevices that take part.
+    present: u16,
+    /// The frames are built anew with the next cycle.
+    stale: bool,
     number: u64,
     /// Instant for the next frame, or of the cycle being sent.
     due: Time<Host>,
@@ -66,6 +77,16 @@ pub(crate) struct Cycle {
     pub measuring: bool,
 }
 
+/// One SubDevice in the exchange.
+struct Place {
+    chunk: Option<usize>,
+    inputs: Range<usize>,
+    writes: bool,
+    reads: bool,
+    clock: bool,
+    present: bool,
+}
+
 struct Reference {
     station: StationAddress,
     /// Bits of its clock.
@@ -79,6 +100,17 @@ struct Reference {
     compensate: bool,
     /// The last cycle whose drift datagram all clocks took; 0 before the first.
     led: u64,
+    /// Working counter of the drift datagram when the way of frames was last known to be as it is.
+    trusted: u16,
+    /// The one that came back since. Frames take another way to the clocks, so what they get is early or late:
+    /// until that is set right, the datagram only reads.
+    doubted: Option<u16>,
+    /// The clocks are left to themselves for a while.
+    held: bool,
+    /// The datagram only reads at present.
+    reading: bool,
+    /// A time was taken.
+    seen: bool,
 }
 
 /// One frame of the cycle and where its datagrams are.
@@ -112,20 +144,15 @@ impl Cycle {
         start: Time<Host>,
         source: [u8; 6],
     ) -> Self {
-        let clocks = segment.devices.iter().filter(|device| device.dc.has_clock()).count();
-        let reference = segment.reference.map(|position| Reference {
-            station: segment.devices[position].station,
-            wide: segment.devices[position].dc == DcCapability::Clock64,
-            last: Time::ZERO,
-            clocks: if config.drift_compensation { clocks as u16 } else { 1 },
-            counted: if config.drift_compensation { clocks as u16 } else { 1 },
-            compensate: config.drift_compensation,
-            led: 0,
-        });
+        let reference = segment
+            .reference
+            .map(|position| Reference::new(&segment.devices[position], config.drift_compensation));
         let image = segment.image.clone();
         let bytes = image.chunks.iter().map(|c| c.logical as usize + usize::from(c.length)).max();
         let bytes = bytes.unwrap_or(0);
         let settings = Settings::new(config.cycle, config.stamp_noise);
+        let places: Vec<_> =
+            segment.devices.iter().map(|device| Place::new(device, &image)).collect();
         let mut cycle = Self {
             cycle: config.cycle,
             send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),
@@ -137,6 +164,10 @@ impl Cycle {
             reference,
             count: segment.devices.len() as u16,
             wrong: vec![[0; 2]; image.chunks.len()],
+            admitted: Vec::with_capacity(image.chunks.len()),
+            present: 0,
+            places,
+            stale: false,
             image,
             exchanging: false,
             wanted: false,
@@ -153,8 +184,88 @@ impl Cycle {
             al_status: 0,
             measuring: false,
         };
+        cycle.take_stock();
+        if let Some(reference) = &mut cycle.reference {
+            reference.counted = reference.clocks;
+            reference.trusted = reference.clocks;
+        }
         cycle.build();
         cycle
+    }
+
+    /// A SubDevice takes part in the exchange from now on, or no longer. Expected working counters follow; the
+    /// frames stay as they are.
+    pub fn set_present(&mut self, position: usize, present: bool) {
+        if let Some(place) = self.places.get_mut(position) {
+            place.present = present;
+        }
+        self.take_stock();
+    }
+
+    /// Another SubDevice leads the clocks, with the next cycle. The time goes on as it was.
+    pub fn set_reference(&mut self, device: &SubDevice) {
+        let compensate = self.reference.as_ref().is_none_or(|reference| reference.compensate);
+        let before = self.reference.take();
+        let mut reference = Reference::new(device, compensate);
+        if let Some(before) = before {
+            (reference.last, reference.seen) = (before.last, before.seen);
+            (reference.counted, reference.trusted) = (before.counted, before.trusted);
+            (reference.held, reference.doubted) = (before.held, before.doubted);
+            reference.led = before.led;
+        }
+        self.reference = Some(reference);
+        self.stale = true;
+        self.take_stock();
+    }
+
+    /// Leaves the clocks to themselves, or leads them again, with the next cycle.
+    pub fn hold_clocks(&mut self, hold: bool) {
+        if let Some(reference) = &mut self.reference {
+            reference.held = hold;
+        }
+    }
+
+    /// Whether frames may take another way to the clocks than they did.
+    pub fn doubts_clocks(&self) -> bool {
+        self.reference.as_ref().is_some_and(|reference| reference.doubted.is_some())
+    }
+
+    /// The clocks have been set right for the way that frames take now.
+    pub fn trust_clocks(&mut self) {
+        if let Some(reference) = &mut self.reference
+            && let Some(counted) = reference.doubted.take()
+        {
+            reference.trusted = counted;
+        }
+    }
+
+    /// SubDevices that take part.
+    pub fn present(&self) -> u16 {
+        self.present
+    }
+
+    /// SubDevices that last answered the broadcast.
+    pub fn answering(&self) -> u16 {
+        self.answering
+    }
+
+    /// What must count when all that take part do.
+    fn take_stock(&mut self) {
+        self.admitted.clear();
+        self.admitted.resize(self.image.chunks.len(), (0, 0));
+        self.present = 0;
+        let mut clocks = 0;
+        for place in self.places.iter().filter(|place| place.present) {
+            self.present += 1;
+            clocks += u16::from(place.clock);
+            if let Some((writers, readers)) = place.chunk.and_then(|at| self.admitted.get_mut(at)) {
+                *writers += u16::from(place.writes);
+                *readers += u16::from(place.reads);
+            }
+        }
+        if let Some(reference) = &mut self.reference {
+            reference.clocks = if reference.compensate { clocks } else { 1 };
+        }
     }
 
     /// How long locking may take, being asked to wait `patience` at least.
@@ -413,10 +524,12 @@ impl Cycle {
             inner.statistics.cycles_skipped += skipped;
             inner.report(Event::CyclesSkipped { cycle: self.number, late, skipped });
         }
-        if self.wanted != self.exchanging {
+        if self.wanted != self.exchanging || self.stale {
             self.exchanging = self.wanted;
+            self.stale = false;
             self.build();
         }
+        self.choose_drift();
         let parity = (self.number & 1) as usize;
         if self.exchanging {
             // Counted up here and set back by whatever goes wrong.
@@ -441,6 +554,26 @@ impl Cycle {
         }
     }
 
+    /// The drift datagram leads the clocks, or only reads.
+    fn choose_drift(&mut self) {
+        let Some(reference) = &mut self.reference else { return };
+        let reading = !reference.compensate || reference.doubted.is_some() || reference.held;
+        if reading == reference.reading {
+            return;
+        }
+        reference.reading = reading;
+        let command = if reading { Command::Fprd } else { Command::Frmw };
+        let Some(frame) = self.frames.first_mut() else { return };
+        let (Some((Part::Drift, layout)), Some(mark)) =
+            (frame.datagrams.first_mut(), frame.marks.first_mut())
+        else {
+            return;
+        };
+        frame.bytes[layout.start] = command as u8;
+        layout.header.command = command as u8;
+        *mark = Mark::of(layout);
+    }
+
     /// The first instant from `earliest` on at which the frame finds the reference at its phase.
     fn next_send(&self, earliest: Time<Host>) -> Time<Host> {
         self.servo.next_send(earliest, self.cycle, self.send_phase)
@@ -456,12 +589,23 @@ impl Cycle {
         inner: &mut Inner,
     ) -> Option<Time<Dc>> {
         let reference = self.reference.as_mut()?;
-        let expected = reference.clocks;
-        if wkc != reference.counted {
-            reference.counted = wkc;
-            inner.report(Event::Drift { cycle, expected, found: wkc });
+        let expected = if reference.reading { 1 } else { reference.clocks };
+        // Clocks that are about to be admitted answer as well.
+        let more = wkc > expected && !reference.reading;
+        let counted = if more { expected } else { wkc };
+        let told = if reference.reading && reference.compensate && wkc == 1 {
+            reference.counted
+        } else {
+            counted
+        };
+        if told != reference.counted {
+            reference.counted = told;
+            inner.report(Event::Drift { cycle, expected, found: told });
         }
-        if wkc != expected {
+        if !reference.reading && wkc != reference.trusted {
+            reference.doubted = Some(wkc);
+        }
+        if counted != expected {
             inner.statistics.working_counter_errors += 1;
             // Without the reference's own access the data are ours; with it but not all others, a
             // clock is no longer led, and the time would still be right: but which of both it is
@@ -469,9 +613,18 @@ impl Cycle {
             return None;
         }
         let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
-        let dc = if reference.wide { Time::new(raw) } else { extend(raw as u32, reference.last) };
-        reference.last = dc;
-        if reference.compensate {
+        if raw == 0 {
+            // As it was sent: others answered in the place of the reference.
+            return None;
+        }
+        let dc = match (reference.wide, reference.seen) {
+            (true, _) => Time::new(raw),
+            (false, true) => extend(raw as u32, reference.last),
+            (false, false) => Time::new(raw & u64::from(u32::MAX)),
+        };
+        (reference.last, reference.seen) = (dc, true);
+        inner.reference_time = (sent, dc);
+        if !reference.reading {
             reference.led = cycle;
         }
         self.servo.sample(sent, dc);
@@ -495,11 +648,15 @@ impl Cycle {
         inner: &mut Inner,
     ) -> bool {
         let chunk = &self.image.chunks[at];
-        let expected = match part {
-            Part::ReadWrite(_) => 2 * chunk.writers + chunk.readers,
-            Part::Write(_) => chunk.writers,
-            _ => chunk.readers,
+        let count = |(writers, readers): (u16, u16)| match part {
+            Part::ReadWrite(_) => 2 * writers + readers,
+            Part::Write(_) => writers,
+            _ => readers,
         };
+        let (expected, planned) = (count(self.admitted[at]), count((chunk.writers, chunk.readers)));
+        // Those that are about to be admitted count from the moment at which they are mapped.
+        let more = self.answering > self.present && (expected..=planned).contains(&wkc);
+        let wkc = if more { expected } else { wkc };
         let wrong = &mut self.wrong[at][usize::from(part == Part::Write(at))];
         if wkc != expected {
             inner.statistics.working_counter_errors += 1;
@@ -512,7 +669,16 @@ impl Cycle {
         }
         if part != Part::Write(at) {
             let from = chunk.logical as usize;
-            self.inputs[from..from + usize::from(chunk.length)].copy_from_slice(data);
+            if self.admitted[at] == (chunk.writers, chunk.readers) {
+                self.inputs[from..from + usize::from(chunk.length)].copy_from_slice(data);
+            } else {
+                // In the place of one that is not there our own outputs come back.
+                let own = |place: &&Place| place.present && place.chunk == Some(at);
+                for Place { inputs, .. } in self.places.iter().filter(own) {
+                    let data = &data[inputs.start - from..inputs.end - from];
+                    self.inputs[inputs.clone()].copy_from_slice(data);
+                }
+            }
         }
         let cycles = core::mem::take(wrong);
         if cycles > 0 {
@@ -536,8 +702,7 @@ impl Cycle {
                         let Some(reference) = reference else { continue };
                         let address =
                             Address::Station(reference.station, register::SYSTEM_TIME.address);
-                        let command =
-                            if reference.compensate { Command::Frmw } else { Command::Fprd };
+                        let command = if reference.reading { Command::Fprd } else { Command::Frmw };
                         (command, address, TIME_LEN)
                     }
                     Part::Lead => {
@@ -578,6 +743,42 @@ impl Cycle {
     fn logical(&self, command: Command, chunk: usize) -> (Command, Address, usize) {
         let chunk = &self.image.chunks[chunk];
         (command, Address::Logical(chunk.logical), usize::from(chunk.length))
+    }
+}
+
+impl Place {
+    fn new(device: &SubDevice, image: &ProcessImage) -> Self {
+        let (outputs, inputs) = (&device.outputs, &device.inputs);
+        let start = inputs.logical as usize;
+        let mapped = outputs.length > 0 || inputs.length > 0;
+        let of = |chunk: &Chunk| (chunk.first..chunk.end).contains(&device.position);
+        Self {
+            chunk: image.chunks.iter().position(of).filter(|_| mapped),
+            inputs: start..start + usize::from(inputs.length),
+            writes: outputs.length > 0,
+            reads: inputs.length > 0,
+            clock: device.dc.has_clock(),
+            present: device.admitted,
+        }
+    }
+}
+
+impl Reference {
+    fn new(device: &SubDevice, compensate: bool) -> Self {
+        Self {
+            station: device.station,
+            wide: device.dc == DcCapability::Clock64,
+            last: Time::ZERO,
+            clocks: 0,
+            counted: 0,
+            compensate,
+            led: 0,
+            trusted: 0,
+            doubted: None,
+            held: false,
+            reading: !compensate,
+            seen: false,
+        }
     }
 }
 

@@ -15,7 +15,7 @@ use isocat_wire::register;
 use isocat_wire::time::Picos;
 use isocat_wire::{PortNumber, StationAddress};
 
-use crate::error::{AccessError, Cause};
+use crate::error::{AccessError, AccessProblem, Cause};
 use crate::link::{Exchange, Link, Travel};
 use crate::segment::{DcCapability, Segment, SubDevice};
 use crate::topology;
@@ -43,11 +43,25 @@ pub(crate) async fn latch(
     link: &Link,
     stations: &[(StationAddress, DcCapability)],
 ) -> Result<Times, AccessError> {
+    latch_among(link, stations, 0).await
+}
+
+/// The same, while up to so many others take the write too.
+pub(crate) async fn latch_among(
+    link: &Link,
+    stations: &[(StationAddress, DcCapability)],
+    strangers: u16,
+) -> Result<Times, AccessError> {
     let timed = stations.iter().filter(|(_, dc)| dc.has_receive_times()).count();
     // A repetition after a loss might leave times of two frames: rather another latch.
     let travel = Travel { alone: false, once: true };
     let address = Address::Broadcast(register::RECEIVE_TIME_0.address);
-    link.exchange(Command::Bwr, address, vec![0; 4], travel).expect(timed as u16).await?;
+    let write = link.exchange(Command::Bwr, address, vec![0; 4], travel);
+    let (expected, found) = (timed as u16, write.reply().await?.wkc);
+    if !(expected..=expected + strangers).contains(&found) {
+        let problem = AccessProblem::WorkingCounter { expected, found };
+        return Err(AccessError { command: Command::Bwr, address, problem });
+    }
     let reads: Vec<Option<(Exchange, Option<Exchange>)>> = stations
         .iter()
         .map(|(station, dc)| {

@@ -259,6 +259,13 @@ pub enum MappingProblem {
     },
     /// There is no SyncManager for these process data.
     NoSyncManager,
+    /// The device is back with another mapping than the process image was planned for.
+    Changed {
+        /// Bytes of outputs and inputs planned.
+        planned: (u16, u16),
+        /// Bytes of outputs and inputs it now maps.
+        found: (u16, u16),
+    },
     /// Too few FMMUs.
     NoFmmu {
         /// FMMUs needed.
@@ -528,6 +535,11 @@ impl fmt::Display for MappingProblem {
             MappingProblem::NoSyncManager => {
                 f.write_str("process data are mapped but no SyncManager is there for them")
             }
+            MappingProblem::Changed { planned, found } => write!(
+                f,
+                "mapping changed: {} + {} bytes of outputs and inputs, planned {} + {}",
+                found.0, found.1, planned.0, planned.1
+            ),
             MappingProblem::NoFmmu { needed, found } => {
                 write!(f, "{needed} FMMUs needed, {found} there")
             }

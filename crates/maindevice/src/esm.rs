@@ -55,6 +55,35 @@ pub(crate) async fn change(
     }
 }
 
+/// Acknowledges the error of a SubDevice, which stays in its state.
+pub(crate) async fn acknowledge(
+    link: &Link,
+    device: &mut SubDevice,
+    state: AlState,
+    patience: Nanos,
+) -> Result<(), Cause> {
+    let end = link.now() + patience;
+    let control = AlControl::request_and_acknowledge(state);
+    while !write_control(link, device.station, control).await? {
+        if link.now() >= end {
+            return Err(timeout(device, state, patience));
+        }
+        link.sleep(POLL_FIRST).await;
+    }
+    loop {
+        let (status, code) = read_status(link, device.station).await?;
+        (device.al_status, device.al_code) = (status, code);
+        if status.state() == Ok(state) && !status.error() {
+            return Ok(());
+        }
+        // The error stands until the firmware has read the request.
+        if link.now() >= end {
+            return Err(timeout(device, state, patience));
+        }
+        link.sleep(POLL_FIRST).await;
+    }
+}
+
 /// AL status and AL status code, registers 0x0130 to 0x0135 in one read, so that both belong
 /// together.
 pub(crate) async fn read_status(

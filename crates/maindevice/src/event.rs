@@ -1,5 +1,7 @@
 //! What the machine tells while it works.
 
+use alloc::format;
+use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
 
@@ -8,7 +10,7 @@ use isocat_sync::phase;
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::time::{Nanos, Picos};
 
-use crate::error::{AccessError, Error, SdoError};
+use crate::error::{AccessError, Cause, Error, SdoError};
 use crate::quality::Alarm;
 
 /// The steps of the way up, in their order.
@@ -173,6 +175,87 @@ pub enum Event {
         /// Cycles since the last one.
         cycles: u64,
     },
+    /// A SubDevice no longer answers at its station address. It takes no part from now on: expected working
+    /// counters follow, and its inputs stay what they last were.
+    Lost {
+        /// Position.
+        position: usize,
+        /// Cycle in which it was found out.
+        cycle: u64,
+    },
+    /// Something answers in the place of a SubDevice that was lost; its re-admission begins.
+    Found {
+        /// Position.
+        position: usize,
+        /// Cycle.
+        cycle: u64,
+    },
+    /// A SubDevice that was lost is in OP again, on the grid that it had.
+    Readmitted {
+        /// Position.
+        position: usize,
+        /// Cycle.
+        cycle: u64,
+        /// Host time since it was found.
+        after: Nanos,
+    },
+    /// A SubDevice that was found can't be admitted.
+    NotReadmitted {
+        /// Position.
+        position: usize,
+        /// Why not. Another device in its place ([`Cause::Identity`]) is left alone until it is taken away.
+        cause: Cause,
+        /// When it is tried again; `None`: when something else answers there.
+        again: Option<Nanos>,
+    },
+    /// What answers does not agree with the tree that was found at the scan: nobody is admitted.
+    Unplanned {
+        /// Cycle.
+        cycle: u64,
+        /// SubDevices that answer.
+        found: u16,
+    },
+    /// The reference clock is gone. The host goes on by what it knows of its rate.
+    ReferenceLost {
+        /// Position.
+        position: usize,
+        /// Cycle.
+        cycle: u64,
+    },
+    /// This clock leads from now on; the time stays as it was.
+    ReferenceElected {
+        /// Position.
+        position: usize,
+        /// Cycle.
+        cycle: u64,
+    },
+    /// A SubDevice that left OP is brought back.
+    Recovering {
+        /// Position.
+        position: usize,
+        /// Register 0x0130.
+        status: AlStatus,
+        /// Register 0x0134.
+        code: AlStatusCode,
+        /// Which attempt since it was last well, from 1.
+        attempt: u32,
+    },
+    /// A SubDevice that left OP is in OP again.
+    Recovered {
+        /// Position.
+        position: usize,
+        /// Host time of the attempt.
+        after: Nanos,
+    },
+    /// A SubDevice that left OP did not come back.
+    NotRecovered {
+        /// Position.
+        position: usize,
+        /// Why not.
+        cause: Cause,
+        /// When it is tried again; `None`: never.
+        again: Option<Nanos>,
+    },
     /// Another number of SubDevices answers than was found at the scan.
     CountChanged {
         /// Cycle.
@@ -258,4 +341,40 @@ pub enum Event {
         /// How many.
         count: u64,
     },
+}
+
+impl Event {
+    /// The SubDevice and what became of it, in words, if this tells of one that went, came back or was brought back;
+    /// `None`: it tells of something else. For reports: a run in which this happened was not the same throughout.
+    pub fn change(&self) -> Option<(Option<usize>, String)> {
+        let milliseconds = |time: &Nanos| time.0 / 1_000_000;
+        let of = |position: &usize, what: String| Some((Some(*position), what));
+        match self {
+            Event::Lost { position, cycle } => of(position, format!("lost in cycle {cycle}")),
+            Event::Readmitted { position, cycle, after } => {
+                let after = milliseconds(after);
+                of(
+                    position,
+                    format!("admitted again in cycle {cycle}, {after} ms after it was found"),
+                )
+            }
+            Event::NotReadmitted { position, cause, .. } => {
+                of(position, format!("not admitted again: {cause}"))
+            }
+            Event::Recovered { position, after } => {
+                of(position, format!("brought back to OP in {} ms", milliseconds(after)))
+            }
+            Event::NotRecovered { position, cause, .. } => {
+                of(position, format!("not brought back to OP: {cause}"))
+            }
+            Event::ReferenceElected { position, cycle } => {
+                of(position, format!("leads the clocks from cycle {cycle} on"))
+            }
+            Event::Unplanned { found, .. } => Some((
+                None,
+                format!("{found} SubDevices answer, which is not the tree of the scan"),
+            )),
+            _ => None,
+        }
+    }
 }

@@ -1,30 +1,92 @@
-//! Who left its state: AL status and code of every SubDevice, read when the cyclic broadcast looks
-//! wrong.
+//! Who left its state, and who is gone: AL status and code of every SubDevice, read when the cyclic broadcast
+//! looks wrong; and where more answer than take part, who stands where.
 
 use alloc::vec::Vec;
 
-use isocat_wire::StationAddress;
 use isocat_wire::al::{AlStatus, AlStatusCode};
-use isocat_wire::register;
+use isocat_wire::command::Command;
+use isocat_wire::datagram::Address;
+use isocat_wire::dl::DlStatus;
+use isocat_wire::register::{self, Value};
+use isocat_wire::{AutoIncrementAddress, StationAddress};
 
 use crate::esm::{STATUS_LEN, status_of};
-use crate::link::Link;
+use crate::link::{Exchange, Link, Travel};
 
-/// What one SubDevice answered; `None`: nothing.
-pub(crate) type Status = Option<(AlStatus, AlStatusCode)>;
+/// What one SubDevice answered.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Answer {
+    /// AL status and its code.
+    Status(AlStatus, AlStatusCode),
+    /// The frame came back, and nobody has this station address.
+    Nobody,
+    /// Frames were lost, or more than one answered: nothing is known.
+    Unknown,
+}
 
-/// AL status and code of all SubDevices, by position. One that does not answer is no reason to give
-/// up the others.
-pub(crate) async fn check(link: Link, stations: Vec<StationAddress>) -> Vec<Status> {
+/// Who answers at a place of the processing order, whoever it is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Found {
+    /// Register 0x0010.
+    pub station: StationAddress,
+    /// Register 0x0110.
+    pub dl_status: DlStatus,
+}
+
+/// What a look at the segment showed.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Look {
+    /// By position, of those that were asked for.
+    pub answers: Vec<(usize, Answer)>,
+    /// Everybody in processing order, if more answer than were asked for; `None` if no more do.
+    pub everybody: Option<Vec<Found>>,
+}
+
+/// Asks SubDevices for their state. One that does not answer is no reason to give up the others.
+pub(crate) async fn look(link: Link, stations: Vec<(usize, StationAddress)>) -> Look {
     let address = register::AL_STATUS.address;
+    let count = link.brd(register::TYPE.address, 1);
     let reads: Vec<_> =
-        stations.iter().map(|station| link.fprd(*station, address, STATUS_LEN)).collect();
-    let mut all = Vec::with_capacity(stations.len());
-    for read in reads {
-        all.push(match read.reply().await {
-            Ok(reply) if reply.wkc == 1 => Some(status_of(&reply.data)),
-            _ => None,
+        stations.iter().map(|(_, station)| link.fprd(*station, address, STATUS_LEN)).collect();
+    let mut answers = Vec::with_capacity(stations.len());
+    for ((position, _), read) in stations.iter().zip(reads) {
+        let answer = match read.reply().await {
+            Ok(reply) if reply.wkc == 1 => {
+                let (status, code) = status_of(&reply.data);
+                Answer::Status(status, code)
+            }
+            Ok(reply) if reply.wkc == 0 => Answer::Nobody,
+            _ => Answer::Unknown,
+        };
+        answers.push((*position, answer));
+    }
+    let count = count.reply().await.map_or(0, |reply| usize::from(reply.wkc));
+    let known = answers.iter().filter(|(_, answer)| *answer != Answer::Nobody).count();
+    let everybody = if count > known { everybody(&link, count).await } else { None };
+    Look { answers, everybody }
+}
+
+/// Station address and DL status of `count` SubDevices in processing order; `None` if not all answer.
+async fn everybody(link: &Link, count: usize) -> Option<Vec<Found>> {
+    let read = |position: usize, ado: u16| -> Exchange {
+        let place = AutoIncrementAddress::of_position(position as u16);
+        let data = alloc::vec![0; 2];
+        link.exchange(Command::Aprd, Address::Position(place, ado), data, Travel::default())
+    };
+    let reads: Vec<_> = (0..count)
+        .map(|at| {
+            (read(at, register::STATION_ADDRESS.address), read(at, register::DL_STATUS.address))
+        })
+        .collect();
+    let mut all = Vec::with_capacity(count);
+    for (station, status) in reads {
+        let bytes = |data: Vec<u8>| data.first_chunk().copied().unwrap_or_default();
+        let station = bytes(station.expect(1).await.ok()?.data);
+        let status = bytes(status.expect(1).await.ok()?.data);
+        all.push(Found {
+            station: StationAddress(u16::from_le_bytes(station)),
+            dl_status: DlStatus::from_bytes(status),
         });
     }
-    all
+    Some(all)
 }

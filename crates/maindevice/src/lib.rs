@@ -14,8 +14,8 @@
 //!    nothing.
 //! 4. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
 //!    SubDevices that fail.
-//! 5. `health` finds the SubDevice that left its state, `delay_watch` the delay that is no longer what it was,
-//!    `quality` the clock that does not follow.
+//! 5. `health` finds the SubDevice that left its state or is gone, `readmit` brings it back while the others run,
+//!    `delay_watch` finds the delay that is no longer what it was, `quality` the clock that does not follow.
 //!
 //! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
 //! and counts in [`statistics`].
@@ -72,6 +72,7 @@ mod mapping;
 mod mode;
 mod objects;
 pub mod quality;
+mod readmit;
 mod scan;
 mod sii;
 mod survey;
@@ -82,7 +83,8 @@ mod topology;
 mod tests;
 
 pub use config::{
-    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, StartupDownload, Survey, Timeouts,
+    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, Readmission, Recovery,
+    StartupDownload, Survey, Timeouts,
 };
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};

@@ -26,7 +26,7 @@ use isocat_wire::frame::{
     payload_offset,
 };
 use isocat_wire::register::{Register, Value};
-use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{AutoIncrementAddress, StationAddress};
 
 use crate::error::{AccessError, AccessProblem};
@@ -62,6 +62,10 @@ pub(crate) struct Inner {
     pub incomplete: (u16, u16),
     /// Cycles begun; kept by the machine.
     pub cycle: u64,
+    /// Last reference time that the cycle brought back, and when its frame was sent.
+    pub reference_time: (Time<Host>, Time<Dc>),
+    /// What a procedure wants of the cycle; taken by the machine.
+    pub wishes: VecDeque<Wish>,
     frame_timeout: Nanos,
     retries: u8,
     slots: Vec<Slot>,
@@ -73,6 +77,15 @@ pub(crate) struct Inner {
     wake: Time<Host>,
     events: VecDeque<Event>,
     dropped: u64,
+}
+
+/// What a procedure wants of the cyclic exchange.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Wish {
+    /// The clocks are left to themselves.
+    HoldClocks,
+    /// This position leads the clocks from now on.
+    Lead(usize),
 }
 
 struct Slot {
@@ -177,6 +190,8 @@ impl Link {
             complete_cycles: 0,
             incomplete: (0, 0),
             cycle: 0,
+            reference_time: (Time::ZERO, Time::ZERO),
+            wishes: VecDeque::new(),
             frame_timeout,
             retries,
             slots: Vec::new(),

@@ -9,13 +9,14 @@ use core::pin::Pin;
 use core::task::{Context, Poll, Waker};
 
 use isocat_sync::phase;
-use isocat_wire::al::{AlState, AlStatus};
+use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
 use isocat_wire::frame::{self, duration_ns};
 use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{ObjectAddress, StationAddress};
 
 use crate::bring_up::{self, End, Work};
+use crate::clock;
 use crate::coe;
 use crate::config::Config;
 use crate::cycle::Cycle;
@@ -23,10 +24,11 @@ use crate::delay::{self, Times};
 use crate::delay_watch::{Change, DelayWatch};
 use crate::error::{AccessError, Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
-use crate::health::{self, Status};
-use crate::link::{Link, Origin};
+use crate::health::{self, Answer, Found, Look};
+use crate::link::{Link, Origin, Wish};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::quality::{self, ClockQuality, Monitor};
+use crate::readmit::{self, Keeper, Return};
 use crate::segment::{GAP, ProcessData, Segment};
 use crate::statistics::Statistics;
 use crate::survey;
@@ -79,9 +81,13 @@ pub struct MainDevice {
     running: Vec<RunningJob>,
     reads: Vec<(RequestId, Pin<Box<Reading>>)>,
     next_request: u32,
-    health: Option<Pin<Box<dyn Future<Output = Vec<Status>>>>>,
+    health: Option<Pin<Box<dyn Future<Output = Look>>>>,
     /// What the cyclic broadcast read when health was last checked, and in which cycle.
-    checked: Option<(u16, u64)>,
+    checked: Option<((u16, u16), u64)>,
+    /// Those that are lost or out of OP, and what is done about it.
+    keeper: Keeper,
+    /// How many answered when that last disagreed with the tree.
+    unplanned: Option<u16>,
     /// Delays measured on in operation.
     delay_watch: Option<DelayWatch>,
     quality: Option<Monitor>,
@@ -187,6 +193,8 @@ impl MainDevice {
             next_request: 0,
             health: None,
             checked: None,
+            keeper: Keeper::default(),
+            unplanned: None,
             delay_watch: None,
             quality: None,
             reading: None,
@@ -404,6 +412,7 @@ impl MainDevice {
         self.work_on_jobs();
         self.work_on_reads();
         self.work_on_health();
+        self.work_on_returns();
         self.work_on_delays();
         self.work_on_quality();
     }
@@ -422,7 +431,12 @@ impl MainDevice {
             && !self.quality.as_ref().is_some_and(|monitor| monitor.due(self.link.now()))
             && self.rewriting.is_empty()
             && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.link.now()))
-            && self.cycle.as_ref().is_some_and(|cycle| cycle.al_status == op)
+            && self.keeper.is_idle()
+            && self.cycle.as_ref().is_some_and(|cycle| {
+                cycle.al_status == op
+                    && cycle.answering() == cycle.present()
+                    && !cycle.doubts_clocks()
+            })
     }
 
     fn work_on_way(&mut self) {
@@ -516,6 +530,7 @@ impl MainDevice {
         self.delay_watch = self.config.delay_watch.and_then(watch);
         let monitor = |config| Monitor::new(config, &self.segment, now);
         self.quality = self.config.quality.and_then(monitor);
+        self.keeper = Keeper::new(self.segment.devices.len());
         self.activity = Activity::Operating;
     }
 
@@ -547,6 +562,7 @@ impl MainDevice {
         };
         if turns {
             self.health = None;
+            self.keeper = Keeper::default();
             self.forget_delays();
             self.refuse_jobs();
             self.begin_piece(Piece::LeaveOperation);
@@ -565,6 +581,7 @@ impl MainDevice {
         self.refuse_jobs();
         self.reads.clear();
         self.health = None;
+        self.keeper = Keeper::default();
         self.forget_delays();
         self.cycle = None;
         self.activity = Activity::Over;
@@ -672,46 +689,289 @@ impl MainDevice {
         }
     }
 
-    /// Looks at every SubDevice when the cyclic broadcast does not read OP everywhere.
+    /// Looks at every SubDevice when the cyclic broadcast does not read OP everywhere, or of others than take
+    /// part.
     fn work_on_health(&mut self) {
         let Activity::Operating = self.activity else { return };
         if let Some(check) = &mut self.health {
-            let Poll::Ready(all) = poll(check) else { return };
+            let Poll::Ready(look) = poll(check) else { return };
             self.health = None;
-            self.take_health(&all);
+            self.take_look(look);
         }
         let Some(cycle) = &self.cycle else { return };
-        let seen = cycle.al_status;
-        let good = seen == AlStatus::new(AlState::Op).0;
+        let seen = (cycle.al_status, cycle.answering());
+        let good = seen == (AlStatus::new(AlState::Op).0, cycle.present());
         if good && self.checked.is_none() {
             return;
         }
         // The broadcast is an OR over all: a second SubDevice may fall without changing it. So the same
         // picture is looked at again after a while.
         let now = cycle.number();
-        let known = |(status, at): (u16, u64)| status == seen && now.wrapping_sub(at) < CHECK_AGAIN;
+        let known = |(picture, at): ((u16, u16), u64)| {
+            picture == seen && now.wrapping_sub(at) < CHECK_AGAIN
+        };
         if self.checked.is_some_and(known) {
             return;
         }
         self.checked = (!good).then_some((seen, now));
-        let stations = self.segment.devices.iter().map(|device| device.station).collect();
-        let mut check: Pin<Box<dyn Future<Output = Vec<Status>>>> =
-            Box::pin(health::check(self.link.clone(), stations));
+        let asked = self.segment.devices.iter().filter(|device| device.admitted);
+        let asked = asked.map(|device| (device.position, device.station)).collect();
+        let mut check: Pin<Box<dyn Future<Output = Look>>> =
+            Box::pin(health::look(self.link.clone(), asked));
         // The first poll queues its datagrams.
         let _pending = poll(&mut check).is_pending();
         self.health = Some(check);
     }
 
-    fn take_health(&mut self, all: &[Status]) {
+    fn take_look(&mut self, look: Look) {
         let cycle = self.link.with(|inner| inner.cycle);
-        for (device, status) in self.segment.devices.iter_mut().zip(all) {
-            let Some((status, code)) = *status else { continue };
-            if (device.al_status, device.al_code) != (status, code) {
-                (device.al_status, device.al_code) = (status, code);
-                let position = device.position;
-                self.link.report(Event::StateChanged { position, status, code, cycle });
+        let (reference, mut lost) = (self.segment.reference, Vec::new());
+        for (position, answer) in look.answers {
+            match answer {
+                Answer::Status(status, code) => {
+                    let device = &mut self.segment.devices[position];
+                    if (device.al_status, device.al_code) != (status, code) {
+                        (device.al_status, device.al_code) = (status, code);
+                        self.link.report(Event::StateChanged { position, status, code, cycle });
+                    }
+                    self.consider_recovery(position);
+                }
+                Answer::Nobody if self.config.readmission.is_some() => {
+                    self.lose(position);
+                    lost.push(position);
+                }
+                Answer::Nobody | Answer::Unknown => {}
             }
         }
+        if self.config.readmission.is_none() {
+            return;
+        }
+        if reference.is_some_and(|at| lost.contains(&at)) {
+            self.elect();
+        }
+        match look.everybody {
+            Some(everybody) => self.welcome(everybody),
+            None => {
+                self.unplanned = None;
+                for device in self.segment.devices.iter().filter(|device| !device.admitted) {
+                    self.keeper.is_absent(device.position);
+                }
+            }
+        }
+    }
+}
+
+/// SubDevices that go and come back.
+impl MainDevice {
+    /// A SubDevice takes no part any more.
+    fn lose(&mut self, position: usize) {
+        let number = self.link.with(|inner| inner.cycle);
+        let device = &mut self.segment.devices[position];
+        device.admitted = false;
+        (device.al_status, device.al_code) = (AlStatus(0), AlStatusCode::NO_ERROR);
+        if let Some(mailbox) = self.mailboxes.get_mut(position) {
+            *mailbox = None;
+        }
+        self.link.report(Event::Lost { position, cycle: number });
+        if let Some(cycle) = &mut self.cycle {
+            cycle.set_present(position, false);
+        }
+        self.keeper.recovering.retain(|(other, _)| *other != position);
+        self.forget_delays();
+        if self.segment.reference == Some(position) {
+            self.link.report(Event::ReferenceLost { position, cycle: number });
+        }
+    }
+
+    /// If the reference is gone, the first clock that is left leads: the drift datagram reaches what lies behind it.
+    fn elect(&mut self) {
+        let gone = |at: usize| self.segment.devices.get(at).is_some_and(|device| !device.admitted);
+        if !self.segment.reference.is_some_and(gone) {
+            return;
+        }
+        let candidate = |device: &&crate::SubDevice| device.admitted && device.dc.has_clock();
+        let elected = self.segment.devices.iter().find(candidate).map(|device| device.position);
+        if let Some(elected) = elected {
+            self.lead(elected);
+        }
+    }
+
+    /// Another clock leads.
+    fn lead(&mut self, position: usize) {
+        self.segment.reference = Some(position);
+        let number = self.link.with(|inner| inner.cycle);
+        if let Some(cycle) = &mut self.cycle {
+            cycle.set_reference(&self.segment.devices[position]);
+            cycle.hold_clocks(false);
+        }
+        self.link.report(Event::ReferenceElected { position, cycle: number });
+    }
+
+    /// More answer than take part: those that are where they belong are taken up.
+    fn welcome(&mut self, everybody: Vec<Found>) {
+        if self.keeper.readmitting.is_some() {
+            return;
+        }
+        let (now, cycle) = self.link.with(|inner| (inner.now, inner.cycle));
+        let found = everybody.len() as u16;
+        let Ok(places) = readmit::places(&self.segment, &everybody) else {
+            if self.unplanned != Some(found) {
+                self.unplanned = Some(found);
+                self.link.report(Event::Unplanned { cycle, found });
+            }
+            return;
+        };
+        self.unplanned = None;
+        for (position, _) in places.iter().enumerate().filter(|(_, place)| place.is_none()) {
+            self.keeper.is_absent(position);
+        }
+        let back = self.keeper.wanted(&places, &self.segment, now);
+        if back.is_empty() {
+            return;
+        }
+        for &position in &back {
+            self.keeper.begin(position, now);
+            self.link.report(Event::Found { position, cycle });
+        }
+        let (link, config) = (self.link.clone(), self.config.clone());
+        let segment = self.segment.clone();
+        let outcomes = self.keeper.outcomes.clone();
+        let work = Return { link, config, segment, everybody, places, back, outcomes };
+        let mut task: Pin<Box<readmit::Readmitting>> = Box::pin(readmit::readmit(work));
+        // The first poll queues its datagrams.
+        let _pending = poll(&mut task).is_pending();
+        self.keeper.readmitting = Some(task);
+    }
+
+    /// Goes on with what is under way, and takes its end.
+    fn work_on_returns(&mut self) {
+        let Activity::Operating = self.activity else {
+            // Nothing is set right on the way up or down, and the clocks are led all the same.
+            if let Some(cycle) = &mut self.cycle {
+                cycle.trust_clocks();
+            }
+            return;
+        };
+        self.work_on_shift();
+        if let Some(task) = &mut self.keeper.readmitting {
+            let ended = poll(task).is_ready();
+            self.grant_wishes();
+            let outcomes = core::mem::take(&mut *self.keeper.outcomes.borrow_mut());
+            for (position, outcome) in outcomes {
+                self.take_return(position, outcome);
+            }
+            if ended {
+                self.keeper.readmitting = None;
+                // A reference that was to lead and did not get so far.
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.hold_clocks(false);
+                }
+                if self.segment.devices.iter().all(|device| device.admitted) {
+                    let now = self.link.now();
+                    let watch = |config| DelayWatch::new(config, &self.segment, now);
+                    self.delay_watch = self.config.delay_watch.and_then(watch);
+                }
+            }
+        }
+        let mut at = 0;
+        while at < self.keeper.recovering.len() {
+            let Poll::Ready(result) = poll(&mut self.keeper.recovering[at].1) else {
+                at += 1;
+                continue;
+            };
+            let (position, _) = self.keeper.recovering.swap_remove(at);
+            let now = self.link.now();
+            let (after, again) = self.keeper.attempted(position, self.config.recovery, now);
+            match result {
+                Ok(device) => {
+                    self.segment.devices[position] = device;
+                    self.link.report(Event::Recovered { position, after });
+                }
+                Err(cause) => self.link.report(Event::NotRecovered { position, cause, again }),
+            }
+        }
+    }
+
+    /// Sets delays right where frames have come to take another way: in the same cycle, as each datagram with a
+    /// wrong time throws the clocks off further.
+    fn work_on_shift(&mut self) {
+        let Some(cycle) = &mut self.cycle else { return };
+        if self.keeper.shifting.is_none() && cycle.doubts_clocks() {
+            let reference = self.segment.reference.filter(|_| self.config.readmission.is_some());
+            let Some(reference) = reference else { return cycle.trust_clocks() };
+            let led = |device: &&crate::SubDevice| {
+                device.admitted
+                    && device.dc.has_clock()
+                    && self.segment.reference != Some(device.position)
+            };
+            let clocks = self.segment.devices.iter().filter(led).cloned().collect();
+            let (link, threshold) = (self.link.clone(), self.config.drift_threshold);
+            let station = self.segment.devices[reference].station;
+            self.keeper.shifting = Some(Box::pin(clock::shift(link, threshold, station, clocks)));
+        }
+        let Some(task) = &mut self.keeper.shifting else { return };
+        if let Poll::Ready(delays) = poll(task) {
+            self.keeper.shifting = None;
+            for (position, delay) in delays {
+                self.segment.devices[position].delay = Some(delay);
+            }
+            cycle.trust_clocks();
+        }
+    }
+
+    fn grant_wishes(&mut self) {
+        while let Some(wish) = self.link.with(|inner| inner.wishes.pop_front()) {
+            match (wish, &mut self.cycle) {
+                (Wish::HoldClocks, Some(cycle)) => cycle.hold_clocks(true),
+                (Wish::Lead(position), Some(_)) => self.lead(position),
+                (_, None) => {}
+            }
+        }
+    }
+
+    fn take_return(&mut self, position: usize, outcome: readmit::Outcome) {
+        let (now, number) = self.link.with(|inner| (inner.now, inner.cycle));
+        match outcome {
+            Ok(one) => {
+                let (device, mailbox) = *one;
+                self.segment.devices[position] = crate::SubDevice { admitted: true, ..device };
+                if let Some(place) = self.mailboxes.get_mut(position) {
+                    *place = mailbox;
+                }
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.set_present(position, true);
+                }
+                let after = self.keeper.admitted(position, now);
+                self.link.report(Event::Readmitted { position, cycle: number, after });
+            }
+            Err(cause) => {
+                let policy = self.config.readmission.unwrap_or_default();
+                let again = self.keeper.failed(position, &cause, policy, now);
+                // It was to lead, and did not get so far.
+                self.elect();
+                self.link.report(Event::NotReadmitted { position, cause, again });
+            }
+        }
+    }
+
+    /// A SubDevice that answers and is not in OP.
+    fn consider_recovery(&mut self, position: usize) {
+        let device = &self.segment.devices[position];
+        let (status, code) = (device.al_status, device.al_code);
+        if status == AlStatus::new(AlState::Op) {
+            return;
+        }
+        let now = self.link.now();
+        let Some(attempt) = self.keeper.attempt(position, self.config.recovery, now) else {
+            return;
+        };
+        self.link.report(Event::Recovering { position, status, code, attempt });
+        let (link, config) = (self.link.clone(), self.config.clone());
+        let mut task: Pin<Box<readmit::Recovering>> =
+            Box::pin(readmit::recover(link, config, self.segment.clone(), position));
+        // The first poll queues its datagram.
+        let _pending = poll(&mut task).is_pending();
+        self.keeper.recovering.push((position, task));
     }
 }
 

@@ -160,6 +160,38 @@ async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
     Ok(())
 }
 
+/// The EEPROM of one SubDevice back from a PDI that may hold it, to ECAT.
+pub(crate) async fn take_eeprom(link: &Link, station: StationAddress) -> Result<(), AccessError> {
+    for value in [2, 0] {
+        link.write(station, register::EEPROM_CONFIGURATION, value).await?;
+    }
+    Ok(())
+}
+
+/// Undoes at one SubDevice what an earlier run left, SYNC first. What it does not have counts 0.
+pub(crate) async fn reset_one(link: &Link, station: StationAddress) -> Result<(), AccessError> {
+    let zeros = [0; 256];
+    let all: [(u16, &[u8]); 6] = [
+        (register::SYNC_ACTIVATION.address, &zeros[..1]),
+        (register::DL_CONTROL.address + 1, &zeros[..1]),
+        (register::DL_CONTROL.address + 3, &zeros[..1]),
+        (register::RX_ERRORS.address, &zeros[..8]),
+        (register::FMMU_0.address, &zeros),
+        (register::SM_0.address, &zeros[..128]),
+    ];
+    for (address, data) in all {
+        let found = link.fpwr(station, address, data).reply().await?.wkc;
+        if found > 1 {
+            return Err(AccessError {
+                command: isocat_wire::Command::Fpwr,
+                address: isocat_wire::datagram::Address::Station(station, address),
+                problem: AccessProblem::WorkingCounter { expected: 1, found },
+            });
+        }
+    }
+    Ok(())
+}
+
 /// Reads what an ESC says of itself.
 pub(crate) async fn describe(link: &Link, device: &mut SubDevice) -> Result<(), Cause> {
     let station = device.station;

@@ -154,6 +154,8 @@ pub struct SubDevice {
     pub sync: Option<SyncSetting>,
     /// The SYNC pulses that its mode asks for.
     pub pulses: Pulses,
+    /// Whether it takes part; a SubDevice that is lost does not until it is admitted again.
+    pub admitted: bool,
     /// Last AL status seen.
     pub al_status: AlStatus,
     /// Last AL status code read.
@@ -479,6 +481,7 @@ impl SubDevice {
             pulses: Pulses::default(),
             mode_reason: String::new(),
             sync: None,
+            admitted: true,
             al_status: AlStatus(0),
             al_code: AlStatusCode::NO_ERROR,
             observed: Observed::default(),

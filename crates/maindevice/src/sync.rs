@@ -215,6 +215,20 @@ pub(crate) async fn system_time(
     Ok(Time::new(link.read(station, register::SYSTEM_TIME).await?))
 }
 
+/// System time of a reference clock that the cycle reads as well: in 64 bits, also of a 32-bit clock, which is
+/// extended as the cycle does it.
+pub(crate) async fn reference_now(
+    link: &Link,
+    reference: &SubDevice,
+) -> Result<Time<Dc>, AccessError> {
+    let now = system_time(link, reference.station).await?;
+    let (_, near) = link.with(|inner| inner.reference_time);
+    Ok(match reference.dc {
+        DcCapability::Clock64 => now,
+        _ => extend(now.count() as u32, near),
+    })
+}
+
 /// Programs the SYNC unit: off, owner, cycles, start time, on. Cycles are one write of eight bytes,
 /// each step takes effect before the next. `acting`: a point of the acting pulses' grid.
 pub(crate) async fn program(

@@ -19,6 +19,7 @@ use isocat_wire::{StationAddress, frame};
 use crate::cycle::Cycle;
 use crate::error::{AccessProblem, Cause};
 use crate::event::Event;
+use crate::health::Answer;
 use crate::link::{Exchange, Link, Travel};
 use crate::segment::{Chunk, DcCapability, ProcessImage, Segment, SubDevice};
 use crate::{Config, esm};
@@ -589,11 +590,20 @@ fn health_finds_who_left_op() {
     let mut bench = Bench::new(2);
     bench.segment.escs[0].memory[0x0130] = 8;
     bench.segment.escs[1].memory[0x0130..0x0136].copy_from_slice(&[0x14, 0, 0, 0, 0x1B, 0]);
-    let stations = [0x1001, 0x1002, 0x1003].map(StationAddress).to_vec();
-    let found = bench.run(crate::health::check(bench.link.clone(), stations));
-    let op = Some((AlStatus(8), AlStatusCode::NO_ERROR));
-    let fallen = Some((AlStatus(0x14), AlStatusCode::WATCHDOG));
-    assert_eq!(found, [op, fallen, None]);
+    let stations: Vec<_> = (0..3).map(|at| (at, StationAddress(0x1001 + at as u16))).collect();
+    let found = bench.run(crate::health::look(bench.link.clone(), stations));
+    let op = Answer::Status(AlStatus(8), AlStatusCode::NO_ERROR);
+    let fallen = Answer::Status(AlStatus(0x14), AlStatusCode::WATCHDOG);
+    assert_eq!(found.answers, [(0, op), (1, fallen), (2, Answer::Nobody)]);
+    assert_eq!(found.everybody, None, "no more answer than are known");
+    // One of them has lost its address: everybody is asked by place.
+    bench.segment.escs[1].memory[0x0010] = 0;
+    let stations = std::vec![(0, StationAddress(0x1001)), (1, StationAddress(0x1002))];
+    let found = bench.run(crate::health::look(bench.link.clone(), stations));
+    assert_eq!(found.answers[1], (1, Answer::Nobody));
+    let everybody = found.everybody.expect("two answer, one is known");
+    let addresses: Vec<_> = everybody.iter().map(|found| found.station.0).collect();
+    assert_eq!(addresses, [0x1001, 0x1000]);
 }
 
 /// Process data of three frames: the later ones begin when the earlier ones and their gaps are

@@ -124,6 +124,8 @@ struct Notes {
     working_counter: u64,
     skipped: u64,
     lost: u64,
+    /// What became of SubDevices, and when.
+    changes: Vec<(Option<usize>, Time<True>, String)>,
     answers: Vec<(RequestId, Option<u32>)>,
 }
 
@@ -195,6 +197,9 @@ fn run_for<T: Tap>(
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
     while let Some(event) = world.poll_event() {
+        if let Some((device, what)) = event.change() {
+            notes.changes.push((device, world.now(), what));
+        }
         match event {
             Event::WorkingCounter { .. } => notes.working_counter += 1,
             Event::CyclesSkipped { skipped, .. } => notes.skipped += skipped,
@@ -287,6 +292,10 @@ impl<T: Tap> Outcome<T> {
             for (since, what) in self.judge_device(position, began) {
                 findings.push(Finding { device: Some(position), since, what });
             }
+        }
+        for (device, at, what) in &notes.changes {
+            let (device, since) = (*device, Some(*at - began));
+            findings.push(Finding { device, since, what: what.clone() });
         }
         if notes.working_counter > 0 {
             let cycles = self.world.main().statistics().working_counter_errors;

@@ -163,6 +163,8 @@ pub(super) struct Noted {
     pub states: Vec<(usize, AlStatus, AlStatusCode, Nanos)>,
     /// SubDevices expected and found, and since when.
     pub counts: Vec<(u16, u16, Nanos)>,
+    /// What became of SubDevices, and since when.
+    pub changes: Vec<(Option<usize>, String, Nanos)>,
     pub locks_lost: u64,
     /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
     /// operation.
@@ -419,6 +421,9 @@ impl Running<'_> {
     fn take_events(&mut self, now: Time<Host>) {
         let judging = self.began.filter(|_| self.judged == Some(Nanos::ZERO));
         while let Some(event) = self.exchange.poll_event() {
+            if let (Some((device, what)), Some(began)) = (event.change(), judging) {
+                self.noted.changes.push((device, what, now - began));
+            }
             match (event, judging) {
                 (Event::Uploaded { request, result }, _) => {
                     self.noted.answers.push((request, result.ok()));

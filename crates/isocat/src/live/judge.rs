@@ -75,6 +75,10 @@ pub(super) fn judge(
         let what = format!("{found} SubDevices answer, {expected} at the scan");
         findings.push(segment(None, Some(*since), what));
     }
+    for (device, what, since) in &noted.changes {
+        let (device, since, what) = (*device, Some(*since), what.clone());
+        findings.push(Finding { device, stage: None, since, what });
+    }
     for position in 0..outcome.devices.len() {
         let found = judge_device(outcome, noted, position, difference_limit);
         findings.extend(found.into_iter().map(|(since, what)| Finding {

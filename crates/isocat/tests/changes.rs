@@ -1,0 +1,605 @@
+//! A segment that changes while it runs: power lost and back, cables pulled and plugged, another device in the
+//! place of one, a reference clock that is gone. Judged in true time: those that go on are not disturbed, those that
+//! come back are on the grid that they had.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use isocat::{Nanos, Scenario, SegmentFile};
+use isocat_maindevice::{Cause, Event, Recovery};
+use isocat_sim::device::Device;
+use isocat_sim::judge::Grid;
+use isocat_sim::observation::{Observation, Observed};
+use isocat_sim::{BitError, Direction, Motion, Segment, Setup, Tap, World};
+use isocat_subdevice::Step;
+use isocat_wire::time::{Picos, Time, True};
+use isocat_wire::{AlState, AlStatusCode, Command, datagram, frame, sii};
+
+/// What happened at one SubDevice, in true time.
+#[derive(Default)]
+struct Seen {
+    /// SYNC0 edges.
+    edges: Vec<Time<True>>,
+    /// Outputs stored.
+    stored: Vec<Time<True>>,
+    /// Outputs applied.
+    applied: Vec<Time<True>>,
+    states: Vec<(Time<True>, AlState)>,
+    missed: Vec<Time<True>>,
+}
+
+#[derive(Default)]
+struct Record {
+    devices: Vec<Seen>,
+    /// Broadcast writes since operation: address.
+    broadcasts: Vec<u16>,
+    judging: bool,
+}
+
+/// Writes it all down.
+#[derive(Clone, Default)]
+struct Witness(Rc<RefCell<Record>>);
+
+impl Tap for Witness {
+    fn frame(&mut self, _: Time<True>, sent: bool, bytes: &[u8]) {
+        let mut record = self.0.borrow_mut();
+        if !sent || !record.judging {
+            return;
+        }
+        for datagram in datagram::datagrams(frame::payload(bytes).expect("our own frame")) {
+            let header = datagram.expect("our own datagram").header;
+            if header.command().is_ok_and(|command| command == Command::Bwr) {
+                record.broadcasts.push(header.ado());
+            }
+        }
+    }
+
+    fn observed(&mut self, _: &Segment, at: Time<True>, observation: &Observation) {
+        let mut record = self.0.borrow_mut();
+        if record.devices.len() <= observation.device {
+            record.devices.resize_with(observation.device + 1, Seen::default);
+        }
+        let seen = &mut record.devices[observation.device];
+        match observation.event {
+            Observed::Sync0 => seen.edges.push(at),
+            Observed::Sm2 => seen.stored.push(at),
+            Observed::Began(Step::OutputsValid) => seen.applied.push(at),
+            Observed::State(state, _) => seen.states.push((at, state)),
+            Observed::SmEventMissed(_) => seen.missed.push(at),
+            _ => {}
+        }
+    }
+}
+
+/// A run in operation, what was seen of it and what the MainDevice said.
+struct Field {
+    world: World<Motion, Witness>,
+    witness: Witness,
+    events: Vec<(Time<True>, Event)>,
+    began: Time<True>,
+}
+
+const MS: Picos = Picos(1_000_000_000);
+const CYCLE: i64 = 1_000_000_000;
+/// Error of a clock that has just come back, ps: what counts as converged (100 ns), and what it still slides.
+const FRESH: i64 = 150_000;
+
+impl Field {
+    /// Brings a segment up.
+    fn up(text: &str, change: impl FnOnce(&mut Setup)) -> Self {
+        let scenario = Scenario::from(SegmentFile::parse("change.toml", text).expect("it reads"));
+        let mut setup = scenario.run().setup;
+        change(&mut setup);
+        let witness = Witness::default();
+        let mut world = World::new(setup, Motion::default(), Some(witness.clone()));
+        let limit = Time::new(30_000_000_000_000);
+        loop {
+            match world.poll_event() {
+                Some(Event::InOperation { .. }) => break,
+                Some(Event::Failed(error)) => panic!("{error}"),
+                Some(_) => {}
+                None => assert!(world.step(limit), "the segment does not come up"),
+            }
+        }
+        witness.0.borrow_mut().judging = true;
+        let began = world.now();
+        let mut field = Self { world, witness, events: Vec::new(), began };
+        field.run(50);
+        field
+    }
+
+    /// Runs for so many milliseconds.
+    fn run(&mut self, milliseconds: i64) {
+        let end = self.world.now() + Picos(milliseconds * MS.0);
+        while self.world.step(end) {
+            self.take_events();
+        }
+        self.take_events();
+        self.world.catch_up();
+    }
+
+    /// Runs until this happened, so many milliseconds at most; when it did.
+    fn until(&mut self, milliseconds: i64, is: impl Fn(&Event) -> bool) -> Time<True> {
+        let end = self.world.now() + Picos(milliseconds * MS.0);
+        loop {
+            let more = self.world.step(end);
+            let from = self.events.len();
+            self.take_events();
+            if let Some((at, _)) = self.events[from..].iter().find(|(_, event)| is(event)) {
+                return *at;
+            }
+            assert!(more, "it did not happen: {:#?}", self.told());
+        }
+    }
+
+    fn take_events(&mut self) {
+        while let Some(event) = self.world.poll_event() {
+            self.events.push((self.world.now(), event));
+        }
+    }
+
+    /// A while after the next cycle's frames, so that none meets what is done then.
+    fn soon(&self) -> Time<True> {
+        self.world.now() + Picos(300_000_000)
+    }
+
+    fn told(&self) -> Vec<&Event> {
+        self.events.iter().map(|(_, event)| event).collect()
+    }
+
+    fn count(&self, is: impl Fn(&Event) -> bool) -> usize {
+        self.events.iter().filter(|(_, event)| is(event)).count()
+    }
+
+    fn state(&self, device: usize) -> AlState {
+        self.world.segment().devices()[device].stack.state()
+    }
+
+    /// Largest distance of SYNC0 edges from the grid asked for, by the oscillator of the SubDevice that led from the
+    /// start, in ps; from a point of true time on. And how many edges there were.
+    fn worst_edge(&self, device: usize, since: Time<True>) -> (i64, usize) {
+        let timing = self.world.main().segment().timing.clone().expect("it was planned");
+        let phase = timing.devices[device].0.sync0_phase(timing.sync0.expect("SYNC0 is in use"));
+        let grid = Grid { cycle: Nanos(1_000_000), phase };
+        let record = self.witness.0.borrow();
+        let edges = record.devices[device].edges.iter().filter(|at| **at >= since);
+        let leader = &self.world.segment().devices()[0];
+        let errors: Vec<i64> =
+            edges.map(|at| grid.error(leader.system_time_ps(*at)).0.abs()).collect();
+        (errors.iter().copied().max().unwrap_or(0), errors.len())
+    }
+
+    /// Outputs were stored in every cycle from `since` until now, and no event was missed.
+    fn is_undisturbed(&self, device: usize, since: Time<True>) {
+        let record = self.witness.0.borrow();
+        let seen = &record.devices[device];
+        let stored: Vec<_> = seen.stored.iter().filter(|at| **at >= since).collect();
+        let cycles = (self.world.now() - since).0 / CYCLE;
+        assert!(
+            stored.len().abs_diff(cycles as usize) <= 1,
+            "{device}: {} of {cycles}",
+            stored.len()
+        );
+        let gap = stored.windows(2).map(|pair| (*pair[1] - *pair[0]).0).max().unwrap_or(0);
+        assert!(gap < CYCLE + CYCLE / 10, "{device}: {gap} ps without outputs");
+        assert!(!seen.missed.iter().any(|at| *at >= since), "{device} missed outputs");
+        assert!(!seen.states.iter().any(|(at, _)| *at >= since), "{device} left OP");
+    }
+
+    /// Outputs are applied in OP only, and then in every cycle.
+    fn applies_in_op_only(&self, device: usize) {
+        let record = self.witness.0.borrow();
+        let seen = &record.devices[device];
+        for at in seen.applied.iter().filter(|at| **at >= self.began) {
+            let state = seen.states.iter().rev().find(|(changed, _)| changed <= at);
+            let state = state.map(|(_, state)| *state);
+            assert_eq!(state, Some(AlState::Op), "{device} applies outputs at {at:?}");
+        }
+    }
+
+    /// Nothing was written to everybody but the latch of receive times.
+    fn broadcasts_only_latches(&self) {
+        let record = self.witness.0.borrow();
+        assert!(record.broadcasts.iter().all(|ado| *ado == 0x0900), "{:04X?}", record.broadcasts);
+    }
+}
+
+/// Four drives in a line with clocks far apart.
+const LINE: &str = r#"
+    cycle = "1ms"
+    seed = 5
+    [host]
+    clock = "+12ppm"
+    jitter = "10us"
+    [[subdevice]]
+    device = "kollmorgen_akd2g"
+    name = "first"
+    clock = "-35ppm"
+    [[subdevice]]
+    device = "kollmorgen_akd2g"
+    name = "second"
+    clock = "+20ppm"
+    [[subdevice]]
+    device = "simple_io16"
+    name = "third"
+    [[subdevice]]
+    device = "hpmicro_ecat_cia402_ssc"
+    name = "fourth"
+    clock = "+48ppm"
+"#;
+
+fn readmitted(wanted: usize) -> impl Fn(&Event) -> bool {
+    move |event| matches!(event, Event::Readmitted { position, .. } if *position == wanted)
+}
+
+#[test]
+fn a_device_that_loses_its_power_is_back_on_its_grid() {
+    let mut field = Field::up(LINE, |_| {});
+    let off = field.soon();
+    let on = off + Picos(200 * MS.0);
+    field.world.segment_mut().power_off(3, off);
+    field.world.segment_mut().power_on(3, on);
+    field.run(250);
+    assert_eq!(field.count(|event| matches!(event, Event::Lost { position: 3, .. })), 1);
+    assert_eq!(field.count(|event| matches!(event, Event::Lost { .. })), 1);
+    let lost = field.events.iter().find(|(_, event)| matches!(event, Event::Lost { .. }));
+    let lost = lost.expect("it was lost").0;
+    assert!(lost - off < Picos(5 * MS.0), "{:?} until it was noticed", lost - off);
+    // From then on everything counts as it must.
+    let wrong = field.world.main().statistics().working_counter_errors;
+    field.run(100);
+    assert_eq!(field.world.main().statistics().working_counter_errors, wrong);
+
+    let back = field.until(60_000, readmitted(3));
+    println!("lost after {} us", (lost - off).0 / 1_000_000);
+    println!("in OP {} ms after its power was back", (back - on).0 / MS.0);
+    assert!((back - on).0 / MS.0 < 15_000, "300 ms for the link, then the drift loop");
+    field.run(500);
+    assert_eq!(field.state(3), AlState::Op);
+    let since = field.began;
+    for device in [0, 1] {
+        field.is_undisturbed(device, off);
+        let (worst, edges) = field.worst_edge(device, since);
+        println!("{device}: {worst} ps in {edges} edges");
+        assert!(worst < 100_000 && edges > 500, "{device}: {worst} ps in {edges} edges");
+    }
+    field.is_undisturbed(2, off);
+    let (worst, edges) = field.worst_edge(3, back);
+    println!("3: {worst} ps in {edges} edges");
+    assert!(worst < FRESH && edges > 400, "{worst} ps in {edges} edges");
+    field.applies_in_op_only(3);
+    field.broadcasts_only_latches();
+    let kept = field.world.main().segment().devices[3].offset;
+    assert_ne!(kept, 0, "another counter value needs another offset");
+}
+
+/// The cable between the first and the second is pulled: three devices are gone, all with their power on.
+#[test]
+fn a_branch_that_is_cut_comes_back_whole() {
+    let mut field = Field::up(LINE, |_| {});
+    let pulled = field.soon();
+    field.world.segment_mut().unplug(1, pulled);
+    field.world.segment_mut().plug(1, pulled + Picos(700 * MS.0));
+    field.run(900);
+    let lost = |event: &Event| matches!(event, Event::Lost { .. });
+    assert_eq!(field.count(lost), 3);
+    // Their watchdog has taken them down.
+    assert_ne!(field.state(1), AlState::Op);
+    for position in 1..4 {
+        if field.count(readmitted(position)) == 0 {
+            field.until(60_000, readmitted(position));
+        }
+    }
+    let back = field.world.now();
+    println!("all back {} ms after the cable", (back - pulled).0 / MS.0 - 700);
+    field.run(500);
+    field.is_undisturbed(0, pulled);
+    let (worst, _) = field.worst_edge(0, field.began);
+    assert!(worst < 100_000, "{worst} ps");
+    for device in [1, 3] {
+        let (worst, edges) = field.worst_edge(device, back);
+        println!("{device}: {worst} ps in {edges} edges");
+        assert!(worst < FRESH && edges > 400, "{device}: {worst} ps in {edges} edges");
+    }
+    for device in 1..4 {
+        assert_eq!(field.state(device), AlState::Op);
+        field.applies_in_op_only(device);
+    }
+    assert_eq!(field.count(lost), 3, "nobody else");
+    field.broadcasts_only_latches();
+}
+
+/// Two branches behind a fork: one is cut and healed, the other is behind it in the order of frames.
+const TREE: &str = r#"
+    cycle = "1ms"
+    seed = 5
+    [host]
+    clock = "+12ppm"
+    jitter = "10us"
+    [[subdevice]]
+    name = "fork"
+    device = "simple_io16"
+    [[subdevice]]
+    name = "left"
+    device = "kollmorgen_akd2g"
+    connect = "fork:1"
+    clock = "-35ppm"
+    [[subdevice]]
+    name = "left end"
+    device = "kollmorgen_akd2g"
+    connect = "left:1"
+    clock = "+20ppm"
+    [[subdevice]]
+    name = "right"
+    device = "kollmorgen_akd2g"
+    connect = "fork:2"
+    clock = "+48ppm"
+    [[subdevice]]
+    name = "right end"
+    device = "hpmicro_ecat_cia402_ssc"
+    connect = "right:1"
+    clock = "-10ppm"
+"#;
+
+/// The way of frames to the other branch becomes shorter by 1.9 us, and longer again: its clocks must not follow.
+#[test]
+fn the_other_branch_of_a_tree_goes_on() {
+    let mut field = Field::up(TREE, |_| {});
+    let names: Vec<_> =
+        field.world.main().segment().devices.iter().map(|device| device.name.clone()).collect();
+    let at = |name: &str| names.iter().position(|other| other == name).expect("it is there");
+    let (left, right) = (at("left"), at("right"));
+    let (first, second) = if left < right { (left, right) } else { (right, left) };
+    let pulled = field.soon();
+    field.world.segment_mut().unplug(first, pulled);
+    field.world.segment_mut().plug(first, pulled + Picos(50 * MS.0));
+    field.run(100);
+    assert_eq!(field.count(|event| matches!(event, Event::Lost { .. })), 2);
+    for position in [first, first + 1] {
+        if field.count(readmitted(position)) == 0 {
+            field.until(60_000, readmitted(position));
+        }
+    }
+    let back = field.world.now();
+    field.run(300);
+    for device in [0, second, second + 1] {
+        field.is_undisturbed(device, pulled);
+    }
+    for device in [second, second + 1] {
+        let (worst, edges) = field.worst_edge(device, field.began);
+        println!("{device}: {worst} ps in {edges} edges");
+        assert!(worst < 100_000 && edges > 300, "{device}: {worst} ps");
+    }
+    for device in [first, first + 1] {
+        let (worst, edges) = field.worst_edge(device, back);
+        println!("{device}: {worst} ps in {edges} edges");
+        assert!(worst < FRESH && edges > 200, "{device}: {worst} ps");
+        field.applies_in_op_only(device);
+    }
+    field.broadcasts_only_latches();
+}
+
+/// Somebody puts another device in the place of one that was switched off; later the right one.
+#[test]
+fn another_device_is_named_and_left_alone() {
+    let mut field = Field::up(LINE, |_| {});
+    let other = |text: &str| {
+        let scenario = Scenario::from(SegmentFile::parse("other.toml", text).expect("it reads"));
+        let setup = scenario.run().setup.segment.remove(0).device;
+        Device::new(3, setup, 99)
+    };
+    let off = field.soon();
+    field.world.segment_mut().power_off(3, off);
+    field.run(20);
+    let io4 = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\n";
+    *field.world.segment_mut().device_mut(3) = other(io4);
+    let on = field.soon();
+    field.world.segment_mut().power_on(3, on);
+    let refused = |event: &Event| matches!(event, Event::NotReadmitted { position: 3, .. });
+    field.until(5_000, refused);
+    let cause = field.told().into_iter().find_map(|event| match event {
+        Event::NotReadmitted {
+            cause: Cause::Identity { place, found, .. }, again: None, ..
+        } => Some((place.name.clone(), *found)),
+        _ => None,
+    });
+    let (name, found) = cause.unwrap_or_else(|| panic!("{:#?}", field.told()));
+    println!("{name} {found:X?}");
+    assert_eq!(found.0, 0x6973_6F63);
+    field.run(5_000);
+    assert_eq!(field.count(refused), 1, "it is asked once");
+    let stranger = &field.world.segment().devices()[3];
+    assert_eq!(stranger.stack.state(), AlState::Init);
+    assert_eq!(stranger.esc.register(isocat_wire::register::STATION_ADDRESS), 0);
+    for device in [0, 1, 2] {
+        field.is_undisturbed(device, off);
+    }
+    // The right one again.
+    let off = field.soon();
+    field.world.segment_mut().power_off(3, off);
+    field.run(20);
+    let drive = LINE.replace("kollmorgen_akd2g", "hpmicro_ecat_cia402_ssc");
+    *field.world.segment_mut().device_mut(3) = other(&drive);
+    let on = field.soon();
+    field.world.segment_mut().power_on(3, on);
+    let back = field.until(60_000, readmitted(3));
+    field.run(300);
+    let (worst, edges) = field.worst_edge(3, back);
+    assert!(worst < FRESH && edges > 200, "{worst} ps in {edges} edges");
+}
+
+/// A fork without a clock: the reference is the first of one branch.
+fn without_clock_at_the_fork(setup: &mut Setup) {
+    let mut image = setup.segment[0].device.sii.to_vec();
+    image[1] = 0;
+    let configuration = image[..14].first_chunk().expect("an EEPROM is longer");
+    image[14] = sii::checksum(configuration);
+    setup.segment[0].device.sii = image.into();
+}
+
+#[test]
+fn another_clock_leads_when_the_reference_is_gone() {
+    let mut field = Field::up(TREE, without_clock_at_the_fork);
+    let reference = field.world.main().segment().reference.expect("there are clocks");
+    assert_eq!(reference, 1);
+    // The time as it was, by the oscillator that led.
+    let off = field.soon();
+    let timing = field.world.main().segment().timing.clone().expect("it was planned");
+    field.run(1);
+    let segment = field.world.segment();
+    let leader = segment.devices()[reference].oscillator().clone();
+    let known = (off, segment.devices()[reference].system_time_ps(off));
+    let sync0 = timing.sync0.expect("SYNC0 is in use");
+    let error = |device: usize, at: Time<True>| {
+        let count = |at| leader.read::<isocat_wire::time::Device>(at);
+        let since = i128::from((count(at) - count(known.0)).0) * 1000;
+        let phase = timing.devices[device].0.sync0_phase(sync0);
+        Grid { cycle: Nanos(1_000_000), phase }.error(known.1 + since).0
+    };
+    let off = field.soon();
+    field.world.segment_mut().power_off(reference, off);
+    field.world.segment_mut().power_on(reference, off + Picos(3_000 * MS.0));
+    field.run(2_000);
+    let led = |event: &Event| matches!(event, Event::ReferenceElected { position: 3, .. });
+    assert_eq!(
+        (field.count(led), field.count(|e| matches!(e, Event::ReferenceLost { .. }))),
+        (1, 1)
+    );
+    // Earliest and latest edge against the grid of the time that was.
+    let spread = |field: &Field, device: usize, since: Time<True>| {
+        let record = field.witness.0.borrow();
+        let edges = record.devices[device].edges.iter().filter(|at| **at >= since);
+        let errors: Vec<i64> = edges.map(|at| error(device, *at)).collect();
+        let least = errors.iter().copied().min().expect("there are edges");
+        (least, errors.iter().copied().max().expect("there are edges"), errors.len())
+    };
+    for device in [3, 4] {
+        field.is_undisturbed(device, off);
+        let (least, most, edges) = spread(&field, device, off);
+        println!("{device} alone: {least} to {most} ps in {edges} edges");
+        // Nothing but the rate that the new one has: under 0.5 ppm for two seconds.
+        assert!(least > -1_000_000 && most < 1_000_000, "{device}: {least} to {most} ps");
+        assert!(edges.abs_diff(2_000) <= 2, "{device}: {edges} edges");
+    }
+    for position in [1, 2] {
+        if field.count(readmitted(position)) == 0 {
+            field.until(90_000, readmitted(position));
+        }
+    }
+    let back = field.world.now();
+    println!("all back {} ms after the power", (back - off).0 / MS.0 - 3_000);
+    // What lies before the present reference can't be led by it: the old one leads again.
+    assert_eq!(field.world.main().segment().reference, Some(reference));
+    field.run(1_000);
+    for device in [3, 4] {
+        field.is_undisturbed(device, off);
+        let (least, most, _) = spread(&field, device, off);
+        assert!(least > -2_000_000 && most < 2_000_000, "{device}: {least} to {most} ps");
+    }
+    let (mut least, mut most) = (i64::MAX, i64::MIN);
+    for device in 1..5 {
+        let (from, to, edges) = spread(&field, device, back);
+        println!("{device} after: {from} to {to} ps in {edges} edges");
+        (least, most) = (least.min(from), most.max(to));
+        assert!(edges.abs_diff(1_000) <= 2, "{device}: {edges} edges");
+        assert_eq!(field.state(device), AlState::Op);
+        field.applies_in_op_only(device);
+    }
+    assert!(most - least < 200_000, "all of them together: {} ps", most - least);
+    field.broadcasts_only_latches();
+}
+
+/// Frames do not reach the last three for longer than their watchdog.
+fn starved(recovery: Recovery) -> (Field, Time<True>) {
+    let text = LINE.replace("seed = 5", "seed = 5\nwatchdog = \"10ms\"");
+    let mut field = Field::up(&text, |setup| setup.config.recovery = recovery);
+    let from = field.soon();
+    for number in 0..15 {
+        let at = from + Picos(number * MS.0);
+        let error = BitError { cable: 1, direction: Direction::Out, at, bit: 200 };
+        field.world.segment_mut().disturb(error);
+    }
+    field.run(20);
+    (field, from)
+}
+
+#[test]
+fn a_device_that_fell_is_brought_back_by_policy() {
+    let (mut field, _) = starved(Recovery::Never);
+    field.run(2_000);
+    for device in 1..4 {
+        assert_eq!(field.state(device), AlState::SafeOp, "{:#?}", field.told());
+    }
+    assert_eq!(field.state(0), AlState::Op);
+    assert_eq!(field.count(|event| matches!(event, Event::Recovering { .. })), 0);
+
+    let back_off = Recovery::BackOff { first: Nanos::millis(100), longest: Nanos::millis(1_600) };
+    for recovery in [Recovery::Once, back_off] {
+        let (mut field, from) = starved(recovery);
+        field.run(2_000);
+        for device in 1..4 {
+            assert_eq!(field.state(device), AlState::Op, "{device}, {recovery:?}");
+            let code = field.told().into_iter().find_map(|event| match event {
+                Event::Recovering { position, code, attempt: 1, .. } if *position == device => {
+                    Some(*code)
+                }
+                _ => None,
+            });
+            assert!(code.is_some_and(|code| code != AlStatusCode::NO_ERROR), "{code:?}");
+            let recovered = |event: &Event| matches!(event, Event::Recovered { position, .. } if *position == device);
+            assert_eq!(field.count(recovered), 1);
+            field.applies_in_op_only(device);
+        }
+        for device in [0, 1, 3] {
+            let (worst, _) = field.worst_edge(device, from);
+            assert!(worst < 100_000, "{device}: {worst} ps");
+        }
+        assert_eq!(field.count(|event| matches!(event, Event::Lost { .. })), 0);
+        // It falls once more.
+        let again = field.soon();
+        for number in 0..15 {
+            let at = again + Picos(number * MS.0);
+            let error = BitError { cable: 3, direction: Direction::Out, at, bit: 200 };
+            field.world.segment_mut().disturb(error);
+        }
+        field.run(4_000);
+        let expected = if recovery == Recovery::Once { AlState::SafeOp } else { AlState::Op };
+        assert_eq!(field.state(3), expected, "{recovery:?}");
+        assert_eq!(field.state(0), AlState::Op);
+    }
+}
+
+/// One in the middle loses its power, and those behind it their cable; then the first of all, and with it everything.
+#[test]
+fn whatever_is_behind_it_comes_back_with_it() {
+    for (off_at, front) in [(1, 1), (0, 0)] {
+        for seed in ["seed = 5", "seed = 11"] {
+            let mut field = Field::up(&LINE.replace("seed = 5", seed), |_| {});
+            let off = field.soon();
+            field.world.segment_mut().power_off(off_at, off);
+            field.world.segment_mut().power_on(off_at, off + Picos(100 * MS.0));
+            field.run(500);
+            for position in off_at..4 {
+                if field.count(readmitted(position)) == 0 {
+                    field.until(60_000, readmitted(position));
+                }
+            }
+            println!("{off_at}: all back {} ms later", (field.world.now() - off).0 / MS.0);
+            let back = field.world.now();
+            field.run(500);
+            for device in 0..front {
+                field.is_undisturbed(device, off);
+            }
+            for device in [0, 1, 3] {
+                let (worst, edges) = field.worst_edge(device, back);
+                println!("{device}: {worst} ps in {edges} edges");
+                assert!(worst < FRESH && edges > 400, "{worst} ps in {edges} edges");
+            }
+            for device in off_at..4 {
+                assert_eq!(field.state(device), AlState::Op);
+                field.applies_in_op_only(device);
+            }
+            field.broadcasts_only_latches();
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! How well each clock follows: read in the background while the segment runs, within a share of the bus.
 //!
-//! The machine asks `Monitor::due` when to read, reads the clocks of [`Monitor::batch`], and gives what came back to
+//! The machine asks `Monitor::due` when to read, reads the clocks of `Monitor::batch`, and gives what came back to
 //! `Monitor::sample`. Each clock keeps its last readings in a ring that is allocated once; what leaves its limits and
 //! what is back within them comes out as [`Alarm`]s, each after some readings in a row, so that a single one
 //! raises nothing.

@@ -128,28 +128,11 @@ pub(crate) async fn join(
     let present = Segment { devices, reference: Some(at), ..Segment::default() };
     let stations = delay::stations(&present);
     let mut estimator = Estimator::new(&present, at, FREE_RUNNING_PPB);
-    let wanted = config.delay_latches.max(1);
-    let (mut last, mut lost) = (None, 0);
-    while estimator.latches() < wanted {
-        let sent = link.now();
-        match delay::latch_among(link, &stations, strangers).await {
-            Ok(latch) => {
-                estimator.sample(&latch);
-                last = Some((sent, latch));
-            }
-            Err(error) => {
-                lost += 1;
-                if lost > wanted {
-                    return Err(error.into());
-                }
-            }
-        }
+    let mut latches = latch_often(link, config, &stations, strangers).await?;
+    for (_, latch) in &latches {
+        estimator.sample(latch);
     }
-    link.with(|inner| {
-        inner.statistics.delay_latches += wanted as u64;
-        inner.statistics.delay_latches_lost += lost as u64;
-    });
-    let Some((sent, latch)) = last else { return Ok(()) };
+    let Some((sent, latch)) = latches.pop() else { return Ok(()) };
     let delays = estimator.delays();
     let entry = |position: usize| place(position).map_or(0, |at| latch[at].entry);
     // System time and delay of whoever has both: all others follow from them.
@@ -301,20 +284,20 @@ pub(crate) async fn follow(
     }
 }
 
-/// Latches several times; delays become the mean. Gives the last latch.
-async fn measure_delays(
+/// As many latches as are wanted, each with the instant before it; some may be lost, not more than come back.
+async fn latch_often(
     link: &Link,
     config: &Config,
-    segment: &mut Segment,
-    reference: usize,
-) -> Result<Times, Cause> {
+    stations: &[(StationAddress, DcCapability)],
+    strangers: u16,
+) -> Result<Vec<(Time<Host>, Times)>, Cause> {
     let wanted = config.delay_latches.max(1);
-    let stations = delay::stations(segment);
-    let mut times: Vec<Times> = Vec::with_capacity(wanted);
+    let mut latches = Vec::with_capacity(wanted);
     let mut lost = 0;
-    while times.len() < wanted {
-        match delay::latch(link, &stations).await {
-            Ok(latch) => times.push(latch),
+    while latches.len() < wanted {
+        let sent = link.now();
+        match delay::latch_among(link, stations, strangers).await {
+            Ok(latch) => latches.push((sent, latch)),
             Err(error) => {
                 lost += 1;
                 if lost > wanted {
@@ -327,6 +310,20 @@ async fn measure_delays(
         inner.statistics.delay_latches += wanted as u64;
         inner.statistics.delay_latches_lost += lost as u64;
     });
+    Ok(latches)
+}
+
+/// Latches several times; delays become the mean. Gives the last latch.
+async fn measure_delays(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    reference: usize,
+) -> Result<Times, Cause> {
+    let wanted = config.delay_latches.max(1);
+    let stations = delay::stations(segment);
+    let latches = latch_often(link, config, &stations, 0).await?;
+    let mut times: Vec<Times> = latches.into_iter().map(|(_, latch)| latch).collect();
     delay::find_entries(segment, times.get(wanted.wrapping_sub(2)), &times[wanted - 1])?;
     let mut estimator = Estimator::new(segment, reference, FREE_RUNNING_PPB);
     for latch in &times {

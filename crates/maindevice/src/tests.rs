@@ -629,6 +629,6 @@ fn frames_of_a_cycle_follow_each_other() {
         [(times[0], 0, first), (times[1], first + 960, second), (times[2], second + 960, third)]
     {
         let (fetched, end) = (Nanos(begin), Nanos(end));
-        assert_eq!(times, crate::cycle::ChunkTimes { fetched, read: end, stored: end });
+        assert_eq!((times.fetched, times.read, times.stored), (fetched, end, end));
     }
 }

@@ -1,0 +1,198 @@
+//! Frames that come back: what counts right is taken.
+
+use isocat_wire::time::{Dc, Host, Nanos, Time};
+
+use super::Cycle;
+use super::frames::Part;
+use super::presence::Place;
+use crate::event::Event;
+use crate::link::{CYCLIC_INDEX, Inner};
+
+impl Cycle {
+    /// Takes a frame of the cycle that came back, whose datagrams begin at `start`; `false` if it is
+    /// none.
+    pub fn receive(
+        &mut self,
+        now: Time<Host>,
+        bytes: &[u8],
+        start: usize,
+        inner: &mut Inner,
+    ) -> bool {
+        let Some(&index) = bytes.get(start + 1) else { return false };
+        if index < CYCLIC_INDEX {
+            return false;
+        }
+        let (sequence, at) = self.sequence(index);
+        let parity = usize::from(sequence & 1);
+        let Some(frame) = self.frames.get(at) else { return false };
+        let known = frame.datagrams.last().map_or(0, |(_, layout)| layout.end());
+        let Some(sent) = frame.flights[parity] else { return false };
+        // An answer that comes cycles late must not be taken for that of a later cycle.
+        if self.index(frame.cycles[parity], at) != index {
+            return false;
+        }
+        let frame = &mut self.frames[at];
+        let mut marks = frame.marks.iter().zip(&frame.datagrams);
+        if bytes.len() < known || !marks.all(|(mark, (_, d))| mark.is_at(bytes, d.start)) {
+            return false;
+        }
+        frame.flights[parity] = None;
+        let cycle = frame.cycles[parity];
+        inner.statistics.frames_received += 1;
+        let mut complete = true;
+        let mut reference_time = None;
+        for i in 0..self.frames[at].datagrams.len() {
+            let (part, layout) = self.frames[at].datagrams[i];
+            let data = &bytes[layout.data()..layout.wkc()];
+            let wkc = u16::from_le_bytes([bytes[layout.wkc()], bytes[layout.wkc() + 1]]);
+            match part {
+                Part::Drift => {
+                    reference_time = self.take_time(sent, data, wkc, cycle, inner);
+                    // Planned when the frame left; planned better with what it brought back.
+                    if cycle == self.number && self.is_sent() {
+                        self.due = self.next_send(sent + Nanos(self.cycle.0 / 2));
+                    }
+                }
+                Part::Lead => {
+                    let Some(written) = self.written[parity].take() else { continue };
+                    // Of one SubDevice; without its access nothing was written.
+                    inner.statistics.working_counter_errors += u64::from(wkc != 1);
+                    if let (Some(drive), Some(found), 1) = (&mut self.drive, reference_time, wkc) {
+                        drive.came_back(written, found);
+                    }
+                }
+                Part::AlStatus => {
+                    self.al_status = u16::from_le_bytes([data[0], data[1]]);
+                    if wkc != self.answering {
+                        self.answering = wkc;
+                        let expected = self.count;
+                        inner.report(Event::CountChanged { cycle, expected, found: wkc });
+                    }
+                }
+                Part::ReadWrite(chunk) | Part::Read(chunk) | Part::Write(chunk) => {
+                    complete &= self.take_chunk(part, chunk, data, wkc, cycle, inner);
+                }
+            }
+        }
+        // A chunk whose frame did not come back is not complete either, see `begin`.
+        if !complete {
+            inner.complete_cycles = 0;
+        }
+        self.servo.handle_timeout(now);
+        true
+    }
+
+    /// Feeds the servo with the reference time that came back, and gives it.
+    pub(super) fn take_time(
+        &mut self,
+        sent: Time<Host>,
+        data: &[u8],
+        wkc: u16,
+        cycle: u64,
+        inner: &mut Inner,
+    ) -> Option<Time<Dc>> {
+        let reference = self.reference.as_mut()?;
+        let expected = if reference.reading { 1 } else { reference.clocks };
+        // Clocks that are about to be admitted answer as well.
+        let more = wkc > expected && !reference.reading;
+        let counted = if more { expected } else { wkc };
+        let told = if reference.reading && reference.compensate && wkc == 1 {
+            reference.counted
+        } else {
+            counted
+        };
+        if told != reference.counted {
+            reference.counted = told;
+            inner.report(Event::Drift { cycle, expected, found: told });
+        }
+        if !reference.reading && wkc != reference.trusted {
+            reference.doubted = Some(wkc);
+        }
+        if counted != expected {
+            inner.statistics.working_counter_errors += 1;
+            // Without the reference's own access the data are ours; with it but not all others, a
+            // clock is no longer led, and the time would still be right: but which of both it is
+            // can't be told.
+            return None;
+        }
+        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
+        if raw == 0 {
+            // As it was sent: others answered in the place of the reference.
+            return None;
+        }
+        let dc = match (reference.wide, reference.seen) {
+            (true, _) => Time::new(raw),
+            (false, true) => extend(raw as u32, reference.last),
+            (false, false) => Time::new(raw & u64::from(u32::MAX)),
+        };
+        (reference.last, reference.seen) = (dc, true);
+        inner.reference_time = (sent, dc);
+        if !reference.reading {
+            reference.led = cycle;
+        }
+        self.servo.sample(sent, dc);
+        if self.measuring {
+            let cycle = self.cycle.0;
+            let phase = (dc + -self.send_phase).phase(cycle as u64) as i64;
+            let error = if phase > cycle / 2 { phase - cycle } else { phase };
+            inner.statistics.phase_error.add(Nanos(error));
+        }
+        Some(dc)
+    }
+
+    /// Takes the inputs of a chunk that counts right.
+    pub(super) fn take_chunk(
+        &mut self,
+        part: Part,
+        at: usize,
+        data: &[u8],
+        wkc: u16,
+        cycle: u64,
+        inner: &mut Inner,
+    ) -> bool {
+        let chunk = &self.image.chunks[at];
+        let count = |(writers, readers): (u16, u16)| match part {
+            Part::ReadWrite(_) => 2 * writers + readers,
+            Part::Write(_) => writers,
+            _ => readers,
+        };
+        let (expected, planned) = (count(self.admitted[at]), count((chunk.writers, chunk.readers)));
+        // Those that are about to be admitted count from the moment at which they are mapped.
+        let more = self.answering > self.present && (expected..=planned).contains(&wkc);
+        let wkc = if more { expected } else { wkc };
+        let wrong = &mut self.wrong[at][usize::from(part == Part::Write(at))];
+        if wkc != expected {
+            inner.statistics.working_counter_errors += 1;
+            inner.incomplete = (expected, wkc);
+            if *wrong == 0 {
+                inner.report(Event::WorkingCounter { cycle, chunk: at, expected, found: wkc });
+            }
+            *wrong += 1;
+            return false;
+        }
+        if part != Part::Write(at) {
+            let from = chunk.logical as usize;
+            if self.admitted[at] == (chunk.writers, chunk.readers) {
+                self.inputs[from..from + usize::from(chunk.length)].copy_from_slice(data);
+            } else {
+                // In the place of one that is not there our own outputs come back.
+                let own = |place: &&Place| place.present && place.chunk == Some(at);
+                for Place { inputs, .. } in self.places.iter().filter(own) {
+                    let data = &data[inputs.start - from..inputs.end - from];
+                    self.inputs[inputs.clone()].copy_from_slice(data);
+                }
+            }
+        }
+        let cycles = core::mem::take(wrong);
+        if cycles > 0 {
+            inner.report(Event::WorkingCounterRestored { cycle, chunk: at, cycles });
+        }
+        true
+    }
+}
+
+/// The time of a 32-bit clock, extended to the one nearest to `near`.
+pub(crate) fn extend(low: u32, near: Time<Dc>) -> Time<Dc> {
+    let ahead = low.wrapping_sub(near.count() as u32) as i32;
+    near + Nanos(i64::from(ahead))
+}

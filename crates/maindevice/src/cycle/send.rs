@@ -1,0 +1,152 @@
+//! Frames that leave, and when.
+
+use isocat_wire::command::Command;
+use isocat_wire::frame::duration_ns;
+use isocat_wire::time::{Host, Nanos, Time};
+
+use super::Cycle;
+use super::frames::Part;
+use crate::event::Event;
+use crate::link::{CYCLIC_INDEX, Inner};
+use crate::segment::GAP;
+
+impl Cycle {
+    /// The next frame of the cycle, if one is due.
+    pub fn transmit(
+        &mut self,
+        now: Time<Host>,
+        buffer: &mut [u8],
+        inner: &mut Inner,
+    ) -> Option<usize> {
+        if self.next_frame >= self.frames.len() {
+            self.next_frame = 0;
+        }
+        if self.next_frame == 0 {
+            if now < self.due || self.wait_for_grid(now, inner) {
+                return None;
+            }
+            self.begin(now, inner);
+        }
+        let at = self.next_frame;
+        let parity = (self.number & 1) as usize;
+        let index = self.index(self.number, at);
+        let frame = &mut self.frames[at];
+        let bytes = buffer.get_mut(..frame.bytes.len())?;
+        bytes.copy_from_slice(&frame.bytes);
+        for (part, layout) in &frame.datagrams {
+            bytes[layout.start + 1] = index;
+            if let Part::ReadWrite(chunk) | Part::Write(chunk) = *part {
+                let chunk = &self.image.chunks[chunk];
+                let from = chunk.logical as usize;
+                let outputs = &self.outputs[from..from + usize::from(chunk.length)];
+                bytes[layout.data()..layout.wkc()].copy_from_slice(outputs);
+            }
+            if *part == Part::Lead {
+                let drive = self.drive.as_mut();
+                let value = drive.and_then(|drive| drive.value(now, &self.servo));
+                self.written[parity] = value;
+                let command = if value.is_some() { Command::Fpwr } else { Command::Nop };
+                bytes[layout.start] = command as u8;
+                let value = value.unwrap_or(Time::ZERO).count().to_le_bytes();
+                bytes[layout.data()..layout.wkc()].copy_from_slice(&value);
+            }
+        }
+        frame.flights[parity] = Some(now);
+        frame.cycles[parity] = self.number;
+        self.through = now.max(self.through) + Nanos(duration_ns(frame.bytes.len()) as i64) + GAP;
+        inner.statistics.frames_sent += 1;
+        inner.statistics.datagrams += frame.datagrams.len() as u64;
+        self.next_frame += 1;
+        if self.next_frame >= self.frames.len() {
+            let earliest = now.max(self.due) + Nanos(self.cycle.0 / 2);
+            self.due = self.next_send(earliest);
+        }
+        Some(self.frames[at].bytes.len())
+    }
+
+    /// A caller who slept over half a cycle or more sends on the grid again, not somewhere in between:
+    /// a frame there would meet SYNC0 at any phase. True if the cycle is put off. That never happens
+    /// twice in a row, so that a host which is always late still sends.
+    pub(super) fn wait_for_grid(&mut self, now: Time<Host>, inner: &mut Inner) -> bool {
+        let late = now - self.due;
+        if self.put_off || late.0 < self.cycle.0 / 2 {
+            return false;
+        }
+        let due = self.next_send(now);
+        let skipped = ((due - self.due).0 + self.cycle.0 / 2) / self.cycle.0;
+        if due <= now {
+            return false;
+        }
+        self.put_off = true;
+        self.due = due;
+        let skipped = skipped.max(0) as u64;
+        inner.statistics.cycles_skipped += skipped;
+        inner.report(Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
+        true
+    }
+
+    /// Index of the datagrams of a frame: its number, and above it as much of the cycle's as has room.
+    pub(super) fn index(&self, cycle: u64, frame: usize) -> u8 {
+        let bits = self.frame_bits();
+        CYCLIC_INDEX | ((cycle as u8) << bits) & !CYCLIC_INDEX | frame as u8
+    }
+
+    /// The lowest bits of the cycle's number, and the frame's, from an index.
+    pub(super) fn sequence(&self, index: u8) -> (u8, usize) {
+        let bits = self.frame_bits();
+        ((index & !CYCLIC_INDEX) >> bits, usize::from(index & ((1 << bits) - 1)))
+    }
+
+    /// Bits that the number of a frame needs; one is left for the cycle's at least, as the mapping has at most 64.
+    pub(super) fn frame_bits(&self) -> u32 {
+        self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1)
+    }
+
+    /// Begins a cycle: what was sent two cycles ago and is not back is lost.
+    pub(super) fn begin(&mut self, now: Time<Host>, inner: &mut Inner) {
+        let late = now - self.due;
+        // Only of a cycle that was put off already; others wait for the grid.
+        let skipped = (late.0 / self.cycle.0).max(0) as u64;
+        self.put_off = false;
+        self.number += 1;
+        inner.cycle = self.number;
+        inner.statistics.cycles += 1;
+        if skipped > 0 {
+            inner.statistics.cycles_skipped += skipped;
+            inner.report(Event::CyclesSkipped { cycle: self.number, late, skipped });
+        }
+        if self.wanted != self.exchanging || self.stale {
+            self.exchanging = self.wanted;
+            self.stale = false;
+            self.build();
+        }
+        self.choose_drift();
+        let parity = (self.number & 1) as usize;
+        if self.exchanging {
+            // Counted up here and set back by whatever goes wrong.
+            inner.complete_cycles += 1;
+        }
+        for (at, frame) in self.frames.iter_mut().enumerate() {
+            if frame.flights[parity].take().is_some() {
+                inner.statistics.frames_lost += 1;
+                // Says nothing of the SubDevices: neither counts nor begins the count anew.
+                inner.complete_cycles = inner.complete_cycles.saturating_sub(1);
+                inner.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
+            }
+        }
+        if self.reference.as_ref().is_some_and(|reference| reference.compensate) {
+            inner.statistics.drift_frames += 1;
+        }
+        self.servo.handle_timeout(now);
+        let state = self.servo.state();
+        if state != self.last_state {
+            self.last_state = state;
+            inner.report(Event::Phase { cycle: self.number, state });
+        }
+    }
+
+    /// The first instant from `earliest` on at which the frame finds the reference at its phase.
+    pub(super) fn next_send(&self, earliest: Time<Host>) -> Time<Host> {
+        self.servo.next_send(earliest, self.cycle, self.send_phase)
+    }
+}

@@ -13,7 +13,7 @@ use isocat_sync::budget::{Check, Demand};
 use crate::scenario::Scenario;
 
 mod build;
-mod offline;
+pub(crate) mod offline;
 pub mod proof;
 pub mod report;
 mod start_up;

@@ -9,6 +9,7 @@ use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
 use isocat_wire::time::{Nanos, Time};
 
+use crate::plan::offline;
 use crate::profile::{self, ApplicationKind, Profile};
 use crate::segment_file::{SegmentFile, SubDevice};
 
@@ -91,6 +92,10 @@ impl Scenario {
         config.watchdog = self.watchdog;
         config.force = self.force;
         config.devices = self.devices.iter().map(device_config).collect();
+        for (position, _) in self.devices.iter().enumerate().filter(|(_, d)| d.optional) {
+            let known = offline::known(self, position);
+            config.devices[position].hot_connect = Some(Box::new(known));
+        }
         config
     }
 
@@ -104,6 +109,7 @@ impl Scenario {
             cable: Cable::with_speed(device.cable.0 as u64, device.cable_delay.0)
                 .with_asymmetry(device.cable_asymmetry.into()),
             phys: None,
+            power_on: Time::ZERO + device.arrives.into(),
             device: DeviceSetup {
                 chip: profile.esc(),
                 sii: profile.sii.clone().into(),
@@ -158,6 +164,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         sync0_cycle: device.sync0_cycle,
         assumed,
         startup: profile.startup.iter().map(startup).collect(),
+        hot_connect: None,
     }
 }
 

@@ -133,6 +133,11 @@ pub struct SubDevice {
     /// Cycle of SYNC0. Key `sync0_cycle`, a part of the cycle; for the mode "dc-subordinated". `None`: what the
     /// device states in 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
+    /// It may be absent, and come while the segment runs (hot connect). Key `optional`; default: it must be there.
+    pub optional: bool,
+    /// When an optional one gets its power, from the start of the simulation. Key `arrives`, up to 24 h; default:
+    /// it is there from the start.
+    pub arrives: Nanos,
     /// What is doubtful about a device from a maker's description: `name: words`.
     pub notes: Vec<String>,
     /// Line of the file at which it begins, for messages.
@@ -231,9 +236,34 @@ impl Devices {
             // Only the first can hang elsewhere.
             let connect = table.value("connect").filter(|_| number == 0);
             let place = self.ports.place(table, connect, &self.subdevices, device.profile)?;
+            may_be_absent(table, &device, place, &self.subdevices)?;
             self.subdevices.push(SubDevice { name, place, ..device.clone() });
         }
         Ok(())
+    }
+}
+
+/// All others are behind the first; and who is behind one that is absent, is absent with it.
+fn may_be_absent(
+    table: Table<'_>,
+    device: &SubDevice,
+    place: Place,
+    earlier: &[SubDevice],
+) -> Result<(), FileError> {
+    let error = |message: String| {
+        let value = table.value("optional");
+        Err(value.map_or_else(|| table.error(&message), |value| value.error(&message)))
+    };
+    match place.upstream.map(|(above, _)| &earlier[above]) {
+        None if device.optional => error(
+            "the first device is optional, and all others are behind it; expected it to be there"
+                .into(),
+        ),
+        Some(above) if above.optional && !device.optional => error(format!(
+            "it is behind \"{}\", which is optional; expected optional = true here too",
+            above.name
+        )),
+        _ => Ok(()),
     }
 }
 
@@ -300,6 +330,8 @@ fn subdevice(
         "delay",
         "jitter",
         "misbehave",
+        "optional",
+        "arrives",
     ])?;
     let own = table.value("cycle").map(|value| own_cycle(&value, cycle)).transpose()?;
     let expected = "a profile's name, such as device = \"kollmorgen_akd2g\"";
@@ -402,6 +434,11 @@ fn subdevice(
         Some(value) => value.delay_per_metre(LEAST_DELAY..=DelayPerMetre(10_000))?,
         None => DelayPerMetre(1_000 * PICOS_PER_MILLIMETRE),
     };
+    let optional = table.value("optional").map_or(Ok(false), |value| value.boolean())?;
+    let arrives = time("arrives", Nanos::ZERO..=LONGEST_RUN)?;
+    if let (Some(value), false) = (table.value("arrives"), optional) {
+        return Err(value.error("arrives is given without optional = true beside it"));
+    }
     Ok(SubDevice {
         name: match table.value("name") {
             Some(value) => value.name("a name in quotes")?.to_owned(),
@@ -431,6 +468,8 @@ fn subdevice(
         input_shift,
         sync1: sync1.or(own_sync1),
         sync0_cycle: sync0_cycle.or(own_sync0),
+        optional,
+        arrives: arrives.unwrap_or(Nanos::ZERO),
         notes,
         line: table.error("").line,
     })

@@ -603,3 +603,93 @@ fn whatever_is_behind_it_comes_back_with_it() {
         }
     }
 }
+
+/// The last two of [`LINE`] may be absent, and are at first.
+fn with_a_group(arrives: &str) -> String {
+    let optional = format!("optional = true\n    arrives = \"{arrives}\"\n    name = ");
+    LINE.replace("name = \"third\"", &format!("{optional}\"third\""))
+        .replace("name = \"fourth\"", &format!("{optional}\"fourth\""))
+}
+
+/// Hot connect: the segment runs without a group that it was planned with, and takes it up when it comes, as often as
+/// it does.
+#[test]
+fn a_group_that_was_absent_is_taken_up_when_it_comes() {
+    let mut field = Field::up(&with_a_group("20s"), |_| {});
+    let found = field.world.main().segment();
+    assert_eq!(
+        found.devices.iter().map(|d| d.admitted).collect::<Vec<_>>(),
+        [true, true, false, false]
+    );
+    let coming = Time::<True>::ZERO + Picos(20_000 * MS.0);
+    assert!(field.world.now() < coming, "it is in operation before they come");
+    assert_eq!(field.world.main().statistics().working_counter_errors, 0);
+    field.run(1_000);
+    assert_eq!(field.told(), Vec::<&Event>::new());
+    for position in [2, 3] {
+        if field.count(readmitted(position)) == 0 {
+            field.until(60_000, readmitted(position));
+        }
+    }
+    let back = field.world.now();
+    println!("in OP {} ms after their power came", (back - coming).0 / MS.0);
+    assert!((back - coming).0 / MS.0 < 15_000);
+    field.run(500);
+    assert_eq!(field.count(|event| matches!(event, Event::Lost { .. })), 0);
+    for device in [0, 1] {
+        field.is_undisturbed(device, field.began);
+        let (worst, edges) = field.worst_edge(device, field.began);
+        println!("{device}: {worst} ps in {edges} edges");
+        assert!(worst < 100_000 && edges > 500, "{device}: {worst} ps in {edges} edges");
+    }
+    for device in [2, 3] {
+        assert_eq!(field.state(device), AlState::Op);
+        field.applies_in_op_only(device);
+    }
+    let (worst, edges) = field.worst_edge(3, back);
+    println!("3: {worst} ps in {edges} edges");
+    assert!(worst < FRESH && edges > 400, "{worst} ps in {edges} edges");
+    field.broadcasts_only_latches();
+    // Gone and back once more.
+    let pulled = field.soon();
+    field.world.segment_mut().unplug(2, pulled);
+    field.world.segment_mut().plug(2, pulled + Picos(300 * MS.0));
+    let before = field.count(readmitted(3));
+    field.run(400);
+    while field.count(readmitted(3)) == before {
+        field.until(60_000, readmitted(3));
+    }
+    field.run(100);
+    field.is_undisturbed(1, pulled);
+    assert_eq!((field.state(2), field.state(3)), (AlState::Op, AlState::Op));
+}
+
+/// Planned with what its description says, and another comes; then one whose times do not fit the plan.
+#[test]
+fn a_group_that_is_not_as_known_is_refused_by_name() {
+    let slow = "calc_copy = \"400us\"\n    name = \"fourth\"";
+    let text = with_a_group("5s").replace("name = \"fourth\"", slow);
+    let mut field = Field::up(&text, |setup| {
+        setup.config.shift = Some(Nanos::micros(200));
+        let known = setup.config.devices[3].hot_connect.as_mut().expect("it is optional");
+        let sync = known.output_sync.as_mut().expect("a drive has 0x1C32");
+        // Less than it needs: the plan is made for a faster device.
+        sync.values.set(6, 1_000);
+        known.input_sync.as_mut().expect("and 0x1C33").values.set(6, 1_000);
+    });
+    let refused = |event: &Event| matches!(event, Event::NotReadmitted { position: 3, .. });
+    field.until(60_000, refused);
+    let cause = field.events.iter().rev().find_map(|(_, event)| match event {
+        Event::NotReadmitted { position: 3, cause, .. } => Some(cause.clone()),
+        _ => None,
+    });
+    let cause = cause.expect("it was refused");
+    assert!(matches!(cause, Cause::Plan { .. }), "{cause}");
+    println!("{cause}");
+    assert_ne!(field.state(3), AlState::Op);
+    if field.count(readmitted(2)) == 0 {
+        field.until(60_000, readmitted(2));
+    }
+    field.run(50);
+    field.is_undisturbed(1, field.began);
+}

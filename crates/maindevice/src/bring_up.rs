@@ -22,10 +22,11 @@ use isocat_wire::time::Nanos;
 use crate::config::{Config, QualityWatch};
 use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
+use crate::hot_connect::Present;
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, mapping, mode, objects, scan, sii, sync};
+use crate::{clock, esm, hot_connect, mapping, mode, objects, scan, sii, sync};
 
 /// What a piece of the way works on, and gives back whether it got to its end or not.
 pub(crate) struct Work {
@@ -89,8 +90,8 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
 
     work.enter(Stage::PreOp);
     each(&mut work.segment, |device| Box::pin(to_preop(link, config, device))).await?;
-    work.mailboxes =
-        work.segment.devices.iter().map(|device| mailbox(link, config, device)).collect();
+    let mailbox = |device: &SubDevice| mailbox(link, config, device).filter(|_| device.admitted);
+    work.mailboxes = work.segment.devices.iter().map(mailbox).collect();
 
     work.enter(Stage::Objects);
     each_with_mailbox(work, |device, mailbox| {
@@ -105,6 +106,9 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     })
     .await?;
 
+    let absent = work.segment.devices.iter_mut().filter(|device| !device.admitted);
+    absent.map(hot_connect::lay_out).collect::<Result<(), _>>()?;
+
     work.enter(Stage::Mode);
     for device in &mut work.segment.devices {
         let wish = config.devices.get(device.position);
@@ -117,7 +121,10 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
         .await?;
 
     work.enter(Stage::Clock);
-    clock::synchronize(link, config, &mut work.segment).await?;
+    let mut present = Present::of(&work.segment);
+    let clocks = clock::synchronize(link, config, &mut present.0).await;
+    present.give_back(&mut work.segment);
+    clocks?;
 
     work.enter(Stage::Plan);
     work.segment.timing = Some(mode::plan(&work.segment, config)?);
@@ -192,6 +199,12 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
         return Err(Cause::Setting {
             name: "quality",
             expected: "a share of 1 to 200 permille, 16 readings or more, limits above 0",
+        });
+    }
+    if config.devices.first().is_some_and(|first| first.hot_connect.is_some()) {
+        return Err(Cause::Setting {
+            name: "hot_connect",
+            expected: "not at the first SubDevice, behind which all others are",
         });
     }
     if !(1..=90).contains(&config.acyclic_share) {
@@ -353,6 +366,10 @@ pub(crate) async fn stop(mut work: Work) -> End {
     let silent: Vec<_> =
         preop.iter().map(|result| matches!(result, Err(Cause::Access(_)))).collect();
     let init = settle(&mut work.segment.devices, |device| {
+        let wish = config.devices.get(device.position);
+        if !device.admitted && wish.is_some_and(|wish| wish.hot_connect.is_some()) {
+            return Box::pin(async { Ok(()) });
+        }
         // One that did not answer a moment ago is asked once, and not waited for.
         let answers = device.admitted && !silent[device.position];
         let patience = if answers { patience } else { Nanos::ZERO };
@@ -383,12 +400,13 @@ async fn step_down(
     esm::change(link, device, state, patience).await
 }
 
-/// Does the same at all SubDevices side by side; ends with the first error.
+/// Does the same at all SubDevices that are there, side by side; ends with the first error.
 async fn each<'a>(
     segment: &'a mut Segment,
     procedure: impl Fn(&'a mut SubDevice) -> Procedure<'a, Result<(), Cause>>,
 ) -> Result<(), Cause> {
-    join(segment.devices.iter_mut().map(procedure).collect()).await.map(|_| ())
+    let there = segment.devices.iter_mut().filter(|device| device.admitted);
+    join(there.map(procedure).collect()).await.map(|_| ())
 }
 
 /// Does the same at SubDevices side by side, to the end at every one.
@@ -415,6 +433,7 @@ async fn each_with_mailbox<'a>(
     let devices = work.segment.devices.iter_mut();
     let all = devices
         .zip(&mut work.mailboxes)
+        .filter(|(device, _)| device.admitted)
         .map(|(device, mailbox)| procedure(device, mailbox.as_mut()))
         .collect();
     join(all).await.map(|_| ())

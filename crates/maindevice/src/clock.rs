@@ -60,21 +60,20 @@ pub(crate) async fn measure_speeds(link: &Link, segment: &mut Segment) -> Result
         }
     };
     // Half of what a clock of 32 bits holds; a host that slept longer has measured nothing.
-    let counted = |device: &SubDevice| {
+    let counted = |at: usize, device: &SubDevice| {
         let time = |latch: &Latch| match device.dc.has_clock() {
             true => Some(latch.entry as u32),
             false => latch.ports.map(|ports| ports[device.entry.index()]),
         };
-        let at = device.position;
         let span = time(last.get(at)?)?.wrapping_sub(time(first.get(at)?)?);
         i32::try_from(span).ok().map(i64::from).filter(|span| *span > 0)
     };
-    let Some(window) = counted(&segment.devices[reference]) else { return Ok(()) };
-    for device in &mut segment.devices {
-        device.observed.speed = counted(device).map(|span| Speed {
+    let Some(window) = counted(reference, &segment.devices[reference]) else { return Ok(()) };
+    for (at, device) in segment.devices.iter_mut().enumerate() {
+        device.observed.speed = counted(at, device).map(|span| Speed {
             ppb: (span - window) * 1_000_000_000 / window,
             // The first tick may be missing at one clock and the last at the other.
-            error_ppb: if device.position == reference { 0 } else { 2 * TICK_E9 / window },
+            error_ppb: if at == reference { 0 } else { 2 * TICK_E9 / window },
             window: Nanos(window),
         });
     }
@@ -410,8 +409,9 @@ async fn converge(
     let clocks: Vec<(usize, StationAddress)> = segment
         .devices
         .iter()
-        .filter(|device| device.dc.has_clock() && device.position != reference)
-        .map(|device| (device.position, device.station))
+        .enumerate()
+        .filter(|(at, device)| device.dc.has_clock() && *at != reference)
+        .map(|(at, device)| (at, device.station))
         .collect();
     let mut judged: Vec<_> = clocks.iter().map(|_| Convergence::new(limits)).collect();
     let count = clocks.len() as u16 + 1;
@@ -422,10 +422,9 @@ async fn converge(
         burst.until(next_reading).await?;
         next_reading = link.now() + READING_INTERVAL;
         let readings = read_differences(link, &clocks).await?;
-        for (((position, _), judge), (at, difference)) in
-            clocks.iter().zip(&mut judged).zip(readings)
+        for (((device, _), judge), (at, difference)) in clocks.iter().zip(&mut judged).zip(readings)
         {
-            segment.devices[*position].difference = Some(difference);
+            segment.devices[*device].difference = Some(difference);
             judge.sample(at, difference);
         }
         let converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
@@ -435,8 +434,8 @@ async fn converge(
             return Ok(());
         }
         if link.now() >= end {
-            let (position, slope_ppb) = worst(&clocks, &judged, segment);
-            let device = &segment.devices[position];
+            let (device, slope_ppb) = worst(&clocks, &judged, segment);
+            let device = &segment.devices[device];
             return Err(Cause::Drift {
                 place: device.place(),
                 difference: device.difference.unwrap_or(Nanos::ZERO),
@@ -456,11 +455,11 @@ fn worst(
     clocks
         .iter()
         .zip(judged)
-        .filter_map(|((position, _), one)| match one.verdict() {
-            Verdict::Converging { slope_ppb, .. } => Some((*position, slope_ppb)),
+        .filter_map(|((device, _), one)| match one.verdict() {
+            Verdict::Converging { slope_ppb, .. } => Some((*device, slope_ppb)),
             _ => None,
         })
-        .max_by_key(|(position, _)| segment.devices[*position].difference.map(Nanos::abs))
+        .max_by_key(|(device, _)| segment.devices[*device].difference.map(Nanos::abs))
         .unwrap_or((0, 0))
 }
 

@@ -1,5 +1,6 @@
 //! What the user wants: the cycle, the devices, and how patient to be.
 
+use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::vec::Vec;
 
@@ -7,6 +8,8 @@ use isocat_sync::SyncMode;
 use isocat_sync::phase::Direction;
 use isocat_wire::address::ObjectAddress;
 use isocat_wire::time::Nanos;
+
+use crate::segment::SubDevice;
 
 /// Intent for one segment. [`Config::new`] gives every setting but the cycle a default whose reason
 /// stands at the field.
@@ -280,6 +283,11 @@ pub struct DeviceConfig {
     pub shift_inputs: Option<Nanos>,
     /// Times for the plan where the device states 0 or nothing.
     pub assumed: AssumedTimes,
+    /// It may be absent, and come while the segment runs (hot connect): what is known of it, so that the cycle is
+    /// planned as if it were there. Identity, ESC, clock, SII, PDOs and sync objects are used, and where it hangs: a
+    /// port that has nothing else behind it. [`Segment::devices`](crate::Segment::devices) of a run with it is such a
+    /// description, and so is what [`plan`](crate::plan()) is given. Not for the first SubDevice. `None`: it must be there.
+    pub hot_connect: Option<Box<SubDevice>>,
     /// SDO downloads in PREOP, in this order, before mode and mapping are read.
     pub startup: Vec<StartupDownload>,
 }

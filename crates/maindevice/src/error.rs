@@ -15,6 +15,7 @@ use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::event::Stage;
+use crate::segment::DcCapability;
 
 /// A failure, with the stage at which it happened.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -91,6 +92,29 @@ pub enum Cause {
         expected: (u32, u32),
         /// Vendor id and product code in its SII.
         found: (u32, u32),
+    },
+    /// Somebody at a place in the order of frames is none of those configured that may stand there.
+    NoSeat {
+        /// Place in the order of frames, from 0.
+        place: usize,
+        /// Vendor id and product code in its SII.
+        found: (u32, u32),
+        /// More than one of those configured would do.
+        several: bool,
+    },
+    /// A SubDevice that must be there does not answer, while others behind it do.
+    Missing {
+        /// Which one.
+        place: Place,
+    },
+    /// Its clock is another than was planned with.
+    Clock {
+        /// Where.
+        place: Place,
+        /// As planned.
+        planned: DcCapability,
+        /// As its ESC has it.
+        found: DcCapability,
     },
     /// The SII can't be read or contradicts itself.
     Sii {
@@ -392,6 +416,9 @@ impl Cause {
             | Cause::ProcessData { .. } => Fault::Segment,
             Cause::Count { .. }
             | Cause::Identity { .. }
+            | Cause::NoSeat { .. }
+            | Cause::Missing { .. }
+            | Cause::Clock { .. }
             | Cause::Mode { .. }
             | Cause::Plan { .. }
             | Cause::Frames { .. }
@@ -405,6 +432,8 @@ impl Cause {
     pub fn place(&self) -> Option<&Place> {
         match self {
             Cause::Identity { place, .. }
+            | Cause::Missing { place }
+            | Cause::Clock { place, .. }
             | Cause::Sii { place, .. }
             | Cause::Refused { place, .. }
             | Cause::StateTimeout { place, .. }
@@ -462,6 +491,24 @@ impl fmt::Display for Cause {
                 "{place}: vendor {:#010x} product {:#010x}, expected vendor {:#010x} product {:#010x}",
                 found.0, found.1, expected.0, expected.1
             ),
+            Cause::NoSeat { place, found, several } => {
+                let (vendor, product) = found;
+                write!(f, "place {place} in the order of frames: vendor {vendor:#010x} product {product:#010x} ")?;
+                match several {
+                    true => write!(f, "may be more than one of those configured that may be absent"),
+                    false => write!(f, "is none of those configured that may stand there"),
+                }
+            }
+            Cause::Missing { place } => write!(f, "{place}: does not answer, and must be there"),
+            Cause::Clock { place, planned, found } => {
+                let clock = |dc: &DcCapability| match dc {
+                    DcCapability::None => "no DC unit",
+                    DcCapability::ReceiveTimes => "receive times only",
+                    DcCapability::Clock32 => "a clock of 32 bits",
+                    DcCapability::Clock64 => "a clock of 64 bits",
+                };
+                write!(f, "{place}: has {}, planned with {}", clock(found), clock(planned))
+            }
             Cause::Sii { place, problem } => write!(f, "{place}: {problem}"),
             Cause::Refused { place, requested, status, code } => {
                 write!(f, "{place}: refuses {requested}, is in {status}, AL status code {code}")

@@ -65,6 +65,7 @@ mod delay;
 mod delay_watch;
 mod esm;
 mod health;
+mod hot_connect;
 mod link;
 mod machine;
 mod mailbox;

@@ -33,7 +33,7 @@ use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, join};
 use crate::mailbox::Mailbox;
 use crate::segment::{Segment, SubDevice};
-use crate::{esm, mapping, objects, scan, sii, sync};
+use crate::{esm, mapping, mode, objects, scan, sii, sync};
 
 /// How one SubDevice came out of it.
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
@@ -131,6 +131,11 @@ impl Keeper {
         (!absence.taken).then_some(policy.pause)
     }
 
+    /// Whether another device stands in its place.
+    pub fn is_out(&self, position: usize) -> bool {
+        self.absences.get(position).is_some_and(|absence| absence.taken)
+    }
+
     /// Nobody stands in its place any more.
     pub fn is_absent(&mut self, position: usize) {
         self.absences[position].taken = false;
@@ -183,8 +188,13 @@ impl Keeper {
 /// By position, at which place of the processing order who answers now stands; `None`: it does not answer.
 ///
 /// A SubDevice is there if the one above it is, and its port there is open. `Err`: that does not agree with who
-/// answers, as while a link is coming up, or where cables were changed.
-pub(crate) fn places(segment: &Segment, everybody: &[Found]) -> Result<Vec<Option<usize>>, ()> {
+/// answers, as while a link is coming up, or where cables were changed. `is_out`: another device was found in the
+/// place of this one, so that it is the turn of the next that may hang there.
+pub(crate) fn places(
+    segment: &Segment,
+    everybody: &[Found],
+    is_out: impl Fn(usize) -> bool,
+) -> Result<Vec<Option<usize>>, ()> {
     let mut places: Vec<Option<usize>> = vec![None; segment.devices.len()];
     let mut next = 0;
     for (position, device) in segment.devices.iter().enumerate() {
@@ -192,7 +202,13 @@ pub(crate) fn places(segment: &Segment, everybody: &[Found]) -> Result<Vec<Optio
             None => position == 0,
             Some((above, port)) => is_open(&places, everybody, above, port),
         };
-        if !there {
+        // Of those that may hang at one port, one does: the first that was not found to be another.
+        let shares = |other: &&SubDevice| position > 0 && other.parent == device.parent;
+        let (before, behind) = segment.devices.split_at(position);
+        let occupied = before.iter().filter(shares).any(|other| places[other.position].is_some());
+        let mut next_turn = behind[1..].iter().filter(shares).filter(|other| !other.admitted);
+        let out = !device.admitted && is_out(position);
+        if !there || occupied || out && next_turn.any(|other| !is_out(other.position)) {
             continue;
         }
         let found = everybody.get(next).ok_or(())?;
@@ -248,7 +264,8 @@ pub(crate) async fn readmit(work: Return) {
         all.push(Traveller { place, device, mailbox: None, failed: None });
     }
     each(&mut all, |one| Box::pin(identify(link, config, one, everybody[one.place].station))).await;
-    each(&mut all, |one| Box::pin(prepare(link, config, one))).await;
+    let planned = &segment;
+    each(&mut all, |one| Box::pin(prepare(link, config, planned, one))).await;
     if let Err(cause) = set_clocks(link, config, &mut segment, &everybody, &places, &mut all).await
     {
         for one in all.iter_mut().filter(|one| one.failed.is_none() && one.device.dc.has_clock()) {
@@ -317,6 +334,10 @@ async fn identify(
         scan::reset_one(link, found.station).await?;
         scan::describe(link, &mut found).await?;
         esm::change(link, &mut found, AlState::Init, config.timeouts.init).await?;
+        if found.dc != planned.dc {
+            let (place, planned, found) = (planned.place(), planned.dc, found.dc);
+            return Err(Cause::Clock { place, planned, found });
+        }
         // The rest is as it was planned.
         one.device = SubDevice {
             esc: found.esc,
@@ -341,7 +362,12 @@ fn keep(one: &mut Traveller, result: Result<(), Cause>) -> Result<(), Cause> {
 }
 
 /// PREOP, objects and mapping, which must be what the process image was made for.
-async fn prepare(link: &Link, config: &Config, one: &mut Traveller) -> Result<(), Cause> {
+async fn prepare(
+    link: &Link,
+    config: &Config,
+    segment: &Segment,
+    one: &mut Traveller,
+) -> Result<(), Cause> {
     let result = async {
         let device = &mut one.device;
         bring_up::to_preop(link, config, device).await?;
@@ -359,10 +385,32 @@ async fn prepare(link: &Link, config: &Config, one: &mut Traveller) -> Result<()
             let problem = MappingProblem::Changed { planned, found };
             return Err(Cause::Mapping { place: device.place(), problem });
         }
+        still_fits(config, segment, device)?;
         mapping::write(link, device, config.watchdog).await
     }
     .await;
     keep(one, result)
+}
+
+/// What it says of itself must fit the plan that all run by: a device with other firmware, or one of which only a
+/// description was known, may need longer.
+fn still_fits(config: &Config, segment: &Segment, device: &SubDevice) -> Result<(), Cause> {
+    let Some(timing) = &segment.timing else { return Ok(()) };
+    let mut chosen = device.clone();
+    mode::choose(&mut chosen, config, wish(config, device))?;
+    if chosen.mode != device.mode {
+        let (wish, reason) = (device.mode, "it does not offer what was planned".into());
+        return Err(Cause::Mode { place: device.place(), wish, reason });
+    }
+    let mut segment = segment.clone();
+    segment.devices[device.position] = device.clone();
+    let again = Config { force: true, shift: timing.sync0, ..config.clone() };
+    let planned = mode::plan(&segment, &again)?;
+    let line = planned.devices.get(device.position).and_then(|(_, budget)| budget.failure());
+    match line.filter(|_| !config.force) {
+        Some(line) => Err(Cause::Plan { place: device.place(), line }),
+        None => Ok(()),
+    }
 }
 
 fn wish<'a>(config: &'a Config, device: &SubDevice) -> Option<&'a DeviceConfig> {
@@ -538,6 +586,35 @@ mod tests {
         Found { station: StationAddress(station), dl_status }
     }
 
+    fn stand(segment: &Segment, everybody: &[Found]) -> Result<Vec<Option<usize>>, ()> {
+        places(segment, everybody, |_| false)
+    }
+
+    /// Two groups for one port, a pair and one alone.
+    #[test]
+    fn whose_turn_it_is_at_a_port_that_several_may_hang_at() {
+        use PortNumber::{P0, P1, P2};
+        let mut segment = fork();
+        let mut other = SubDevice::new(4, StationAddress(0x1005));
+        other.parent = Some((0, P2));
+        segment.devices.push(other);
+        for device in &mut segment.devices[3..] {
+            device.admitted = false;
+        }
+        let pair = [found(0x1002, &[P0, P1]), found(0x1003, &[P0])];
+        let mut all = vec![found(0x1001, &[P0, P1, P2])];
+        all.extend(pair);
+        all.push(found(0, &[P0]));
+        let line = [Some(0), Some(1), Some(2)];
+        let stands = |out: &[usize]| {
+            let places = places(&segment, &all, |position| out.contains(&position));
+            places.map(|places| (places[..3] == line, places[3], places[4]))
+        };
+        assert_eq!(stands(&[]), Ok((true, Some(3), None)));
+        assert_eq!(stands(&[3]), Ok((true, None, Some(3))));
+        assert_eq!(stands(&[3, 4]), Ok((true, Some(3), None)), "a stranger, whoever it is");
+    }
+
     #[test]
     fn who_stands_where_follows_from_open_ports() {
         use PortNumber::{P0, P1, P2};
@@ -548,16 +625,16 @@ mod tests {
         let right = found(0x1004, &[P0]);
         // Both are back; the first of them alone; nobody.
         let all = [fork, found(0, &[P0, P1]), found(0x1003, &[P0]), right];
-        assert_eq!(places(&segment, &all), Ok(vec![Some(0), Some(1), Some(2), Some(3)]));
+        assert_eq!(stand(&segment, &all), Ok(vec![Some(0), Some(1), Some(2), Some(3)]));
         let one = [fork, found(0, &[P0]), right];
-        assert_eq!(places(&segment, &one), Ok(vec![Some(0), Some(1), None, Some(2)]));
+        assert_eq!(stand(&segment, &one), Ok(vec![Some(0), Some(1), None, Some(2)]));
         let none = [found(0x1001, &[P0, P2]), right];
-        assert_eq!(places(&segment, &none), Ok(vec![Some(0), None, None, Some(1)]));
+        assert_eq!(stand(&segment, &none), Ok(vec![Some(0), None, None, Some(1)]));
         // A port is open and nobody follows yet; one more than the tree has; one that is known, elsewhere.
-        assert_eq!(places(&segment, &[fork, right]), Err(()));
+        assert_eq!(stand(&segment, &[fork, right]), Err(()));
         let more = [fork, found(0, &[P0]), right, found(0, &[P0])];
-        assert_eq!(places(&segment, &more), Err(()));
-        assert_eq!(places(&segment, &[fork, right, found(0, &[P0])]), Err(()));
+        assert_eq!(stand(&segment, &more), Err(()));
+        assert_eq!(stand(&segment, &[fork, right, found(0, &[P0])]), Err(()));
     }
 
     #[test]

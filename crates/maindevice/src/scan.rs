@@ -13,12 +13,18 @@ use isocat_wire::time::Nanos;
 use crate::config::Config;
 use crate::error::{AccessError, AccessProblem, Cause};
 use crate::esm;
+use crate::hot_connect;
 use crate::link::{Link, Procedure, join};
 use crate::segment::{DcCapability, EscInformation, Segment, SubDevice};
 use crate::topology::{self, Ports};
 
 /// Station address of the first SubDevice.
 const FIRST_STATION: u16 = 0x1001;
+
+/// Station address of a position.
+pub(crate) const fn station_of(position: usize) -> StationAddress {
+    StationAddress(FIRST_STATION.wrapping_add(position as u16))
+}
 
 /// Finds all SubDevices and brings them, whatever they did before, into INIT with nothing left over
 /// from an earlier run.
@@ -39,7 +45,21 @@ pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) ->
             .collect(),
     )
     .await?;
-    tree(segment)
+    tree(segment)?;
+    complete(link, config, segment).await
+}
+
+/// Where SubDevices may be absent: everybody in its own position, and the absent ones in theirs.
+pub(crate) async fn complete(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+) -> Result<(), Cause> {
+    if hot_connect::is_short(config, segment) {
+        hot_connect::seat(link, config, segment).await?;
+        hot_connect::fill(config, segment);
+    }
+    Ok(())
 }
 
 /// Counts the SubDevices; nothing is written to them.
@@ -48,12 +68,11 @@ pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) ->
     if count == 0 {
         return Err(Cause::Empty);
     }
-    if !config.devices.is_empty() && config.devices.len() != usize::from(count) {
+    if !config.devices.is_empty() && !hot_connect::allows(config, count.into()) {
         return Err(Cause::Count { expected: config.devices.len(), found: count.into() });
     }
     for position in 0..usize::from(count) {
-        let station = StationAddress(FIRST_STATION.wrapping_add(position as u16));
-        let mut device = SubDevice::new(position, station);
+        let mut device = SubDevice::new(position, station_of(position));
         if let Some(config) = config.devices.get(position) {
             device.name.clone_from(&config.name);
         }

@@ -101,7 +101,7 @@ pub struct DatagramPlan {
 }
 
 /// One SubDevice.
-#[derive(Clone, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub struct SubDevice {
     /// Place in processing order, from 0.
     pub position: usize,

@@ -34,12 +34,7 @@ pub(crate) async fn read(
         Failure::Cause(cause) => cause,
     })?;
     let header = &device.sii.header;
-    device.identity = Identity {
-        vendor: header.vendor_id,
-        product: header.product_code,
-        revision: header.revision,
-        serial: header.serial,
-    };
+    device.identity = Identity::of(header);
     if device.name.is_empty() {
         device.name.clone_from(&device.sii.name);
     }
@@ -59,6 +54,34 @@ pub(crate) async fn read(
     }
     link.write(device.station, register::EEPROM_CONFIGURATION, 1).await?;
     Ok(())
+}
+
+/// Reads who a SubDevice is, and nothing else.
+pub(crate) async fn identity(
+    link: &Link,
+    config: &Config,
+    device: &SubDevice,
+) -> Result<Identity, Cause> {
+    let (station, patience) = (device.station, config.timeouts.eeprom);
+    let mut reader = Reader { link, station, patience, image: Vec::new() };
+    let read = reader.words(0, usize::from(word::MAILBOX_PROTOCOLS) + 1).await;
+    read.map_err(|failure| match failure {
+        Failure::Problem(problem) => Cause::Sii { place: device.place(), problem },
+        Failure::Cause(cause) => cause,
+    })?;
+    reader.image.resize(HEADER_LEN.max(reader.image.len()), 0);
+    Ok(Identity::of(&Header::parse(&reader.image).unwrap_or_default()))
+}
+
+impl Identity {
+    fn of(header: &Header) -> Self {
+        Self {
+            vendor: header.vendor_id,
+            product: header.product_code,
+            revision: header.revision,
+            serial: header.serial,
+        }
+    }
 }
 
 impl Sii {

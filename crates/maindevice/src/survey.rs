@@ -16,9 +16,10 @@ use crate::bring_up::{self, End, Work};
 use crate::config::Config;
 use crate::error::{Cause, Error};
 use crate::event::Stage;
+use crate::hot_connect::Present;
 use crate::link::{Link, Procedure};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, mapping, objects, scan, sii};
+use crate::{clock, esm, hot_connect, mapping, objects, scan, sii};
 
 /// From the scan to converged clocks.
 pub(crate) async fn survey(mut work: Work) -> End {
@@ -39,6 +40,13 @@ async fn look(work: &mut Work) -> Result<(), Cause> {
     each(work, &mut good, |device| Box::pin(describe(link, config, device))).await;
     let tree = scan::tree(&mut work.segment);
     note(work, tree);
+    if hot_connect::is_short(config, &work.segment) {
+        hot_connect::seat(link, config, &mut work.segment).await?;
+        let there = work.segment.devices.iter().zip(&good).filter(|(_, good)| **good);
+        let positions: Vec<usize> = there.map(|(device, _)| device.position).collect();
+        hot_connect::fill(config, &mut work.segment);
+        good = (0..work.segment.devices.len()).map(|at| positions.contains(&at)).collect();
+    }
 
     work.enter(Stage::Sii);
     each(work, &mut good, |device| Box::pin(sii::read(link, config, device))).await;
@@ -57,11 +65,13 @@ async fn look(work: &mut Work) -> Result<(), Cause> {
     read_objects(work).await;
 
     work.enter(Stage::Clock);
-    let speeds = clock::measure_speeds(link, &mut work.segment).await.map_err(Cause::from);
+    let mut present = Present::of(&work.segment);
+    let speeds = clock::measure_speeds(link, &mut present.0).await.map_err(Cause::from);
+    let clocks = clock::synchronize(link, config, &mut present.0).await;
+    present.give_back(&mut work.segment);
     note(work, speeds);
-    let clocks = clock::synchronize(link, config, &mut work.segment).await;
     note(work, clocks);
-    for device in &mut work.segment.devices {
+    for device in work.segment.devices.iter_mut().filter(|device| device.admitted) {
         if device.dc.has_clock() {
             device.observed.correction = correction(link, device).await;
         }
@@ -99,7 +109,8 @@ async fn describe(link: &Link, config: &Config, device: &mut SubDevice) -> Resul
 /// Process data and sync objects: of the device itself where it is asked, else of its SII.
 async fn read_objects(work: &mut Work) {
     let devices = work.segment.devices.iter_mut().zip(&mut work.mailboxes);
-    let all = devices.map(|(device, mailbox)| -> Procedure<'_, Result<Vec<Cause>, Never>> {
+    let there = devices.filter(|(device, _)| device.admitted);
+    let all = there.map(|(device, mailbox)| -> Procedure<'_, Result<Vec<Cause>, Never>> {
         Box::pin(async move {
             let mut problems = match mailbox {
                 Some(mailbox) => objects::look(mailbox, device).await,

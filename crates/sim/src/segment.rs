@@ -29,12 +29,14 @@ pub struct Connection {
     pub phys: Option<[Phy; 4]>,
     /// The SubDevice.
     pub device: DeviceSetup,
+    /// When it gets its power: what stands at zero is there from the start.
+    pub power_on: Time<True>,
 }
 
 impl Connection {
     /// A SubDevice behind a port of another (or of the MainDevice), plugged in at its port 0.
     pub fn new(parent: Option<(usize, PortNumber)>, cable: Cable, device: DeviceSetup) -> Self {
-        Self { parent, port: PortNumber::P0, cable, phys: None, device }
+        Self { parent, port: PortNumber::P0, cable, phys: None, device, power_on: Time::ZERO }
     }
 }
 
@@ -111,10 +113,11 @@ pub enum Lost {
 }
 
 impl Segment {
-    /// Switches all SubDevices on at true time zero, cables connected. Panics if cables do not go
+    /// Switches all SubDevices on, at true time zero or when they are to come, cables connected. Panics if cables do not go
     /// together: two at one port, or one at a port that the chip has not.
     pub fn new(connections: Vec<Connection>, seed: u64) -> Self {
         let wiring = wire(&connections);
+        let later: Vec<_> = connections.iter().map(|connection| connection.power_on).collect();
         let devices: Vec<Device> = connections
             .into_iter()
             .enumerate()
@@ -140,6 +143,15 @@ impl Segment {
             segment.link_up(cable);
         }
         segment.refresh(Time::ZERO);
+        let mut later: Vec<_> =
+            later.into_iter().enumerate().filter(|(_, at)| *at > Time::ZERO).collect();
+        later.sort_by_key(|(_, at)| *at);
+        for (device, _) in &later {
+            segment.power_off(*device, Time::ZERO);
+        }
+        for (device, at) in later {
+            segment.power_on(device, at);
+        }
         segment
     }
 

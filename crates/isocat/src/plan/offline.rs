@@ -20,7 +20,7 @@ use crate::scenario::Scenario;
 use crate::segment_file;
 
 /// The segment of a scenario, as far as it can be known without asking it.
-pub(super) fn segment(scenario: &Scenario) -> Segment {
+pub(crate) fn segment(scenario: &Scenario) -> Segment {
     let mut devices: Vec<SubDevice> =
         scenario.devices.iter().enumerate().map(|(i, device)| subdevice(i, device)).collect();
     let reference = devices.iter().position(|device| device.dc.has_clock());
@@ -32,6 +32,11 @@ pub(super) fn segment(scenario: &Scenario) -> Segment {
         device.delay = Some(Nanos((ps + 500).div_euclid(1_000)));
     }
     Segment { devices, reference, ..Segment::default() }
+}
+
+/// What is known of one SubDevice of a scenario without asking it.
+pub(crate) fn known(scenario: &Scenario, position: usize) -> SubDevice {
+    segment(scenario).devices.swap_remove(position)
 }
 
 /// What the cables and chips make of the propagation delays.

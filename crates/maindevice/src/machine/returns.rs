@@ -55,7 +55,8 @@ impl MainDevice {
         }
         let (now, cycle) = self.link.with(|inner| (inner.now, inner.cycle));
         let found = everybody.len() as u16;
-        let Ok(places) = readmit::places(&self.segment, &everybody) else {
+        let is_out = |position| self.keeper.is_out(position);
+        let Ok(places) = readmit::places(&self.segment, &everybody, is_out) else {
             if self.unplanned != Some(found) {
                 self.unplanned = Some(found);
                 self.link.report(Event::Unplanned { cycle, found });
@@ -63,8 +64,14 @@ impl MainDevice {
             return;
         };
         self.unplanned = None;
-        for (position, _) in places.iter().enumerate().filter(|(_, place)| place.is_none()) {
-            self.keeper.is_absent(position);
+        let devices = &self.segment.devices;
+        let placed = |at: usize| places[at].is_some();
+        for device in devices.iter().filter(|device| !placed(device.position)) {
+            // Another that may hang at the same port may be there in its stead.
+            let shares = |other: &&crate::SubDevice| other.parent == device.parent;
+            if !devices.iter().filter(shares).any(|other| placed(other.position)) {
+                self.keeper.is_absent(device.position);
+            }
         }
         let back = self.keeper.wanted(&places, &self.segment, now);
         if back.is_empty() {

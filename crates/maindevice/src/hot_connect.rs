@@ -1,0 +1,294 @@
+//! Hot connect: SubDevices that may be absent when the segment starts, and come while it runs.
+//!
+//! What is configured for them ([`DeviceConfig::hot_connect`]) is planned as if they were there: process image,
+//! frames, budget, SYNC. [`seat`] tells at the scan which of those configured answer. From then on an absent one is
+//! like one that was lost, and is taken up as such ([`readmit`](crate::readmit)).
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use isocat_wire::PortNumber;
+use isocat_wire::al::{AlStatus, AlStatusCode};
+use isocat_wire::register::{self, Value};
+
+use crate::config::{Config, DeviceConfig};
+use crate::error::{Cause, Place};
+use crate::link::Link;
+use crate::scan::station_of;
+use crate::segment::{Identity, Segment, SubDevice};
+use crate::{mapping, objects, sii};
+
+/// Whether fewer SubDevices may answer than are configured, and so many do.
+pub(crate) fn allows(config: &Config, count: usize) -> bool {
+    let needed = config.devices.iter().filter(|device| device.hot_connect.is_none()).count();
+    (needed..=config.devices.len()).contains(&count)
+}
+
+/// Whether a configured SubDevice is missing.
+pub(crate) fn is_short(config: &Config, segment: &Segment) -> bool {
+    segment.devices.len() < config.devices.len()
+}
+
+/// Gives everybody found the position that the configuration has for it, and the station address of that. Until then
+/// positions are places in the order of frames. Absent ones are still left out.
+pub(crate) async fn seat(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
+    let mut found = Vec::with_capacity(segment.devices.len());
+    for device in &segment.devices {
+        let identity = sii::identity(link, config, device).await?;
+        found.push(Found { identity, parent: device.parent });
+    }
+    let seats = seats(&found, &config.devices).map_err(|unseated| {
+        let of = |place: usize| (found[place].identity.vendor, found[place].identity.product);
+        match unseated {
+            Unseated::Nowhere(place) => Cause::NoSeat { place, found: of(place), several: false },
+            Unseated::Anywhere(place) => Cause::NoSeat { place, found: of(place), several: true },
+            Unseated::Missing(position) => {
+                let name = config.devices[position].name.clone();
+                Cause::Missing { place: Place { position, name } }
+            }
+        }
+    })?;
+    // From the last one on: an address is free before somebody gets it.
+    for (device, position) in segment.devices.iter_mut().zip(seats).rev() {
+        let station = station_of(position);
+        if station != device.station {
+            let address = register::STATION_ADDRESS.address;
+            link.fpwr(device.station, address, &station.0.to_bytes()).expect(1).await?;
+        }
+        device.position = position;
+        device.station = station;
+        device.name.clone_from(&config.devices[position].name);
+    }
+    Ok(())
+}
+
+/// Somebody in the order of frames.
+struct Found {
+    identity: Identity,
+    /// Place and port above; `None` for the first, and where ports make no tree.
+    parent: Option<(usize, PortNumber)>,
+}
+
+/// Why somebody has no seat.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Unseated {
+    /// This place is for none of those configured.
+    Nowhere(usize),
+    /// More than one position would do for this place.
+    Anywhere(usize),
+    /// This position must be there, and is not.
+    Missing(usize),
+}
+
+/// The position of each of those found, in the order of frames, by identity and, for those that may be absent, by
+/// the port that they hang at: nobody changes places, and who is absent must be allowed to.
+fn seats(found: &[Found], configured: &[DeviceConfig]) -> Result<Vec<usize>, Unseated> {
+    let is = |place: usize, position: usize| {
+        let Identity { vendor, product, .. } = found[place].identity;
+        configured[position].identity.is_none_or(|wanted| wanted == (vendor, product))
+    };
+    let fits = |place: usize, position: usize| {
+        let known = configured[position].hot_connect.as_ref().and_then(|known| known.parent);
+        let hangs = match (found[place].parent, known) {
+            (Some((above, port)), Some((wanted, at))) => port == at && is(above, wanted),
+            _ => true,
+        };
+        is(place, position) && hangs
+    };
+    let may_miss = |position: usize| configured[position].hot_connect.is_some();
+    let (places, positions) = (found.len(), configured.len());
+    // Whether those from a place on can sit on the positions from one on.
+    let mut goes = vec![vec![false; positions + 1]; places + 1];
+    goes[places][positions] = true;
+    for position in (0..positions).rev() {
+        for place in (0..=places).rev() {
+            let there = place < places && fits(place, position) && goes[place + 1][position + 1];
+            goes[place][position] = there || may_miss(position) && goes[place][position + 1];
+        }
+    }
+    let mut seats = Vec::with_capacity(places);
+    let mut next = 0;
+    for place in 0..places {
+        let first_needed = (next..positions).find(|at| !may_miss(*at));
+        let reachable = next..first_needed.map_or(positions, |at| at + 1);
+        let mut seated = reachable.clone().filter(|at| fits(place, *at) && goes[place + 1][at + 1]);
+        match (seated.next(), seated.next()) {
+            (Some(at), None) => {
+                seats.push(at);
+                next = at + 1;
+            }
+            (Some(_), Some(_)) => return Err(Unseated::Anywhere(place)),
+            (None, _) => return Err(stuck(place, next, places, positions, &fits, &may_miss)),
+        }
+    }
+    match (next..positions).find(|at| !may_miss(*at)) {
+        Some(position) => Err(Unseated::Missing(position)),
+        None => Ok(seats),
+    }
+}
+
+/// What is in the way of a place: the furthest that the others get by sitting down one after the other.
+fn stuck(
+    mut place: usize,
+    mut next: usize,
+    places: usize,
+    positions: usize,
+    fits: &impl Fn(usize, usize) -> bool,
+    may_miss: &impl Fn(usize) -> bool,
+) -> Unseated {
+    while place < places {
+        let first_needed = (next..positions).find(|at| !may_miss(*at));
+        let reachable = next..first_needed.map_or(positions, |at| at + 1);
+        let Some(at) = reachable.clone().find(|at| fits(place, *at)) else {
+            let missing =
+                first_needed.filter(|needed| (needed + 1..positions).any(|at| fits(place, at)));
+            return missing.map_or(Unseated::Nowhere(place), Unseated::Missing);
+        };
+        (place, next) = (place + 1, at + 1);
+    }
+    let needed = (next..positions).find(|at| !may_miss(*at));
+    needed.map_or(Unseated::Nowhere(places - 1), Unseated::Missing)
+}
+
+/// Puts those that are absent in their places, as the configuration knows them. Positions are indices from then on.
+pub(crate) fn fill(config: &Config, segment: &mut Segment) {
+    let present = core::mem::take(&mut segment.devices);
+    let positions: Vec<usize> = present.iter().map(|device| device.position).collect();
+    let mut present = present.into_iter().peekable();
+    for (position, wish) in config.devices.iter().enumerate() {
+        let device =
+            match (present.next_if(|device| device.position == position), &wish.hot_connect) {
+                (Some(mut device), _) => {
+                    device.parent = device.parent.map(|(above, port)| (positions[above], port));
+                    device
+                }
+                (None, Some(known)) => absent(position, wish, known),
+                // Whoever must be there has been seated.
+                (None, None) => continue,
+            };
+        segment.devices.push(device);
+    }
+    segment.reference = segment.reference.map(|at| positions[at]);
+}
+
+fn absent(position: usize, wish: &DeviceConfig, known: &SubDevice) -> SubDevice {
+    SubDevice {
+        position,
+        station: station_of(position),
+        name: wish.name.clone(),
+        admitted: false,
+        al_status: AlStatus(0),
+        al_code: AlStatusCode::NO_ERROR,
+        sync: None,
+        measured_delay: None,
+        ..known.clone()
+    }
+}
+
+/// Process data of one that is absent, as far as its description tells them.
+pub(crate) fn lay_out(device: &mut SubDevice) -> Result<(), Cause> {
+    if !device.has_coe() {
+        objects::from_sii(device);
+    }
+    mapping::place_process_data(device)
+}
+
+/// Those of a segment that are there, as a segment of its own.
+pub(crate) struct Present(pub Segment);
+
+impl Present {
+    /// Positions stay as they are; parents and the reference are indices.
+    pub fn of(segment: &Segment) -> Self {
+        let devices: Vec<_> =
+            segment.devices.iter().filter(|device| device.admitted).cloned().collect();
+        let index = |position: usize| devices.iter().position(|d| d.position == position);
+        let reference = segment.reference.and_then(index);
+        let parents: Vec<_> = devices
+            .iter()
+            .map(|device| device.parent.and_then(|(above, port)| Some((index(above)?, port))))
+            .collect();
+        let mut devices = devices.clone();
+        for (device, parent) in devices.iter_mut().zip(parents) {
+            device.parent = parent;
+        }
+        Self(Segment { devices, reference, ..Segment::default() })
+    }
+
+    /// Takes over what was found out.
+    pub fn give_back(self, segment: &mut Segment) {
+        let positions: Vec<usize> = self.0.devices.iter().map(|device| device.position).collect();
+        for device in self.0.devices {
+            let parent = device.parent.map(|(above, port)| (positions[above], port));
+            let position = device.position;
+            segment.devices[position] = SubDevice { parent, ..device };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use alloc::boxed::Box;
+    use isocat_wire::StationAddress;
+
+    /// Product codes, and whether it may be absent, and at which port of which position it then hangs.
+    fn configured(all: &[(u32, bool, Option<(usize, PortNumber)>)]) -> Vec<DeviceConfig> {
+        let known = |parent| {
+            let mut known = SubDevice::new(0, StationAddress(0));
+            known.parent = parent;
+            Box::new(known)
+        };
+        let device = |&(product, optional, parent): &(u32, bool, _)| DeviceConfig {
+            identity: (product > 0).then_some((1, product)),
+            hot_connect: optional.then(|| known(parent)),
+            ..DeviceConfig::default()
+        };
+        all.iter().map(device).collect()
+    }
+
+    fn found(all: &[(u32, Option<(usize, PortNumber)>)]) -> Vec<Found> {
+        let one = |&(product, parent): &(u32, _)| Found {
+            identity: Identity { vendor: 1, product, ..Identity::default() },
+            parent,
+        };
+        all.iter().map(one).collect()
+    }
+
+    fn by_product(products: &[u32], all: &[DeviceConfig]) -> Result<Vec<usize>, Unseated> {
+        let all_found: Vec<_> = products.iter().map(|&product| (product, None)).collect();
+        seats(&found(&all_found), all)
+    }
+
+    #[test]
+    fn who_is_there_sits_where_it_belongs() {
+        let n = None;
+        let all = [(10, false, n), (20, true, n), (21, true, n), (30, false, n), (40, true, n)];
+        let all = configured(&all);
+        let seats = |products: &[u32]| by_product(products, &all);
+        assert_eq!(seats(&[10, 20, 21, 30, 40]), Ok(vec![0, 1, 2, 3, 4]));
+        assert_eq!(seats(&[10, 30]), Ok(vec![0, 3]));
+        assert_eq!(seats(&[10, 21, 30, 40]), Ok(vec![0, 2, 3, 4]));
+        assert_eq!(seats(&[10, 30, 40]), Ok(vec![0, 3, 4]));
+        // One that must be there is missing, at the end and in between; a stranger; changed places.
+        assert_eq!(seats(&[10, 20]), Err(Unseated::Missing(3)));
+        assert_eq!(seats(&[10, 20, 40]), Err(Unseated::Missing(3)));
+        assert_eq!(seats(&[10, 99, 30]), Err(Unseated::Nowhere(1)));
+        assert_eq!(seats(&[10, 21, 20, 30]), Err(Unseated::Nowhere(2)));
+    }
+
+    /// Two of a kind of which one is absent: only the port tells which.
+    #[test]
+    fn who_could_sit_on_two_seats_is_told_by_its_port() {
+        use PortNumber::{P1, P3};
+        let all = configured(&[(10, false, None), (20, true, None), (20, true, None)]);
+        assert_eq!(by_product(&[10, 20, 20], &all), Ok(vec![0, 1, 2]));
+        assert_eq!(by_product(&[10], &all), Ok(vec![0]));
+        assert_eq!(by_product(&[10, 20], &all), Err(Unseated::Anywhere(1)));
+        let fork = [(10, false, None), (20, true, Some((0, P3))), (20, true, Some((0, P1)))];
+        let fork = configured(&fork);
+        let at = |port| found(&[(10, None), (20, Some((0, port)))]);
+        assert_eq!(seats(&at(P3), &fork), Ok(vec![0, 1]));
+        assert_eq!(seats(&at(P1), &fork), Ok(vec![0, 2]));
+        assert_eq!(seats(&at(PortNumber::P2), &fork), Err(Unseated::Nowhere(1)));
+    }
+}

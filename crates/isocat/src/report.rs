@@ -18,7 +18,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/2";
+pub const FORMAT: &str = "isocat-run-report/3";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -48,6 +48,8 @@ pub struct Report {
     pub verdict: String,
     /// Why not, in the order of time; what has no time of its own comes last.
     pub findings: Vec<Finding>,
+    /// How SubDevices that may be absent came and went; nothing against the segment.
+    pub visits: Vec<Finding>,
     /// Bus cycle.
     pub cycle_ns: i64,
     /// Virtual time that was judged, from the moment when all SubDevices were in OP.

@@ -106,8 +106,8 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     })
     .await?;
 
-    let absent = work.segment.devices.iter_mut().filter(|device| !device.admitted);
-    absent.map(hot_connect::lay_out).collect::<Result<(), _>>()?;
+    let mut absent = work.segment.devices.iter_mut().filter(|device| !device.admitted);
+    absent.try_for_each(hot_connect::lay_out)?;
 
     work.enter(Stage::Mode);
     for device in &mut work.segment.devices {

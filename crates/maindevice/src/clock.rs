@@ -250,10 +250,12 @@ async fn reset_filters(link: &Link, station: StationAddress) -> Result<(), Acces
     link.write(station, register::SPEED_COUNTER_START, SPEED_COUNTER_START).await
 }
 
-/// Waits until a clock has converged, led by the drift datagram of the cycle.
+/// Waits until a clock has converged, led by the drift datagram of the cycle and, as a loop pulls by so much for
+/// each, by more of them.
 pub(crate) async fn follow(
     link: &Link,
     config: &Config,
+    reference: StationAddress,
     device: &mut SubDevice,
 ) -> Result<(), Cause> {
     let begin = link.now();
@@ -262,7 +264,11 @@ pub(crate) async fn follow(
     let mut judge = Convergence::new(limits);
     let interval = Nanos(READING_INTERVAL.0.max(2 * config.cycle.0));
     loop {
-        link.sleep(interval).await;
+        let next_reading = link.now() + interval;
+        while link.now() < next_reading {
+            hasten(link, reference).await;
+            link.sleep(config.cycle).await;
+        }
         let clocks = [(device.position, device.station)];
         for (at, difference) in read_differences(link, &clocks).await? {
             device.difference = Some(difference);
@@ -280,6 +286,30 @@ pub(crate) async fn follow(
             }
             _ => {}
         }
+    }
+}
+
+/// More drift frames in this cycle than its own, whoever of several asks first. The others stay where they are: it is
+/// the same time, told more often. What counts wrongly is seen by the cycle's own datagram.
+async fn hasten(link: &Link, reference: StationAddress) {
+    let first = link.with(|inner| {
+        let first = inner.leading && inner.hastened != inner.cycle;
+        if first {
+            inner.hastened = inner.cycle;
+            inner.statistics.drift_frames += MORE_DRIFT_FRAMES;
+        }
+        first
+    });
+    if !first {
+        return;
+    }
+    let address = Address::Station(reference, register::SYSTEM_TIME.address);
+    let travel = Travel { alone: true, once: true };
+    let frame = |_| link.exchange(Command::Frmw, address, vec![0; 8], travel);
+    let sent: Vec<_> = (0..MORE_DRIFT_FRAMES).map(frame).collect();
+    for frame in sent {
+        // One that is lost matters nothing, the next brings a newer time.
+        let _lost = frame.reply().await.is_err();
     }
 }
 
@@ -535,6 +565,8 @@ const SPEED_WINDOW: Nanos = Nanos(200_000_000);
 const TICK_E9: i64 = 10_000_000_000;
 /// Pairs of latches that may be lost.
 const MOST_TRIES: usize = 3;
+/// Drift frames of a cycle beside its own while a clock joins: 70 us on the wire, and a tenth of the time.
+const MORE_DRIFT_FRAMES: u64 = 10;
 /// Drift frames in flight: enough to fill the time of one round trip through a short line.
 const IN_FLIGHT: usize = 8;
 /// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.

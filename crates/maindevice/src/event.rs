@@ -353,13 +353,10 @@ impl Event {
             Event::Lost { position, cycle } => of(position, format!("lost in cycle {cycle}")),
             Event::Readmitted { position, cycle, after } => {
                 let after = milliseconds(after);
-                of(
-                    position,
-                    format!("admitted again in cycle {cycle}, {after} ms after it was found"),
-                )
+                of(position, format!("admitted in cycle {cycle}, {after} ms after it was found"))
             }
             Event::NotReadmitted { position, cause, .. } => {
-                of(position, format!("not admitted again: {cause}"))
+                of(position, format!("not admitted: {cause}"))
             }
             Event::Recovered { position, after } => {
                 of(position, format!("brought back to OP in {} ms", milliseconds(after)))

@@ -231,14 +231,16 @@ mod tests {
     use alloc::boxed::Box;
     use isocat_wire::StationAddress;
 
+    type Above = Option<(usize, PortNumber)>;
+
     /// Product codes, and whether it may be absent, and at which port of which position it then hangs.
-    fn configured(all: &[(u32, bool, Option<(usize, PortNumber)>)]) -> Vec<DeviceConfig> {
+    fn configured(all: &[(u32, bool, Above)]) -> Vec<DeviceConfig> {
         let known = |parent| {
             let mut known = SubDevice::new(0, StationAddress(0));
             known.parent = parent;
             Box::new(known)
         };
-        let device = |&(product, optional, parent): &(u32, bool, _)| DeviceConfig {
+        let device = |&(product, optional, parent): &(u32, bool, Above)| DeviceConfig {
             identity: (product > 0).then_some((1, product)),
             hot_connect: optional.then(|| known(parent)),
             ..DeviceConfig::default()
@@ -246,8 +248,8 @@ mod tests {
         all.iter().map(device).collect()
     }
 
-    fn found(all: &[(u32, Option<(usize, PortNumber)>)]) -> Vec<Found> {
-        let one = |&(product, parent): &(u32, _)| Found {
+    fn found(all: &[(u32, Above)]) -> Vec<Found> {
+        let one = |&(product, parent): &(u32, Above)| Found {
             identity: Identity { vendor: 1, product, ..Identity::default() },
             parent,
         };

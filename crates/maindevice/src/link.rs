@@ -64,6 +64,10 @@ pub(crate) struct Inner {
     pub cycle: u64,
     /// Last reference time that the cycle brought back, and when its frame was sent.
     pub reference_time: (Time<Host>, Time<Dc>),
+    /// Whether the cycle's drift datagram leads the clocks, and does not only read; kept by the machine.
+    pub leading: bool,
+    /// The cycle in which more drift frames were last sent than the cycle's own.
+    pub hastened: u64,
     /// What a procedure wants of the cycle; taken by the machine.
     pub wishes: VecDeque<Wish>,
     frame_timeout: Nanos,
@@ -191,6 +195,8 @@ impl Link {
             incomplete: (0, 0),
             cycle: 0,
             reference_time: (Time::ZERO, Time::ZERO),
+            leading: false,
+            hastened: 0,
             wishes: VecDeque::new(),
             frame_timeout,
             retries,

@@ -460,9 +460,9 @@ async fn finish(
     one: &mut Traveller,
 ) -> Result<(), Cause> {
     let device = &mut one.device;
-    let leads = segment.reference == Some(device.position);
-    if device.dc.has_clock() && config.drift_compensation && !leads {
-        clock::follow(link, config, device).await?;
+    let led = segment.reference.filter(|reference| *reference != device.position);
+    if let (true, true, Some(reference)) = (device.dc.has_clock(), config.drift_compensation, led) {
+        clock::follow(link, config, segment.devices[reference].station, device).await?;
     }
     if let Some(mailbox) = &mut one.mailbox {
         sync::write_types(mailbox, device, config, wish(config, device)).await?;

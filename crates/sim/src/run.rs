@@ -4,8 +4,8 @@ use std::fmt;
 
 use isocat_maindevice::{Event, RequestId, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
-use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Nanos, Picos, Time, True};
+use isocat_wire::{AlState, ObjectAddress};
 
 use crate::bench::{Bench, Intent};
 use crate::judge::{Grid, Sync0Error, outputs_delay};
@@ -72,6 +72,10 @@ pub struct Outcome<T> {
     pub findings: Vec<Finding>,
     /// The error that ended the way up, if one did.
     pub failure: Option<isocat_maindevice::Error>,
+    /// By position: whether it may be absent.
+    pub optional: Vec<bool>,
+    /// How SubDevices that may be absent came and went.
+    pub visits: Vec<Finding>,
 }
 
 impl<T> Outcome<T> {
@@ -93,6 +97,8 @@ impl Run {
     /// Does it all. `tap` sees every frame, `progress` is told now and then.
     pub fn execute<T: Tap>(self, tap: Option<T>, progress: &mut dyn FnMut(Progress)) -> Outcome<T> {
         let devices = self.setup.segment.len();
+        let wishes = self.setup.config.devices.iter();
+        let optional: Vec<bool> = wishes.map(|wish| wish.hot_connect.is_some()).collect();
         let mut world = World::new(self.setup, Motion::default(), tap);
         match bring_up(&mut world, progress) {
             Err(failure) => {
@@ -109,6 +115,7 @@ impl Run {
                 let bench = world.bench.clone();
                 let mut outcome = Outcome::new(world, devices, None);
                 outcome.began = Some(began);
+                outcome.optional = optional;
                 outcome.bench = bench;
                 outcome.read_counters(&mut notes);
                 outcome.judge(&notes);
@@ -126,6 +133,8 @@ struct Notes {
     lost: u64,
     /// What became of SubDevices, and when.
     changes: Vec<(Option<usize>, Time<True>, String)>,
+    /// Those of them who came or went.
+    moves: Vec<(usize, Time<True>, String)>,
     answers: Vec<(RequestId, Option<u32>)>,
 }
 
@@ -198,7 +207,12 @@ fn run_for<T: Tap>(
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
     while let Some(event) = world.poll_event() {
         if let Some((device, what)) = event.change() {
-            notes.changes.push((device, world.now(), what));
+            match (device, &event) {
+                (Some(device), Event::Lost { .. } | Event::Readmitted { .. }) => {
+                    notes.moves.push((device, world.now(), what));
+                }
+                _ => notes.changes.push((device, world.now(), what)),
+            }
         }
         match event {
             Event::WorkingCounter { .. } => notes.working_counter += 1,
@@ -232,6 +246,8 @@ impl<T: Tap> Outcome<T> {
             input_counters: vec![Counters::default(); devices],
             findings: Vec::new(),
             failure,
+            optional: Vec::new(),
+            visits: Vec::new(),
         }
     }
 
@@ -293,6 +309,18 @@ impl<T: Tap> Outcome<T> {
                 findings.push(Finding { device: Some(position), since, what });
             }
         }
+        for (device, at, what) in &notes.moves {
+            let (since, what) = (Some(*at - began), what.clone());
+            let moved = Finding { device: Some(*device), since, what };
+            if self.is_optional(*device) { &mut self.visits } else { &mut findings }.push(moved);
+        }
+        for (position, device) in self.world.main().segment().devices.iter().enumerate() {
+            let quiet = |visit: &Finding| visit.device != Some(position);
+            if !device.admitted && self.is_optional(position) && self.visits.iter().all(quiet) {
+                let what = "optional, absent all the time".into();
+                self.visits.push(Finding { device: Some(position), since: None, what });
+            }
+        }
         for (device, at, what) in &notes.changes {
             let (device, since) = (*device, Some(*at - began));
             findings.push(Finding { device, since, what: what.clone() });
@@ -315,12 +343,24 @@ impl<T: Tap> Outcome<T> {
         self.findings = findings;
     }
 
+    fn is_optional(&self, position: usize) -> bool {
+        self.optional.get(position).copied().unwrap_or(false)
+    }
+
     /// What speaks against one SubDevice, and since when.
     fn judge_device(&self, position: usize, began: Time<True>) -> Vec<(Option<Picos>, String)> {
         let mut findings = Vec::new();
         let since = |at: Time<True>| Some(at - began);
         let bench = &self.bench.devices()[position];
-        if let Some(change) = bench.states.iter().find(|change| change.at > began) {
+        let devices = &self.world.main().segment().devices;
+        let absent = self.is_optional(position) && !devices[position].admitted;
+        // Who may come and go is on its way up or down now and then.
+        let mut states = bench.states.iter();
+        let left = match self.is_optional(position) {
+            false => states.find(|change| change.at > began),
+            true => states.next_back().filter(|last| !absent && last.state != AlState::Op),
+        };
+        if let Some(change) = left {
             let (state, code) = (change.state, change.code);
             let what = format!("left OP for {state}, AL status code {code}");
             findings.push((since(change.at), what));
@@ -331,7 +371,8 @@ impl<T: Tap> Outcome<T> {
                 .words(self.world.segment().devices()[position].stack.sync().has_outputs());
             findings.push((since(first), what));
         }
-        if let Some(sync0) = &bench.sync0 {
+        let judged = |sync0: &&Sync0Error| !absent || sync0.statistics().count() > 0;
+        if let Some(sync0) = bench.sync0.as_ref().filter(judged) {
             findings.extend(
                 self.judge_sync0(position, sync0).map(|(at, what)| (at.and_then(since), what)),
             );
@@ -353,7 +394,7 @@ impl<T: Tap> Outcome<T> {
         }
         let long_enough = self.world.main().statistics().cycles >= SWITCH_ON_CYCLES;
         match self.world.control().axes().get(position) {
-            Some(Axis::Drive(Drive { enabled_cycles: 0, .. })) if long_enough => {
+            Some(Axis::Drive(Drive { enabled_cycles: 0, .. })) if long_enough && !absent => {
                 findings.push((None, "drive never reached operation enabled".into()));
             }
             _ => {}

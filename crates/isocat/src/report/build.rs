@@ -27,6 +27,7 @@ impl Report {
             in_sync: outcome.in_sync(),
             verdict: verdict(scenario, outcome, &devices, &findings),
             findings,
+            visits: told(scenario, &outcome.visits),
             cycle_ns: scenario.cycle.0,
             judged_ns: if outcome.began.is_some() { scenario.duration.0 } else { 0 },
             segment: segment(outcome),
@@ -42,8 +43,15 @@ fn verdict<T: Tap>(
     findings: &[Finding],
 ) -> String {
     if outcome.in_sync() {
-        let modes: Vec<&str> = devices.iter().map(|device| device.mode.as_str()).collect();
-        return verdict_of_modes(&modes);
+        let there = devices.iter().filter(|device| device.registers.al_status != ABSENT);
+        let modes: Vec<&str> = there.map(|device| device.mode.as_str()).collect();
+        let text = verdict_of_modes(&modes);
+        let absent = devices.len() - modes.len();
+        return match absent {
+            0 => text,
+            1 => format!("{text} 1 optional one is absent."),
+            _ => format!("{text} {absent} optional ones are absent."),
+        };
     }
     match (&outcome.failure, findings.first()) {
         (Some(_), Some(first)) => format!("Not in sync: {}.", first.sentence()),
@@ -103,15 +111,24 @@ fn findings<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Vec<Finding> {
         let stage = Some(outcome.world.main().stage().name().to_owned());
         all.push(Finding { position: None, device: None, stage, since_ns: None, what });
     }
-    all.extend(outcome.findings.iter().map(|finding| Finding {
+    all.extend(told(scenario, &outcome.findings));
+    all
+}
+
+fn told(scenario: &Scenario, all: &[isocat_sim::run::Finding]) -> Vec<Finding> {
+    let name = |position: usize| scenario.devices.get(position).map(|d| d.name.clone());
+    let one = |finding: &isocat_sim::run::Finding| Finding {
         position: finding.device,
         device: finding.device.and_then(name),
         stage: None,
         since_ns: finding.since.map(|since| since.0 / 1000),
         what: finding.to_string(),
-    }));
-    all
+    };
+    all.iter().map(one).collect()
 }
+
+/// Shown in the place of the AL status of one that is not there.
+const ABSENT: &str = "absent";
 
 fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
     let main = outcome.world.main();
@@ -220,7 +237,10 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
     let found = outcome.world.main().segment().devices.get(position);
     let ns = |time: Option<Nanos>| time.map(|time| time.0);
     DeviceRegisters {
-        al_status: found.map_or(String::new(), |device| device.al_status.to_string()),
+        al_status: found.map_or(String::new(), |device| match device.admitted {
+            true => device.al_status.to_string(),
+            false => ABSENT.to_owned(),
+        }),
         al_status_code: found.map_or(0, |device| device.al_code.0),
         delay_ns: ns(found.and_then(|device| device.delay)),
         delay_error_ns: found.and_then(delay_error),

@@ -161,6 +161,7 @@ impl Report {
                 Nanos(line.slack_ns)
             ));
         }
+        notes.extend(self.visits.iter().take(MOST_FINDINGS).map(Finding::sentence));
         if let Some(reference) = self.segment.main_device.reference {
             notes.push(format!(
                 "SubDevice {reference} is the reference clock: its own SYNC0 edges do not spread, they lie \

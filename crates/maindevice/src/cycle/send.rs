@@ -121,6 +121,7 @@ impl Cycle {
             self.build();
         }
         self.choose_drift();
+        inner.leading = self.reference.as_ref().is_some_and(|reference| !reference.reading);
         let parity = (self.number & 1) as usize;
         if self.exchanging {
             // Counted up here and set back by whatever goes wrong.

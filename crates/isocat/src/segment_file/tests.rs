@@ -3,6 +3,7 @@
 use super::*;
 
 mod count;
+mod optional;
 mod physics;
 
 /// The error of a text, as `line:column message` and hint.

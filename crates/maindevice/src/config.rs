@@ -55,8 +55,8 @@ pub struct Config {
     /// Whether delays are measured on while the segment runs. Default no: each latch takes a frame and a read of
     /// 16 bytes from every SubDevice, out of the acyclic share.
     pub delay_watch: Option<DelayWatch>,
-    /// Whether the clocks are read in the background while the segment runs: what they say is
-    /// [`MainDevice::quality`](crate::MainDevice::quality), what leaves its limits [`Event::ClockAlarm`](crate::Event::ClockAlarm).
+    /// Whether clocks, error counters and distances are read in the background while the segment runs: what they say is
+    /// [`MainDevice::snapshot`](crate::MainDevice::snapshot), what leaves its limits [`Event::Alarm`](crate::Event::Alarm).
     /// Default no.
     pub quality: Option<QualityWatch>,
     /// Clocks count as converged when 0x092C is below this at every device. Default 100 ns: well
@@ -130,12 +130,13 @@ pub struct DelayWatch {
     pub rewrite: bool,
 }
 
-/// Reading the clocks in the background.
+/// Reading in the background how well the segment runs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct QualityWatch {
-    /// Share of the wire's time that the reads may take, permille, 1..=200. Default 10.
+    /// Share of the wire's time that the reads may take, permille, 1..=200: clocks half of it and objects the other, or
+    /// one of them all if the other is not there. Default 10.
     pub share_permille: u16,
-    /// Readings kept of each clock, 16 or more. Default 256.
+    /// Readings kept of each clock, and moments kept of the segment, 16 or more. Default 256.
     pub history: usize,
     /// Cycles without a drift frame that all clocks took, after which [`Event::ClocksUnled`](crate::Event::ClocksUnled)
     /// tells so: what 0x092C shows is old then. 1 or more; default 100.
@@ -143,11 +144,25 @@ pub struct QualityWatch {
     /// 0x092C beyond this raises an alarm; half of it lets it go. Default 200 ns: twice what clocks count as
     /// converged with.
     pub difference_limit: Nanos,
+    /// Less than this before SYNC0, by [`Margin`](crate::quality::Margin), raises an alarm; a quarter of what is planned
+    /// above it lets it go. `None`: margins are kept and raise nothing. Default 0: less would be too late for a
+    /// SubDevice that needs all the time it states.
+    pub margin_limit: Option<Nanos>,
+    /// Whether 0x1C32 and 0x1C33 are read as well: error counters (:0B to :0E, :20) and distances (0x1C32:0F to :12),
+    /// as far as a SubDevice has them. Requests of the application go first. Default yes.
+    pub objects: bool,
 }
 
 impl Default for QualityWatch {
     fn default() -> Self {
-        Self { share_permille: 10, history: 256, unled_cycles: 100, difference_limit: Nanos(200) }
+        Self {
+            share_permille: 10,
+            history: 256,
+            unled_cycles: 100,
+            difference_limit: Nanos(200),
+            margin_limit: Some(Nanos::ZERO),
+            objects: true,
+        }
     }
 }
 

@@ -77,6 +77,8 @@ pub(crate) struct Cycle {
     pub al_status: u16,
     /// Phase errors are counted.
     pub measuring: bool,
+    /// The largest of them since it was last taken.
+    latest: Option<Nanos>,
 }
 
 impl Cycle {
@@ -126,6 +128,7 @@ impl Cycle {
             answering: segment.devices.len() as u16,
             al_status: 0,
             measuring: false,
+            latest: None,
         };
         cycle.take_stock();
         if let Some(reference) = &mut cycle.reference {

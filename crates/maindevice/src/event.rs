@@ -11,7 +11,7 @@ use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::time::{Nanos, Picos};
 
 use crate::error::{AccessError, Cause, Error, SdoError};
-use crate::quality::Alarm;
+use crate::quality::Change;
 
 /// The steps of the way up, in their order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -156,19 +156,9 @@ pub enum Event {
         /// In force.
         written: Nanos,
     },
-    /// An alarm of a clock that is read in the background comes or goes.
-    ClockAlarm {
-        /// Position.
-        position: usize,
-        /// Which.
-        alarm: Alarm,
-        /// It came; else it is over.
-        raised: bool,
-        /// 0x092C as last read.
-        difference: Nanos,
-        /// Its slope, ns per second.
-        slope_ppb: i64,
-    },
+    /// Something that is read in the background leaves its limits, or is back within them
+    /// ([`Config::quality`](crate::Config::quality)).
+    Alarm(Change),
     /// No drift frame that all clocks took for many cycles ([`QualityWatch::unled_cycles`](crate::QualityWatch)):
     /// clocks run by themselves, and 0x092C tells nothing new. `cycles` is 0 when they are led again.
     ClocksUnled {

@@ -27,17 +27,18 @@ use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Answer, Found, Look};
 use crate::link::{Link, Origin, Wish};
 use crate::mailbox::{Mailbox, Mailboxes};
-use crate::quality::{self, ClockQuality, Monitor};
+use crate::quality::{self, ClockQuality, Monitor, Snapshot};
 use crate::readmit::{self, Keeper, Return};
 use crate::segment::{GAP, ProcessData, Segment};
 use crate::statistics::Statistics;
 use crate::survey;
 
-mod clocks;
+mod background;
 mod delays;
 mod returns;
 mod share;
 
+use background::Asking;
 use share::Share;
 
 /// A MainDevice without sockets, threads or a clock of its own.
@@ -100,6 +101,8 @@ pub struct MainDevice {
     quality: Option<Monitor>,
     /// Clocks that are being read.
     reading: Option<Pin<Box<ReadingClocks>>>,
+    /// The entry that is being read in the background.
+    asking: Option<Asking>,
     latching: Option<Pin<Box<Latching>>>,
     rewriting: Vec<Pin<Box<Rewriting>>>,
     stopping: bool,
@@ -196,6 +199,7 @@ impl MainDevice {
             delay_watch: None,
             quality: None,
             reading: None,
+            asking: None,
             latching: None,
             rewriting: Vec::new(),
             stopping: false,
@@ -407,6 +411,7 @@ impl MainDevice {
             return;
         }
         self.work_on_way();
+        self.work_on_entry();
         self.work_on_jobs();
         self.work_on_reads();
         self.work_on_health();
@@ -426,7 +431,8 @@ impl MainDevice {
             && self.checked.is_none()
             && self.latching.is_none()
             && self.reading.is_none()
-            && !self.quality.as_ref().is_some_and(|monitor| monitor.due(self.link.now()))
+            && self.asking.is_none()
+            && !self.has_quality_to_look_at()
             && self.rewriting.is_empty()
             && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.link.now()))
             && self.keeper.is_idle()
@@ -526,8 +532,9 @@ impl MainDevice {
         }
         let watch = |config| DelayWatch::new(config, &self.segment, now);
         self.delay_watch = self.config.delay_watch.and_then(watch);
-        let monitor = |config| Monitor::new(config, &self.segment, now);
-        self.quality = self.config.quality.and_then(monitor);
+        let (number, counts) = self.link.with(|inner| (inner.cycle, inner.statistics));
+        let monitor = |config| Monitor::new(config, &self.segment, now, number, &counts);
+        self.quality = self.config.quality.map(monitor);
         self.keeper = Keeper::new(self.segment.devices.len());
         self.activity = Activity::Operating;
     }
@@ -563,6 +570,7 @@ impl MainDevice {
             self.keeper = Keeper::default();
             self.forget_delays();
             self.refuse_jobs();
+            self.asking = None;
             self.begin_piece(Piece::LeaveOperation);
         }
         turns
@@ -577,6 +585,7 @@ impl MainDevice {
     /// Nothing more is sent.
     fn end(&mut self) {
         self.refuse_jobs();
+        self.asking = None;
         self.reads.clear();
         self.health = None;
         self.keeper = Keeper::default();
@@ -634,6 +643,7 @@ impl MainDevice {
         while at < self.jobs.len() {
             let position = self.jobs[at].position;
             let busy = self.running.iter().any(|job| job.position == position)
+                || self.asking.as_ref().is_some_and(|asking| asking.position == position)
                 || self.jobs.iter().take(at).any(|job| job.position == position);
             // On the way up the mailboxes are in use; requests wait.
             let on_the_way = matches!(self.activity, Activity::Task(..)) && !self.stopping;

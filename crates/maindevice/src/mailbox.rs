@@ -18,6 +18,7 @@ use isocat_wire::time::{Host, Nanos, Time};
 use crate::error::{AccessError, MailboxError};
 use crate::event::Event;
 use crate::link::{Link, Travel};
+use crate::quality;
 
 /// One mailbox: its areas and counters.
 pub(crate) struct Mailbox {
@@ -32,6 +33,7 @@ pub(crate) struct Mailbox {
     repeat: bool,
     /// An earlier service was given up; its answer may still come.
     stale: bool,
+    spent: Nanos,
 }
 
 impl Mailbox {
@@ -54,7 +56,13 @@ impl Mailbox {
             last_answer: 0,
             repeat: false,
             stale: true,
+            spent: Nanos::ZERO,
         }
+    }
+
+    /// Wire time of all datagrams so far, as if each were in a frame of its own.
+    pub fn spent(&self) -> Nanos {
+        self.spent
     }
 
     /// Most bytes of a service that the request can carry behind the mailbox header.
@@ -133,6 +141,7 @@ impl Mailbox {
                 break;
             }
             let len = usize::from(self.send.length);
+            self.pay(len);
             let reply = self.link.fprd(self.station, self.send.start, len).reply().await?;
             if reply.wkc == 1 {
                 if let Some(head) = reply.data.first_chunk() {
@@ -143,7 +152,8 @@ impl Mailbox {
         Ok(())
     }
 
-    async fn is_full(&self) -> Result<bool, AccessError> {
+    async fn is_full(&mut self) -> Result<bool, AccessError> {
+        self.pay(1);
         let status = self.link.read(self.station, register::sm_status(1)).await?;
         Ok(status & SyncManager::STATUS_FULL != 0)
     }
@@ -168,6 +178,7 @@ impl Mailbox {
         loop {
             let address = isocat_wire::datagram::Address::Station(self.station, self.receive.start);
             let travel = Travel { once: true, ..Travel::default() };
+            self.pay(bytes.len());
             let exchange =
                 self.link.exchange(isocat_wire::Command::Fpwr, address, bytes.clone(), travel);
             match exchange.reply().await {
@@ -212,6 +223,7 @@ impl Mailbox {
             let travel = Travel { once: true, ..Travel::default() };
             let address = isocat_wire::datagram::Address::Station(self.station, self.send.start);
             let data = alloc::vec![0; usize::from(self.send.length)];
+            self.pay(data.len());
             let exchange = self.link.exchange(isocat_wire::Command::Fprd, address, data, travel);
             let lost = match exchange.reply().await {
                 Ok(reply) if reply.wkc == 1 => return Ok(reply.data),
@@ -235,8 +247,10 @@ impl Mailbox {
         self.repeat = !self.repeat;
         let bit = if self.repeat { SyncManager::REPEAT } else { 0 };
         let activate = SyncManager::ENABLE | bit;
+        self.pay(1);
         self.link.write(self.station, register::sm_activate(1), activate).await?;
         loop {
+            self.pay(1);
             let control = self.link.read(self.station, register::sm_pdi_control(1)).await?;
             if control & SyncManager::REPEAT == bit {
                 return Ok(());
@@ -246,6 +260,11 @@ impl Mailbox {
             }
             self.link.sleep(POLL_FIRST).await;
         }
+    }
+
+    /// Counts a datagram with `len` bytes of data.
+    fn pay(&mut self, len: usize) {
+        self.spent += quality::wire_time(core::iter::once(len));
     }
 
     /// Takes a message apart; `None` if it repeats the last one.

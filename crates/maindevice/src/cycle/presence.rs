@@ -4,7 +4,7 @@ use core::ops::Range;
 
 use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
-use isocat_wire::time::{Dc, Time};
+use isocat_wire::time::{Dc, Nanos, Time};
 
 use super::Cycle;
 use super::frames::{Mark, Part};
@@ -125,6 +125,16 @@ impl Cycle {
     /// Cycles since all clocks last took the reference's time; `None` without a reference.
     pub fn unled(&self) -> Option<u64> {
         self.reference.as_ref().map(|reference| self.number.saturating_sub(reference.led))
+    }
+
+    /// By chunk: cycles in a row that counted wrongly, with LRW or LRD and with LWR.
+    pub fn wrong(&self) -> &[[u64; 2]] {
+        &self.wrong
+    }
+
+    /// How much later than planned a frame found the reference clock at most since this was last asked.
+    pub fn take_latest(&mut self) -> Option<Nanos> {
+        self.latest.take()
     }
 
     /// The drift datagram leads the clocks, or only reads.

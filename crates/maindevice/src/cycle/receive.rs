@@ -136,6 +136,7 @@ impl Cycle {
             let phase = (dc + -self.send_phase).phase(cycle as u64) as i64;
             let error = if phase > cycle / 2 { phase - cycle } else { phase };
             inner.statistics.phase_error.add(Nanos(error));
+            self.latest = self.latest.max(Some(Nanos(error)));
         }
         Some(dc)
     }

@@ -1,0 +1,284 @@
+//! What the registers of clocks say.
+
+use alloc::vec::Vec;
+
+use isocat_sync::drift::{Convergence, Limits, Verdict};
+use isocat_wire::StationAddress;
+use isocat_wire::dc::{ActivationStatus, SystemTimeDifference};
+use isocat_wire::register::{self, Value, features};
+use isocat_wire::time::{Host, Nanos, Time};
+
+use super::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
+use super::pace::{Pace, wire_time};
+use super::ring::Ring;
+use crate::config::QualityWatch;
+use crate::link::Link;
+use crate::segment::{Segment, SubDevice};
+
+/// One reading of one clock.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Reading {
+    /// When the frame was sent that read it.
+    pub at: Time<Host>,
+    /// Register 0x092C: positive when the local copy is ahead of the reference's time.
+    pub difference: Nanos,
+    /// Registers 0x0930 and 0x0932: how much faster the drift loop makes the local clock, ppb. The oscillator itself
+    /// is slower than the reference's by as much.
+    pub correction_ppb: i64,
+    /// Register 0x0984; `None` where the ESC has none.
+    pub activation: Option<ActivationStatus>,
+}
+
+/// One clock and its last readings.
+#[derive(Clone, Debug)]
+pub struct ClockQuality {
+    /// Position of the SubDevice.
+    pub position: usize,
+    station: StationAddress,
+    has_status: bool,
+    /// How well its delay is known: see [`isocat_sync::delay::Delay::bar`].
+    delay_bar: Nanos,
+    readings: Ring<Reading>,
+    convergence: Convergence,
+    slope_ppb: Option<i64>,
+    alarms: [Hysteresis; Alarm::OF_CLOCKS.len()],
+}
+
+impl ClockQuality {
+    /// The last reading.
+    pub fn last(&self) -> Option<Reading> {
+        self.readings.iter().next_back()
+    }
+
+    /// The readings kept, oldest first.
+    pub fn readings(&self) -> impl Iterator<Item = Reading> + '_ {
+        self.readings.iter()
+    }
+
+    /// The largest size of 0x092C among them.
+    pub fn worst(&self) -> Nanos {
+        self.readings().map(|reading| reading.difference.abs()).max().unwrap_or_default()
+    }
+
+    /// Slope of the last sixteen differences, ns per second; 0 while there are fewer.
+    pub fn slope_ppb(&self) -> i64 {
+        self.slope_ppb.unwrap_or(0)
+    }
+
+    /// How far this clock is from the reference's at most, as far as registers tell: the worst difference read, what
+    /// it may have moved between two readings, the tick of either clock, and the error of its delay, of which
+    /// 0x092C knows nothing. `None` before the first reading.
+    pub fn bound(&self) -> Option<Nanos> {
+        let mut readings = self.readings();
+        let first = readings.next()?.at;
+        let (last, count) = readings.fold((first, 1), |(_, n), reading| (reading.at, n + 1));
+        let between = (last - first).0 / (count - 1).max(1);
+        let moved =
+            (i128::from(between) * i128::from(self.slope_ppb().abs()) / NANOS_PER_SECOND) as i64;
+        Some(self.worst() + Nanos(moved) + Nanos(2 * TICK) + self.delay_bar)
+    }
+
+    /// Whether this alarm is up; those of other things than clocks are not.
+    pub fn has(&self, alarm: Alarm) -> bool {
+        let at = Alarm::OF_CLOCKS.iter().position(|of| *of == alarm);
+        at.is_some_and(|at| self.alarms[at].is_up())
+    }
+
+    fn new(device: &SubDevice, history: usize, limits: Limits) -> Self {
+        Self {
+            position: device.position,
+            station: device.station,
+            has_status: device.esc.has(features::ENHANCED_SYNC_ACTIVATION) && device.mode.uses_dc(),
+            delay_bar: device
+                .measured_delay
+                .and_then(|delay| delay.bar())
+                .map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000)),
+            readings: Ring::new(history),
+            convergence: Convergence::new(limits),
+            slope_ppb: None,
+            alarms: [Hysteresis::new(RAISE, LET_GO); Alarm::OF_CLOCKS.len()],
+        }
+    }
+
+    fn take(&mut self, reading: Reading) {
+        self.readings.push(reading);
+        self.convergence.sample(reading.at, reading.difference);
+        if let Verdict::Converging { slope_ppb, .. } | Verdict::Converged { slope_ppb, .. } =
+            self.convergence.verdict()
+        {
+            self.slope_ppb = Some(slope_ppb);
+        }
+    }
+
+    /// What became of the alarms with this reading; `None`: the registers did not answer.
+    fn judge(&mut self, found: Option<Registers>, limit: Nanos) -> Vec<Change> {
+        let difference = self.last().map_or(Nanos::ZERO, |reading| reading.difference);
+        let size = difference.abs();
+        let slope = self.slope_ppb();
+        // Above zero it leads away.
+        let away = self.slope_ppb.map(|slope| slope.saturating_mul(difference.0.signum()));
+        let pending = found.and_then(|found| found.activation).is_some_and(|a| a.sync0_pending());
+        let settled = Limits::default().slope_ppb;
+        let (beyond, within) = (size > limit, size.0 <= limit.0 / 2);
+        let judged = [
+            (Alarm::Difference, beyond, within),
+            (
+                Alarm::NotConverging,
+                beyond && away.is_some_and(|away| away >= -settled),
+                within || away.is_some_and(|away| away < -SLIDING * settled),
+            ),
+            (Alarm::Sliding, slope.abs() > SLIDING * settled, slope.abs() <= settled),
+            (Alarm::SyncPending, pending, !pending),
+            (Alarm::Silent, found.is_none(), found.is_some()),
+        ];
+        let mut changes = Vec::new();
+        for ((alarm, bad, good), hysteresis) in judged.into_iter().zip(&mut self.alarms) {
+            // What was not read says nothing of itself.
+            if found.is_none() && alarm != Alarm::Silent {
+                continue;
+            }
+            if let Some(raised) = hysteresis.sample(bad, good) {
+                let (position, found) =
+                    (self.position, Found::Clock { difference, slope_ppb: slope });
+                changes.push(Change { position, alarm, raised, found });
+            }
+        }
+        changes
+    }
+}
+
+/// What the registers of one clock said.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Registers {
+    pub at: Time<Host>,
+    /// 0x092C to 0x0933.
+    pub bytes: [u8; 8],
+    pub activation: Option<ActivationStatus>,
+}
+
+/// Who is to be read: index among the clocks, station, and whether 0x0984 exists.
+pub(crate) type Wanted = (usize, StationAddress, bool);
+
+/// Reads all clocks in turn.
+#[derive(Clone, Debug)]
+pub(super) struct Clocks {
+    limit: Nanos,
+    pub all: Vec<ClockQuality>,
+    turn: usize,
+    pub pace: Pace,
+}
+
+impl Clocks {
+    /// The clocks of a segment but the reference's own.
+    pub fn new(config: &QualityWatch, segment: &Segment, pace: Pace) -> Self {
+        let limits = Limits { difference: config.difference_limit, ..Limits::default() };
+        let led = |device: &&SubDevice| {
+            segment.reference.is_some_and(|reference| device.position != reference)
+                && device.dc.has_clock()
+        };
+        let clock = |device| ClockQuality::new(device, config.history, limits);
+        let all = segment.devices.iter().filter(led).map(clock).collect();
+        Self { limit: config.difference_limit, all, turn: 0, pace }
+    }
+
+    pub fn is_due(&self, now: Time<Host>) -> bool {
+        !self.all.is_empty() && self.pace.is_due(now)
+    }
+
+    /// Whom to read now. Their frames' time on the wire decides when the next ones are due.
+    pub fn batch(&mut self, now: Time<Host>) -> Vec<Wanted> {
+        let count = self.all.len().min(BATCH);
+        let wanted = (0..count).map(|i| {
+            let at = (self.turn + i) % self.all.len();
+            (at, self.all[at].station, self.all[at].has_status)
+        });
+        let wanted: Vec<Wanted> = wanted.collect();
+        self.turn = (self.turn + count) % self.all.len().max(1);
+        // As if each batch were one frame of its own.
+        let lengths = |&(_, _, has_status): &Wanted| [Some(8), has_status.then_some(1)];
+        self.pace.charge(now, wire_time(wanted.iter().flat_map(lengths).flatten()));
+        wanted
+    }
+
+    /// Takes what came back from one of them; gives the alarms that come or go.
+    pub fn sample(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
+        let Some(clock) = self.all.get_mut(index) else { return Vec::new() };
+        if let Some(registers) = found {
+            clock.take(reading(&registers));
+        }
+        clock.judge(found, self.limit)
+    }
+}
+
+/// Reads the registers of these clocks, all together.
+pub(crate) async fn read(link: Link, wanted: Vec<Wanted>) -> Vec<(usize, Option<Registers>)> {
+    let difference = register::SYSTEM_TIME_DIFFERENCE.address;
+    let status = register::ACTIVATION_STATUS.address;
+    let reads: Vec<_> = wanted
+        .iter()
+        .map(|&(_, station, has_status)| {
+            let clock = link.fprd(station, difference, 8);
+            (clock, has_status.then(|| link.fprd(station, status, 1)))
+        })
+        .collect();
+    let mut all = Vec::with_capacity(reads.len());
+    for ((index, ..), (clock, status)) in wanted.into_iter().zip(reads) {
+        let clock = clock.expect(1).await.ok();
+        let status = match status {
+            Some(status) => status.expect(1).await.ok(),
+            None => None,
+        };
+        let activation = status.and_then(|reply| Some(ActivationStatus(*reply.data.first()?)));
+        let registers = clock.and_then(|reply| {
+            let bytes = *reply.data.first_chunk()?;
+            Some(Registers { at: reply.sent, bytes, activation })
+        });
+        all.push((index, registers));
+    }
+    all
+}
+
+fn reading(registers: &Registers) -> Reading {
+    let b = &registers.bytes;
+    let start = i64::from(u16::from_le_bytes([b[4], b[5]]) & 0x7FFF);
+    let change = i64::from(i16::from_le_bytes([b[6], b[7]]));
+    Reading {
+        at: registers.at,
+        difference: SystemTimeDifference::from_bytes([b[0], b[1], b[2], b[3]]).nanos(),
+        correction_ppb: correction_ppb(start, change),
+        activation: registers.activation,
+    }
+}
+
+/// One nanosecond more every `start - change + 2` ticks of 10 ns, one less every `start + change + 2` (ESC data sheet,
+/// registers 0x0930 and 0x0932).
+fn correction_ppb(start: i64, change: i64) -> i64 {
+    let part = |ticks: i64| if ticks > 0 { 100_000_000 / ticks } else { 0 };
+    part(start - change + 2) - part(start + change + 2)
+}
+
+/// Clocks that are read together.
+const BATCH: usize = 8;
+/// A clock slides when its slope is so many times what a converged one may have.
+const SLIDING: i64 = 2;
+/// Resolution of an ESC's clock, ns.
+const TICK: i64 = 10;
+const NANOS_PER_SECOND: i128 = 1_000_000_000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Start 0x1000 and a difference of 100: 1.19 ppm; the ends of the range some 763 ppm.
+    #[test]
+    fn the_speed_counter_in_ppb() {
+        assert!(
+            (correction_ppb(0x1000, 100) - 1_190).abs() < 10,
+            "{}",
+            correction_ppb(0x1000, 100)
+        );
+        assert_eq!(correction_ppb(0x1000, 0), 0);
+        assert!((correction_ppb(0x1000, 3_969) / 1_000 - 763).abs() < 5);
+        assert!((correction_ppb(0x1000, -3_969) / 1_000 + 763).abs() < 5);
+    }
+}

@@ -1,0 +1,54 @@
+//! The last values of a series.
+
+use alloc::vec::Vec;
+
+/// Keeps the last values, in memory that is taken once.
+#[derive(Clone, Debug)]
+pub(super) struct Ring<T> {
+    values: Vec<T>,
+    length: usize,
+    /// Where the next one goes once it is full: the oldest.
+    next: usize,
+}
+
+impl<T: Copy> Ring<T> {
+    /// Keeps `length` values, one at least.
+    pub fn new(length: usize) -> Self {
+        let length = length.max(1);
+        Self { values: Vec::with_capacity(length), length, next: 0 }
+    }
+
+    pub fn push(&mut self, value: T) {
+        if self.values.len() < self.length {
+            self.values.push(value);
+        } else {
+            self.values[self.next] = value;
+        }
+        self.next = (self.next + 1) % self.length;
+    }
+
+    /// Oldest first.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = T> + '_ {
+        let (new, old) = self.values.split_at(self.next.min(self.values.len()));
+        old.iter().chain(new).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_oldest_go() {
+        let mut ring = Ring::new(3);
+        let kept = |ring: &Ring<u8>| ring.iter().collect::<Vec<_>>();
+        assert_eq!(kept(&ring), []);
+        let expected: [&[u8]; 5] = [&[1], &[1, 2], &[1, 2, 3], &[2, 3, 4], &[3, 4, 5]];
+        for (value, expected) in (1..).zip(expected) {
+            ring.push(value);
+            assert_eq!(kept(&ring), expected);
+            assert_eq!(ring.iter().next_back(), Some(value));
+        }
+        assert_eq!(ring.values.capacity(), 3);
+    }
+}

@@ -1,9 +1,14 @@
 //! After start-up the cyclic path of both sides allocates nothing.
 
+use std::cell::Cell;
+use std::rc::Rc;
+
 use isocat::{NoTap, Scenario, SegmentFile};
 use isocat_maindevice::Event;
-use isocat_sim::{Motion, World};
-use isocat_wire::time::{Picos, Time};
+use isocat_sim::observation::Observation;
+use isocat_sim::{Motion, Segment, Tap, World};
+use isocat_wire::time::{Picos, Time, True};
+use isocat_wire::{Command, datagram, frame};
 
 #[test]
 fn a_hundred_cycles_allocate_nothing() {
@@ -47,7 +52,59 @@ fn watching_delays_allocates_only_when_it_latches() {
     assert!(latching.count_total > 0);
 }
 
-fn run_for(world: &mut World<Motion, NoTap>, milliseconds: i64) {
+/// Tells whether anything but the cycle's own frames was sent.
+#[derive(Clone, Default)]
+struct Acyclic(Rc<Cell<bool>>);
+
+impl Tap for Acyclic {
+    fn frame(&mut self, _: Time<True>, _: bool, bytes: &[u8]) {
+        let payload = frame::payload(bytes).expect("our own frame");
+        let is_acyclic = datagram::datagrams(payload).any(|datagram| {
+            let header = datagram.expect("our own datagram").header;
+            matches!(header.command(), Ok(Command::Fprd | Command::Fpwr))
+        });
+        self.0.set(self.0.get() | is_acyclic);
+    }
+    fn observed(&mut self, _: &Segment, _: Time<True>, _: &Observation) {}
+}
+
+/// Nor does it between two readings of registers and objects; a reading does allocate, and so does a step in which
+/// one is under way. Rings, moments and alarms take no memory while the segment runs.
+#[test]
+fn watching_quality_allocates_only_when_it_reads() {
+    let mut setup = Scenario::from(SegmentFile::built_in()).run().setup;
+    let watch =
+        isocat_maindevice::QualityWatch { share_permille: 1, history: 16, ..Default::default() };
+    setup.config.quality = Some(watch);
+    let acyclic = Acyclic::default();
+    let mut world = World::new(setup, Motion::default(), Some(acyclic.clone()));
+    let limit = Time::new(20_000_000_000_000);
+    while !matches!(world.poll_event(), Some(Event::InOperation { .. })) {
+        assert!(world.step(limit), "the segment does not come up");
+    }
+    run_for(&mut world, 400);
+    let (mut quiet, mut reading, mut allocating) = (0, 0, 0);
+    let mut before = true;
+    for _ in 0..2_000 {
+        acyclic.0.set(false);
+        let allocations = allocation_counter::measure(|| run_for(&mut world, 1)).count_total;
+        // Their answers come in the next millisecond at the latest.
+        let reads = acyclic.0.get();
+        if reads || before {
+            reading += 1;
+            allocating += u64::from(allocations > 0);
+        } else {
+            quiet += 1;
+            assert_eq!(allocations, 0, "after {quiet} quiet milliseconds, {reading} with readings");
+        }
+        before = reads;
+    }
+    assert!(quiet > 1_600 && allocating > 50, "{quiet} quiet, {reading} reading, {allocating}");
+    let snapshot = world.main().snapshot().expect("it is watched");
+    assert_eq!((snapshot.moments().count(), snapshot.clocks[0].readings().count()), (16, 16));
+}
+
+fn run_for<T: Tap>(world: &mut World<Motion, T>, milliseconds: i64) {
     let end = world.now() + Picos(milliseconds * 1_000_000_000);
     while world.step(end) {
         while world.poll_event().is_some() {}

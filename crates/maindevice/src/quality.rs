@@ -120,7 +120,8 @@ impl Monitor {
         cycle: &mut Cycle,
         counts: &Statistics,
     ) -> Vec<Change> {
-        self.record.take_states(now, segment);
+        let objects = &mut self.objects;
+        self.record.take_states(now, segment, |position| objects.wake(position));
         if !self.record.is_due(cycle.number()) {
             return Vec::new();
         }

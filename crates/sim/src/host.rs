@@ -85,6 +85,8 @@ pub struct HostMachine {
     hold_ups: Stream,
     /// When the port has sent the last frame and the gap behind it.
     port_free: Time<True>,
+    /// How much later the next wake-up comes.
+    oversleeps: Nanos,
 }
 
 impl HostMachine {
@@ -97,7 +99,13 @@ impl HostMachine {
             wake_ups: Stream::new(seed, "host wake-up", 0),
             hold_ups: Stream::new(seed, "host hold-up", 0),
             port_free: Time::ZERO,
+            oversleeps: Nanos::ZERO,
         }
+    }
+
+    /// The timer that is set next wakes the program so much later, once.
+    pub fn oversleep(&mut self, by: Nanos) {
+        self.oversleeps = by;
     }
 
     /// The host's clock.
@@ -118,7 +126,7 @@ impl HostMachine {
             (None, true) => Nanos((worst * self.wake_ups.up_to(1)) as i64),
             (None, false) => Nanos(self.wake_ups.lateness(worst) as i64),
         };
-        let woken = self.clock.when(wanted + late);
+        let woken = self.clock.when(wanted + late + core::mem::take(&mut self.oversleeps));
         let Some(Stall { at, length }) = self.model.stall else { return woken };
         let begin = Time::ZERO + Picos::from(at);
         let end = begin + Picos::from(length);
@@ -157,6 +165,14 @@ mod tests {
             let late = host.clock.read::<Host>(woken) - wanted;
             assert!((0..=20_000).contains(&late.0), "{late}");
         }
+    }
+
+    #[test]
+    fn one_wake_up_comes_late() {
+        let mut host = HostMachine::new(HostModel { jitter: Nanos(0), ..Default::default() }, 1);
+        host.oversleep(Nanos(300_000));
+        let woken = [1, 2].map(|ms| host.wake_up(Time::new(ms * 1_000_000)).as_nanos());
+        assert_eq!(woken, [1_300_000, 2_000_000]);
     }
 
     #[test]

@@ -106,6 +106,10 @@ impl<C: Control, T: Tap> World<C, T> {
     pub fn main_mut(&mut self) -> &mut MainDevice {
         &mut self.main
     }
+    /// The machine that the MainDevice runs on, to hold it up.
+    pub fn host_mut(&mut self) -> &mut HostMachine {
+        &mut self.host
+    }
     /// The segment.
     pub fn segment(&self) -> &Segment {
         &self.segment

@@ -166,6 +166,13 @@ impl Objects {
         self.pace.is_due(now) && self.are_there()
     }
 
+    /// What was silent may answer now.
+    pub fn wake(&mut self, position: usize) {
+        if let Some(device) = self.all.get_mut(position) {
+            device.rests = Time::ZERO;
+        }
+    }
+
     /// What to read next, of those whose mailbox is free.
     pub fn next(
         &mut self,
@@ -343,6 +350,9 @@ mod tests {
             assert_eq!(objects.next(now + REST + Nanos(-1), |_| true), None);
             now += REST;
         }
+        objects.all[0].rests = now + REST;
+        objects.wake(0);
+        assert_eq!(objects.next(now, |_| true), Some(wanted));
         let changes = objects.take(wanted, now, &Ok(vec![0, 0]));
         assert_eq!((changes[0].alarm, changes[0].raised), (Alarm::MailboxSilent, false));
         assert_eq!(objects.all[0].unanswered, 4);

@@ -163,13 +163,14 @@ impl Record {
         cycle.wrapping_sub(self.before.0) >= MOMENT
     }
 
-    /// Takes the states as they are known now.
-    pub fn take_states(&mut self, now: Time<Host>, segment: &Segment) {
+    /// Takes the states as they are known now; tells whose has changed.
+    pub fn take_states(&mut self, now: Time<Host>, segment: &Segment, mut tell: impl FnMut(usize)) {
         for (known, device) in self.devices.iter_mut().zip(&segment.devices) {
             let seen = (device.al_status, device.al_code);
             if (known.status, known.code) != seen {
                 (known.status, known.code) = seen;
                 known.since = now;
+                tell(device.position);
             }
         }
     }

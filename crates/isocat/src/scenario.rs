@@ -11,7 +11,7 @@ use isocat_wire::time::{Nanos, Time};
 
 use crate::plan::offline;
 use crate::profile::{self, ApplicationKind, Profile};
-use crate::segment_file::{SegmentFile, SubDevice};
+use crate::segment_file::{Operation, SegmentFile, SubDevice};
 
 mod laid_out;
 
@@ -41,6 +41,8 @@ pub struct Scenario {
     pub clock_error: Option<Nanos>,
     /// Watchdog of the process data; `None`: as the chips have it.
     pub watchdog: Option<Nanos>,
+    /// What the MainDevice does beside the exchange while the segment runs.
+    pub operation: Operation,
     /// Run although the plan says that it does not fit.
     pub force: bool,
     /// The devices, in the order of the line.
@@ -65,6 +67,7 @@ impl From<SegmentFile> for Scenario {
             drift_compensation: file.host.drift_compensation,
             clock_error: None,
             watchdog: file.watchdog,
+            operation: file.operation,
             force: false,
             devices: file.subdevices,
         }
@@ -91,6 +94,10 @@ impl Scenario {
         config.clock_error = self.clock_error;
         config.watchdog = self.watchdog;
         config.force = self.force;
+        config.quality = self.operation.quality;
+        config.delay_watch = self.operation.delay_watch;
+        config.recovery = self.operation.recovery;
+        config.direction = self.operation.direction;
         config.devices = self.devices.iter().map(device_config).collect();
         for (position, _) in self.devices.iter().enumerate().filter(|(_, d)| d.optional) {
             let known = offline::known(self, position);

@@ -46,11 +46,13 @@ use crate::quantity::{DelayPerMetre, Length, Ppb};
 mod clock;
 mod esi;
 mod misbehave;
+mod operation;
 #[cfg(test)]
 mod tests;
 mod tree;
 
 pub use misbehave::vocabulary;
+pub use operation::Operation;
 pub use tree::Place;
 
 pub use crate::document::{FileError, name_hint};
@@ -72,6 +74,8 @@ pub struct SegmentFile {
     /// Watchdog of the process data, register 0x0420. Key `watchdog`, whole 100 us up to 6.5535 s; `None`: as the chips
     /// have it, 100 ms.
     pub watchdog: Option<Nanos>,
+    /// What the MainDevice does beside the exchange while the segment runs.
+    pub operation: Operation,
     /// The MainDevice's machine.
     pub host: Host,
     /// The devices in the order of their positions: the one in which frames are processed.
@@ -151,7 +155,8 @@ impl SegmentFile {
         let source = Source { path, text };
         let document = source.parse()?;
         let root = Table::root(source, &document);
-        root.allow(&["cycle", "for", "seed", "shift", "watchdog", "host", "subdevice"])?;
+        let keys = ["cycle", "for", "seed", "shift", "watchdog", "host", "subdevice"];
+        root.allow(&[&keys[..], &operation::KEYS].concat())?;
         let expected = "the bus cycle, such as cycle = \"1ms\"";
         let cycle = root.required("cycle", expected)?.duration(SHORTEST_CYCLE..=LONGEST_CYCLE)?;
         let below_cycle = Nanos::ZERO..=cycle - Nanos(1);
@@ -162,6 +167,7 @@ impl SegmentFile {
         let seed = root.value("seed").map_or(Ok(1), |value| value.integer(0..=i64::MAX))? as u64;
         let shift = root.value("shift").map(|value| value.duration(below_cycle)).transpose()?;
         let watchdog = root.value("watchdog").map(watchdog).transpose()?;
+        let operation = operation::operation(&root, cycle)?;
         let host = host(root.table("host")?, cycle)?;
         let expected = "at least one device, such as [[subdevice]] device = \"kollmorgen_akd2g\"";
         let tables = match root.tables("subdevice")? {
@@ -179,7 +185,8 @@ impl SegmentFile {
         }
         let Devices { subdevices, .. } = devices;
         let subdevices = tree::sort(subdevices);
-        Ok(Self { path: path.to_owned(), cycle, duration, seed, shift, watchdog, host, subdevices })
+        let path = path.to_owned();
+        Ok(Self { path, cycle, duration, seed, shift, watchdog, operation, host, subdevices })
     }
 
     /// Reads a segment file from disk.

@@ -3,6 +3,7 @@
 use super::*;
 
 mod count;
+mod operation;
 mod optional;
 mod physics;
 
@@ -157,7 +158,7 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(message, "1:1 unknown key \"cylce\" in the top level");
     assert_eq!(
         hint.unwrap(),
-        "did you mean \"cycle\"? expected one of: cycle, for, seed, shift, watchdog, host, subdevice"
+        "did you mean \"cycle\"? expected one of: cycle, for, seed, shift, watchdog, host, subdevice, quality, delay_watch, recovery, direction"
     );
 
     let (message, hint) = refused(&one("cabel = \"1m\""));

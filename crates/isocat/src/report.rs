@@ -7,6 +7,7 @@
 mod build;
 #[cfg(target_os = "linux")]
 pub mod interface;
+pub mod quality;
 pub mod scan;
 mod text;
 
@@ -56,6 +57,8 @@ pub struct Report {
     pub judged_ns: i64,
     /// Figures of the segment.
     pub segment: Segment,
+    /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
+    pub quality: Option<quality::Quality>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<Device>,
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use isocat_maindevice::quality::Change;
 use isocat_maindevice::{Event, RequestId, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
@@ -68,6 +69,9 @@ pub struct Outcome<T> {
     pub output_counters: Vec<Counters>,
     /// Counters of 0x1C33, by position.
     pub input_counters: Vec<Counters>,
+    /// Alarms of what was read in the background that came or went in the judged time, and when in it; none unless
+    /// [`Config::quality`](isocat_maindevice::Config::quality) asks for it.
+    pub alarms: Vec<(Nanos, Change)>,
     /// Why the segment is not in sync; empty if it is.
     pub findings: Vec<Finding>,
     /// The error that ended the way up, if one did.
@@ -117,6 +121,9 @@ impl Run {
                 outcome.began = Some(began);
                 outcome.optional = optional;
                 outcome.bench = bench;
+                let since =
+                    |(at, change): &(Time<True>, Change)| (Nanos((*at - began).0 / 1000), *change);
+                outcome.alarms = notes.alarms.iter().map(since).collect();
                 outcome.read_counters(&mut notes);
                 outcome.judge(&notes);
                 outcome
@@ -135,6 +142,7 @@ struct Notes {
     changes: Vec<(Option<usize>, Time<True>, String)>,
     /// Those of them who came or went.
     moves: Vec<(usize, Time<True>, String)>,
+    alarms: Vec<(Time<True>, Change)>,
     answers: Vec<(RequestId, Option<u32>)>,
 }
 
@@ -217,6 +225,7 @@ fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
         match event {
             Event::WorkingCounter { .. } => notes.working_counter += 1,
             Event::CyclesSkipped { skipped, .. } => notes.skipped += skipped,
+            Event::Alarm(change) => notes.alarms.push((world.now(), change)),
             Event::Uploaded { request, result } => {
                 let number = result.ok().map(|bytes| {
                     bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
@@ -244,6 +253,7 @@ impl<T: Tap> Outcome<T> {
             began: None,
             output_counters: vec![Counters::default(); devices],
             input_counters: vec![Counters::default(); devices],
+            alarms: Vec::new(),
             findings: Vec::new(),
             failure,
             optional: Vec::new(),

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use isocat_maindevice::quality::Change;
 use isocat_maindevice::statistics::Statistics;
 use isocat_maindevice::{Config, Event, RequestId, Segment};
 use isocat_sim::motion::Axis;
@@ -17,6 +18,7 @@ use super::judge::{self, Finding};
 use super::{Exchange, Figures, Recorder, Waiting};
 use crate::link::preflight::{self, Subject};
 use crate::link::{Histogram, LinkError, RawSocket, RealTime, Traffic, Wish, clock};
+use crate::report::quality::Quality;
 
 /// What is to be done on which interface.
 pub struct Job {
@@ -99,6 +101,8 @@ pub struct Outcome {
     pub judged: Option<Nanos>,
     /// What ended the run.
     pub end: End,
+    /// What was read in the background; `None`: it was not asked for, or operation was not reached.
+    pub quality: Option<Quality>,
     /// Why the segment is not in sync; empty if it is.
     pub findings: Vec<Finding>,
     /// What else a reader ought to know.
@@ -169,6 +173,8 @@ pub(super) struct Noted {
     /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
     /// operation.
     pub stall: Option<(Nanos, Nanos)>,
+    /// Alarms of what was read in the background, and since when.
+    pub alarms: Vec<(Nanos, Change)>,
     pub answers: Vec<(RequestId, Option<Vec<u8>>)>,
 }
 
@@ -197,7 +203,7 @@ impl Job {
             Subject { interface: Some(&interface), namespace, wish: self.wish, keeps_awake: false };
         let (_awake, machine) = Machine::prepare(subject, Some(&self.socket), self.config.cycle)?;
         let before = Traffic::of(&interface, namespace);
-        let jitter = self.config.host_jitter;
+        let (jitter, watch) = (self.config.host_jitter, self.config.quality);
         let waiting = match self.wish.busy {
             true => Waiting::Busy,
             false => Waiting::sleep(&machine.wake_ups, self.config.cycle),
@@ -236,6 +242,7 @@ impl Job {
             notes.push(format!("reading the counters at the end: {error}"));
         }
         let segment = run.exchange.main().segment().clone();
+        let quality = Quality::new(run.exchange.main(), watch);
         let carrier = run.exchange.socket().has_carrier();
         let down = match end {
             // Nothing more can be sent, or the MainDevice sends nothing more.
@@ -258,6 +265,7 @@ impl Job {
             devices,
             judged,
             end,
+            quality: quality.map(|quality| quality.with_alarms(&noted.alarms)),
             findings: Vec::new(),
             notes,
             recorder: None,
@@ -439,6 +447,9 @@ impl Running<'_> {
                 }
                 (Event::Phase { state, .. }, Some(_)) if state != phase::State::Locked => {
                     self.noted.locks_lost += 1;
+                }
+                (Event::Alarm(change), Some(began)) => {
+                    self.noted.alarms.push((now - began, change));
                 }
                 (Event::CyclesSkipped { late, .. }, Some(began))
                     if self.noted.stall.is_none_or(|(longest, _)| late > longest) =>

@@ -31,6 +31,8 @@ impl Report {
             cycle_ns: scenario.cycle.0,
             judged_ns: if outcome.began.is_some() { scenario.duration.0 } else { 0 },
             segment: segment(outcome),
+            quality: quality::Quality::new(outcome.world.main(), scenario.operation.quality)
+                .map(|quality| quality.with_alarms(&outcome.alarms)),
             devices,
         }
     }

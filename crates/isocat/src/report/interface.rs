@@ -10,6 +10,7 @@ mod text;
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::quality::Quality;
 use super::{Counters, DeviceRegisters, Finding, PlanLine, SegmentMainDevice, SegmentPlan, Span};
 
 pub use build::Asked;
@@ -61,6 +62,8 @@ pub struct InterfaceReport {
     pub main_device: SegmentMainDevice,
     /// Computed before the run; null if the run did not come so far.
     pub plan: Option<SegmentPlan>,
+    /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
+    pub quality: Option<Quality>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<InterfaceDevice>,
 }

@@ -49,6 +49,9 @@ impl Report {
         }
         self.write_segment(out)?;
         self.write_budget(out)?;
+        if let Some(quality) = &self.quality {
+            quality.write(out)?;
+        }
         self.write_notes(out)
     }
 

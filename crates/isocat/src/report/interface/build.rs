@@ -78,6 +78,7 @@ impl InterfaceReport {
             punctuality: punctuality(asked, outcome),
             main_device: main_device(outcome),
             plan: timing.map(SegmentPlan::from),
+            quality: outcome.quality.clone(),
             devices,
         }
     }

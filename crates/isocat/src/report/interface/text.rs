@@ -37,6 +37,9 @@ impl InterfaceReport {
             self.write_devices(out)?;
         }
         self.write_figures(out)?;
+        if let Some(quality) = &self.quality {
+            quality.write(out)?;
+        }
         self.write_notes(out)
     }
 

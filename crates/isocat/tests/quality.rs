@@ -382,6 +382,46 @@ fn alarms_name_the_clock_and_what_is_wrong() {
     assert!((0..50_000_000).contains(&went), "{went} ns");
 }
 
+/// A report tells what was read, if the segment file asks for it, in a hundred columns.
+#[test]
+fn the_report_tells_it() {
+    let text = |tables: &str| {
+        format!(
+            "cycle = \"1ms\"\nfor = \"3s\"\n{tables}\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+             [[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync0\"\nclock = \"+20ppm\"\n"
+        )
+    };
+    let run = |tables: &str| {
+        let file = SegmentFile::parse("quality.toml", &text(tables)).expect("it reads");
+        isocat::run(&Scenario::from(file))
+    };
+    let silent = run("");
+    assert!(silent.in_sync && silent.quality.is_none());
+    // More than the plan leaves: an alarm by intent, and no finding.
+    let report = run("[quality]\nshare_permille = 4\nmargin_limit = \"900us\"");
+    assert!(report.in_sync, "{}", report.verdict);
+    let quality = report.quality.as_ref().expect("it was asked for");
+    let taken = quality.share_taken_permille;
+    assert!(quality.share_asked_permille == 4 && (3.6..=4.1).contains(&taken), "{taken}");
+    let clock = quality.devices[1].clock.as_ref().expect("it has one");
+    assert!((clock.correction_ppm + 20.0).abs() < 3.0, "{clock:?}");
+    assert!(clock.worst_difference_ns < clock.bound_ns && clock.bound_ns < 250, "{clock:?}");
+    assert!(quality.devices[0].clock.is_none(), "it is the reference");
+    let distance = |of: &str| {
+        let mut entries = quality.devices[1].entries.iter();
+        entries.find(|entry| entry.object == of).expect("it has it").value.expect("it was read")
+    };
+    let (least, most) = (distance("0x1C32:11"), distance("0x1C32:12"));
+    assert!(least < most && most - least < 21_000, "{least} to {most} ns");
+    let alarms: Vec<_> =
+        quality.alarms.iter().map(|alarm| (alarm.position, alarm.raised)).collect();
+    assert_eq!(alarms, [(0, true), (1, true)]);
+    let text = anstream::adapter::strip_str(&report.text()).to_string();
+    assert!(text.contains("4 permille of the wire asked for"), "{text}");
+    assert!(text.contains("frames come too near to SYNC0"), "{text}");
+    assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+}
+
 /// A SubDevice that was away is read again when it is back, by its new mailbox, also if it went in the middle of a
 /// reading.
 #[test]

@@ -15,7 +15,8 @@
 //! 4. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
 //!    SubDevices that fail.
 //! 5. `health` finds the SubDevice that left its state or is gone, `readmit` brings it back while the others run,
-//!    `delay_watch` finds the delay that is no longer what it was, `quality` the clock that does not follow.
+//!    `delay_watch` finds the delay that is no longer what it was, `quality` the
+//!    clock that does not follow, the counter that rises and the frame that comes late.
 //!
 //! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
 //! and counts in [`statistics`].

@@ -17,7 +17,7 @@ pub use build::Asked;
 pub(crate) use text::seconds;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-interface-report/2";
+pub const FORMAT: &str = "isocat-interface-report/3";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {

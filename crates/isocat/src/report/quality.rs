@@ -9,7 +9,7 @@ use isocat_wire::time::Nanos;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::text::{MOST_DEVICES, QUIET, cut};
+use super::text::{MOST_DEVICES, QUIET, WIDTH, cut, wrap};
 
 /// What the background reading says: registers and objects read from the SubDevices, the rest counted or measured by
 /// the MainDevice.
@@ -155,6 +155,7 @@ impl Quality {
             let clock = |figure: fn(&ClockFigures) -> String| {
                 device.clock.as_ref().map_or_else(|| "-".to_owned(), figure)
             };
+            let objects = wrap(&device.objects(), WIDTH - INDENT);
             writeln!(
                 out,
                 " {:<2} {:<19} {:>9} {:>9} {:>12} {:>12}  {}",
@@ -164,8 +165,11 @@ impl Quality {
                 clock(|clock| format!("{} ns", clock.bound_ns)),
                 clock(|clock| format!("{:+.2} ppm", clock.correction_ppm)),
                 device.margin.map_or("-".into(), |margin| us(margin.least_ns)),
-                device.objects(),
+                objects[0],
             )?;
+            for line in &objects[1..] {
+                writeln!(out, "{:INDENT$}{line}", "")?;
+            }
         }
         if self.devices.len() > MOST_DEVICES {
             let more = self.devices.len() - MOST_DEVICES;
@@ -177,7 +181,7 @@ impl Quality {
         }
         for alarm in &self.alarms[first..] {
             let at = alarm.since_ns as f64 / 1e6;
-            for (i, line) in super::wrap(&alarm.what, super::WIDTH - 18).iter().enumerate() {
+            for (i, line) in wrap(&alarm.what, WIDTH - 17).iter().enumerate() {
                 match i {
                     0 => writeln!(out, " - {at:>10.1} ms  {line}")?,
                     _ => writeln!(out, "{:17}{line}", "")?,
@@ -265,6 +269,8 @@ fn round(value: f64, digits: i32) -> f64 {
     (value * scale).round() / scale
 }
 
+/// Columns before what objects say.
+const INDENT: usize = 72;
 /// Alarms that a reader wants to see.
 const MOST_ALARMS: usize = 12;
 /// Entries that count nothing.

@@ -120,8 +120,11 @@ impl Monitor {
         cycle: &mut Cycle,
         counts: &Statistics,
     ) -> Vec<Change> {
-        let objects = &mut self.objects;
-        self.record.take_states(now, segment, |position| objects.wake(position));
+        let (clocks, objects) = (&mut self.clocks, &mut self.objects);
+        self.record.take_states(now, segment, |device| {
+            clocks.meet(device);
+            objects.wake(device.position);
+        });
         if !self.record.is_due(cycle.number()) {
             return Vec::new();
         }

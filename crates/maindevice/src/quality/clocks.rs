@@ -36,6 +36,8 @@ pub struct ClockQuality {
     pub position: usize,
     station: StationAddress,
     has_status: bool,
+    /// It was not there yet.
+    awaited: bool,
     /// How well its delay is known: see [`isocat_sync::delay::Delay::bar`].
     delay_bar: Nanos,
     readings: Ring<Reading>,
@@ -85,19 +87,29 @@ impl ClockQuality {
     }
 
     fn new(device: &SubDevice, history: usize, limits: Limits) -> Self {
-        Self {
+        let mut clock = Self {
             position: device.position,
             station: device.station,
-            has_status: device.esc.has(features::ENHANCED_SYNC_ACTIVATION) && device.mode.uses_dc(),
-            delay_bar: device
-                .measured_delay
-                .and_then(|delay| delay.bar())
-                .map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000)),
+            has_status: false,
+            awaited: true,
+            delay_bar: Nanos::ZERO,
             readings: Ring::new(history),
             convergence: Convergence::new(limits),
             slope_ppb: None,
             alarms: [Hysteresis::new(RAISE, LET_GO); Alarm::OF_CLOCKS.len()],
-        }
+        };
+        clock.meet(device);
+        clock
+    }
+
+    /// What is known of a SubDevice that has come.
+    fn meet(&mut self, device: &SubDevice) {
+        self.awaited &= !device.admitted;
+        self.station = device.station;
+        self.has_status =
+            device.esc.has(features::ENHANCED_SYNC_ACTIVATION) && device.mode.uses_dc();
+        let bar = device.measured_delay.and_then(|delay| delay.bar());
+        self.delay_bar = bar.map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000));
     }
 
     fn take(&mut self, reading: Reading) {
@@ -182,22 +194,29 @@ impl Clocks {
     }
 
     pub fn is_due(&self, now: Time<Host>) -> bool {
-        !self.all.is_empty() && self.pace.is_due(now)
+        self.pace.is_due(now) && self.all.iter().any(|clock| !clock.awaited)
     }
 
     /// Whom to read now. Their frames' time on the wire decides when the next ones are due.
     pub fn batch(&mut self, now: Time<Host>) -> Vec<Wanted> {
-        let count = self.all.len().min(BATCH);
-        let wanted = (0..count).map(|i| {
-            let at = (self.turn + i) % self.all.len();
-            (at, self.all[at].station, self.all[at].has_status)
-        });
-        let wanted: Vec<Wanted> = wanted.collect();
-        self.turn = (self.turn + count) % self.all.len().max(1);
+        let count = self.all.len();
+        let there = |at: &usize| !self.all[*at].awaited;
+        let all = (0..count).map(|i| (self.turn + i) % count).filter(there).take(BATCH);
+        let wanted: Vec<Wanted> =
+            all.map(|at| (at, self.all[at].station, self.all[at].has_status)).collect();
+        self.turn = wanted.last().map_or(0, |(at, ..)| at + 1);
         // As if each batch were one frame of its own.
         let lengths = |&(_, _, has_status): &Wanted| [Some(8), has_status.then_some(1)];
         self.pace.charge(now, wire_time(wanted.iter().flat_map(lengths).flatten()));
         wanted
+    }
+
+    /// The state of a SubDevice has changed.
+    pub fn meet(&mut self, device: &SubDevice) {
+        let clock = self.all.iter_mut().find(|clock| clock.position == device.position);
+        if let Some(clock) = clock.filter(|_| device.admitted) {
+            clock.meet(device);
+        }
     }
 
     /// Takes what came back from one of them; gives the alarms that come or go.

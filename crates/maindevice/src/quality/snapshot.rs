@@ -11,7 +11,7 @@ use super::clocks::ClockQuality;
 use super::objects::ObjectQuality;
 use super::ring::Ring;
 use crate::cycle::Cycle;
-use crate::segment::{Segment, Timing};
+use crate::segment::{Segment, SubDevice, Timing};
 use crate::statistics::Statistics;
 
 /// What is known of the segment now. All points of time in it are the host's;
@@ -144,7 +144,7 @@ impl Record {
     ) -> Self {
         // Without a clock no frame brings back when it came.
         let timing = segment.timing.as_ref().filter(|_| segment.reference.is_some());
-        let device = |device: &crate::SubDevice| DeviceQuality {
+        let device = |device: &SubDevice| DeviceQuality {
             status: device.al_status,
             code: device.al_code,
             since: now,
@@ -164,13 +164,18 @@ impl Record {
     }
 
     /// Takes the states as they are known now; tells whose has changed.
-    pub fn take_states(&mut self, now: Time<Host>, segment: &Segment, mut tell: impl FnMut(usize)) {
+    pub fn take_states(
+        &mut self,
+        now: Time<Host>,
+        segment: &Segment,
+        mut tell: impl FnMut(&SubDevice),
+    ) {
         for (known, device) in self.devices.iter_mut().zip(&segment.devices) {
             let seen = (device.al_status, device.al_code);
             if (known.status, known.code) != seen {
                 (known.status, known.code) = seen;
                 known.since = now;
-                tell(device.position);
+                tell(device);
             }
         }
     }

@@ -203,3 +203,29 @@ fn halves_of_the_share() {
     near(shares(true, false), [10.0, 0.0]);
     near(shares(false, true), [0.0, 10.0]);
 }
+
+/// A SubDevice that is not there at the start is not asked, and is from the moment at which it comes.
+#[test]
+fn one_that_is_awaited() {
+    let device = |position: usize| {
+        let mut device = SubDevice::new(position, StationAddress(0x1001 + position as u16));
+        device.dc = DcCapability::Clock64;
+        device
+    };
+    let mut segment =
+        Segment { devices: (0..4).map(device).collect(), reference: Some(0), ..Segment::default() };
+    segment.devices[2].admitted = false;
+    let mut monitor = Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default());
+    let asked = |monitor: &mut Monitor, at: u64| {
+        let wanted = monitor.clocks_to_read(Time::new(at));
+        wanted.iter().map(|(_, station, _)| station.0 - 0x1001).collect::<Vec<_>>()
+    };
+    assert_eq!(asked(&mut monitor, 0), [1, 3]);
+    assert_eq!(asked(&mut monitor, 1_000_000_000), [1, 3]);
+    segment.devices[2].admitted = true;
+    segment.devices[2].station = StationAddress(0x1001 + 7);
+    segment.devices[2].al_status = isocat_wire::al::AlStatus(8);
+    monitor.record.take_states(Time::new(5), &segment, |device| monitor.clocks.meet(device));
+    assert_eq!(monitor.record.devices[2].since, Time::new(5));
+    assert_eq!(asked(&mut monitor, 2_000_000_000), [1, 7, 3]);
+}

@@ -459,3 +459,35 @@ fn one_that_comes_back_is_read_again() {
     assert_eq!(silent, [[(3, true), (3, false)]; 2].concat());
     assert_eq!(field.came_and_went(Alarm::MailboxSilent), []);
 }
+
+/// One that is absent at first is not asked, and raises nothing; it is read when it has come.
+#[test]
+fn one_that_comes_later_is_read_then() {
+    let text = r#"
+        cycle = "1ms"
+        [[subdevice]]
+        device = "kollmorgen_akd2g"
+        [[subdevice]]
+        device = "simple_io16"
+        [[subdevice]]
+        device = "model_every_mode"
+        mode = "dc-sync0"
+        optional = true
+        arrives = "8s"
+    "#;
+    let file = SegmentFile::parse("quality.toml", text).expect("it reads");
+    let mut field = Field::up(&Scenario::from(file), |_| {});
+    let absent = |field: &Field| {
+        let snapshot = field.world.main().snapshot().expect("it is watched");
+        let clock = snapshot.clocks.iter().find(|clock| clock.position == 2);
+        let readings = clock.expect("it has a clock").readings().count();
+        let entries = snapshot.objects[2].entries.iter();
+        (readings, entries.filter(|entry| entry.last.is_some()).count(), snapshot.devices[2].status)
+    };
+    assert!(field.world.now() < Time::new(7_000_000_000_000), "it is up before it comes");
+    field.run(800);
+    assert_eq!(absent(&field), (0, 0, AlStatus(0)));
+    field.run(14_000);
+    assert_eq!(absent(&field), (256, 14, AlStatus::new(AlState::Op)));
+    assert_eq!(field.alarms, []);
+}

@@ -1,8 +1,8 @@
 //! How well the segment runs: what its registers and objects say, read in the background within a share of the bus.
 //!
-//! A [`Monitor`] says what to read and when, and takes what came back; the machine does the reading. Registers of
+//! A `Monitor` says what to read and when, and takes what came back; the machine does the reading. Registers of
 //! clocks (`clocks`) travel as datagrams of their own, error counters and distances (`objects`) by SDO through each
-//! SubDevice's mailbox. Each kind has its [`Pace`]: half of the share if both are there. States, working
+//! SubDevice's mailbox. Each kind has its `Pace`: half of the share if both are there. States, working
 //! counters and how late frames were (`snapshot`) come with the cycle and cost nothing. What leaves its limits and what
 //! is back within them comes out as a [`Change`] of an [`Alarm`], after some readings in a row, so that a
 //! single one raises nothing; counters are the exception, as one error is one too many.
@@ -62,16 +62,22 @@ impl Monitor {
         cycle: u64,
         counts: &Statistics,
     ) -> Self {
-        let pace = |parts| Pace::new(config.share_permille, parts, now);
+        let pace = Pace::new(config.share_permille, now);
         let (limit, history) = (config.margin_limit, config.history);
-        let mut clocks = Clocks::new(&config, segment, pace(1));
-        let mut objects = Objects::new(config.objects, &segment.devices, pace(1));
-        if !clocks.all.is_empty() && objects.are_there() {
-            (clocks.pace, objects.pace) = (pace(2), pace(2));
-        }
+        let clocks = Clocks::new(&config, segment, pace);
+        let objects = Objects::new(config.objects, &segment.devices, pace);
         let record = Record::new(limit, history, segment, now, cycle, counts);
         let unled_cycles = config.unled_cycles;
-        Self { began: now, unled_cycles, clocks, objects, record, unled: false }
+        let mut monitor = Self { began: now, unled_cycles, clocks, objects, record, unled: false };
+        monitor.divide_the_share();
+        monitor
+    }
+
+    /// Each kind has half of the share, if both are there.
+    fn divide_the_share(&mut self) {
+        let parts = if self.clocks.are_there() && self.objects.are_there() { 2 } else { 1 };
+        self.clocks.pace.divide(parts);
+        self.objects.pace.divide(parts);
     }
 
     /// Whether there is something to do.
@@ -121,10 +127,15 @@ impl Monitor {
         counts: &Statistics,
     ) -> Vec<Change> {
         let (clocks, objects) = (&mut self.clocks, &mut self.objects);
+        let mut changed = false;
         self.record.take_states(now, segment, |device| {
+            changed = true;
             clocks.meet(device);
-            objects.wake(device.position);
+            objects.meet(device);
         });
+        if changed {
+            self.divide_the_share();
+        }
         if !self.record.is_due(cycle.number()) {
             return Vec::new();
         }

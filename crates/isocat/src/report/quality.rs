@@ -148,8 +148,8 @@ impl Quality {
         writeln!(out, "\n {:<36} {share} {QUIET}[m]{QUIET:#}", "read in the background")?;
         writeln!(
             out,
-            " {:<2} {:<19} {:>9} {:>9} {:>12} {:>12}  {}",
-            "#", "device", "0x092C", "bound", "0x0932", "margin [m]", "0x1C32, 0x1C33 [r]"
+            " {:<2} {:<19} {:>9} {:>9} {:>12} {:>12}  0x1C32, 0x1C33 [r]",
+            "#", "device", "0x092C", "bound", "0x0932", "margin [m]"
         )?;
         for device in self.devices.iter().take(MOST_DEVICES) {
             let clock = |figure: fn(&ClockFigures) -> String| {

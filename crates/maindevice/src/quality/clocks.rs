@@ -194,7 +194,12 @@ impl Clocks {
     }
 
     pub fn is_due(&self, now: Time<Host>) -> bool {
-        self.pace.is_due(now) && self.all.iter().any(|clock| !clock.awaited)
+        self.pace.is_due(now) && self.are_there()
+    }
+
+    /// Whether any is there to be read.
+    pub fn are_there(&self) -> bool {
+        self.all.iter().any(|clock| !clock.awaited)
     }
 
     /// Whom to read now. Their frames' time on the wire decides when the next ones are due.

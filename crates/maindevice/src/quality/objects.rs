@@ -145,6 +145,7 @@ impl ObjectQuality {
 /// Reads the objects of all SubDevices in turn.
 #[derive(Clone, Debug)]
 pub(super) struct Objects {
+    asked: bool,
     pub all: Vec<ObjectQuality>,
     turn: usize,
     pub pace: Pace,
@@ -154,7 +155,7 @@ impl Objects {
     /// Those of a segment; none if they are not asked for.
     pub fn new(asked: bool, devices: &[SubDevice], pace: Pace) -> Self {
         let all = devices.iter().map(|device| ObjectQuality::new(device, asked)).collect();
-        Self { all, turn: 0, pace }
+        Self { asked, all, turn: 0, pace }
     }
 
     /// Whether any SubDevice has something to read.
@@ -166,10 +167,13 @@ impl Objects {
         self.pace.is_due(now) && self.are_there()
     }
 
-    /// What was silent may answer now.
-    pub fn wake(&mut self, position: usize) {
-        if let Some(device) = self.all.get_mut(position) {
-            device.rests = Time::ZERO;
+    /// The state of a SubDevice has changed: what was silent may answer now, and what is in one that was not there is
+    /// known now.
+    pub fn meet(&mut self, device: &SubDevice) {
+        let Some(known) = self.all.get_mut(device.position) else { return };
+        known.rests = Time::ZERO;
+        if device.admitted && known.entries.is_empty() {
+            known.entries = ObjectQuality::new(device, self.asked).entries;
         }
     }
 
@@ -289,7 +293,7 @@ mod tests {
     }
 
     fn objects(entries: &[&[u8]]) -> Objects {
-        let pace = Pace::new(10, 1, Time::ZERO);
+        let pace = Pace::new(10, Time::ZERO);
         let mut objects = Objects::new(false, &[], pace);
         for (position, subs) in entries.iter().enumerate() {
             let mut device = SubDevice::new(position, isocat_wire::StationAddress(1));
@@ -351,7 +355,7 @@ mod tests {
             now += REST;
         }
         objects.all[0].rests = now + REST;
-        objects.wake(0);
+        objects.meet(&SubDevice::new(0, isocat_wire::StationAddress(1)));
         assert_eq!(objects.next(now, |_| true), Some(wanted));
         let changes = objects.take(wanted, now, &Ok(vec![0, 0]));
         assert_eq!((changes[0].alarm, changes[0].raised), (Alarm::MailboxSilent, false));

@@ -15,9 +15,14 @@ pub(super) struct Pace {
 }
 
 impl Pace {
-    /// One of `parts` parts of a share in permille, from `now` on.
-    pub fn new(share_permille: u16, parts: i64, now: Time<Host>) -> Self {
-        Self { share: i64::from(share_permille.max(1)), parts, next: now, spent: Nanos::ZERO }
+    /// A share in permille, from `now` on.
+    pub fn new(share_permille: u16, now: Time<Host>) -> Self {
+        Self { share: i64::from(share_permille.max(1)), parts: 1, next: now, spent: Nanos::ZERO }
+    }
+
+    /// From now on one of so many parts.
+    pub fn divide(&mut self, parts: i64) {
+        self.parts = parts;
     }
 
     pub fn is_due(&self, now: Time<Host>) -> bool {
@@ -57,7 +62,8 @@ mod tests {
     /// 1 us at one of two parts of 10 permille: every 200 us, to the nanosecond.
     #[test]
     fn due_when_the_share_allows_it() {
-        let mut pace = Pace::new(10, 2, Time::new(0));
+        let mut pace = Pace::new(10, Time::new(0));
+        pace.divide(2);
         assert!(pace.is_due(Time::new(0)));
         pace.charge(Time::new(0), Nanos(1_000));
         assert_eq!([199_999, 200_000].map(|at| pace.is_due(Time::new(at))), [false, true]);

@@ -91,7 +91,7 @@ impl Field {
             let main = self.world.main();
             let cycle = main.statistics().cycles;
             let sleeps = main.frames_in_flight() == 0 && main.next_timeout() == main.next_cycle();
-            if late > Nanos::ZERO && sleeps && cycle % 5 == 0 && cycle != held {
+            if late > Nanos::ZERO && sleeps && cycle.is_multiple_of(5) && cycle != held {
                 held = cycle;
                 self.world.host_mut().oversleep(late);
             }

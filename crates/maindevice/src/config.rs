@@ -134,7 +134,7 @@ pub struct DelayWatch {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct QualityWatch {
     /// Share of the wire's time that the reads may take, permille, 1..=200: clocks half of it and objects the other, or
-    /// one of them all if the other is not there. Default 10.
+    /// one of them all if the other is not there. It is kept over time, to one reading. Default 10.
     pub share_permille: u16,
     /// Readings kept of each clock, and moments kept of the segment, 16 or more. Default 256.
     pub history: usize,

@@ -249,6 +249,42 @@ fn reads_take_their_share() {
     }
 }
 
+/// Requests of the application find a mailbox at every moment, also while it is being read; nothing holds up the end.
+#[test]
+fn the_application_comes_first() {
+    let mut field = Field::up(&built_in(), |setup| {
+        let watch = QualityWatch { share_permille: 200, ..QualityWatch::default() };
+        setup.config.quality = Some(watch);
+    });
+    for _ in 0..60 {
+        field.background.asked.set(0);
+        let station = field.world.main().segment().devices[1].station.0;
+        while field.background.asked.get() != station {
+            assert!(field.world.step(Time::NEVER));
+        }
+        let before = field.world.now();
+        let vendor = field.upload(1, ObjectAddress::new(0x1018, 1));
+        assert_eq!(vendor, field.world.main().segment().devices[1].identity.vendor);
+        let after = field.world.now() - before;
+        assert!(after < Picos(25 * MS.0), "{after:?}");
+    }
+    let served = |field: &Field| {
+        let snapshot = field.world.main().snapshot().expect("it is watched");
+        snapshot.objects.iter().map(|object| object.unanswered).sum::<u32>()
+    };
+    assert_eq!(served(&field), 0);
+    field.world.main_mut().stop();
+    let end = field.world.now() + Picos(5_000 * MS.0);
+    let mut stopped = false;
+    while !stopped && field.world.step(end) {
+        while let Some(event) = field.world.poll_event() {
+            stopped |= event == Event::Stopped;
+        }
+    }
+    assert!(stopped && field.world.main().snapshot().is_none());
+    assert!(field.world.main().quality().len() == 3, "what was read of clocks stays");
+}
+
 /// What is read is what the devices hold, also without a clock of their own or without a mailbox; what they do
 /// not have is not asked.
 #[test]

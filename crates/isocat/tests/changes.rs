@@ -563,7 +563,7 @@ fn apart(field: &Field, since: Time<True>) -> i64 {
     };
     let first = edges(1);
     let nearest = |at: i64| first.iter().map(|one| at - one).min_by_key(|apart| apart.abs());
-    let all = (2..5).flat_map(|device| edges(device)).filter_map(nearest);
+    let all = (2..5).flat_map(edges).filter_map(nearest);
     let near = all.filter(|apart| apart.abs() < CYCLE / 2);
     let (least, most) = near.fold((0, 0), |(a, b), apart| (apart.min(a), apart.max(b)));
     most - least

@@ -16,24 +16,29 @@ use alloc::vec::Vec;
 use core::cell::RefCell;
 use core::convert::Infallible;
 use core::future::Future;
-use core::pin::Pin;
 
+use isocat_wire::StationAddress;
 use isocat_wire::al::AlState;
 use isocat_wire::command::Command;
 use isocat_wire::datagram::Address;
 use isocat_wire::register::{self, Value};
-use isocat_wire::time::{Host, Nanos, Time};
-use isocat_wire::{PortNumber, StationAddress};
+use isocat_wire::time::Nanos;
 
 use crate::bring_up;
 use crate::clock::{self, Joining};
-use crate::config::{Config, DeviceConfig, Readmission, Recovery};
+use crate::config::{Config, DeviceConfig};
 use crate::error::{Cause, MappingProblem};
 use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, join};
 use crate::mailbox::Mailbox;
 use crate::segment::{Segment, SubDevice};
 use crate::{esm, mapping, mode, objects, scan, sii, sync};
+
+mod keeper;
+mod places;
+
+pub(crate) use keeper::Keeper;
+pub(crate) use places::places;
 
 /// How one SubDevice came out of it.
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
@@ -49,187 +54,6 @@ pub(crate) type Recovering = dyn Future<Output = Result<SubDevice, Cause>>;
 
 /// Delays being set right; gives the new ones by position.
 pub(crate) type Shifting = dyn Future<Output = Vec<(usize, Nanos)>>;
-
-/// What is known of those that are lost or out of OP, and what is being done.
-#[derive(Default)]
-pub(crate) struct Keeper {
-    /// By position.
-    absences: Vec<Absence>,
-    pub readmitting: Option<Pin<Box<Readmitting>>>,
-    pub outcomes: Outcomes,
-    /// Delays being set right.
-    pub shifting: Option<Pin<Box<Shifting>>>,
-    pub recovering: Vec<(usize, Pin<Box<Recovering>>)>,
-}
-
-/// One SubDevice's troubles.
-#[derive(Clone, Copy, Default)]
-struct Absence {
-    /// A procedure has it in hand since.
-    busy: Option<Time<Host>>,
-    /// Not again before.
-    not_before: Time<Host>,
-    /// Another device stands in its place.
-    taken: bool,
-    /// Attempts to bring it back to OP since it was last well.
-    attempts: u32,
-}
-
-impl Keeper {
-    /// For so many SubDevices.
-    pub fn new(count: usize) -> Self {
-        Self { absences: vec![Absence::default(); count], ..Self::default() }
-    }
-
-    /// Whether nothing is under way.
-    pub fn is_idle(&self) -> bool {
-        self.readmitting.is_none() && self.recovering.is_empty() && self.shifting.is_none()
-    }
-
-    /// Who of those found is to be taken up now.
-    pub fn wanted(
-        &self,
-        places: &[Option<usize>],
-        segment: &Segment,
-        now: Time<Host>,
-    ) -> Vec<usize> {
-        let wanted = |position: &usize| {
-            let absence = &self.absences[*position];
-            places[*position].is_some()
-                && !segment.devices[*position].admitted
-                && !absence.taken
-                && absence.busy.is_none()
-                && now >= absence.not_before
-        };
-        (0..places.len().min(self.absences.len())).filter(wanted).collect()
-    }
-
-    /// A procedure has it in hand.
-    pub fn begin(&mut self, position: usize, now: Time<Host>) {
-        self.absences[position].busy = Some(now);
-    }
-
-    /// It is admitted; how long it took.
-    pub fn admitted(&mut self, position: usize, now: Time<Host>) -> Nanos {
-        let busy = self.absences[position].busy;
-        self.absences[position] = Absence::default();
-        now - busy.unwrap_or(now)
-    }
-
-    /// It was not admitted; when it is tried again.
-    pub fn failed(
-        &mut self,
-        position: usize,
-        cause: &Cause,
-        policy: Readmission,
-        now: Time<Host>,
-    ) -> Option<Nanos> {
-        let absence = &mut self.absences[position];
-        absence.busy = None;
-        absence.taken = matches!(cause, Cause::Identity { .. });
-        absence.not_before = now + policy.pause;
-        (!absence.taken).then_some(policy.pause)
-    }
-
-    /// Whether another device stands in its place.
-    pub fn is_out(&self, position: usize) -> bool {
-        self.absences.get(position).is_some_and(|absence| absence.taken)
-    }
-
-    /// Nobody stands in its place any more.
-    pub fn is_absent(&mut self, position: usize) {
-        self.absences[position].taken = false;
-    }
-
-    /// Whether a SubDevice that left OP is to be brought back now; which attempt it is.
-    pub fn attempt(&mut self, position: usize, policy: Recovery, now: Time<Host>) -> Option<u32> {
-        let absence = self.absences.get_mut(position)?;
-        if absence.busy.is_some() {
-            return None;
-        }
-        match policy {
-            Recovery::Never => return None,
-            Recovery::Once if absence.attempts > 0 => return None,
-            Recovery::Once => {}
-            Recovery::BackOff { first, longest } => {
-                if absence.attempts == 0 && absence.not_before == Time::ZERO {
-                    absence.not_before = now + first;
-                } else if now - absence.not_before > longest {
-                    // It was well for so long.
-                    (absence.attempts, absence.not_before) = (0, now + first);
-                }
-                if now < absence.not_before {
-                    return None;
-                }
-            }
-        }
-        absence.busy = Some(now);
-        absence.attempts += 1;
-        Some(absence.attempts)
-    }
-
-    /// An attempt to bring it back to OP ended; how long it took, and when there may be another.
-    pub fn attempted(
-        &mut self,
-        position: usize,
-        policy: Recovery,
-        now: Time<Host>,
-    ) -> (Nanos, Option<Nanos>) {
-        let absence = &mut self.absences[position];
-        let after = now - absence.busy.take().unwrap_or(now);
-        let Recovery::BackOff { first, longest } = policy else { return (after, None) };
-        let doubled = first.0.saturating_mul(1 << absence.attempts.min(30));
-        let pause = Nanos(doubled.min(longest.0));
-        absence.not_before = now + pause;
-        (after, Some(pause))
-    }
-}
-
-/// By position, at which place of the processing order who answers now stands; `None`: it does not answer.
-///
-/// A SubDevice is there if the one above it is, and its port there is open. `Err`: that does not agree with who
-/// answers, as while a link is coming up, or where cables were changed. `is_out`: another device was found in the
-/// place of this one, so that it is the turn of the next that may hang there.
-pub(crate) fn places(
-    segment: &Segment,
-    everybody: &[Found],
-    is_out: impl Fn(usize) -> bool,
-) -> Result<Vec<Option<usize>>, ()> {
-    let mut places: Vec<Option<usize>> = vec![None; segment.devices.len()];
-    let mut next = 0;
-    for (position, device) in segment.devices.iter().enumerate() {
-        let there = match device.parent {
-            None => position == 0,
-            Some((above, port)) => is_open(&places, everybody, above, port),
-        };
-        // Of those that may hang at one port, one does: the first that was not found to be another.
-        let shares = |other: &&SubDevice| position > 0 && other.parent == device.parent;
-        let (before, behind) = segment.devices.split_at(position);
-        let occupied = before.iter().filter(shares).any(|other| places[other.position].is_some());
-        let mut next_turn = behind[1..].iter().filter(shares).filter(|other| !other.admitted);
-        let out = !device.admitted && is_out(position);
-        if !there || occupied || out && next_turn.any(|other| !is_out(other.position)) {
-            continue;
-        }
-        let found = everybody.get(next).ok_or(())?;
-        if device.admitted && found.station != device.station {
-            return Err(());
-        }
-        // Somebody who is known stands elsewhere.
-        let others = segment.devices.iter().filter(|other| other.admitted);
-        if others.clone().any(|o| o.station == found.station && o.position != position) {
-            return Err(());
-        }
-        places[position] = Some(next);
-        next += 1;
-    }
-    if next == everybody.len() { Ok(places) } else { Err(()) }
-}
-
-fn is_open(places: &[Option<usize>], everybody: &[Found], above: usize, port: PortNumber) -> bool {
-    let place = places.get(above).copied().flatten();
-    place.and_then(|at| everybody.get(at)).is_some_and(|found| found.dl_status.open(port))
-}
 
 /// Those that are back, and everything that is needed to take them up.
 pub(crate) struct Return {
@@ -556,132 +380,4 @@ pub(crate) async fn recover(
     wait_for_inputs(&link, &config, &device).await?;
     esm::change(&link, &mut device, AlState::Op, config.timeouts.op).await?;
     Ok(device)
-}
-
-#[cfg(test)]
-mod tests {
-    use isocat_wire::dl::DlStatus;
-
-    use super::*;
-
-    /// A fork with a branch of two at port 1 and a branch of one at port 2.
-    fn fork() -> Segment {
-        let device = |(position, parent): (usize, Option<(usize, PortNumber)>)| {
-            let mut device = SubDevice::new(position, StationAddress(0x1001 + position as u16));
-            device.parent = parent;
-            device
-        };
-        let above =
-            [None, Some((0, PortNumber::P1)), Some((1, PortNumber::P1)), Some((0, PortNumber::P2))];
-        Segment {
-            devices: above.into_iter().enumerate().map(device).collect(),
-            ..Segment::default()
-        }
-    }
-
-    /// Somebody with an address, and ports at which frames go on.
-    fn found(station: u16, ports: &[PortNumber]) -> Found {
-        let open = |status: DlStatus, port: &PortNumber| status.with_port(*port, true, false, true);
-        let dl_status = ports.iter().fold(DlStatus::default(), open);
-        Found { station: StationAddress(station), dl_status }
-    }
-
-    fn stand(segment: &Segment, everybody: &[Found]) -> Result<Vec<Option<usize>>, ()> {
-        places(segment, everybody, |_| false)
-    }
-
-    /// Two groups for one port, a pair and one alone.
-    #[test]
-    fn whose_turn_it_is_at_a_port_that_several_may_hang_at() {
-        use PortNumber::{P0, P1, P2};
-        let mut segment = fork();
-        let mut other = SubDevice::new(4, StationAddress(0x1005));
-        other.parent = Some((0, P2));
-        segment.devices.push(other);
-        for device in &mut segment.devices[3..] {
-            device.admitted = false;
-        }
-        let pair = [found(0x1002, &[P0, P1]), found(0x1003, &[P0])];
-        let mut all = vec![found(0x1001, &[P0, P1, P2])];
-        all.extend(pair);
-        all.push(found(0, &[P0]));
-        let line = [Some(0), Some(1), Some(2)];
-        let stands = |out: &[usize]| {
-            let places = places(&segment, &all, |position| out.contains(&position));
-            places.map(|places| (places[..3] == line, places[3], places[4]))
-        };
-        assert_eq!(stands(&[]), Ok((true, Some(3), None)));
-        assert_eq!(stands(&[3]), Ok((true, None, Some(3))));
-        assert_eq!(stands(&[3, 4]), Ok((true, Some(3), None)), "a stranger, whoever it is");
-    }
-
-    #[test]
-    fn who_stands_where_follows_from_open_ports() {
-        use PortNumber::{P0, P1, P2};
-        let mut segment = fork();
-        segment.devices[1].admitted = false;
-        segment.devices[2].admitted = false;
-        let fork = found(0x1001, &[P0, P1, P2]);
-        let right = found(0x1004, &[P0]);
-        // Both are back; the first of them alone; nobody.
-        let all = [fork, found(0, &[P0, P1]), found(0x1003, &[P0]), right];
-        assert_eq!(stand(&segment, &all), Ok(vec![Some(0), Some(1), Some(2), Some(3)]));
-        let one = [fork, found(0, &[P0]), right];
-        assert_eq!(stand(&segment, &one), Ok(vec![Some(0), Some(1), None, Some(2)]));
-        let none = [found(0x1001, &[P0, P2]), right];
-        assert_eq!(stand(&segment, &none), Ok(vec![Some(0), None, None, Some(1)]));
-        // A port is open and nobody follows yet; one more than the tree has; one that is known, elsewhere.
-        assert_eq!(stand(&segment, &[fork, right]), Err(()));
-        let more = [fork, found(0, &[P0]), right, found(0, &[P0])];
-        assert_eq!(stand(&segment, &more), Err(()));
-        assert_eq!(stand(&segment, &[fork, right, found(0, &[P0])]), Err(()));
-    }
-
-    #[test]
-    fn attempts_follow_the_policy() {
-        let ms = |ms: u64| Time::new(1_000_000 * ms);
-        let mut keeper = Keeper::new(1);
-        assert_eq!(keeper.attempt(0, Recovery::Never, ms(1)), None);
-        assert_eq!(keeper.attempt(0, Recovery::Once, ms(1)), Some(1));
-        assert_eq!(keeper.attempt(0, Recovery::Once, ms(2)), None, "one is under way");
-        assert_eq!(keeper.attempted(0, Recovery::Once, ms(5)), (Nanos::millis(4), None));
-        assert_eq!(keeper.attempt(0, Recovery::Once, ms(100_000)), None);
-
-        let policy = Recovery::BackOff { first: Nanos::millis(10), longest: Nanos::millis(30) };
-        let mut keeper = Keeper::new(1);
-        assert_eq!(keeper.attempt(0, policy, ms(100)), None, "the first pause begins");
-        assert_eq!(keeper.attempt(0, policy, ms(110)), Some(1));
-        assert_eq!(keeper.attempted(0, policy, ms(111)).1, Some(Nanos::millis(20)));
-        assert_eq!(keeper.attempt(0, policy, ms(130)), None);
-        assert_eq!(keeper.attempt(0, policy, ms(131)), Some(2));
-        assert_eq!(keeper.attempted(0, policy, ms(131)).1, Some(Nanos::millis(30)), "no longer");
-        assert_eq!(keeper.attempt(0, policy, ms(161)), Some(3));
-        assert_eq!(keeper.attempted(0, policy, ms(161)).1, Some(Nanos::millis(30)));
-        // Well for longer than the longest pause: it begins anew.
-        assert_eq!(keeper.attempt(0, policy, ms(300)), None);
-        assert_eq!(keeper.attempt(0, policy, ms(310)), Some(1));
-    }
-
-    #[test]
-    fn another_device_is_not_asked_again_until_it_is_gone() {
-        let ms = |ms: u64| Time::new(1_000_000 * ms);
-        let (mut keeper, mut segment) = (Keeper::new(4), fork());
-        segment.devices[3].admitted = false;
-        let places = [Some(0), Some(1), Some(2), Some(3)];
-        let policy = Readmission { pause: Nanos::millis(10) };
-        let place = crate::Place { position: 3, name: Default::default() };
-        let other = Cause::Identity { place, expected: (1, 2), found: (1, 3) };
-        assert_eq!(keeper.wanted(&places, &segment, ms(1)), [3]);
-        keeper.begin(3, ms(1));
-        assert_eq!(keeper.wanted(&places, &segment, ms(1)), []);
-        assert_eq!(keeper.failed(3, &other, policy, ms(2)), None);
-        assert_eq!(keeper.wanted(&places, &segment, ms(1_000)), []);
-        keeper.is_absent(3);
-        assert_eq!(keeper.wanted(&places, &segment, ms(1_000)), [3]);
-        keeper.begin(3, ms(1_000));
-        assert_eq!(keeper.failed(3, &Cause::Empty, policy, ms(1_001)), Some(policy.pause));
-        assert_eq!(keeper.wanted(&places, &segment, ms(1_010)), []);
-        assert_eq!(keeper.wanted(&places, &segment, ms(1_011)), [3]);
-        assert_eq!(keeper.admitted(3, ms(1_012)), Nanos::ZERO);
-    }
 }

@@ -1,0 +1,136 @@
+//! Who answers, held against the tree of the scan.
+
+use alloc::vec;
+use alloc::vec::Vec;
+
+use isocat_wire::PortNumber;
+
+use crate::health::Found;
+use crate::segment::{Segment, SubDevice};
+
+/// By position, at which place of the processing order who answers now stands; `None`: it does not answer.
+///
+/// A SubDevice is there if the one above it is, and its port there is open. `Err`: that does not agree with who
+/// answers, as while a link is coming up, or where cables were changed. `is_out`: another device was found in the
+/// place of this one, so that it is the turn of the next that may hang there.
+pub(crate) fn places(
+    segment: &Segment,
+    everybody: &[Found],
+    is_out: impl Fn(usize) -> bool,
+) -> Result<Vec<Option<usize>>, ()> {
+    let mut places: Vec<Option<usize>> = vec![None; segment.devices.len()];
+    let mut next = 0;
+    for (position, device) in segment.devices.iter().enumerate() {
+        let there = match device.parent {
+            None => position == 0,
+            Some((above, port)) => is_open(&places, everybody, above, port),
+        };
+        // Of those that may hang at one port, one does: the first that was not found to be another.
+        let shares = |other: &&SubDevice| position > 0 && other.parent == device.parent;
+        let (before, behind) = segment.devices.split_at(position);
+        let occupied = before.iter().filter(shares).any(|other| places[other.position].is_some());
+        let mut next_turn = behind[1..].iter().filter(shares).filter(|other| !other.admitted);
+        let out = !device.admitted && is_out(position);
+        if !there || occupied || out && next_turn.any(|other| !is_out(other.position)) {
+            continue;
+        }
+        let found = everybody.get(next).ok_or(())?;
+        if device.admitted && found.station != device.station {
+            return Err(());
+        }
+        // Somebody who is known stands elsewhere.
+        let others = segment.devices.iter().filter(|other| other.admitted);
+        if others.clone().any(|o| o.station == found.station && o.position != position) {
+            return Err(());
+        }
+        places[position] = Some(next);
+        next += 1;
+    }
+    if next == everybody.len() { Ok(places) } else { Err(()) }
+}
+
+fn is_open(places: &[Option<usize>], everybody: &[Found], above: usize, port: PortNumber) -> bool {
+    let place = places.get(above).copied().flatten();
+    place.and_then(|at| everybody.get(at)).is_some_and(|found| found.dl_status.open(port))
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use isocat_wire::StationAddress;
+    use isocat_wire::dl::DlStatus;
+
+    use super::*;
+
+    /// A fork with a branch of two at port 1 and a branch of one at port 2.
+    pub fn fork() -> Segment {
+        let device = |(position, parent): (usize, Option<(usize, PortNumber)>)| {
+            let mut device = SubDevice::new(position, StationAddress(0x1001 + position as u16));
+            device.parent = parent;
+            device
+        };
+        let above =
+            [None, Some((0, PortNumber::P1)), Some((1, PortNumber::P1)), Some((0, PortNumber::P2))];
+        Segment {
+            devices: above.into_iter().enumerate().map(device).collect(),
+            ..Segment::default()
+        }
+    }
+
+    /// Somebody with an address, and ports at which frames go on.
+    fn found(station: u16, ports: &[PortNumber]) -> Found {
+        let open = |status: DlStatus, port: &PortNumber| status.with_port(*port, true, false, true);
+        let dl_status = ports.iter().fold(DlStatus::default(), open);
+        Found { station: StationAddress(station), dl_status }
+    }
+
+    fn stand(segment: &Segment, everybody: &[Found]) -> Result<Vec<Option<usize>>, ()> {
+        places(segment, everybody, |_| false)
+    }
+
+    /// Two groups for one port, a pair and one alone.
+    #[test]
+    fn whose_turn_it_is_at_a_port_that_several_may_hang_at() {
+        use PortNumber::{P0, P1, P2};
+        let mut segment = fork();
+        let mut other = SubDevice::new(4, StationAddress(0x1005));
+        other.parent = Some((0, P2));
+        segment.devices.push(other);
+        for device in &mut segment.devices[3..] {
+            device.admitted = false;
+        }
+        let pair = [found(0x1002, &[P0, P1]), found(0x1003, &[P0])];
+        let mut all = vec![found(0x1001, &[P0, P1, P2])];
+        all.extend(pair);
+        all.push(found(0, &[P0]));
+        let line = [Some(0), Some(1), Some(2)];
+        let stands = |out: &[usize]| {
+            let places = places(&segment, &all, |position| out.contains(&position));
+            places.map(|places| (places[..3] == line, places[3], places[4]))
+        };
+        assert_eq!(stands(&[]), Ok((true, Some(3), None)));
+        assert_eq!(stands(&[3]), Ok((true, None, Some(3))));
+        assert_eq!(stands(&[3, 4]), Ok((true, Some(3), None)), "a stranger, whoever it is");
+    }
+
+    #[test]
+    fn who_stands_where_follows_from_open_ports() {
+        use PortNumber::{P0, P1, P2};
+        let mut segment = fork();
+        segment.devices[1].admitted = false;
+        segment.devices[2].admitted = false;
+        let fork = found(0x1001, &[P0, P1, P2]);
+        let right = found(0x1004, &[P0]);
+        // Both are back; the first of them alone; nobody.
+        let all = [fork, found(0, &[P0, P1]), found(0x1003, &[P0]), right];
+        assert_eq!(stand(&segment, &all), Ok(vec![Some(0), Some(1), Some(2), Some(3)]));
+        let one = [fork, found(0, &[P0]), right];
+        assert_eq!(stand(&segment, &one), Ok(vec![Some(0), Some(1), None, Some(2)]));
+        let none = [found(0x1001, &[P0, P2]), right];
+        assert_eq!(stand(&segment, &none), Ok(vec![Some(0), None, None, Some(1)]));
+        // A port is open and nobody follows yet; one more than the tree has; one that is known, elsewhere.
+        assert_eq!(stand(&segment, &[fork, right]), Err(()));
+        let more = [fork, found(0, &[P0]), right, found(0, &[P0])];
+        assert_eq!(stand(&segment, &more), Err(()));
+        assert_eq!(stand(&segment, &[fork, right, found(0, &[P0])]), Err(()));
+    }
+}

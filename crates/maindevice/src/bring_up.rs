@@ -26,7 +26,7 @@ use crate::hot_connect::Present;
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, hot_connect, mapping, mode, objects, scan, sii, sync};
+use crate::{clock, esm, hot_connect, mapping, mode, objects, ring, scan, sii, sync};
 
 /// What a piece of the way works on, and gives back whether it got to its end or not.
 pub(crate) struct Work {
@@ -207,6 +207,16 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
             expected: "not at the first SubDevice, behind which all others are",
         });
     }
+    let alone = config.survey.is_none()
+        && config.delay_watch.is_none()
+        && config.devices.iter().all(|device| device.hot_connect.is_none())
+        && config.direction == Direction::FollowReference;
+    if config.ring.is_some_and(|ring| !alone || ring.patience.is_some_and(|time| time.0 <= 0)) {
+        return Err(Cause::Setting {
+            name: "ring",
+            expected: "a patience above 0, without survey, delay_watch, hot_connect and a direction",
+        });
+    }
     if !(1..=90).contains(&config.acyclic_share) {
         return Err(Cause::Setting { name: "acyclic_share", expected: "1 to 90 percent" });
     }
@@ -313,7 +323,8 @@ async fn operation(work: &mut Work) -> Result<(), Cause> {
     }
     let patience = config.timeouts.op;
     each(&mut work.segment, |device| Box::pin(esm::change(link, device, AlState::Op, patience)))
-        .await
+        .await?;
+    ring::open(link).await
 }
 
 /// Waits until the first pulse must be over.
@@ -377,7 +388,14 @@ pub(crate) async fn stop(mut work: Work) -> End {
     })
     .await;
     let sync = sync.map(|_| ()).map_err(Cause::from);
-    work.end(preop.into_iter().chain([sync]).chain(init).collect())
+    let opened = ring::open(&link).await;
+    work.end(preop.into_iter().chain([sync]).chain(init).chain([opened]).collect())
+}
+
+/// The way up has failed: the ring is left as it was found.
+pub(crate) async fn open_ring(work: Work) -> End {
+    let result = ring::open(&work.link).await;
+    work.end(result)
 }
 
 /// One step down, for a SubDevice that is above.

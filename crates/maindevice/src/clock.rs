@@ -147,12 +147,20 @@ pub(crate) async fn join(
         });
         (first, time.count(), Nanos::ZERO)
     };
-    let from_reference = |position: usize| {
-        place(position).and_then(|at| delays.get(at)).map_or(Nanos::ZERO, |delay| delay.or_middle())
+    // In a ring frames don't come back the way they went: delays are what they were.
+    let in_ring = config.ring.is_some();
+    let kept: Vec<Nanos> =
+        segment.devices.iter().map(|device| device.delay.unwrap_or(Nanos::ZERO)).collect();
+    let from_reference = |position: usize| match in_ring {
+        true => kept[position],
+        false => {
+            let measured = place(position).and_then(|at| delays.get(at));
+            measured.map_or(Nanos::ZERO, |delay| delay.or_middle())
+        }
     };
     let mut writes = Vec::new();
     for &position in &clocks {
-        let measured = place(position).and_then(|at| delays.get(at)).copied();
+        let measured = place(position).and_then(|at| delays.get(at)).filter(|_| !in_ring).copied();
         let apart = from_reference(position) - from_reference(known);
         let device = &mut segment.devices[position];
         if let Some(measured) = measured {

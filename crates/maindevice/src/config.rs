@@ -82,6 +82,10 @@ pub struct Config {
     /// What becomes of SubDevices that leave OP by themselves. Default [`Recovery::Never`]: why a device fell is
     /// for whoever knows its machine to judge.
     pub recovery: Recovery,
+    /// A second port behind the last SubDevice, so that one broken cable stops nobody. Default no. Not together with
+    /// [`Config::survey`], [`Config::delay_watch`] (frames don't come back the way they went, so nothing can be measured),
+    /// [`DeviceConfig::hot_connect`], and a [`Config::direction`] but following the reference clock.
+    pub ring: Option<Ring>,
     /// How long to wait for what.
     pub timeouts: Timeouts,
 }
@@ -109,6 +113,7 @@ impl Config {
             survey: None,
             readmission: Some(Readmission::default()),
             recovery: Recovery::Never,
+            ring: None,
             timeouts: Timeouts::default(),
         }
     }
@@ -196,6 +201,15 @@ impl Default for Readmission {
     fn default() -> Self {
         Self { pause: Nanos::millis(1_000) }
     }
+}
+
+/// How a ring is run.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Ring {
+    /// How long one copy of a frame is waited for when the other has come back from a cut. More than the ways to
+    /// either side differ, and the two ports are apart in giving frames to the program; short enough that what there is
+    /// comes within the cycle. `None`: a quarter of the cycle.
+    pub patience: Option<Nanos>,
 }
 
 /// When a SubDevice that left OP by itself, its AL status showing an error as a rule, is acknowledged and brought

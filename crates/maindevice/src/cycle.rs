@@ -73,6 +73,8 @@ pub(crate) struct Cycle {
     next_frame: usize,
     /// The count of SubDevices that last answered.
     answering: u16,
+    /// In a ring, frames reach all clocks in one order however it is cut.
+    in_ring: bool,
     /// Last OR of all AL status.
     pub al_status: u16,
     /// Phase errors are counted.
@@ -126,6 +128,7 @@ impl Cycle {
             through: Time::ZERO,
             next_frame: 0,
             answering: segment.devices.len() as u16,
+            in_ring: config.ring.is_some(),
             al_status: 0,
             measuring: false,
             latest: None,

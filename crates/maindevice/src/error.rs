@@ -12,7 +12,7 @@ use isocat_wire::datagram::Address;
 use isocat_wire::dc::ActivationStatus;
 use isocat_wire::mailbox::{ErrorDetail, Protocol};
 use isocat_wire::time::{Dc, Nanos, Time};
-use isocat_wire::{AbortCode, ObjectAddress};
+use isocat_wire::{AbortCode, ObjectAddress, PortNumber};
 
 use crate::event::Stage;
 use crate::segment::DcCapability;
@@ -244,12 +244,43 @@ pub enum Cause {
         /// Working counter found.
         found: u16,
     },
+    /// The ring of [`Config::ring`](crate::Config::ring) can't be used.
+    Ring(RingProblem),
     /// A setting of the caller makes no sense.
     Setting {
         /// Which.
         name: &'static str,
         /// What it must be.
         expected: &'static str,
+    },
+}
+
+/// Why a ring can't be used.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum RingProblem {
+    /// It is cut between SubDevices, which are measured and set as a line from the primary port.
+    Cut {
+        /// SubDevices that answer to the primary port.
+        near: u16,
+        /// SubDevices that answer to the secondary port only.
+        far: u16,
+    },
+    /// SubDevices process what comes from the secondary port, the ring being whole: the cables at the MainDevice or at
+    /// a SubDevice are swapped, or a branch hangs behind the port towards the secondary port.
+    Reverse,
+    /// A branch hangs on a port that frames from the primary port do not come to once they leave for the other end.
+    Branch {
+        /// Where.
+        place: Place,
+        /// The port of the branch.
+        port: PortNumber,
+    },
+    /// The port towards the secondary port does not close (register 0x0100).
+    Open {
+        /// Where.
+        place: Place,
+        /// The port.
+        port: PortNumber,
     },
 }
 
@@ -413,6 +444,7 @@ impl Cause {
             | Cause::Empty
             | Cause::Silent { .. }
             | Cause::Topology { .. }
+            | Cause::Ring(_)
             | Cause::ProcessData { .. } => Fault::Segment,
             Cause::Count { .. }
             | Cause::Identity { .. }
@@ -551,7 +583,33 @@ impl fmt::Display for Cause {
                 f,
                 "process data incomplete in {cycles} cycles: working counter {found}, expected {expected}"
             ),
+            Cause::Ring(problem) => write!(f, "ring: {problem}"),
             Cause::Setting { name, expected } => write!(f, "setting {name} must be {expected}"),
+        }
+    }
+}
+
+impl fmt::Display for RingProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RingProblem::Cut { near, far } => write!(
+                f,
+                "cut: {near} SubDevices answer to the primary port and {far} to the secondary port only, expected all \
+                 to the primary port"
+            ),
+            RingProblem::Reverse => f.write_str(
+                "SubDevices process what comes from the secondary port, expected from the primary port only (cables \
+                 swapped, or a branch behind the port towards the secondary port?)",
+            ),
+            RingProblem::Branch { place, port } => write!(
+                f,
+                "{place}: a branch at port {port} lies behind the way to the secondary port, expected before it (ports \
+                 0, 3, 1, 2)"
+            ),
+            RingProblem::Open { place, port } => write!(
+                f,
+                "{place}: port {port} stays open, expected closed (0x0100) while delays are measured"
+            ),
         }
     }
 }

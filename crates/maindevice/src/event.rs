@@ -219,6 +219,28 @@ pub enum Event {
         /// Cycle.
         cycle: u64,
     },
+    /// The ring is cut ([`Config::ring`](crate::Config::ring)), as frames show that came back where they left. Data flow
+    /// on over both ports. Told again where another cut changes it; SubDevices between two cuts are [`Event::Lost`].
+    RingCut {
+        /// Cycle.
+        cycle: u64,
+        /// The last position reached from the primary port and the first from the secondary port; `None`: the port
+        /// itself.
+        between: (Option<usize>, Option<usize>),
+    },
+    /// The reference clock does not reach those behind the cut of a ring: this clock leads them from now on, at the rate
+    /// that it had, and the two parts slide apart.
+    ClocksSplit {
+        /// Position.
+        position: usize,
+        /// Cycle.
+        cycle: u64,
+    },
+    /// Frames come through the ring from end to end again; the reference clock leads all.
+    RingHealed {
+        /// Cycle.
+        cycle: u64,
+    },
     /// A SubDevice that left OP is brought back.
     Recovering {
         /// Position.
@@ -356,6 +378,19 @@ impl Event {
             }
             Event::ReferenceElected { position, cycle } => {
                 of(position, format!("leads the clocks from cycle {cycle} on"))
+            }
+            Event::RingCut { cycle, between } => {
+                let end = |position: &Option<usize>, port: &str| {
+                    position.map_or(format!("the {port} port"), |at| format!("SubDevice {at}"))
+                };
+                let (from, to) = (end(&between.0, "primary"), end(&between.1, "secondary"));
+                Some((None, format!("ring cut between {from} and {to}, seen in cycle {cycle}")))
+            }
+            Event::ClocksSplit { position, cycle } => {
+                of(position, format!("leads the clocks behind the cut from cycle {cycle} on"))
+            }
+            Event::RingHealed { cycle } => {
+                Some((None, format!("ring whole from cycle {cycle} on")))
             }
             Event::Unplanned { found, .. } => Some((
                 None,

@@ -17,6 +17,8 @@
 //! 5. `health` finds the SubDevice that left its state or is gone, `readmit` brings it back while the others run,
 //!    `delay_watch` finds the delay that is no longer what it was, `quality` the
 //!    clock that does not follow, the counter that rises and the frame that comes late.
+//! 6. `ring` puts a second port behind the last SubDevice, if [`Config::ring`] says so: what comes back at both is one
+//!    frame for all the others.
 //!
 //! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
 //! and counts in [`statistics`].
@@ -75,6 +77,7 @@ mod mode;
 mod objects;
 pub mod quality;
 mod readmit;
+mod ring;
 mod scan;
 mod sii;
 mod survey;
@@ -85,7 +88,7 @@ mod topology;
 mod tests;
 
 pub use config::{
-    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, Readmission, Recovery,
+    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, Readmission, Recovery, Ring,
     StartupDownload, Survey, Timeouts,
 };
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
@@ -94,5 +97,6 @@ pub use link::FRAME_LEN;
 pub use machine::MainDevice;
 pub use mode::takes_sm_mode;
 pub use plan::plan;
+pub use ring::Port;
 pub use segment::{Segment, SubDevice};
 pub use statistics::Statistics;

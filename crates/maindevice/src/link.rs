@@ -31,6 +31,7 @@ use isocat_wire::{AutoIncrementAddress, StationAddress};
 
 use crate::error::{AccessError, AccessProblem};
 use crate::event::Event;
+use crate::ring;
 use crate::statistics::Statistics;
 
 /// Waits end on this grid of host time, so that polls of many devices meet in one frame.
@@ -68,6 +69,8 @@ pub(crate) struct Inner {
     pub leading: bool,
     /// The cycle in which more drift frames were last sent than the cycle's own.
     pub hastened: u64,
+    /// What the ring is, if there is to be one.
+    pub ring: Option<ring::Shared>,
     /// What a procedure wants of the cycle; taken by the machine.
     pub wishes: VecDeque<Wish>,
     frame_timeout: Nanos,
@@ -197,6 +200,7 @@ impl Link {
             reference_time: (Time::ZERO, Time::ZERO),
             leading: false,
             hastened: 0,
+            ring: None,
             wishes: VecDeque::new(),
             frame_timeout,
             retries,
@@ -545,6 +549,7 @@ impl Inner {
     }
 
     /// Gives up frames whose time is over.
+    #[inline]
     pub fn handle_timeout(&mut self) {
         let now = self.now;
         while let Some(at) = self.flights.iter().position(|flight| flight.deadline <= now) {

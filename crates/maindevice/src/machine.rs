@@ -29,6 +29,7 @@ use crate::link::{Link, Origin, Wish};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::quality::{self, ClockQuality, Monitor, Snapshot};
 use crate::readmit::{self, Keeper, Return};
+use crate::ring::{self, Port};
 use crate::segment::{GAP, ProcessData, Segment};
 use crate::statistics::Statistics;
 use crate::survey;
@@ -36,9 +37,11 @@ use crate::survey;
 mod background;
 mod delays;
 mod returns;
+mod ring_port;
 mod share;
 
 use background::Asking;
+use ring_port::Ring;
 use share::Share;
 
 /// A MainDevice without sockets, threads or a clock of its own.
@@ -47,6 +50,8 @@ use share::Share;
 ///   [`next_timeout`] is reached.
 /// - Output, to be drained after each input: [`poll_transmit`] until it gives `None`,
 ///   [`poll_event`] until it gives `None`; then [`next_timeout`] anew.
+/// - A ring ([`Config::ring`]): what its second port sends comes from [`poll_secondary`], to be drained after each frame
+///   of [`poll_transmit`], and [`handle_frame_at`] takes what came in at either port.
 /// - Process data: [`outputs_mut`] and [`inputs`], best used when the frames of a cycle came back.
 /// - Wishes while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
 /// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
@@ -59,6 +64,8 @@ use share::Share;
 /// [`Config::survey`] in [`Event::Surveyed`] instead.
 ///
 /// [`handle_frame`]: Self::handle_frame
+/// [`handle_frame_at`]: Self::handle_frame_at
+/// [`poll_secondary`]: Self::poll_secondary
 /// [`handle_timeout`]: Self::handle_timeout
 /// [`next_timeout`]: Self::next_timeout
 /// [`poll_transmit`]: Self::poll_transmit
@@ -105,6 +112,9 @@ pub struct MainDevice {
     asking: Option<Asking>,
     latching: Option<Pin<Box<Latching>>>,
     rewriting: Vec<Pin<Box<Rewriting>>>,
+    ring: Option<Box<Ring>>,
+    /// Told once the ring is as it was found.
+    failure: Option<Error>,
     stopping: bool,
 }
 
@@ -131,6 +141,7 @@ enum Piece {
     Survey,
     LeaveOperation,
     Stop,
+    OpenRing,
 }
 
 /// An acyclic request that waits for its mailbox.
@@ -166,6 +177,7 @@ impl MainDevice {
     pub fn new(config: Config, now: Time<Host>) -> Self {
         let timeouts = &config.timeouts;
         let link = Link::new(now, config.source, timeouts.frame, timeouts.retries);
+        let ring = Ring::new(&config, &link, now);
         let config = Rc::new(config);
         let work = Work {
             link: link.clone(),
@@ -202,6 +214,8 @@ impl MainDevice {
             asking: None,
             latching: None,
             rewriting: Vec::new(),
+            ring,
+            failure: None,
             stopping: false,
         };
         machine.work();
@@ -211,43 +225,37 @@ impl MainDevice {
     /// Takes a frame that came in, without its FCS. Frames that are not ours, or that nobody waits for,
     /// are counted and ignored; see [`Statistics`].
     pub fn handle_frame(&mut self, now: Time<Host>, frame: &[u8]) {
-        let Self { link, cycle, config, .. } = self;
-        let taken = link.with(|inner| {
-            inner.now = now;
-            let origin = Origin::of(frame, config.source);
-            let Origin::Ours { payload } = origin else {
-                inner.count_stranger(origin);
-                return false;
-            };
-            let taken =
-                cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, inner))
-                    || frame::payload(frame).is_ok_and(|payload| inner.receive(payload));
-            inner.statistics.frames_late += u64::from(!taken);
-            taken
-        });
-        if taken {
+        if self.ring.is_some() {
+            return self.handle_frame_at(Port::Primary, now, frame);
+        }
+        if take(&self.link, &mut self.cycle, &self.config, now, frame) {
             self.work();
         }
     }
 
     /// Tells the time, at [`MainDevice::next_timeout`] or at any other moment.
+    #[inline]
     pub fn handle_timeout(&mut self, now: Time<Host>) {
         self.link.with(|inner| {
             inner.now = now;
             inner.handle_timeout();
         });
+        if self.ring.is_some() {
+            self.expire_copies(now);
+        }
         self.work();
     }
 
     /// Writes the next frame to send at once into `buffer` and gives its length; `None` if there is
     /// nothing to send now. `now` is the frame's time stamp. A buffer of [`crate::FRAME_LEN`] bytes
     /// is always enough.
+    #[inline]
     pub fn poll_transmit(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
         if matches!(self.activity, Activity::Over) || buffer.len() < frame::MIN_LEN {
             return None;
         }
         let Self { link, cycle, share, config, .. } = self;
-        link.with(|inner| {
+        let len = link.with(|inner| {
             inner.now = now;
             let Some(cycle) = cycle else {
                 return inner.transmit(now, buffer, frame::MAX_LEN);
@@ -259,11 +267,16 @@ impl MainDevice {
             let len = inner.transmit(now, buffer, most)?;
             share.take(now.max(cycle.through()), len);
             Some(len)
-        })
+        })?;
+        if self.ring.is_some() {
+            self.copy(now, &buffer[..len]);
+        }
+        Some(len)
     }
 
     /// When [`MainDevice::handle_timeout`] is wanted next; `None`: never, it is over. In cyclic
     /// exchange this is the exact instant at which the next frame is to leave.
+    #[inline]
     pub fn next_timeout(&self) -> Option<Time<Host>> {
         if matches!(self.activity, Activity::Over) {
             return None;
@@ -271,6 +284,9 @@ impl MainDevice {
         let mut next = self.link.with(|inner| inner.next_timeout());
         if let Some(cycle) = &self.cycle {
             next = next.min(cycle.due());
+        }
+        if let Some(ring) = &self.ring {
+            next = next.min(ring.next_timeout());
         }
         if let Activity::Locking { since } = self.activity {
             let patience = self.config.timeouts.phase;
@@ -490,6 +506,12 @@ impl MainDevice {
                 self.link.report(Event::Stopped);
                 self.end();
             }
+            (Piece::OpenRing, _) => {
+                if let Some(error) = self.failure.take() {
+                    self.link.report(Event::Failed(error));
+                }
+                self.end();
+            }
             (_, Err(error)) => self.fail(error),
             (Piece::Prepare, Ok(())) => self.begin_cycle(),
             (Piece::Synchronize, Ok(())) => {
@@ -554,6 +576,7 @@ impl MainDevice {
             Piece::Operate => Box::pin(bring_up::operate(work)),
             Piece::LeaveOperation => Box::pin(bring_up::leave_operation(work)),
             Piece::Stop => Box::pin(bring_up::stop(work)),
+            Piece::OpenRing => Box::pin(bring_up::open_ring(work)),
         };
         self.activity = Activity::Task(piece, task);
     }
@@ -561,7 +584,9 @@ impl MainDevice {
     /// Turns round, if the machine is on its way up or in operation.
     fn begin_stop(&mut self) -> bool {
         let turns = match &self.activity {
-            Activity::Task(piece, _) => !matches!(piece, Piece::LeaveOperation | Piece::Stop),
+            Activity::Task(piece, _) => {
+                !matches!(piece, Piece::LeaveOperation | Piece::Stop | Piece::OpenRing)
+            }
             Activity::Locking { .. } | Activity::Operating | Activity::Surveyed => true,
             Activity::Over => false,
         };
@@ -578,6 +603,10 @@ impl MainDevice {
 
     fn fail(&mut self, error: Error) {
         self.stage = error.stage;
+        if ring::is_closed(&self.link) {
+            self.failure = Some(error);
+            return self.begin_piece(Piece::OpenRing);
+        }
         self.link.report(Event::Failed(error));
         self.end();
     }
@@ -758,6 +787,7 @@ impl MainDevice {
             self.elect();
         }
         match look.everybody {
+            Some(_) if self.is_ring_cut() => {}
             Some(everybody) => self.welcome(everybody),
             None => {
                 self.unplanned = None;
@@ -771,6 +801,30 @@ impl MainDevice {
 
 /// Cycles after which the states of all SubDevices are read again while the broadcast looks wrong.
 const CHECK_AGAIN: u64 = 100;
+
+/// Hands a frame that came in to who waits for it; whether somebody did.
+fn take(
+    link: &Link,
+    cycle: &mut Option<Cycle>,
+    config: &Config,
+    now: Time<Host>,
+    frame: &[u8],
+) -> bool {
+    link.with(|inner| {
+        inner.now = now;
+        let origin = Origin::of(frame, config.source);
+        let Origin::Ours { payload } = origin else {
+            inner.count_stranger(origin);
+            return false;
+        };
+        let taken = cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, inner))
+            || frame::payload(frame).is_ok_and(|payload| inner.receive(payload));
+        if !taken {
+            inner.statistics.frames_late += 1;
+        }
+        taken
+    })
+}
 
 /// Where process data are in the image.
 fn range(data: &ProcessData) -> core::ops::Range<usize> {

@@ -276,15 +276,16 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
             segment.devices[chunk.first..chunk.end].iter().zip(&mut demands[chunk.first..chunk.end])
         {
             let delay = delay(segment, device.position);
+            let (detour, early) = ring_detour(segment, config, delay);
             demands.delay = delay;
             let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
-            demands.outputs_arrival = outputs.then_some(delay + times.stored);
-            demands.inputs_fetched = inputs.then_some(delay + times.fetched);
+            demands.outputs_arrival = outputs.then_some(delay + detour + times.stored);
+            demands.inputs_fetched = inputs.then_some(delay - early + times.fetched);
             if config.watchdog.is_some() {
                 demands.origins.watchdog = Origin::Intent;
             }
             demands.watchdog = mapping::watchdog(device, config.watchdog);
-            demands.inputs_read = inputs.then_some(delay + times.read);
+            demands.inputs_read = inputs.then_some(delay + detour + times.read);
         }
     }
     let common = common_shift(&cycle, &demands);
@@ -312,6 +313,17 @@ fn demands_of(config: &Config, device: &SubDevice) -> budget::Device {
     let wish = config.devices.get(device.position);
     let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
     demands(device, assumed, wish)
+}
+
+/// By how much later and earlier than by its delay frames may come to a SubDevice of a ring that is cut: from the other
+/// end against the order of all, and from the first on back again; or from the other end to it alone.
+fn ring_detour(segment: &Segment, config: &Config, delay: Nanos) -> (Nanos, Nanos) {
+    if config.ring.is_none() {
+        return (Nanos::ZERO, Nanos::ZERO);
+    }
+    let whole = segment.devices.iter().filter_map(|device| device.delay).max();
+    let whole = whole.unwrap_or(Nanos::ZERO);
+    (whole, (delay - (whole - delay)).max(Nanos::ZERO))
 }
 
 /// The delay of a SubDevice; without one of its own, that of the next one upstream that has one.
@@ -350,6 +362,23 @@ mod tests {
         };
         (device.output_sync, device.input_sync) = (object(outputs), object(inputs));
         device
+    }
+
+    /// Three in a ring: behind a cut at the first cable, the last one is reached past all and back; the middle one
+    /// hardly earlier than on a line behind a cut before it.
+    #[test]
+    fn frames_in_a_ring_may_go_the_long_way() {
+        let devices =
+            [0, 300, 700].map(|delay| SubDevice { delay: Some(Nanos(delay)), ..drive(0, 0) });
+        let segment = Segment { devices: devices.into(), ..Segment::default() };
+        let mut config = Config::new(Nanos::millis(1));
+        let detours = |config: &Config| {
+            [0, 300, 360, 700].map(|delay| ring_detour(&segment, config, Nanos(delay)))
+        };
+        assert_eq!(detours(&config), [(Nanos::ZERO, Nanos::ZERO); 4]);
+        config.ring = Some(crate::Ring::default());
+        let expected = [(700, 0), (700, 0), (700, 20), (700, 700)];
+        assert_eq!(detours(&config), expected.map(|(late, early)| (Nanos(late), Nanos(early))));
     }
 
     fn wish(mode: SyncMode) -> DeviceConfig {

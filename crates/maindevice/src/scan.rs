@@ -15,6 +15,7 @@ use crate::error::{AccessError, AccessProblem, Cause};
 use crate::esm;
 use crate::hot_connect;
 use crate::link::{Link, Procedure, join};
+use crate::ring;
 use crate::segment::{DcCapability, EscInformation, Segment, SubDevice};
 use crate::topology::{self, Ports};
 
@@ -31,6 +32,7 @@ pub(crate) const fn station_of(position: usize) -> StationAddress {
 pub(crate) async fn scan(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
     find(link, config, segment).await?;
     address(link, segment).await?;
+    ring::close(link, segment).await?;
     let init = config.timeouts.init;
     join(
         segment
@@ -65,6 +67,11 @@ pub(crate) async fn complete(
 /// Counts the SubDevices; nothing is written to them.
 pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
     let count = count(link).await?;
+    if link.with(|inner| inner.ring.is_some()) {
+        // The copy from the other end is back by then.
+        link.sleep(Nanos::millis(1)).await;
+    }
+    ring::check(link)?;
     if count == 0 {
         return Err(Cause::Empty);
     }

@@ -19,6 +19,8 @@ pub struct Statistics {
     ///
     /// [`Config::source`]: crate::Config::source
     pub frames_echoed: u64,
+    /// Copies of frames that did not come back in a ring ([`Config::ring`](crate::Config::ring)), of both ports.
+    pub copies_lost: u64,
     /// EtherCAT frames of another source: another MainDevice sends on this wire.
     pub frames_foreign: u64,
     /// Source address of the last of these. The first ESC that a frame passes sets bit 1 of the first

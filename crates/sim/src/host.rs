@@ -5,6 +5,7 @@ use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
 use crate::oscillator::{ClockModel, Oscillator, Step};
 use crate::random::Stream;
+use crate::wiring::MainPort;
 
 /// What is imperfect about a host.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -83,8 +84,8 @@ pub struct HostMachine {
     model: HostModel,
     wake_ups: Stream,
     hold_ups: Stream,
-    /// When the port has sent the last frame and the gap behind it.
-    port_free: Time<True>,
+    /// When each port has sent its last frame and the gap behind it.
+    port_free: [Time<True>; 2],
     /// How much later the next wake-up comes.
     oversleeps: Nanos,
 }
@@ -98,7 +99,7 @@ impl HostMachine {
             model,
             wake_ups: Stream::new(seed, "host wake-up", 0),
             hold_ups: Stream::new(seed, "host hold-up", 0),
-            port_free: Time::ZERO,
+            port_free: [Time::ZERO; 2],
             oversleeps: Nanos::ZERO,
         }
     }
@@ -133,14 +134,15 @@ impl HostMachine {
         if woken >= begin && woken < end { end } else { woken }
     }
 
-    /// When the first bit of a frame of `len` bytes leaves that the program sends at `at`: behind the
-    /// latency, and behind the frames before it.
-    pub fn send(&mut self, at: Time<True>, len: usize) -> Time<True> {
+    /// When the first bit of a frame of `len` bytes leaves that the program sends at `at` from a port: behind the
+    /// latency, and behind the frames before it there.
+    pub fn send(&mut self, port: MainPort, at: Time<True>, len: usize) -> Time<True> {
         let held_up = self.model.hold_ups.map(|delay| delay.draw(&mut self.hold_ups));
         let latency = self.model.latency + held_up.unwrap_or_default();
-        let start = (at + Picos::from(latency)).max(self.port_free);
+        let free = &mut self.port_free[port as usize];
+        let start = (at + Picos::from(latency)).max(*free);
         let on_wire = len.max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
-        self.port_free = start + Picos(on_wire as i64 * BYTE_PS);
+        *free = start + Picos(on_wire as i64 * BYTE_PS);
         start
     }
 
@@ -202,7 +204,7 @@ mod tests {
             let wanted = Time::new(ms * 1_000_000);
             let at = host.wake_up(wanted);
             woken.push((host.now(at) - wanted).0);
-            held.push((host.send(at, 60) - at).0 / 1_000 - 2_000);
+            held.push((host.send(MainPort::Primary, at, 60) - at).0 / 1_000 - 2_000);
         }
         for mut delays in [woken, held] {
             delays.sort_unstable();
@@ -231,10 +233,13 @@ mod tests {
     #[test]
     fn frames_queue_behind_each_other() {
         let mut host = HostMachine::new(HostModel::default(), 1);
-        let first = host.send(Time::ZERO, 60);
+        let first = host.send(MainPort::Primary, Time::ZERO, 60);
         assert_eq!(first, Time::new(2_000_000));
         // 60 bytes, FCS, preamble and gap: 84 bytes of 80 ns.
-        assert_eq!(host.send(Time::ZERO, 60), first + Picos(84 * 80_000));
-        assert_eq!(host.send(Time::new(1_000_000_000), 60), Time::new(1_002_000_000));
+        assert_eq!(host.send(MainPort::Primary, Time::ZERO, 60), first + Picos(84 * 80_000));
+        assert_eq!(
+            host.send(MainPort::Primary, Time::new(1_000_000_000), 60),
+            Time::new(1_002_000_000)
+        );
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use isocat_maindevice::{Config, Event, MainDevice};
+use isocat_maindevice::{Config, Event, MainDevice, Port};
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Time, True};
 
@@ -10,6 +10,7 @@ use crate::bench::Bench;
 use crate::host::{HostMachine, HostModel};
 use crate::observation::Observation;
 use crate::segment::{Connection, Returned, Segment};
+use crate::wiring::MainPort;
 
 /// What a run is made of.
 pub struct Setup {
@@ -33,10 +34,13 @@ impl Control for () {
     fn cycle(&mut self, _: &mut MainDevice, _: u64) {}
 }
 
-/// Sees every frame on the MainDevice's port, and what happens at the SubDevices.
+/// Sees every frame on the MainDevice's ports, and what happens at the SubDevices.
 pub trait Tap {
-    /// A frame whose first bit left (`sent`) or came back at `at`.
+    /// A frame whose first bit left the primary port (`sent`) or came back there at `at`.
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]);
+
+    /// The same at the secondary port of a ring.
+    fn secondary_frame(&mut self, _at: Time<True>, _sent: bool, _bytes: &[u8]) {}
 
     /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
     fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
@@ -62,6 +66,7 @@ pub struct World<C, T> {
 
 /// A frame on its way back to the program.
 struct Returning {
+    port: Port,
     /// First bit back at the port.
     first_bit: Time<True>,
     /// In the program's hands.
@@ -169,10 +174,8 @@ impl<C: Control, T: Tap> World<C, T> {
 
     fn deliver(&mut self, now: Time<Host>) {
         let Some(frame) = self.returning.pop_front() else { return };
-        if let Some(tap) = &mut self.tap {
-            tap.frame(frame.first_bit, false, &frame.bytes);
-        }
-        self.main.handle_frame(now, &frame.bytes);
+        self.tap(frame.port, frame.first_bit, false, &frame.bytes);
+        self.main.handle_frame_at(frame.port, now, &frame.bytes);
         self.spare.push(frame.bytes);
         let cycle = self.main.statistics().cycles;
         if cycle != self.cycle {
@@ -190,30 +193,62 @@ impl<C: Control, T: Tap> World<C, T> {
     }
 
     fn transmit(&mut self) {
-        loop {
-            let mut bytes = self.spare.pop().unwrap_or_else(|| vec![0; frame::MAX_LEN]);
-            bytes.resize(frame::MAX_LEN, 0);
-            let Some(len) = self.main.poll_transmit(self.host.now(self.now), &mut bytes) else {
-                self.spare.push(bytes);
-                return;
-            };
+        let mut bytes = self.buffer();
+        while let Some(len) = self.main.poll_transmit(self.host.now(self.now), &mut bytes) {
             bytes.truncate(len);
-            let start = self.host.send(self.now, len);
-            if let Some(tap) = &mut self.tap {
-                tap.frame(start, true, &bytes);
+            self.send(Port::Primary, bytes);
+            bytes = self.buffer();
+            while let Some(len) = self.main.poll_secondary(&mut bytes) {
+                bytes.truncate(len);
+                self.send(Port::Secondary, bytes);
+                bytes = self.buffer();
             }
-            let observations = &mut self.observations;
-            let fate = self.segment.pass(&mut bytes, start, &mut |o| observations.push(o));
+        }
+        self.spare.push(bytes);
+    }
+
+    fn buffer(&mut self) -> Vec<u8> {
+        let mut bytes = self.spare.pop().unwrap_or_else(|| vec![0; frame::MAX_LEN]);
+        bytes.resize(frame::MAX_LEN, 0);
+        bytes
+    }
+
+    fn send(&mut self, from: Port, mut bytes: Vec<u8>) {
+        let wired = match from {
+            Port::Primary => MainPort::Primary,
+            Port::Secondary => MainPort::Secondary,
+        };
+        let start = self.host.send(wired, self.now, bytes.len());
+        self.tap(from, start, true, &bytes);
+        let observations = &mut self.observations;
+        let watch = &mut |o| observations.push(o);
+        let fate = self.segment.pass_from(wired, &mut bytes, start, watch);
+        if from == Port::Primary {
             self.bench.frame(&self.segment, &bytes, start);
-            self.judge();
-            match fate {
-                Ok(Returned { first_bit, last_bit, good: true, .. }) => {
-                    let delivered = self.host.receive(last_bit);
-                    self.returning.push_back(Returning { first_bit, delivered, bytes });
-                }
-                // What does not come back, or comes back damaged, no program ever sees.
-                _ => self.spare.push(bytes),
+        }
+        self.judge();
+        match fate {
+            Ok(Returned { port, first_bit, last_bit, good: true }) => {
+                let delivered = self.host.receive(last_bit);
+                let port = match port {
+                    MainPort::Primary => Port::Primary,
+                    MainPort::Secondary => Port::Secondary,
+                };
+                // Those of the two ports overtake each other.
+                let before = |other: &Returning| other.delivered <= delivered;
+                let place = self.returning.iter().rposition(before).map_or(0, |at| at + 1);
+                self.returning.insert(place, Returning { port, first_bit, delivered, bytes });
             }
+            // What does not come back, or comes back damaged, no program ever sees.
+            _ => self.spare.push(bytes),
+        }
+    }
+
+    fn tap(&mut self, port: Port, at: Time<True>, sent: bool, bytes: &[u8]) {
+        match (&mut self.tap, port) {
+            (Some(tap), Port::Primary) => tap.frame(at, sent, bytes),
+            (Some(tap), Port::Secondary) => tap.secondary_frame(at, sent, bytes),
+            (None, _) => {}
         }
     }
 

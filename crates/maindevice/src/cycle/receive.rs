@@ -4,7 +4,7 @@ use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use super::Cycle;
 use super::frames::Part;
-use super::presence::Place;
+use super::presence::{Place, Reference};
 use crate::event::Event;
 use crate::link::{CYCLIC_INDEX, Inner};
 
@@ -105,27 +105,17 @@ impl Cycle {
             reference.counted = told;
             inner.report(Event::Drift { cycle, expected, found: told });
         }
-        if !reference.reading && wkc != reference.trusted {
+        if wkc != reference.trusted && !reference.reading && !self.in_ring {
             reference.doubted = Some(wkc);
         }
         if counted != expected {
             inner.statistics.working_counter_errors += 1;
             // Without the reference's own access the data are ours; with it but not all others, a
             // clock is no longer led, and the time would still be right: but which of both it is
-            // can't be told.
-            return None;
+            // can't be told. A ring brings the time of the reference or none.
+            return if self.in_ring { self.take_time_alone(sent, data, inner) } else { None };
         }
-        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
-        if raw == 0 {
-            // As it was sent: others answered in the place of the reference.
-            return None;
-        }
-        let dc = match (reference.wide, reference.seen) {
-            (true, _) => Time::new(raw),
-            (false, true) => extend(raw as u32, reference.last),
-            (false, false) => Time::new(raw & u64::from(u32::MAX)),
-        };
-        (reference.last, reference.seen) = (dc, true);
+        let dc = reference.read(data)?;
         inner.reference_time = (sent, dc);
         if !reference.reading {
             reference.led = cycle;
@@ -138,6 +128,20 @@ impl Cycle {
             inner.statistics.phase_error.add(Nanos(error));
             self.latest = self.latest.max(Some(Nanos(error)));
         }
+        Some(dc)
+    }
+
+    /// The reference answered, but not all the other clocks.
+    #[cold]
+    fn take_time_alone(
+        &mut self,
+        sent: Time<Host>,
+        data: &[u8],
+        inner: &mut Inner,
+    ) -> Option<Time<Dc>> {
+        let dc = self.reference.as_mut()?.read(data)?;
+        inner.reference_time = (sent, dc);
+        self.servo.sample(sent, dc);
         Some(dc)
     }
 
@@ -189,6 +193,25 @@ impl Cycle {
             inner.report(Event::WorkingCounterRestored { cycle, chunk: at, cycles });
         }
         true
+    }
+}
+
+impl Reference {
+    /// Its time, as the drift datagram brought it.
+    #[inline]
+    fn read(&mut self, data: &[u8]) -> Option<Time<Dc>> {
+        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
+        if raw == 0 {
+            // As it was sent: others answered in the place of the reference.
+            return None;
+        }
+        let dc = match (self.wide, self.seen) {
+            (true, _) => Time::new(raw),
+            (false, true) => extend(raw as u32, self.last),
+            (false, false) => Time::new(raw & u64::from(u32::MAX)),
+        };
+        (self.last, self.seen) = (dc, true);
+        Some(dc)
     }
 }
 

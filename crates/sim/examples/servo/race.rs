@@ -3,7 +3,9 @@
 use isocat_esc::XMC4800;
 use isocat_sim::host::HostMachine;
 use isocat_sim::random::Stream;
-use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Segment};
+use isocat_sim::{
+    Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, MainPort, Segment,
+};
 use isocat_subdevice::Description;
 use isocat_subdevice::description::{Behaviour, ProcessDataArea};
 use isocat_wire::datagram::Address;
@@ -124,7 +126,7 @@ fn exchange(host: &mut HostMachine, segment: &mut Segment, at: Time<True>) -> Ex
     let to = Address::Position(AutoIncrementAddress::of_position(0), system_time);
     let data = writer.push(Command::Armw, 0, to, &[0; 8]).expect("a frame has room");
     let len = writer.finish();
-    let start = host.send(at, len);
+    let start = host.send(MainPort::Primary, at, len);
     let returned = segment.pass(&mut bytes[..len], start, &mut |_| ()).expect("nothing is pulled");
     let way = segment.path().entries[0].after;
     let dc = bytes[data..].first_chunk().map_or(0, |raw| u64::from_le_bytes(*raw));

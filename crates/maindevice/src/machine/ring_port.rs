@@ -1,0 +1,165 @@
+//! The second port of a ring, and what its state means for those who lead the clocks.
+
+use super::*;
+use crate::ring::{Copies, Taken, View};
+
+/// The ring as the machine has it.
+pub(super) struct Ring {
+    copies: Copies,
+    /// What was last told, and with how many SubDevices that take part.
+    known: (View, u16),
+    told: Told,
+    /// Who was last told to lead those behind the cut.
+    split: Option<usize>,
+}
+
+/// The last event of the ring.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Told {
+    Whole,
+    Cut((Option<usize>, Option<usize>)),
+}
+
+impl Ring {
+    pub fn new(config: &Config, link: &Link, now: Time<Host>) -> Option<Box<Self>> {
+        let ring = config.ring?;
+        link.with(|inner| inner.ring = Some(ring::Shared::default()));
+        Some(Box::new(Self {
+            copies: Copies::new(config, ring, now),
+            known: (View::Unknown, 0),
+            told: Told::Whole,
+            split: None,
+        }))
+    }
+
+    #[cold]
+    pub fn next_timeout(&self) -> Time<Host> {
+        self.copies.next_timeout()
+    }
+}
+
+/// The second port.
+impl MainDevice {
+    /// The same as [`Self::handle_frame`], with the port at which the frame came in. Without [`Config::ring`] they make no
+    /// difference.
+    #[inline(never)]
+    pub fn handle_frame_at(&mut self, port: Port, now: Time<Host>, frame: &[u8]) {
+        let Self { ring, link, cycle, config, .. } = self;
+        let Some(ring) = ring else { return self.handle_frame(now, frame) };
+        let copies = &mut ring.copies;
+        let taken = link.with(|inner| {
+            inner.now = now;
+            inner.ring.as_mut().map(|shared| copies.take(port, now, frame, shared))
+        });
+        let taken = match taken {
+            Some(Taken::Kept) => return self.look_at_ring(),
+            Some(Taken::Merged) => take(link, cycle, config, now, copies.merged()),
+            Some(Taken::AsItIs) | None => take(link, cycle, config, now, frame),
+        };
+        self.look_at_ring();
+        if taken {
+            self.work();
+        }
+    }
+
+    /// Writes the next frame that is to leave the secondary port of a ring into `buffer` and gives its length; `None` if
+    /// there is nothing to send. To be called behind each frame of [`Self::poll_transmit`] until it gives nothing, at
+    /// once: it is the copy of that frame. Without [`Config::ring`] there never is one.
+    pub fn poll_secondary(&mut self, buffer: &mut [u8]) -> Option<usize> {
+        self.ring.as_mut()?.copies.transmit(buffer)
+    }
+
+    /// A frame leaves the primary port.
+    #[cold]
+    pub(super) fn copy(&mut self, now: Time<Host>, frame: &[u8]) {
+        let Self { ring: Some(ring), link, .. } = self else { return };
+        if link.with(|inner| inner.ring.is_some_and(|shared| !shared.line)) {
+            ring.copies.sent(now, frame);
+        }
+    }
+
+    /// Copies that are waited for no longer.
+    #[cold]
+    pub(super) fn expire_copies(&mut self, now: Time<Host>) {
+        let Self { ring: Some(ring), link, cycle, config, .. } = self else { return };
+        let copies = &mut ring.copies;
+        loop {
+            let expired =
+                link.with(|inner| inner.ring.as_mut().and_then(|ring| copies.expire(now, ring)));
+            match expired {
+                None => break,
+                Some(Taken::Merged) => {
+                    take(link, cycle, config, now, copies.merged());
+                }
+                Some(Taken::Kept | Taken::AsItIs) => {}
+            }
+        }
+        self.look_at_ring();
+    }
+
+    /// Whether a ring is to be there and is not.
+    pub(super) fn is_ring_cut(&self) -> bool {
+        self.ring.as_ref().is_some_and(|ring| !matches!(ring.known.0, View::Whole))
+    }
+
+    /// Tells when the ring is cut or whole, and chooses who leads the clocks behind the cut.
+    fn look_at_ring(&mut self) {
+        let Self { ring: Some(ring), link, cycle: Some(cycle), segment, activity, .. } = self
+        else {
+            return;
+        };
+        let lost = ring.copies.lost;
+        let shared = link.with(|inner| {
+            inner.statistics.copies_lost = lost;
+            inner.ring
+        });
+        let Some(ring::Shared { line: false, view, .. }) = shared else { return };
+        let known = (view, cycle.present());
+        if !matches!(activity, Activity::Operating) || known == ring.known {
+            return;
+        }
+        ring.known = known;
+        let number = cycle.number();
+        let told = match view {
+            View::Unknown => return,
+            View::Whole | View::Reverse => {
+                (ring.copies.leader, ring.split) = (None, None);
+                Told::Whole
+            }
+            View::Cut { near, far } => {
+                let (near, far) = (usize::from(near), usize::from(far));
+                // Those that are back and not admitted yet answer as well.
+                let everybody = near + far == segment.devices.len();
+                let there = segment.devices.iter().filter(|device| everybody || device.admitted);
+                let count = there.clone().count();
+                let position = |at: usize| there.clone().nth(at).map(|device| device.position);
+                // Where it is not known who answers, nobody leads.
+                let behind = there.clone().skip(count.saturating_sub(far));
+                let clock = |device: &&crate::SubDevice| device.admitted && device.dc.has_clock();
+                let leader = behind.filter(|_| near + far == count).find(clock);
+                ring.copies.leader = leader.map(|device| device.station);
+                let split = leader.map(|device| device.position);
+                let split = split.filter(|position| segment.reference != Some(*position));
+                if split != ring.split {
+                    ring.split = split;
+                    if let Some(position) = split {
+                        link.report(Event::ClocksSplit { position, cycle: number });
+                    }
+                }
+                if near + far > count {
+                    return;
+                }
+                let before = near.checked_sub(1).and_then(position);
+                Told::Cut((before, position(count - far)))
+            }
+        };
+        if told == ring.told {
+            return;
+        }
+        ring.told = told;
+        link.report(match told {
+            Told::Cut(between) => Event::RingCut { cycle: number, between },
+            _ => Event::RingHealed { cycle: number },
+        });
+    }
+}

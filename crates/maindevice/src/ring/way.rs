@@ -1,0 +1,131 @@
+//! The ring on the way up: a line, with the port closed that would lead to the other end.
+
+use alloc::vec::Vec;
+
+use isocat_wire::PortNumber;
+use isocat_wire::dl::DlStatus;
+use isocat_wire::register::{self, Value};
+
+use super::{Shared, View};
+use crate::error::{Cause, Place, RingProblem};
+use crate::link::Link;
+use crate::segment::Segment;
+
+/// Sees that the ring can be used, as far as the frames so far tell.
+pub(crate) fn check(link: &Link) -> Result<(), Cause> {
+    let problem = match link.with(|inner| inner.ring.map(|ring| ring.view)) {
+        Some(View::Cut { near, far }) if far > 0 => RingProblem::Cut { near, far },
+        Some(View::Reverse) => RingProblem::Reverse,
+        _ => return Ok(()),
+    };
+    Err(Cause::Ring(problem))
+}
+
+/// Makes a line of the ring: closes the port through which the last SubDevice sends to the secondary port. Nothing to
+/// do without a ring, or where nobody sends there.
+pub(crate) async fn close(link: &Link, segment: &Segment) -> Result<(), Cause> {
+    if link.with(|inner| inner.ring.is_none()) {
+        return Ok(());
+    }
+    check(link)?;
+    let address = register::DL_STATUS.address;
+    let all = segment.devices.iter();
+    let reads: Vec<_> = all.map(|device| link.fprd(device.station, address, 2)).collect();
+    let mut open = Vec::with_capacity(reads.len());
+    for read in reads {
+        let bytes = read.expect(1).await?.data;
+        let status = DlStatus::from_bytes(bytes.first_chunk().copied().unwrap_or_default());
+        open.push(PortNumber::ALL.map(|port| status.open(port)));
+    }
+    let place = |position: usize| Place { position, name: segment.devices[position].name.clone() };
+    let exit = exit(&open).map_err(|(position, port)| {
+        Cause::Ring(RingProblem::Branch { place: place(position), port })
+    })?;
+    let exit_of = exit.map(|(position, _)| segment.devices[position].station);
+    // From here on one port does, wherever it comes back; should anything fail behind the write, it is undone.
+    link.with(|inner| {
+        if let Some(ring) = &mut inner.ring {
+            (ring.line, ring.exit) = (true, exit_of);
+        }
+    });
+    if let (Some((position, port)), Some(station)) = (exit, exit_of) {
+        let loops: u8 = CLOSED << (2 * port.index());
+        link.fpwr(station, LOOPS, &loops.to_bytes()).expect(1).await?;
+        let status = link.read(station, register::DL_STATUS).await?;
+        if status.open(port) {
+            return Err(Cause::Ring(RingProblem::Open { place: place(position), port }));
+        }
+    }
+    Ok(())
+}
+
+/// Makes a ring of the line again.
+pub(crate) async fn open(link: &Link) -> Result<(), Cause> {
+    if let Some(station) = link.with(|inner| inner.ring.and_then(|ring| ring.exit)) {
+        link.fpwr(station, LOOPS, &AUTOMATIC.to_bytes()).expect(1).await?;
+    }
+    link.with(|inner| inner.ring.iter_mut().for_each(|ring| *ring = Shared::default()));
+    Ok(())
+}
+
+/// Whether a port is closed that must be opened before nothing more is sent.
+pub(crate) fn is_closed(link: &Link) -> bool {
+    link.with(|inner| inner.ring.is_some_and(|ring| ring.exit.is_some()))
+}
+
+/// The port at which frames leave for the other end, if one does: all SubDevices are passed by then. What hangs
+/// behind it in the order of ports would be reached by frames from the other end alone: that port is the error.
+fn exit(open: &[[bool; 4]]) -> Result<Option<(usize, PortNumber)>, (usize, PortNumber)> {
+    let downstream = |position: usize| {
+        // Backwards, to be taken from the end.
+        let ports = [PortNumber::P2, PortNumber::P1, PortNumber::P3].into_iter();
+        ports.filter(move |port| open[position][port.index()]).map(move |port| (position, port))
+    };
+    let mut ways: Vec<(usize, PortNumber)> = Vec::new();
+    for position in 0..open.len() {
+        if position > 0 && ways.pop().is_none() {
+            // More answer than ports lead to: the topology will tell.
+            return Ok(None);
+        }
+        ways.extend(downstream(position));
+    }
+    let exit = ways.pop();
+    match ways.first() {
+        Some(behind) => Err(*behind),
+        None => Ok(exit),
+    }
+}
+
+/// Loop control of the ports, two bits each, in DL control.
+const LOOPS: u16 = register::DL_CONTROL.address + 1;
+const AUTOMATIC: u8 = 0;
+const CLOSED: u8 = 0b11;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use PortNumber::*;
+
+    fn found(ports: &[&[PortNumber]]) -> Result<Option<(usize, PortNumber)>, (usize, PortNumber)> {
+        let open: Vec<_> =
+            ports.iter().map(|open| PortNumber::ALL.map(|port| open.contains(&port))).collect();
+        exit(&open)
+    }
+
+    #[test]
+    fn the_exit_is_where_no_device_is_left() {
+        assert_eq!(found(&[&[P0, P1], &[P0, P1]]), Ok(Some((1, P1))));
+        assert_eq!(found(&[&[P0, P1], &[P0]]), Ok(None), "a line");
+        // A branch at port 3 of the first comes before the way on, and one at port 1 of the last before port 2.
+        assert_eq!(found(&[&[P0, P3, P1], &[P0, P1], &[P0], &[P0, P1]]), Ok(Some((3, P1))));
+        assert_eq!(found(&[&[P0, P1], &[P0, P1, P2], &[P0]]), Ok(Some((1, P2))));
+        assert_eq!(found(&[]), Ok(None));
+        assert_eq!(found(&[&[P0], &[P0]]), Ok(None), "no tree at all");
+    }
+
+    /// Frames leave at port 1 for the other end and never come to port 2.
+    #[test]
+    fn a_branch_behind_the_exit_is_named() {
+        assert_eq!(found(&[&[P0, P1, P2], &[P0, P1]]), Err((0, P2)));
+    }
+}

@@ -236,13 +236,14 @@ impl MainDevice {
     /// Tells the time, at [`MainDevice::next_timeout`] or at any other moment.
     #[inline]
     pub fn handle_timeout(&mut self, now: Time<Host>) {
+        if self.ring.is_some() {
+            // What has come goes on before its frame is given up.
+            self.expire_copies(now);
+        }
         self.link.with(|inner| {
             inner.now = now;
             inner.handle_timeout();
         });
-        if self.ring.is_some() {
-            self.expire_copies(now);
-        }
         self.work();
     }
 

@@ -111,6 +111,9 @@ impl Cut {
     }
 }
 
+/// Most that clocks behind a cut slide in a second, ps: their first one keeps what its drift loop did for the last tick of
+/// 10 ns, 4 ppm.
+const SLIDE: i64 = 5_000_000;
 /// The clocks of [`LINE`].
 const CLOCKS: [usize; 3] = [0, 1, 3];
 
@@ -126,7 +129,7 @@ fn is_lost(event: &Event) -> bool {
     matches!(event, Event::Lost { .. })
 }
 
-/// The clocks behind the cut slide with the rate that their first one has: a few tenths of a ppm, together. When the
+/// The clocks behind the cut slide with the rate that their first one has: a few ppm at most, together. When the
 /// ring is whole again the drift loops pull them back.
 #[test]
 fn a_cut_at_any_edge_stops_nobody() {
@@ -154,7 +157,7 @@ fn a_cut_at_any_edge_stops_nobody() {
         }
         let spread = far.iter().max().zip(far.iter().min());
         if let Some((most, least)) = spread {
-            assert!((10_000..500_000).contains(most), "{far:?} ps in a second");
+            assert!((10_000..SLIDE).contains(most), "{far:?} ps in a second");
             assert!(most - least < 50_000, "they slide together: {far:?} ps");
         }
         assert_eq!(field.count(is_lost), 0);
@@ -172,9 +175,9 @@ fn a_cut_at_any_edge_stops_nobody() {
         }
         for device in CLOCKS {
             let (worst, _) = field.worst_edge(device, ring.healed);
-            let (after, _) = field.worst_edge(device, ring.healed + Picos(200 * MS.0));
-            println!("  {device}: {worst} ps when healed, {after} ps 200 ms later");
-            let bound = if cable == 0 || device < cable { 50_000 } else { 600_000 };
+            let (after, _) = field.worst_edge(device, ring.healed + Picos(500 * MS.0));
+            println!("  {device}: {worst} ps when healed, {after} ps 0.5 s later");
+            let bound = if cable == 0 || device < cable { 50_000 } else { 2 * SLIDE };
             assert!(worst < bound && after < 50_000, "{device}: {worst} ps, then {after} ps");
         }
         assert_eq!(field.world.main().statistics().working_counter_errors, wrong);
@@ -215,10 +218,7 @@ fn clocks_behind_a_cut_slide_by_a_few_ppm_at_most() {
             assert_eq!(loses_at_most(&field, device, at, 1), 0);
         }
     }
-    assert!(
-        (500_000..5_000_000).contains(&fastest) && slowest < 1_000_000,
-        "{fastest} ps in a second"
-    );
+    assert!((500_000..SLIDE).contains(&fastest) && slowest < 1_000_000, "{fastest} ps in a second");
 }
 
 /// The cable breaks while frames are on their way: one cycle is lost at most.

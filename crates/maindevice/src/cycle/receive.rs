@@ -41,13 +41,17 @@ impl Cycle {
         inner.statistics.frames_received += 1;
         let mut complete = true;
         let mut reference_time = None;
-        for i in 0..self.frames[at].datagrams.len() {
-            let (part, layout) = self.frames[at].datagrams[i];
+        // Out of the way, as all the rest is needed for what they bring.
+        let datagrams = core::mem::take(&mut self.frames[at].datagrams);
+        for &(part, ref layout) in &datagrams {
             let data = &bytes[layout.data()..layout.wkc()];
             let wkc = u16::from_le_bytes([bytes[layout.wkc()], bytes[layout.wkc() + 1]]);
             match part {
                 Part::Drift => {
                     reference_time = self.take_time(sent, data, wkc, cycle, inner);
+                    if reference_time.is_none() && self.in_ring {
+                        reference_time = self.take_time_alone(sent, data, inner);
+                    }
                     // Planned when the frame left; planned better with what it brought back.
                     if cycle == self.number && self.is_sent() {
                         self.due = self.next_send(sent + Nanos(self.cycle.0 / 2));
@@ -74,6 +78,7 @@ impl Cycle {
                 }
             }
         }
+        self.frames[at].datagrams = datagrams;
         // A chunk whose frame did not come back is not complete either, see `begin`.
         if !complete {
             inner.complete_cycles = 0;
@@ -105,17 +110,22 @@ impl Cycle {
             reference.counted = told;
             inner.report(Event::Drift { cycle, expected, found: told });
         }
-        if wkc != reference.trusted && !reference.reading && !self.in_ring {
+        if !reference.reading && wkc != reference.trusted && !self.in_ring {
             reference.doubted = Some(wkc);
         }
         if counted != expected {
             inner.statistics.working_counter_errors += 1;
             // Without the reference's own access the data are ours; with it but not all others, a
             // clock is no longer led, and the time would still be right: but which of both it is
-            // can't be told. A ring brings the time of the reference or none.
-            return if self.in_ring { self.take_time_alone(sent, data, inner) } else { None };
+            // can't be told. In a ring it can, see `take_time_alone`.
+            return None;
         }
-        let dc = reference.read(data)?;
+        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
+        if raw == 0 {
+            // As it was sent: others answered in the place of the reference.
+            return None;
+        }
+        let dc = reference.extend(raw);
         inner.reference_time = (sent, dc);
         if !reference.reading {
             reference.led = cycle;
@@ -131,7 +141,7 @@ impl Cycle {
         Some(dc)
     }
 
-    /// The reference answered, but not all the other clocks.
+    /// In a ring, where some clocks did not answer: the time is that of the reference, or none.
     #[cold]
     fn take_time_alone(
         &mut self,
@@ -139,7 +149,9 @@ impl Cycle {
         data: &[u8],
         inner: &mut Inner,
     ) -> Option<Time<Dc>> {
-        let dc = self.reference.as_mut()?.read(data)?;
+        let reference = self.reference.as_mut()?;
+        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw)).filter(|raw| *raw > 0)?;
+        let dc = reference.extend(raw);
         inner.reference_time = (sent, dc);
         self.servo.sample(sent, dc);
         Some(dc)
@@ -197,21 +209,16 @@ impl Cycle {
 }
 
 impl Reference {
-    /// Its time, as the drift datagram brought it.
+    /// The time that it shows, in 64 bits.
     #[inline]
-    fn read(&mut self, data: &[u8]) -> Option<Time<Dc>> {
-        let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw))?;
-        if raw == 0 {
-            // As it was sent: others answered in the place of the reference.
-            return None;
-        }
+    fn extend(&mut self, raw: u64) -> Time<Dc> {
         let dc = match (self.wide, self.seen) {
             (true, _) => Time::new(raw),
             (false, true) => extend(raw as u32, self.last),
             (false, false) => Time::new(raw & u64::from(u32::MAX)),
         };
         (self.last, self.seen) = (dc, true);
-        Some(dc)
+        dc
     }
 }
 

@@ -270,12 +270,10 @@ pub(crate) async fn follow(
     let end = begin + config.timeouts.drift;
     let limits = Limits { difference: config.drift_threshold, ..Limits::default() };
     let mut judge = Convergence::new(limits);
-    let interval = Nanos(READING_INTERVAL.0.max(2 * config.cycle.0));
     loop {
-        let next_reading = link.now() + interval;
+        let next_reading = link.now() + READING_INTERVAL;
         while link.now() < next_reading {
             hasten(link, reference).await;
-            link.sleep(config.cycle).await;
         }
         let clocks = [(device.position, device.station)];
         for (at, difference) in read_differences(link, &clocks).await? {
@@ -297,28 +295,31 @@ pub(crate) async fn follow(
     }
 }
 
-/// More drift frames in this cycle than its own, whoever of several asks first. The others stay where they are: it is
-/// the same time, told more often. What counts wrongly is seen by the cycle's own datagram.
+/// One more drift frame than the cycle's own when its time has come, whoever of several asks first. The others stay where
+/// they are: it is the same time, told more often.
+///
+/// They come evenly. What a loop steers lasts until the next time is received, and it takes the time since the last one for
+/// that until the next: after several in a row it would steer for long what is meant for a moment.
+///
+/// What counts wrongly is seen by the cycle's own datagram.
 async fn hasten(link: &Link, reference: StationAddress) {
-    let first = link.with(|inner| {
-        let first = inner.leading && inner.hastened != inner.cycle;
-        if first {
-            inner.hastened = inner.cycle;
-            inner.statistics.drift_frames += MORE_DRIFT_FRAMES;
+    let due = link.with(|inner| {
+        let due = inner.hastened + PACE;
+        if inner.leading && inner.now >= due {
+            inner.hastened = inner.now;
+            inner.statistics.drift_frames += 1;
+            return None;
         }
-        first
+        Some(due.max(inner.now + PACE))
     });
-    if !first {
-        return;
+    if let Some(due) = due {
+        return link.until(due).await;
     }
     let address = Address::Station(reference, register::SYSTEM_TIME.address);
     let travel = Travel { alone: true, once: true };
-    let frame = |_| link.exchange(Command::Frmw, address, vec![0; 8], travel);
-    let sent: Vec<_> = (0..MORE_DRIFT_FRAMES).map(frame).collect();
-    for frame in sent {
-        // One that is lost matters nothing, the next brings a newer time.
-        let _lost = frame.reply().await.is_err();
-    }
+    // One that is lost matters nothing, the next brings a newer time.
+    let frame = link.exchange(Command::Frmw, address, vec![0; 8], travel);
+    let _lost = frame.reply().await.is_err();
 }
 
 /// As many latches as are wanted, each with the instant before it; some may be lost, not more than come back.
@@ -573,8 +574,9 @@ const SPEED_WINDOW: Nanos = Nanos(200_000_000);
 const TICK_E9: i64 = 10_000_000_000;
 /// Pairs of latches that may be lost.
 const MOST_TRIES: usize = 3;
-/// Drift frames of a cycle beside its own while a clock joins: 70 us on the wire, and a tenth of the time.
-const MORE_DRIFT_FRAMES: u64 = 10;
+/// From one drift frame to the next while a clock joins, beside those of the cycle. They take 7 % of the wire, and a tenth of
+/// the time that the cycle's own would at 1 ms.
+const PACE: Nanos = Nanos(100_000);
 /// Drift frames in flight: enough to fill the time of one round trip through a short line.
 const IN_FLIGHT: usize = 8;
 /// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.

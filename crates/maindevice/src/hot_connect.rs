@@ -10,13 +10,14 @@ use alloc::vec::Vec;
 use isocat_wire::PortNumber;
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::register::{self, Value};
+use isocat_wire::time::Nanos;
 
 use crate::config::{Config, DeviceConfig};
 use crate::error::{Cause, Place};
 use crate::link::Link;
 use crate::scan::station_of;
 use crate::segment::{Identity, Segment, SubDevice};
-use crate::{mapping, objects, sii};
+use crate::{mapping, mode, objects, sii};
 
 /// Whether fewer SubDevices may answer than are configured, and so many do.
 pub(crate) fn allows(config: &Config, count: usize) -> bool {
@@ -191,6 +192,47 @@ pub(crate) fn lay_out(device: &mut SubDevice) -> Result<(), Cause> {
         objects::from_sii(device);
     }
     mapping::place_process_data(device)
+}
+
+/// By how much later frames come to a position when the groups come that are absent now: by the way through those that
+/// lie before it in the order of frames, there and back. Back is not longer than there, so this is what it is at most.
+pub(crate) fn detour(segment: &Segment, position: usize) -> Nanos {
+    let absent = |at: usize| !segment.devices[at].admitted;
+    let mut detour = Nanos::ZERO;
+    for group in segment.devices[..position].iter().filter(|device| absent(device.position)) {
+        let Some((above, _)) = group.parent.filter(|(above, _)| !absent(*above)) else { continue };
+        let within = |at: usize| {
+            let mut up = Some(at);
+            while let Some(at) = up.filter(|at| *at != group.position) {
+                up = segment.devices[at].parent.map(|(above, _)| above);
+            }
+            up.is_some()
+        };
+        if within(position) {
+            continue;
+        }
+        let inside = segment.devices.iter().filter(|device| within(device.position));
+        let farthest = inside.filter_map(|device| device.delay).max();
+        let before = mode::delay(segment, above);
+        let there = farthest.map_or(Nanos::ZERO, |farthest| (farthest - before).max(Nanos::ZERO));
+        detour += Nanos(2 * there.0);
+    }
+    detour
+}
+
+/// Whether the clock that leads the others is always there: the first in the order of frames, unless it may be absent.
+pub(crate) fn check_reference(config: &Config, segment: &Segment) -> Result<(), Cause> {
+    let may_miss = |position: usize| {
+        config.devices.get(position).is_some_and(|device| device.hot_connect.is_some())
+    };
+    let mut clocks = segment.devices.iter().filter(|device| device.dc.has_clock());
+    match clocks.next() {
+        Some(first) if may_miss(first.position) => Err(Cause::Setting {
+            name: "hot_connect",
+            expected: "a SubDevice with a clock that is always there, before all others with one: it leads them",
+        }),
+        _ => Ok(()),
+    }
 }
 
 /// Those of a segment that are there, as a segment of its own.

@@ -67,8 +67,8 @@ pub(crate) struct Inner {
     pub reference_time: (Time<Host>, Time<Dc>),
     /// Whether the cycle's drift datagram leads the clocks, and does not only read; kept by the machine.
     pub leading: bool,
-    /// The cycle in which more drift frames were last sent than the cycle's own.
-    pub hastened: u64,
+    /// When a drift frame was last sent beside those of the cycle.
+    pub hastened: Time<Host>,
     /// What the ring is, if there is to be one.
     pub ring: Option<ring::Shared>,
     /// What a procedure wants of the cycle; taken by the machine.
@@ -199,7 +199,7 @@ impl Link {
             cycle: 0,
             reference_time: (Time::ZERO, Time::ZERO),
             leading: false,
-            hastened: 0,
+            hastened: Time::ZERO,
             ring: None,
             wishes: VecDeque::new(),
             frame_timeout,

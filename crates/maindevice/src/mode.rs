@@ -17,7 +17,7 @@ use crate::config::{AssumedTimes, Config, DeviceConfig};
 use crate::cycle;
 use crate::error::Cause;
 use crate::segment::{Segment, SubDevice, SyncObject, Timing};
-use crate::{mapping, sync};
+use crate::{hot_connect, mapping, sync};
 
 /// Decides the mode of a SubDevice by wish, announcement (sub-index 04) and clock, and checks the
 /// cycle against its minimum.
@@ -277,6 +277,7 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
         {
             let delay = delay(segment, device.position);
             let (detour, early) = ring_detour(segment, config, delay);
+            let detour = detour + hot_connect::detour(segment, device.position);
             demands.delay = delay;
             let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
             demands.outputs_arrival = outputs.then_some(delay + detour + times.stored);
@@ -327,7 +328,7 @@ fn ring_detour(segment: &Segment, config: &Config, delay: Nanos) -> (Nanos, Nano
 }
 
 /// The delay of a SubDevice; without one of its own, that of the next one upstream that has one.
-fn delay(segment: &Segment, position: usize) -> Nanos {
+pub(crate) fn delay(segment: &Segment, position: usize) -> Nanos {
     let mut at = Some(position);
     while let Some(position) = at {
         let device = &segment.devices[position];

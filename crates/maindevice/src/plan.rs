@@ -13,13 +13,14 @@ use crate::config::Config;
 use crate::error::{Cause, Error};
 use crate::event::Stage;
 use crate::segment::Segment;
-use crate::{bring_up, mapping, mode, objects, sync};
+use crate::{bring_up, hot_connect, mapping, mode, objects, sync};
 
 /// Decides mode and pulses, lays out the process image and plans the cycle, into the segment. As on the
 /// way up, a line that does not fit is an error unless [`Config::force`] is set.
 pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
     let at = |stage| move |cause: Cause| Error { stage, cause };
     bring_up::check(config).map_err(at(Stage::Scan))?;
+    hot_connect::check_reference(config, segment).map_err(at(Stage::Scan))?;
     for device in &mut segment.devices {
         if !device.has_coe() {
             objects::from_sii(device);

@@ -152,6 +152,9 @@ impl Monitor {
             return None;
         }
         self.unled = unled;
+        for clock in &mut self.clocks.all {
+            clock.unled = unled;
+        }
         Some(if unled { cycles } else { 0 })
     }
 

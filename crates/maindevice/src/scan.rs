@@ -61,7 +61,7 @@ pub(crate) async fn complete(
         hot_connect::seat(link, config, segment).await?;
         hot_connect::fill(config, segment);
     }
-    Ok(())
+    hot_connect::check_reference(config, segment)
 }
 
 /// Counts the SubDevices; nothing is written to them.

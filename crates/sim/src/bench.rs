@@ -165,10 +165,12 @@ fn acting(chain: &Chain) -> Observed {
     if at_sync1 { Observed::Sync1 } else { Observed::Sync0 }
 }
 
-/// A frame whose first datagram distributes the system time, as the cyclic ones do.
+/// A frame whose first datagram distributes the system time and that brings more, as the cyclic ones do; those that lead
+/// a clock that joins are alone.
 fn is_cyclic(bytes: &[u8]) -> bool {
     let Ok(payload) = frame::payload(bytes) else { return false };
-    let Some(Ok(first)) = isocat_wire::datagram::datagrams(payload).next() else { return false };
+    let mut datagrams = isocat_wire::datagram::datagrams(payload);
+    let (Some(Ok(first)), Some(Ok(_))) = (datagrams.next(), datagrams.next()) else { return false };
     let distributes = matches!(first.header.command(), Ok(Command::Frmw | Command::Armw));
     distributes && first.header.ado() == register::SYSTEM_TIME.address
 }

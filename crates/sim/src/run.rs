@@ -80,6 +80,8 @@ pub struct Outcome<T> {
     pub optional: Vec<bool>,
     /// How SubDevices that may be absent came and went.
     pub visits: Vec<Finding>,
+    /// By position: whether it has come and is being taken up.
+    pub joining: Vec<bool>,
 }
 
 impl<T> Outcome<T> {
@@ -142,6 +144,10 @@ struct Notes {
     changes: Vec<(Option<usize>, Time<True>, String)>,
     /// Those of them who came or went.
     moves: Vec<(usize, Time<True>, String)>,
+    /// Those of them who were found.
+    found: Vec<(usize, Time<True>, String)>,
+    /// Those that have come and are being taken up.
+    joining: Vec<usize>,
     alarms: Vec<(Time<True>, Change)>,
     answers: Vec<(RequestId, Option<u32>)>,
 }
@@ -222,6 +228,17 @@ fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
                 _ => notes.changes.push((device, world.now(), what)),
             }
         }
+        match &event {
+            // Once, however often it is tried.
+            Event::Found { position, cycle } if !notes.joining.contains(position) => {
+                notes.found.push((*position, world.now(), format!("found in cycle {cycle}")));
+                notes.joining.push(*position);
+            }
+            Event::Lost { position, .. } | Event::Readmitted { position, .. } => {
+                notes.joining.retain(|joining| joining != position);
+            }
+            _ => {}
+        }
         match event {
             Event::WorkingCounter { .. } => notes.working_counter += 1,
             Event::CyclesSkipped { skipped, .. } => notes.skipped += skipped,
@@ -258,6 +275,7 @@ impl<T: Tap> Outcome<T> {
             failure,
             optional: Vec::new(),
             visits: Vec::new(),
+            joining: vec![false; devices],
         }
     }
 
@@ -319,10 +337,19 @@ impl<T: Tap> Outcome<T> {
                 findings.push(Finding { device: Some(position), since, what });
             }
         }
-        for (device, at, what) in &notes.moves {
+        let moved = |(device, at, what): &(usize, Time<True>, String)| {
             let (since, what) = (Some(*at - began), what.clone());
-            let moved = Finding { device: Some(*device), since, what };
-            if self.is_optional(*device) { &mut self.visits } else { &mut findings }.push(moved);
+            Finding { device: Some(*device), since, what }
+        };
+        let of_optional = |finding: &Finding| finding.device.is_some_and(|at| self.is_optional(at));
+        let found = notes.found.iter().map(moved).filter(of_optional);
+        let moves = notes.moves.iter().map(moved);
+        let (visits, others): (Vec<_>, Vec<_>) = found.chain(moves).partition(of_optional);
+        findings.extend(others);
+        self.visits = visits;
+        self.visits.sort_by_key(|visit| visit.since);
+        for position in &notes.joining {
+            self.joining[*position] = true;
         }
         for (position, device) in self.world.main().segment().devices.iter().enumerate() {
             let quiet = |visit: &Finding| visit.device != Some(position);

@@ -45,15 +45,19 @@ fn verdict<T: Tap>(
     findings: &[Finding],
 ) -> String {
     if outcome.in_sync() {
-        let there = devices.iter().filter(|device| device.registers.al_status != ABSENT);
+        let there = devices
+            .iter()
+            .filter(|device| ![ABSENT, JOINING].contains(&&*device.registers.al_status));
         let modes: Vec<&str> = there.map(|device| device.mode.as_str()).collect();
-        let text = verdict_of_modes(&modes);
-        let absent = devices.len() - modes.len();
-        return match absent {
-            0 => text,
-            1 => format!("{text} 1 optional one is absent."),
-            _ => format!("{text} {absent} optional ones are absent."),
-        };
+        let mut text = verdict_of_modes(&modes);
+        for (state, words) in [(ABSENT, "absent"), (JOINING, "being taken up")] {
+            match devices.iter().filter(|d| d.registers.al_status == state).count() {
+                0 => {}
+                1 => text += &format!(" 1 optional one is {words}."),
+                many => text += &format!(" {many} optional ones are {words}."),
+            }
+        }
+        return text;
     }
     match (&outcome.failure, findings.first()) {
         (Some(_), Some(first)) => format!("Not in sync: {}.", first.sentence()),
@@ -131,6 +135,8 @@ fn told(scenario: &Scenario, all: &[isocat_sim::run::Finding]) -> Vec<Finding> {
 
 /// Shown in the place of the AL status of one that is not there.
 const ABSENT: &str = "absent";
+/// The same of one that has come and is not admitted yet.
+const JOINING: &str = "joining";
 
 fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
     let main = outcome.world.main();
@@ -241,6 +247,7 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
     DeviceRegisters {
         al_status: found.map_or(String::new(), |device| match device.admitted {
             true => device.al_status.to_string(),
+            false if outcome.joining[position] => JOINING.to_owned(),
             false => ABSENT.to_owned(),
         }),
         al_status_code: found.map_or(0, |device| device.al_code.0),

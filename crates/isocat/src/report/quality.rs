@@ -24,6 +24,9 @@ pub struct Quality {
     /// How much later than planned the latest frame of the cycle found the reference clock, in the moments that are
     /// kept; null without clocks.
     pub latest_frame_ns: Option<i64>,
+    /// For how many cycles no drift frame reached all clocks, if that is more than is put up with; then the clocks have no
+    /// figures, as 0x092C tells nothing.
+    pub unled_cycles: Option<u64>,
     /// Each SubDevice, by position.
     pub devices: Vec<DeviceQuality>,
     /// Alarms that came and went in the judged time.
@@ -110,17 +113,19 @@ impl Quality {
         let (spent, since) = main.quality_wire_time()?;
         let elapsed = (snapshot.at - since).0.max(1);
         let segment = main.segment();
+        let asked = asked?;
         let device = |(position, device): (usize, &isocat_maindevice::SubDevice)| {
             figures(&snapshot, position, device.name.clone())
         };
         Some(Self {
-            share_asked_permille: asked?.share_permille,
+            share_asked_permille: asked.share_permille,
             share_taken_permille: round(spent.0 as f64 / elapsed as f64 * 1e3, 3),
             latest_frame_ns: snapshot
                 .moments()
                 .filter_map(|moment| moment.latest)
                 .max()
                 .map(|n| n.0),
+            unled_cycles: snapshot.unled.filter(|cycles| *cycles >= asked.unled_cycles),
             devices: segment.devices.iter().enumerate().map(device).collect(),
             alarms: Vec::new(),
         })
@@ -174,6 +179,12 @@ impl Quality {
         if self.devices.len() > MOST_DEVICES {
             let more = self.devices.len() - MOST_DEVICES;
             writeln!(out, " …  and {more} more; --json lists them all")?;
+        }
+        if let Some(cycles) = self.unled_cycles {
+            writeln!(
+                out,
+                " - no drift frame reached all clocks for {cycles} cycles: 0x092C tells nothing"
+            )?;
         }
         let first = self.alarms.len().saturating_sub(MOST_ALARMS);
         if first > 0 {

@@ -43,6 +43,8 @@ pub struct ClockQuality {
     readings: Ring<Reading>,
     convergence: Convergence,
     slope_ppb: Option<i64>,
+    /// No drift frame reaches it.
+    pub(super) unled: bool,
     alarms: [Hysteresis; Alarm::OF_CLOCKS.len()],
 }
 
@@ -69,8 +71,12 @@ impl ClockQuality {
 
     /// How far this clock is from the reference's at most, as far as registers tell: the worst difference read, what
     /// it may have moved between two readings, the tick of either clock, and the error of its delay, of which
-    /// 0x092C knows nothing. `None` before the first reading.
+    /// 0x092C knows nothing. `None` before the first reading, and while no drift frame reaches it: 0x092C then tells
+    /// nothing of the time that passes.
     pub fn bound(&self) -> Option<Nanos> {
+        if self.unled {
+            return None;
+        }
         let mut readings = self.readings();
         let first = readings.next()?.at;
         let (last, count) = readings.fold((first, 1), |(_, n), reading| (reading.at, n + 1));
@@ -96,6 +102,7 @@ impl ClockQuality {
             readings: Ring::new(history),
             convergence: Convergence::new(limits),
             slope_ppb: None,
+            unled: false,
             alarms: [Hysteresis::new(RAISE, LET_GO); Alarm::OF_CLOCKS.len()],
         };
         clock.meet(device);

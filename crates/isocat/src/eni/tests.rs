@@ -67,6 +67,7 @@ fn list() -> StartUp {
         devices: vec![drive, second],
         after: vec![RegisterStep::bwr(&ps, 0x0300, vec![0; 8], "clear counters")],
         frames: vec![CyclicFrame {
+            every: 1,
             datagrams: vec![
                 CyclicDatagram {
                     command: Command::Armw,
@@ -408,9 +409,13 @@ fn any_list() -> impl Strategy<Value = StartUp> {
                 output_offset: numbers.2,
                 comment,
             });
-    let frame =
-        proptest::collection::vec(datagram, 0..4).prop_map(|datagrams| CyclicFrame { datagrams });
-    let frames = proptest::collection::vec(frame, 0..3);
+    // Faster ones first, as they are sent.
+    let frame = (1..6u32, proptest::collection::vec(datagram, 0..4))
+        .prop_map(|(every, datagrams)| CyclicFrame { every, datagrams });
+    let frames = proptest::collection::vec(frame, 0..3).prop_map(|mut frames| {
+        frames.sort_by_key(|frame| frame.every);
+        frames
+    });
     let devices = proptest::collection::vec(any_device(), 0..4);
     (any_text(), 1..100_000i64, steps(), devices, steps(), frames, any::<(u32, u32)>()).prop_map(
         |(name, micros, before, devices, after, frames, (input_bytes, output_bytes))| StartUp {

@@ -199,7 +199,8 @@ fn the_plan_of_several_cycle_times_holds() {
         let keys = format!("mode = \"sm\"\n cycle = \"{cycle}\"");
         let sm = text.replace("mode = \"dc-sync1\"\n        cycle = \"5ms\"", &keys);
         assert_ne!(sm, text);
-        let by_timer = sm.replace("\n        clock = \"-23", "\ninput_shift = \"400us\"\nclock = \"-23");
+        let by_timer =
+            sm.replace("\n        clock = \"-23", "\ninput_shift = \"400us\"\nclock = \"-23");
         assert_ne!(by_timer, sm);
         for text in [sm, by_timer] {
             let report = holds(scenario(&text), 500);

@@ -34,9 +34,8 @@ pub(crate) fn lay_out(devices: &mut [SubDevice]) -> Result<ProcessImage, Cause> 
         }
         // The open chunk of a group is its last one.
         let open = image.chunks.iter().rposition(|chunk| chunk.every == device.every);
-        let fits = |at: &usize| {
-            usize::from(image.chunks[*at].length) + usize::from(length) <= MOST_CHUNK
-        };
+        let fits =
+            |at: &usize| usize::from(image.chunks[*at].length) + usize::from(length) <= MOST_CHUNK;
         let at = match open.filter(fits) {
             Some(at) => at,
             None if length == 0 => {

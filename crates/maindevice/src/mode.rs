@@ -60,14 +60,10 @@ pub(crate) fn choose(
         }
     };
     device.mode = mode;
-    let refused = |device: &SubDevice, reason| Cause::Mode {
-        place: device.place(),
-        wish: mode,
-        reason,
-    };
+    let refused =
+        |device: &SubDevice, reason| Cause::Mode { place: device.place(), wish: mode, reason };
     device.every = every(mode, config, wish).map_err(|reason| refused(device, reason))?;
-    device.pulses =
-        pulses(device, config, wish).map_err(|reason| refused(device, reason))?;
+    device.pulses = pulses(device, config, wish).map_err(|reason| refused(device, reason))?;
     let demands = demands(device, assumed, wish);
     let own = Nanos(config.cycle.0 * i64::from(device.every));
     let jitter = if !mode.uses_dc() { config.host_jitter } else { Nanos::ZERO };

@@ -24,6 +24,7 @@ use crate::link::{Exchange, Link, Travel};
 use crate::segment::{Chunk, DcCapability, ProcessImage, Segment, SubDevice};
 use crate::{Config, esm};
 
+mod groups;
 mod mailbox;
 
 /// Memory of one ESC, and the little it does by itself.
@@ -438,8 +439,7 @@ fn cyclic_segment(bench: &mut Bench) -> Segment {
         }
         segment.devices.push(device);
     }
-    let chunk =
-        Chunk { every: 1, logical: 0, length: 4, first: 0, end: 2, writers: 2, readers: 1 };
+    let chunk = Chunk { every: 1, logical: 0, length: 4, first: 0, end: 2, writers: 2, readers: 1 };
     segment.image = ProcessImage { chunks: std::vec![chunk], read_write: true };
     segment
 }

@@ -7,8 +7,8 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use isocat_sim::observation::{Observation, Observed};
 use isocat_maindevice::segment::FramePlan;
+use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{HostModel, Segment, Tap};
 use isocat_sync::budget::{Check, Moments, Span};
 use isocat_sync::{Step, SyncMode};

@@ -49,8 +49,7 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
     let at = |phase: Nanos| Span { earliest: phase - clock_error, latest: phase + clock_error };
     let frame = |after: Nanos| at(send + after).after(Nanos::ZERO, jitter);
     let stored = device.outputs_arrival.map(|end| frame(end).after(-spread, Nanos::ZERO));
-    let fetched =
-        device.inputs_fetched.map(|begin| frame(begin).after(period, period + spread));
+    let fetched = device.inputs_fetched.map(|begin| frame(begin).after(period, period + spread));
     let mut moments =
         Moments { outputs_stored: stored, inputs_fetched: fetched, ..Moments::default() };
     let pulses = &device.pulses;

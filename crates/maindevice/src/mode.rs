@@ -302,8 +302,7 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
             let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
             demands.outputs_arrival = outputs.then_some(delay + detour + times.stored);
             // Outputs as late as in the fullest cycle, inputs as early as in the emptiest.
-            demands.inputs_fetched =
-                inputs.then_some(delay - early + times.fetched - times.spread);
+            demands.inputs_fetched = inputs.then_some(delay - early + times.fetched - times.spread);
             demands.frame_spread = times.spread;
             if config.watchdog.is_some() {
                 demands.origins.watchdog = Origin::Intent;

@@ -64,7 +64,7 @@ impl Tap for Wire {
         let mut seen = self.0.borrow_mut();
         seen.frames.push((at, data.header.address));
         let on_wire = bytes.len().max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
-        seen.busy = seen.busy + Picos((on_wire as u64 * frame::BYTE_TIME_NS * 1_000) as i64);
+        seen.busy += Picos((on_wire as u64 * frame::BYTE_TIME_NS * 1_000) as i64);
     }
     fn observed(&mut self, _: &Segment, at: Time<True>, observation: &Observation) {
         // The one with DC SYNC1 acts at SYNC1, those with SYNC0 at that.

@@ -133,10 +133,12 @@ impl Eni {
         let mut cycles: Vec<i64> = self.cycles_ns.iter().copied().flatten().collect();
         cycles.sort_unstable();
         cycles.dedup();
-        if let [shortest, .., longest] = cycles[..] {
-            reasons.push(format!(
-                "it has several cycle times, {shortest} ns to {longest} ns; one is supported"
-            ));
+        if let [shortest, slower @ ..] = &cycles[..] {
+            for odd in slower.iter().filter(|cycle| *cycle % shortest != 0) {
+                reasons.push(format!(
+                    "it has cycle times of {shortest} ns and {odd} ns; expected multiples of the shortest"
+                ));
+            }
         }
         for (position, device) in list.devices.iter().enumerate() {
             let same =

@@ -122,8 +122,8 @@ pub struct SubDevice {
     /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`; default:
     /// not at all. Its constant part is [`SubDevice::clock`].
     pub clock_shape: ClockModel,
-    /// Its own cycle, for a device slower than the bus. Key `cycle`, a whole multiple of the bus cycle; `None`: the
-    /// bus cycle.
+    /// Its own cycle, for a device slower than the bus: SYNC0 comes and process data travel so often. Key `cycle`, a
+    /// whole multiple of the bus cycle; `None`: the bus cycle.
     pub cycle: Option<Nanos>,
     /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
     /// device's own.
@@ -399,11 +399,11 @@ fn subdevice(
         None => (None, None, Vec::new()),
     };
     if let (Some(_), Some(value)) = (own, table.value("cycle"))
-        && mode.is_some_and(|mode| !mode.uses_dc() || mode == SyncMode::DcSubordinated)
+        && mode == Some(SyncMode::DcSubordinated)
     {
         return Err(value.error(
-            "a cycle of its own is given in a mode that has none; expected mode = \"dc-sync0\", \
-             \"dc-shift-sync1\" or \"dc-sync1\"",
+            "a cycle slower than the bus is given in the mode that is faster; expected any other mode \
+             than \"dc-subordinated\"",
         ));
     }
     let shift = time("shift", Nanos::ZERO..=cycle - Nanos(1))?;

@@ -20,7 +20,7 @@ use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 /// Version of the JSON document.
-pub const FORMAT: &str = "isocat-start-up/1";
+pub const FORMAT: &str = "isocat-start-up/2";
 
 /// The whole list. All times are nanoseconds unless their name says otherwise.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
@@ -36,7 +36,7 @@ pub struct StartUp {
     pub devices: Vec<DeviceStartUp>,
     /// To all SubDevices at once, in a transition after what each one got.
     pub after: Vec<RegisterStep>,
-    /// The frames of each cycle, in the order in which they are sent.
+    /// The cyclic frames, in the order in which they are sent.
     pub frames: Vec<CyclicFrame>,
     /// Bytes of the input image.
     pub input_bytes: u32,
@@ -257,9 +257,12 @@ pub struct ObjectStep {
 }
 
 /// One frame of a cycle.
-#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct CyclicFrame {
+    /// It travels in every so many bus cycles, 1 or more: with DC in those whose number, system time divided by the
+    /// bus cycle, is a multiple of this.
+    pub every: u32,
     /// Its datagrams, in order.
     pub datagrams: Vec<CyclicDatagram>,
 }

@@ -232,6 +232,39 @@ fn outputs_come_again_before_the_watchdog() {
     }
 }
 
+/// A slow device gets its outputs in its own cycle.
+#[test]
+fn outputs_of_a_slow_device_come_again_before_the_watchdog() {
+    for keys in [SYNC0, "mode = \"sm\"\n"] {
+        edge(Check::OutputsBeforeWatchdog, 5, |more| {
+            let mut scenario = scenario(keys, &[]);
+            scenario.watchdog = Some(Nanos::millis(2));
+            scenario.cycle = Nanos(400_000 + more);
+            scenario.devices[0].cycle = Some(Nanos(5 * (400_000 + more)));
+            scenario
+        });
+    }
+}
+
+/// Its inputs have until the next frame of its own.
+#[test]
+fn inputs_of_a_slow_device_are_there_when_its_frame_begins() {
+    let by_timer = "mode = \"sm\"\ninput_shift = \"400us\"\n";
+    for keys in [SYNC0, SHIFT_SYNC1, SYNC1, by_timer] {
+        let slow = |times: &[(&str, String)]| {
+            let mut scenario = scenario(keys, times);
+            scenario.devices[0].cycle = Some(Nanos::millis(3));
+            scenario
+        };
+        let slack = look(&slow(&[]), Check::InputsBeforeFrame).planned;
+        assert!(slack > 2_000_000, "{slack}");
+        edge(Check::InputsBeforeFrame, 1, |more| {
+            let all = 3_000_000;
+            slow(&[input_copy(12_000 + slack + more), minimum(all), minimum(all)])
+        });
+    }
+}
+
 #[test]
 fn shifts_cover_the_delays() {
     edge(Check::ShiftCoversDelay, 1, |less| {

@@ -273,14 +273,15 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
         let now = sync::reference_now(link, &work.segment.devices[reference]).await?;
         // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.
-        let grid = sync::grid(&work.segment, config.cycle);
-        let acting = grid.start(now, config.timeouts.sync_lead, phase);
+        let common = sync::grid(&work.segment, config.cycle);
         each(&mut work.segment, |device| {
             Box::pin(async move {
-                match device.mode.uses_dc() {
-                    true => sync::program(link, device, acting).await,
-                    false => Ok(()),
+                if !device.mode.uses_dc() {
+                    return Ok(());
                 }
+                let grid = common.unwrap_or(sync::own_grid(device, config.cycle));
+                let acting = grid.start(now, config.timeouts.sync_lead, phase);
+                sync::program(link, device, acting).await
             })
         })
         .await?;
@@ -307,8 +308,12 @@ async fn operation(work: &mut Work) -> Result<(), Cause> {
     let (link, config) = (&link, &*config);
     work.enter(Stage::Op);
     let begin = link.with(|inner| inner.cycle);
-    let due = link.now() + config.timeouts.safeop;
-    let complete = |inner: &crate::link::Inner| inner.complete_cycles >= COMPLETE_CYCLES;
+    // So many exchanges of the slowest too.
+    let slowest = work.segment.image.chunks.iter().map(|chunk| chunk.every).max().unwrap_or(1);
+    let needed = COMPLETE_CYCLES * u64::from(slowest);
+    let longer = Nanos(config.cycle.0 * (needed - COMPLETE_CYCLES) as i64);
+    let due = link.now() + config.timeouts.safeop + longer;
+    let complete = |inner: &crate::link::Inner| inner.complete_cycles >= needed;
     let has_data = !work.segment.image.chunks.is_empty();
     if has_data && !link.wait_for(due, complete).await {
         let ((expected, found), cycles) =

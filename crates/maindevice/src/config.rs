@@ -292,9 +292,9 @@ pub struct DeviceConfig {
     pub identity: Option<(u32, u32)>,
     /// Synchronization mode. `None`: the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
-    /// Its own cycle, a whole multiple of the bus cycle: SYNC0 comes so often. Process data are exchanged in every
-    /// bus cycle all the same; the device takes those that came last. For modes with SYNC0, but subordinated
-    /// cycles, which are the other way round. `None`: the bus cycle.
+    /// Its own cycle, a whole multiple of the bus cycle, up to 2.147 s: SYNC0 comes so often, and its process data
+    /// travel in that bus cycle only. For all modes but subordinated cycles, which are the other way round. `None`:
+    /// the bus cycle.
     pub cycle: Option<Nanos>,
     /// From SYNC0 to SYNC1 in the modes where SYNC1 is a part of the cycle behind SYNC0. `None`: for "DC
     /// SYNC1" the time the device needs (0x1C32:06) in whole microseconds, for "DC shift SYNC1" a quarter

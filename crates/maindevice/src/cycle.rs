@@ -7,6 +7,9 @@
 //! leaves its state is noticed in the same cycle. Inputs are taken only from a chunk that counts
 //! right, so inputs of one SubDevice are always of one moment; a lost frame is counted and never
 //! stops the exchange.
+//!
+//! SubDevices whose cycle is k bus cycles have frames of their own, which leave in every k-th bus cycle only: in
+//! those whose number by system time is a multiple of k, as their SYNC pulses come. Frames of every cycle go first.
 
 use alloc::vec;
 use alloc::vec::Vec;
@@ -50,6 +53,10 @@ pub(crate) struct Cycle {
     wanted: bool,
     source: [u8; 6],
     frames: Vec<CyclicFrame>,
+    /// Some of the frames do not leave in every cycle.
+    grouped: bool,
+    /// The number of the present bus cycle by system time, if some do not.
+    slot: u64,
     outputs: Vec<u8>,
     inputs: Vec<u8>,
     /// Cycles for which each chunk has counted wrongly: with LRW or LRD, with LWR.
@@ -120,6 +127,8 @@ impl Cycle {
             wanted: false,
             source,
             frames: Vec::new(),
+            grouped: false,
+            slot: 0,
             outputs: vec![0; bytes],
             inputs: vec![0; bytes],
             number: 0,
@@ -195,10 +204,11 @@ impl Cycle {
         self.through
     }
 
-    /// What the frames of a cycle leave of it, the gaps taken off.
+    /// What the frames of the emptiest cycle leave of it, the gaps taken off.
     pub fn spare(&self) -> Nanos {
         let wire = |frame: &CyclicFrame| duration_ns(frame.bytes.len()) as i64 + GAP.0;
-        self.cycle - Nanos(self.frames.iter().map(wire).sum())
+        let always = self.frames.iter().filter(|frame| frame.every == 1);
+        self.cycle - Nanos(always.map(wire).sum())
     }
 
     /// Frames that are under way.

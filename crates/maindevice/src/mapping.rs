@@ -19,40 +19,57 @@ use crate::link::Link;
 use crate::segment::{Chunk, ProcessData, ProcessImage, SubDevice};
 
 /// Lays out the process image: logical address of each SubDevice, and which of them share a
-/// datagram.
+/// datagram. Those that are exchanged equally often do; what travels more often lies first.
 pub(crate) fn lay_out(devices: &mut [SubDevice]) -> Result<ProcessImage, Cause> {
     let mut image = ProcessImage {
         chunks: Vec::new(),
         read_write: !devices.iter().any(|device| device.esc.has(features::NO_LRW)),
     };
-    let mut logical = 0;
-    for device in devices {
+    for device in &mut *devices {
         let (outputs, inputs) = (device.outputs.length, device.inputs.length);
         let length = outputs.max(inputs);
         if usize::from(length) > MOST_CHUNK {
             let problem = MappingProblem::TooLong { length: length.into(), most: MOST_CHUNK };
             return Err(Cause::Mapping { place: device.place(), problem });
         }
-        let fits = image
-            .chunks
-            .last()
-            .is_some_and(|chunk| usize::from(chunk.length) + usize::from(length) <= MOST_CHUNK);
-        if !fits && length > 0 {
-            image.chunks.push(Chunk {
-                logical,
-                first: device.position,
-                end: device.position,
-                ..Chunk::default()
-            });
-        }
+        // The open chunk of a group is its last one.
+        let open = image.chunks.iter().rposition(|chunk| chunk.every == device.every);
+        let fits =
+            |at: &usize| usize::from(image.chunks[*at].length) + usize::from(length) <= MOST_CHUNK;
+        let at = match open.filter(fits) {
+            Some(at) => at,
+            None if length == 0 => {
+                (device.outputs.logical, device.inputs.logical) = (0, 0);
+                continue;
+            }
+            None => {
+                image.chunks.push(Chunk {
+                    every: device.every,
+                    first: device.position,
+                    end: device.position,
+                    ..Chunk::default()
+                });
+                image.chunks.len() - 1
+            }
+        };
+        let chunk = &mut image.chunks[at];
+        // Counted from the chunk's first byte until all chunks are known.
+        let logical = u32::from(chunk.length);
         (device.outputs.logical, device.inputs.logical) = (logical, logical);
-        if let Some(chunk) = image.chunks.last_mut() {
-            chunk.length += length;
-            chunk.end = device.position + 1;
-            chunk.writers += u16::from(outputs > 0);
-            chunk.readers += u16::from(inputs > 0);
+        chunk.length += length;
+        chunk.end = device.position + 1;
+        chunk.writers += u16::from(outputs > 0);
+        chunk.readers += u16::from(inputs > 0);
+    }
+    image.chunks.sort_by_key(|chunk| chunk.every);
+    let mut logical = 0;
+    for chunk in &mut image.chunks {
+        chunk.logical = logical;
+        logical += u32::from(chunk.length);
+        for device in devices.iter_mut().filter(|device| chunk.holds(device)) {
+            device.outputs.logical += chunk.logical;
+            device.inputs.logical += chunk.logical;
         }
-        logical += u32::from(length);
     }
     Ok(image)
 }
@@ -176,8 +193,41 @@ mod tests {
         let mut devices = [device(0, 7, 11), device(1, 0, 0), device(2, 4, 0)];
         let image = lay_out(&mut devices).unwrap();
         assert_eq!(devices.each_ref().map(|d| d.outputs.logical), [0, 11, 11]);
-        let chunk = Chunk { logical: 0, length: 15, first: 0, end: 3, writers: 2, readers: 1 };
+        let chunk =
+            Chunk { every: 1, logical: 0, length: 15, first: 0, end: 3, writers: 2, readers: 1 };
         assert_eq!(image.chunks, [chunk]);
+    }
+
+    /// Groups that lie between one another in the segment: each has its own bytes in one piece.
+    #[test]
+    fn groups_do_not_share_a_chunk() {
+        let most = MOST_CHUNK as u16;
+        let of = |position, every, length| SubDevice { every, ..device(position, length, length) };
+        let mut devices = [
+            of(0, 5, 4),
+            of(1, 1, 8),
+            of(2, 2, most),
+            of(3, 1, 6),
+            of(4, 5, 2),
+            of(5, 2, 1),
+            of(6, 5, 0),
+            of(7, 3, 0),
+        ];
+        let image = lay_out(&mut devices).unwrap();
+        let seen: Vec<_> =
+            image.chunks.iter().map(|c| (c.every, c.logical, c.length, c.first, c.end)).collect();
+        let most = u32::from(most);
+        let expected = [
+            (1, 0, 14, 1, 4),
+            (2, 14, most as u16, 2, 3),
+            (2, 14 + most, 1, 5, 6),
+            (5, 15 + most, 6, 0, 7),
+        ];
+        assert_eq!(seen, expected);
+        let logical = devices.each_ref().map(|device| device.inputs.logical);
+        assert_eq!(logical[..6], [15 + most, 0, 14, 8, 19 + most, 14 + most]);
+        let holders = |device: &SubDevice| image.chunks.iter().position(|c| c.holds(device));
+        assert_eq!(devices.each_ref().map(holders)[..6].to_vec(), [3, 0, 1, 0, 3, 2].map(Some));
     }
 
     /// A chunk that is full to the last byte, and one byte more.

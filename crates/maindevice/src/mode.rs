@@ -9,6 +9,7 @@ use isocat_sync::object::{
     INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, SupportedTypes, SyncParameters, sub,
 };
 use isocat_sync::phase::Direction;
+use isocat_sync::start::Grid;
 use isocat_sync::{Pulses, SyncMode};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
@@ -59,17 +60,17 @@ pub(crate) fn choose(
         }
     };
     device.mode = mode;
-    device.pulses = pulses(device, config, wish).map_err(|reason| Cause::Mode {
-        place: device.place(),
-        wish: mode,
-        reason,
-    })?;
+    let refused =
+        |device: &SubDevice, reason| Cause::Mode { place: device.place(), wish: mode, reason };
+    device.every = every(mode, config, wish).map_err(|reason| refused(device, reason))?;
+    device.pulses = pulses(device, config, wish).map_err(|reason| refused(device, reason))?;
     let demands = demands(device, assumed, wish);
+    let own = Nanos(config.cycle.0 * i64::from(device.every));
     let jitter = if !mode.uses_dc() { config.host_jitter } else { Nanos::ZERO };
     let line = Line {
         check: Check::MinimumCycle,
         needed: demands.minimum_cycle + jitter,
-        available: if mode.uses_dc() { device.pulses.sync0_cycle } else { config.cycle },
+        available: if mode.uses_dc() { device.pulses.sync0_cycle } else { own },
     };
     let bound = mode != SyncMode::FreeRun || takes_sm_mode(device);
     if bound && !line.fits() && !config.force {
@@ -78,24 +79,40 @@ pub(crate) fn choose(
     Ok(())
 }
 
+/// How many bus cycles the cycle of a SubDevice is; or what is wrong with the one that is wanted.
+fn every(mode: SyncMode, config: &Config, wish: Option<&DeviceConfig>) -> Result<u32, String> {
+    let bus = config.cycle;
+    let cycle = wish.and_then(|wish| wish.cycle).unwrap_or(bus);
+    if cycle == bus {
+        return Ok(1);
+    }
+    if mode == SyncMode::DcSubordinated {
+        return Err(format!(
+            "a cycle of its own ({cycle}) does not go with a SYNC0 that divides the bus cycle"
+        ));
+    }
+    if cycle > Grid::LONGEST {
+        return Err(format!(
+            "its own cycle of {cycle} is longer than clocks of 32 bits tell, {}",
+            Grid::LONGEST
+        ));
+    }
+    if cycle < bus || cycle.0 % bus.0 != 0 {
+        return Err(format!(
+            "its own cycle of {cycle} is no whole multiple of the bus cycle of {bus}"
+        ));
+    }
+    Ok(u32::try_from(cycle.0 / bus.0).unwrap_or(u32::MAX))
+}
+
 /// The SYNC pulses that a SubDevice's mode asks for; or what is wrong with those that are wanted.
 fn pulses(
     device: &SubDevice,
     config: &Config,
     wish: Option<&DeviceConfig>,
 ) -> Result<Pulses, String> {
-    let (mode, bus) = (device.mode, config.cycle);
-    let cycle = wish.and_then(|wish| wish.cycle).unwrap_or(bus);
-    if cycle != bus {
-        if !mode.uses_dc() || mode == SyncMode::DcSubordinated {
-            return Err(format!("a cycle of its own ({cycle}) needs SYNC0 to come in it"));
-        }
-        if cycle < bus || cycle.0 % bus.0 != 0 {
-            return Err(format!(
-                "its own cycle of {cycle} is no whole multiple of the bus cycle of {bus}"
-            ));
-        }
-    }
+    let mode = device.mode;
+    let cycle = Nanos(config.cycle.0 * i64::from(device.every));
     let outputs = device.output_sync.as_ref().map(|object| object.values).unwrap_or_default();
     let assumed = wish.and_then(|wish| wish.assumed.outputs_calc_and_copy);
     let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(assumed);
@@ -201,6 +218,8 @@ pub(crate) fn demands(
     budget::Device {
         mode: device.mode,
         pulses: device.pulses,
+        every: device.every,
+        frame_spread: Nanos::ZERO,
         delay: Nanos::ZERO,
         outputs_arrival: None,
         inputs_fetched: None,
@@ -272,16 +291,20 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
     let mut demands: Vec<budget::Device> =
         segment.devices.iter().map(|device| demands_of(config, device)).collect();
     for (chunk, times) in segment.image.chunks.iter().zip(times) {
-        for (device, demands) in
-            segment.devices[chunk.first..chunk.end].iter().zip(&mut demands[chunk.first..chunk.end])
-        {
+        let range = chunk.first..chunk.end;
+        for (device, demands) in segment.devices[range.clone()].iter().zip(&mut demands[range]) {
+            if !chunk.holds(device) {
+                continue;
+            }
             let delay = delay(segment, device.position);
             let (detour, early) = ring_detour(segment, config, delay);
             let detour = detour + hot_connect::detour(segment, device.position);
             demands.delay = delay;
             let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
             demands.outputs_arrival = outputs.then_some(delay + detour + times.stored);
-            demands.inputs_fetched = inputs.then_some(delay - early + times.fetched);
+            // Outputs as late as in the fullest cycle, inputs as early as in the emptiest.
+            demands.inputs_fetched = inputs.then_some(delay - early + times.fetched - times.spread);
+            demands.frame_spread = times.spread;
             if config.watchdog.is_some() {
                 demands.origins.watchdog = Origin::Intent;
             }
@@ -426,7 +449,8 @@ mod tests {
     }
 
     fn planned(device: SubDevice, config: &Config) -> Result<Timing, Cause> {
-        let chunk = Chunk { logical: 0, length: 8, first: 0, end: 1, writers: 1, readers: 1 };
+        let chunk =
+            Chunk { every: 1, logical: 0, length: 8, first: 0, end: 1, writers: 1, readers: 1 };
         let image = ProcessImage { chunks: alloc::vec![chunk], read_write: true };
         let segment = Segment {
             devices: alloc::vec![device],

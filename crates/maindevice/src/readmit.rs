@@ -314,7 +314,7 @@ async fn program_sync(
         return Ok(());
     };
     let now = sync::reference_now(link, &segment.devices[reference]).await?;
-    let grid = sync::grid(segment, config.cycle);
+    let grid = sync::grid(segment, config.cycle).unwrap_or(sync::own_grid(device, config.cycle));
     let acting = grid.start(now, config.timeouts.sync_lead, phase);
     sync::program(link, device, acting).await
 }
@@ -337,7 +337,9 @@ async fn wait_for_sync(
 /// They are read by a datagram of its own, as its logical bytes are shared with nobody: the working counter of the
 /// cycle can't tell who is still missing.
 async fn wait_for_inputs(link: &Link, config: &Config, device: &SubDevice) -> Result<(), Cause> {
-    let end = link.now() + config.timeouts.safeop;
+    let own = Nanos(config.cycle.0 * i64::from(device.every));
+    let longer = Nanos((own - config.cycle).0 * bring_up::COMPLETE_CYCLES as i64);
+    let end = link.now() + config.timeouts.safeop + longer;
     let length = usize::from(device.inputs.length);
     let mut right = 0;
     while right < bring_up::COMPLETE_CYCLES {
@@ -354,7 +356,7 @@ async fn wait_for_inputs(link: &Link, config: &Config, device: &SubDevice) -> Re
         } else {
             right += 1;
         }
-        link.sleep(config.cycle).await;
+        link.sleep(own).await;
     }
     Ok(())
 }

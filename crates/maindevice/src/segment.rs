@@ -39,19 +39,19 @@ pub struct Timing {
     pub cycle: budget::Cycle,
     /// Phase of SYNC0 in the system-time cycle; `None` if no SubDevice uses it.
     pub sync0: Option<Nanos>,
-    /// The frames of a cycle, in the order in which they are sent.
+    /// The frames of the fullest cycle, in the order in which they are sent.
     pub frames: Vec<FramePlan>,
     /// Demands and budget of each SubDevice, by position.
     pub devices: Vec<(budget::Device, Budget)>,
 }
 
 impl Timing {
-    /// The demand of the frames: all of a cycle, with the gap behind each.
+    /// The demand of the frames: all of the fullest cycle, with the gap behind each.
     pub fn frames_in_cycle(&self) -> Demand {
         budget::frames_in_cycle(&self.cycle, self.frames_on_wire())
     }
 
-    /// How long all frames of a cycle take on the wire, with the gap behind each.
+    /// How long all frames of the fullest cycle take on the wire, with the gap behind each.
     pub fn frames_on_wire(&self) -> Nanos {
         self.frames.last().map_or(Nanos::ZERO, |frame| frame.end + GAP)
     }
@@ -72,9 +72,13 @@ impl Timing {
 /// Least pause between two frames on the wire: 12 byte times.
 pub(crate) const GAP: Nanos = Nanos(12 * isocat_wire::frame::BYTE_TIME_NS as i64);
 
-/// One frame of the cycle. Times count from the first bit of the cycle's first frame.
+/// One frame of the cycle. Times count from the first bit of the cycle's first frame, in the fullest cycle.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FramePlan {
+    /// It travels in the bus cycles whose number by system time is a multiple of this.
+    pub every: u32,
+    /// By how much it is earlier where fewer frames go before it.
+    pub spread: Nanos,
     /// First bit of its preamble.
     pub begin: Nanos,
     /// Last bit of its check sequence.
@@ -154,6 +158,8 @@ pub struct SubDevice {
     pub sync: Option<SyncSetting>,
     /// The SYNC pulses that its mode asks for.
     pub pulses: Pulses,
+    /// Its process data travel in every so many bus cycles; 1 or more.
+    pub every: u32,
     /// Whether it takes part; a SubDevice that is lost does not until it is admitted again.
     pub admitted: bool,
     /// Last AL status seen.
@@ -368,11 +374,13 @@ pub struct ProcessImage {
 /// One logical range and what its datagrams must count.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Chunk {
+    /// Its datagrams travel in every so many bus cycles; 1 or more.
+    pub every: u32,
     /// First logical byte.
     pub logical: u32,
     /// Bytes.
     pub length: u16,
-    /// Positions `first..end` have their data here.
+    /// Positions `first..end` have their data here, but those between them that are exchanged more or less often.
     pub first: usize,
     /// Behind the last position.
     pub end: usize,
@@ -380,6 +388,13 @@ pub struct Chunk {
     pub writers: u16,
     /// SubDevices with inputs in it.
     pub readers: u16,
+}
+
+impl Chunk {
+    /// Whether the process data of this SubDevice lie here, if it has any.
+    pub fn holds(&self, device: &SubDevice) -> bool {
+        self.every == device.every && (self.first..self.end).contains(&device.position)
+    }
 }
 
 /// 0x1C32 or 0x1C33 of one SubDevice, entry by entry.
@@ -479,6 +494,7 @@ impl SubDevice {
             difference: None,
             mode: SyncMode::FreeRun,
             pulses: Pulses::default(),
+            every: 1,
             mode_reason: String::new(),
             sync: None,
             admitted: true,

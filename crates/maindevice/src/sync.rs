@@ -74,7 +74,7 @@ pub(crate) fn type_writes(
         }
         let own = match device.mode.uses_dc() {
             true => device.pulses.sync0_cycle,
-            false => config.cycle,
+            false => Nanos(config.cycle.0 * i64::from(device.every)),
         };
         let cycle = own.to_u32().unwrap_or(u32::MAX);
         if device.mode != SyncMode::FreeRun && writable(object, sub::CYCLE_TIME) {
@@ -198,13 +198,19 @@ async fn expect_value(
 }
 
 /// The grid of all SYNC units: its period holds whole cycles of the bus and of each SubDevice's pulses, so that
-/// pulses of equal cycle fall together however often one falls out of step with the bus.
-pub(crate) fn grid(segment: &Segment, cycle: Nanos) -> Grid {
+/// pulses of equal cycle fall together however often one falls out of step with the bus. `None` where cycles do not
+/// meet within what a 32-bit clock can wait for.
+pub(crate) fn grid(segment: &Segment, cycle: Nanos) -> Option<Grid> {
     let synced = segment.devices.iter().filter(|device| device.mode.uses_dc());
     let periods = synced.map(|device| device.pulses.sync1_cycle());
-    // Where cycles do not meet within what a 32-bit clock can wait for, the bus cycle is what they share.
+    Grid::of(periods.chain([cycle])).ok()
+}
+
+/// The grid of one SubDevice alone. Its points are those of all SubDevices of the same cycle, and its pulses come in the
+/// bus cycles in which its process data travel.
+pub(crate) fn own_grid(device: &SubDevice, cycle: Nanos) -> Grid {
     let bus = || Grid::of([cycle]).expect("the cycle was checked: above 0, below 2^31 ns");
-    Grid::of(periods.chain([cycle])).unwrap_or_else(|_| bus())
+    Grid::of([device.pulses.sync1_cycle(), cycle]).unwrap_or_else(|_| bus())
 }
 
 /// System time of the reference clock, in 64 bits; the upper half of a 32-bit clock is 0 here.
@@ -393,18 +399,20 @@ mod tests {
             device
         };
         let mut segment = Segment::default();
-        assert_eq!(grid(&segment, bus).period(), bus);
+        assert_eq!(grid(&segment, bus).unwrap().period(), bus);
         segment.devices.push(device(0, SyncMode::DcSubordinated, 250_000, 750_000));
-        assert_eq!(grid(&segment, bus).period(), bus);
+        assert_eq!(grid(&segment, bus).unwrap().period(), bus);
         // SYNC1 every 2 ms and every 3 ms.
         segment.devices.push(device(1, SyncMode::DcSync1, 1_000_000, 1_500_000));
-        assert_eq!(grid(&segment, bus).period(), Nanos(2_000_000));
+        assert_eq!(grid(&segment, bus).unwrap().period(), Nanos(2_000_000));
         segment.devices.push(device(2, SyncMode::DcSync1, 1_000_000, 2_500_000));
-        assert_eq!(grid(&segment, bus).period(), Nanos(6_000_000));
+        assert_eq!(grid(&segment, bus).unwrap().period(), Nanos(6_000_000));
         segment.devices.push(device(3, SyncMode::FreeRun, 7_000_000, 0));
-        assert_eq!(grid(&segment, bus).period(), Nanos(6_000_000));
+        assert_eq!(grid(&segment, bus).unwrap().period(), Nanos(6_000_000));
         segment.devices.push(device(4, SyncMode::DcSync0, 999_999_937, 0));
-        assert_eq!(grid(&segment, bus).period(), bus);
+        assert_eq!(grid(&segment, bus), None);
+        let own = |at: usize| own_grid(&segment.devices[at], bus).period();
+        assert_eq!([0, 1, 4].map(own), [bus, Nanos(2_000_000), bus]);
     }
 
     #[test]

@@ -24,6 +24,7 @@ use crate::link::{Exchange, Link, Travel};
 use crate::segment::{Chunk, DcCapability, ProcessImage, Segment, SubDevice};
 use crate::{Config, esm};
 
+mod groups;
 mod mailbox;
 
 /// Memory of one ESC, and the little it does by itself.
@@ -438,7 +439,7 @@ fn cyclic_segment(bench: &mut Bench) -> Segment {
         }
         segment.devices.push(device);
     }
-    let chunk = Chunk { logical: 0, length: 4, first: 0, end: 2, writers: 2, readers: 1 };
+    let chunk = Chunk { every: 1, logical: 0, length: 4, first: 0, end: 2, writers: 2, readers: 1 };
     segment.image = ProcessImage { chunks: std::vec![chunk], read_write: true };
     segment
 }
@@ -610,7 +611,15 @@ fn health_finds_who_left_op() {
 /// over.
 #[test]
 fn frames_of_a_cycle_follow_each_other() {
-    let chunk = |logical| Chunk { logical, length: 1000, first: 0, end: 1, writers: 1, readers: 1 };
+    let chunk = |logical| Chunk {
+        every: 1,
+        logical,
+        length: 1000,
+        first: 0,
+        end: 1,
+        writers: 1,
+        readers: 1,
+    };
     let image = ProcessImage { chunks: [0, 1000, 2000].map(chunk).to_vec(), read_write: true };
     let device = crate::SubDevice::new(0, StationAddress(0x1001));
     let segment = crate::Segment {

@@ -50,15 +50,19 @@ pub struct Device {
     pub mode: SyncMode,
     /// Its SYNC pulses; nothing without DC.
     pub pulses: Pulses,
+    /// Its process data travel in every so many bus cycles; 1 or more.
+    pub every: u32,
+    /// By how much the frames with its process data are earlier where those of other groups do not go before them.
+    pub frame_spread: Nanos,
     /// Propagation delay from the reference clock: the part of both arrivals that is no frame's.
     pub delay: Nanos,
-    /// From the frame at the reference clock until the last output byte is stored here; `None` if it
-    /// has no outputs.
+    /// From the frame at the reference clock until the last output byte is stored here, in the fullest cycle; `None` if
+    /// it has no outputs.
     pub outputs_arrival: Option<Nanos>,
-    /// From the frame at the reference clock until the frame that fetches the inputs begins here;
-    /// `None` if it has no inputs.
+    /// From the frame at the reference clock until the frame that fetches the inputs begins here, where no other
+    /// group's goes before it; `None` if it has no inputs.
     pub inputs_fetched: Option<Nanos>,
-    /// From the frame at the reference clock until that frame is through here: the SM3 event.
+    /// From the frame at the reference clock until that frame is through here, in the fullest cycle: the SM3 event.
     pub inputs_read: Option<Nanos>,
     /// How long outputs stay valid without new ones (registers 0x0400, 0x0420); `None`: as long as one likes, or
     /// there are none.
@@ -88,6 +92,11 @@ impl Device {
     pub fn sync0_phase(&self, shift: Nanos) -> Nanos {
         let phase = shift - self.pulses.lead;
         Nanos(phase.0.checked_rem_euclid(self.pulses.sync0_cycle.0).unwrap_or(phase.0))
+    }
+
+    /// From one exchange of its process data to the next.
+    pub fn exchange(&self, cycle: &Cycle) -> Nanos {
+        Nanos(cycle.cycle.0 * i64::from(self.every))
     }
 
     /// From the acting pulse to Outputs Valid: the shift, but the hardware needs its delay.

@@ -44,7 +44,7 @@ pub(super) fn read(path: &str, bytes: &[u8]) -> std::result::Result<Eni, FileErr
 impl Reader<'_> {
     fn config(&mut self, path: &str, root: Node, config: Node) -> Result<Eni> {
         let mut list = StartUp::default();
-        let (mut slaves, mut cycles_ns) = (Vec::new(), Vec::new());
+        let (mut slaves, mut cycles_ns, mut groups) = (Vec::new(), Vec::new(), Vec::new());
         for node in children(config) {
             match node.tag_name().name() {
                 "Master" => self.master(node, &mut list)?,
@@ -53,7 +53,10 @@ impl Reader<'_> {
                     list.devices.push(device);
                     slaves.push(slave);
                 }
-                "Cyclic" => cycles_ns.push(self.cyclic(node, &mut list.frames)?),
+                "Cyclic" => {
+                    cycles_ns.push(self.cyclic(node, &mut list.frames)?);
+                    groups.push(list.frames.len());
+                }
                 "ProcessImage" => {
                     for (name, bytes) in
                         [("Inputs", &mut list.input_bytes), ("Outputs", &mut list.output_bytes)]
@@ -70,6 +73,14 @@ impl Reader<'_> {
             }
         }
         self.cycle(config, &cycles_ns, &mut list);
+        // How often the frames of each Cyclic travel, by the fastest one.
+        let mut first = 0;
+        for (end, cycle) in groups.into_iter().zip(&cycles_ns) {
+            let times = cycle.and_then(|cycle| cycle.checked_div(list.cycle_ns));
+            let every = times.and_then(|times| u32::try_from(times).ok()).unwrap_or(1).max(1);
+            list.frames[first..end].iter_mut().for_each(|frame| frame.every = every);
+            first = end;
+        }
         self.reference(config, &list);
         let version = root.attribute("Version").unwrap_or_default().to_owned();
         let warnings = std::mem::take(&mut self.warnings);
@@ -96,7 +107,7 @@ impl Reader<'_> {
             for command in named(frame, "Cmd") {
                 datagrams.push(self.datagram(command)?);
             }
-            frames.push(CyclicFrame { datagrams });
+            frames.push(CyclicFrame { every: 1, datagrams });
         }
         // Commands outside of a frame: a frame of their own, as some tools have it.
         let mut loose = Vec::new();
@@ -104,7 +115,7 @@ impl Reader<'_> {
             loose.push(self.datagram(command)?);
         }
         if !loose.is_empty() {
-            frames.push(CyclicFrame { datagrams: loose });
+            frames.push(CyclicFrame { every: 1, datagrams: loose });
         }
         let micros: Option<u32> = self.number(node, "CycleTime")?;
         Ok(micros.filter(|micros| *micros > 0).map(|micros| i64::from(micros) * 1_000))

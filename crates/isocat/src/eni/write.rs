@@ -53,7 +53,13 @@ impl Writer {
         for (position, device) in list.devices.iter().enumerate() {
             self.within("Slave", "", |w| w.slave(position, device))?;
         }
-        self.within("Cyclic", "", |w| w.cyclic(list))?;
+        self.within("Cyclic", "", |w| w.cyclic(list, 1))?;
+        let mut slower: Vec<u32> = list.frames.iter().map(|frame| frame.every).collect();
+        slower.sort_unstable();
+        slower.dedup();
+        for every in slower.into_iter().filter(|every| *every > 1) {
+            self.within("Cyclic", "", |w| w.cyclic(list, every))?;
+        }
         self.within("ProcessImage", "", |w| {
             w.within("Inputs", "", |w| w.number("ByteSize", list.input_bytes))?;
             w.within("Outputs", "", |w| w.number("ByteSize", list.output_bytes))
@@ -201,15 +207,18 @@ impl Writer {
         })
     }
 
-    fn cyclic(&mut self, list: &StartUp) -> fmt::Result {
-        let cycle = list.cycle_ns;
-        match (u32::try_from(cycle / 1_000), cycle % 1_000) {
+    /// The frames that travel in every so many bus cycles.
+    fn cyclic(&mut self, list: &StartUp, every: u32) -> fmt::Result {
+        let bus = list.cycle_ns;
+        let cycle = i128::from(bus) * i128::from(every);
+        match (u32::try_from(cycle / 1_000), bus % 1_000) {
             (Ok(micros), 0) => self.number("CycleTime", micros)?,
+            // Of a slower group neither where the bus cycle has none: it would be taken for that.
             _ => self.comment(&format!(
                 "The cycle is {cycle} ns: CycleTime counts whole microseconds and is left out."
             ))?,
         }
-        for frame in &list.frames {
+        for frame in list.frames.iter().filter(|frame| frame.every == every) {
             self.within("Frame", "", |w| {
                 frame.datagrams.iter().try_for_each(|datagram| w.datagram(datagram))
             })?;

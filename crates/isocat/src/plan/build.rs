@@ -113,6 +113,8 @@ impl Plan {
 
     fn frame(&self, frame: &FramePlan) -> Frame {
         Frame {
+            every: frame.every,
+            spread_ns: frame.spread.0,
             begin_ns: frame.begin.0,
             end_ns: frame.end.0,
             bytes: frame.length,
@@ -156,6 +158,7 @@ impl Plan {
             mode: planned.mode.name().to_owned(),
             mode_reason: found.mode_reason.clone(),
             delay_ns: planned.delay.0,
+            every: planned.every,
             sync0_cycle_ns: dc.then_some(planned.pulses.sync0_cycle.0),
             sync0_phase_ns: ns(timing.sync0.filter(|_| dc).map(|shift| planned.sync0_phase(shift))),
             sync1_ns: planned.mode.uses_sync1().then_some(planned.pulses.sync1.0),

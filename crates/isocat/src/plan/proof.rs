@@ -7,6 +7,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use isocat_maindevice::segment::FramePlan;
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{HostModel, Segment, Tap};
 use isocat_sync::budget::{Check, Moments, Span};
@@ -158,32 +159,30 @@ impl Onlooker {
             .map(|position| {
                 let device = &timing.devices[position].0;
                 let moments = timing.moments(position).unwrap_or_default();
-                let own = chunks.iter().position(|c| (c.first..c.end).contains(&position));
+                let own = chunks.iter().position(|c| c.holds(&plan.segment.devices[position]));
                 let sync0 = device.pulses.sync0_cycle;
                 Watch {
                     mode: device.mode,
                     on_sync1: device.pulses.lead > Nanos::ZERO,
-                    // There is no event for outputs before those that came last were fetched.
                     watchdog: device
                         .watchdog
-                        .filter(|_| device.mode != SyncMode::FreeRun && sync0 <= timing.cycle.cycle)
+                        .filter(|_| device.mode != SyncMode::FreeRun)
                         .map(Picos::from),
                     inputs_only: device.inputs_read.is_some() && device.outputs_arrival.is_none(),
                     by_timer: device.input_shift > Nanos::ZERO,
                     chunk: own.map(|chunk| chunks[chunk].logical),
                     expected: EVENTS.map(|(_, pick)| expected(&moments, pick)),
-                    cycle: timing.cycle.cycle.into(),
+                    cycle: device.exchange(&timing.cycle).into(),
                     pulse_cycle: if device.mode.uses_dc() { sync0.into() } else { Picos::ZERO },
                     ..Watch::default()
                 }
             })
             .collect();
-        let frames = timing.frames.len();
         Self {
             reference: plan.segment.reference,
             cycle: timing.cycle.cycle.into(),
             frames: Frames {
-                of_cycle: frames,
+                first: timing.frames.first().map(parts_planned).unwrap_or_default(),
                 cycle: timing.cycle.cycle.into(),
                 tolerance: timing.cycle.clock_error.into(),
                 ..Frames::default()
@@ -219,8 +218,10 @@ impl Onlooker {
         let byte = Picos(isocat_wire::frame::BYTE_TIME_NS as i64 * 1_000);
         let (until, whole) =
             (Picos(on_wire as i64 * byte.0), Picos((on_wire - gap) as i64 * byte.0));
+        let mut parts = Vec::new();
         let mut cyclic = false;
         for datagram in isocat_wire::datagram::datagrams(payload).flatten() {
+            parts.push((datagram.header.address, datagram.data.len()));
             let reads = match datagram.header.command() {
                 Ok(command) if command.is_logical() => command != isocat_wire::Command::Lwr,
                 _ => continue,
@@ -234,8 +235,10 @@ impl Onlooker {
             }
         }
         let on = self.is_on(at);
-        if cyclic {
-            self.frames.passes(at, until, on);
+        let first = parts == self.frames.first;
+        // Before process data run, cycles are shorter than planned.
+        if cyclic || first {
+            self.frames.passes(at, until, first, on);
         } else {
             self.frames.acyclic(at, until);
         }
@@ -270,8 +273,13 @@ impl Onlooker {
         };
         // A frame's begin is what its end tells, and its length.
         let at = if number == 7 { Time::new(at.count() - watch.frame.0 as u64) } else { at };
-        watch.note(number, reference.system_time_ps(at), self.cycle);
+        watch.note(number, reference.system_time_ps(at));
     }
+}
+
+/// Address and bytes of each datagram of a frame.
+fn parts_planned(frame: &FramePlan) -> Vec<(u32, usize)> {
+    frame.datagrams.iter().map(|part| (part.address.raw(), part.length)).collect()
 }
 
 fn expected(moments: &Moments, pick: fn(&Moments) -> Option<Span>) -> Option<Picos> {
@@ -282,13 +290,13 @@ fn expected(moments: &Moments, pick: fn(&Moments) -> Option<Span>) -> Option<Pic
 /// The process data frames of the cycles.
 #[derive(Default)]
 struct Frames {
-    of_cycle: usize,
-    number: usize,
+    /// Address and bytes of each datagram of the frame that begins a cycle.
+    first: Vec<(u32, usize)>,
     cycle: Picos,
     /// How far cycles may be apart since clocks differ.
     tolerance: Picos,
     /// When the first frame of the last cycle left.
-    first: Option<Time<True>>,
+    began: Option<Time<True>>,
     /// When the port had sent the last frame of a cycle, and its gap.
     free: Option<Time<True>>,
     /// The same for all frames since.
@@ -297,27 +305,23 @@ struct Frames {
 }
 
 impl Frames {
-    fn passes(&mut self, at: Time<True>, on_wire: Picos, on: bool) {
-        if self.number == 0 {
+    fn passes(&mut self, at: Time<True>, on_wire: Picos, first: bool, on: bool) {
+        if first {
             if let Some(free) = self.free.filter(|_| on) {
                 self.slack.take(at - free);
             }
             // Acyclic frames go whenever there is room, but not into the next cycle, on the way up neither.
-            let due = self.first.map(|first| first + self.cycle);
+            let due = self.began.map(|began| began + self.cycle);
             if let (Some(due), Some(busy)) = (due, self.busy)
                 && busy == at
                 && at - due > self.tolerance
             {
                 self.slack.take(due - busy);
             }
-            self.first = Some(at);
+            self.began = Some(at);
         }
         self.busy = None;
-        self.number += 1;
-        if self.number >= self.of_cycle {
-            self.number = 0;
-            self.free = Some(at + on_wire);
-        }
+        self.free = Some(at + on_wire);
     }
 
     fn acyclic(&mut self, at: Time<True>, on_wire: Picos) {
@@ -361,7 +365,7 @@ struct Watch {
     chunk: Option<u32>,
     /// How long the frame takes that fetches them.
     frame: Picos,
-    /// From frame to frame.
+    /// From one exchange of its process data to the next.
     cycle: Picos,
     /// From SYNC0 to SYNC0.
     pulse_cycle: Picos,
@@ -581,11 +585,11 @@ impl Watch {
     }
 
     /// An event came when the reference clock stood at `system_ps`.
-    fn note(&mut self, number: usize, system_ps: i128, cycle: Picos) {
+    fn note(&mut self, number: usize, system_ps: i128) {
         let Some(expected) = self.expected[number] else { return };
         // With subordinated cycles there are several SYNC0 in a cycle, and outputs act at each.
         let often = self.mode == SyncMode::DcSubordinated && (number == 2 || number == 4);
-        let cycle = i128::from(if often { self.pulse_cycle.0 } else { cycle.0 });
+        let cycle = i128::from(if often { self.pulse_cycle.0 } else { self.cycle.0 });
         let into = (system_ps - i128::from(expected.0)).rem_euclid(cycle);
         let error = if into > cycle / 2 { into - cycle } else { into } as i64;
         let phase = expected.0 + error;

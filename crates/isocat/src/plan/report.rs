@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-plan/1";
+pub const FORMAT: &str = "isocat-plan/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -31,7 +31,7 @@ pub struct PlanReport {
     pub warnings: Vec<Note>,
     /// Figures of the segment.
     pub segment: Segment,
-    /// The frames of a cycle.
+    /// The frames of the fullest cycle.
     pub frames: Vec<Frame>,
     /// The demand of the frames.
     pub frames_line: Line,
@@ -81,10 +81,14 @@ pub struct Segment {
     pub least_slack_ns: i64,
 }
 
-/// A frame of the cycle. Times count from the first bit of the first one.
+/// A frame of the cycle. Times count from the first bit of the first one, in the fullest cycle.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Frame {
+    /// It travels in the bus cycles whose number, system time divided by the bus cycle, is a multiple of this.
+    pub every: u32,
+    /// By how much it is earlier where the frames of other groups do not go before it.
+    pub spread_ns: i64,
     /// First bit of the preamble.
     pub begin_ns: i64,
     /// Last bit of the check sequence.
@@ -109,7 +113,8 @@ pub struct Datagram {
     pub begin_ns: i64,
     /// Behind the last byte of its data on the wire.
     pub end_ns: i64,
-    /// First and last position of the SubDevices whose process data it carries; null for others.
+    /// First and last position of the SubDevices whose process data it carries, of those between them only the ones that
+    /// are exchanged as often; null for others.
     pub devices: Option<[usize; 2]>,
 }
 
@@ -131,6 +136,8 @@ pub struct Device {
     pub mode_reason: String,
     /// Propagation delay from the reference clock.
     pub delay_ns: i64,
+    /// Its process data travel in every so many bus cycles.
+    pub every: u32,
     /// Register 0x09A0; null without SYNC.
     pub sync0_cycle_ns: Option<i64>,
     /// Phase of SYNC0 in its cycle; null without.
@@ -157,7 +164,7 @@ pub struct Doubt {
     pub what: String,
 }
 
-/// An event of the cycle in which the frame is sent, by the reference clock.
+/// An event of the cycle in which the frame is sent, by the reference clock: from the begin of that bus cycle on.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Moment {

@@ -181,6 +181,7 @@ impl Plan {
             }
         };
         let frame = |frame: &isocat_maindevice::segment::FramePlan| CyclicFrame {
+            every: frame.every,
             datagrams: frame.datagrams.iter().map(datagram).collect(),
         };
         self.timing().frames.iter().map(frame).collect()

@@ -19,7 +19,9 @@ pub fn suggest(plan: &Plan) -> Suggestion {
     let window = common_window(&cycle, devices());
     let ends = window.map(|window| {
         let earliest = window.earliest.unwrap_or(cycle.send);
-        (earliest, window.latest.unwrap_or(cycle.send + cycle.cycle))
+        // The pulse comes in the bus cycle of the frame, however slow all devices are.
+        let end = cycle.send + cycle.cycle;
+        (earliest, window.latest.map_or(end, |latest| latest.min(end)))
     });
     let shift = ends.map(|(earliest, latest)| {
         let middle = (earliest.0 + latest.0).div_euclid(2);

@@ -84,7 +84,8 @@ impl PlanReport {
     }
 
     fn write_frames(&self, out: &mut String) -> fmt::Result {
-        writeln!(out, "\nFrames of the cycle")?;
+        let grouped = self.frames.iter().any(|frame| frame.every > 1);
+        writeln!(out, "\nFrames of the {}cycle", if grouped { "fullest " } else { "" })?;
         for (number, frame) in self.frames.iter().take(MOST_NOTES).enumerate() {
             write_frame(out, number, frame)?;
         }
@@ -254,7 +255,11 @@ fn write_frame(out: &mut String, number: usize, frame: &Frame) -> fmt::Result {
             format!("{} {} {} bytes{whose}", part.command, part.address, part.bytes)
         })
         .collect();
-    let text = format!("{} bytes, {begin} to {end}: {}", frame.bytes, parts.join(", "));
+    let often = match frame.every {
+        1 => String::new(),
+        every => format!("every {every} cycles, "),
+    };
+    let text = format!("{often}{} bytes, {begin} to {end}: {}", frame.bytes, parts.join(", "));
     for (i, line) in wrap(&text, WIDTH - 5).iter().enumerate() {
         match i {
             0 => writeln!(out, " {number:<3} {line}")?,
@@ -272,6 +277,9 @@ fn write_device(out: &mut String, device: &Device, proven: bool) -> fmt::Result 
     }
     if let Some(sync1) = device.sync1_ns {
         write!(out, ", 0x09A4 {}", Nanos(sync1))?;
+    }
+    if device.every > 1 {
+        write!(out, ", exchanged every {} cycles", device.every)?;
     }
     writeln!(out)?;
     if !device.moments.is_empty() {

@@ -55,7 +55,7 @@ fn sync0_in_frame(
     let sync0 = device.sync0_phase(shift);
     let (from, to) = (cycle.send + begin, cycle.send + end + cycle.jitter);
     let inside = |phase: Nanos| from <= phase && phase <= to;
-    (inside(sync0) || inside(sync0 + cycle.cycle)).then(|| {
+    (inside(sync0) || inside(sync0 + device.exchange(cycle))).then(|| {
         format!(
             "SYNC0 at {sync0} of the cycle lies inside the frame, which may pass from {from} to {to}"
         )

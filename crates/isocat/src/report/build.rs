@@ -200,7 +200,12 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
             .devices()
             .get(position)
             .map(|device| device.stack.sync().cycle().0)
-            .map(|cycle| if mode == SyncMode::SmSynchronous { scenario.cycle.0 } else { cycle })
+            .map(|cycle| match found {
+                Some(found) if mode == SyncMode::SmSynchronous => {
+                    scenario.cycle.0 * i64::from(found.every)
+                }
+                _ => cycle,
+            })
             .filter(|cycle| *cycle > 0),
         true_time: true_time(&outcome.bench.devices()[position], mode),
         registers: registers(outcome, position),

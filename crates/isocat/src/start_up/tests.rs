@@ -35,6 +35,7 @@ fn list() -> StartUp {
         before: vec![RegisterStep::bwr(&[Transition::IP], 0x0981, vec![0], "SYNC off")],
         devices: vec![drive],
         frames: vec![CyclicFrame {
+            every: 1,
             datagrams: vec![CyclicDatagram {
                 command: Command::Armw,
                 address: Address::Physical { device: 0, register: 0x0910 },

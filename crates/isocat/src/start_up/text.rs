@@ -38,7 +38,12 @@ impl StartUp {
             let image = format!("{inputs} bytes of inputs, {outputs} of outputs");
             writeln!(out, "\neach cycle, with a process image of {image}")?;
         }
+        let mut before = 1;
         for (number, frame) in self.frames.iter().enumerate() {
+            if frame.every != before {
+                before = frame.every;
+                writeln!(out, "  in every {} of them only", ordinal(frame.every))?;
+            }
             write_frame(out, number, frame)?;
         }
         write_notes(out, &self.notes)?;
@@ -136,6 +141,18 @@ fn write_notes(out: &mut String, notes: &[String]) -> fmt::Result {
         }
     }
     Ok(())
+}
+
+/// `2nd`, `5th`.
+fn ordinal(number: u32) -> String {
+    let ending = match (number % 10, number % 100) {
+        (_, 11..=13) => "th",
+        (1, _) => "st",
+        (2, _) => "nd",
+        (3, _) => "rd",
+        _ => "th",
+    };
+    format!("{number}{ending}")
 }
 
 fn place(address: Address) -> String {

@@ -10,10 +10,12 @@ use isocat_wire::register;
 use isocat_wire::time::{Host, Time};
 
 use super::Cycle;
-use super::layout::{TIME_LEN, ZEROS, plan_frames};
+use super::layout::{Parts, TIME_LEN, ZEROS, plan_frames};
 
 /// One frame of the cycle and where its datagrams are.
 pub(super) struct CyclicFrame {
+    /// It leaves in the bus cycles whose number by system time is a multiple of this.
+    pub(super) every: u32,
     pub(super) bytes: Vec<u8>,
     /// Offsets are from the start of the frame.
     pub(super) datagrams: Vec<(Part, Layout)>,
@@ -41,11 +43,11 @@ impl Cycle {
         self.frames.clear();
         let reference = self.reference.as_ref();
         let clock = (reference.is_some(), self.drive.is_some());
-        for plan in plan_frames(&self.image, clock, self.exchanging) {
+        for Parts { every, parts } in plan_frames(&self.image, clock, self.exchanging) {
             let mut bytes = vec![0; MAX_LEN];
             let mut writer = FrameWriter::new(&mut bytes, self.source);
             let mut datagrams = Vec::new();
-            for part in plan {
+            for part in parts {
                 let (command, address, len) = match part {
                     Part::Drift => {
                         let Some(reference) = reference else { continue };
@@ -85,8 +87,9 @@ impl Cycle {
             };
             let marks = datagrams.iter().map(mark).collect();
             let (flights, cycles) = ([None; 2], [0; 2]);
-            self.frames.push(CyclicFrame { bytes, datagrams, marks, flights, cycles });
+            self.frames.push(CyclicFrame { every, bytes, datagrams, marks, flights, cycles });
         }
+        self.grouped = self.frames.iter().any(|frame| frame.every > 1);
     }
 
     pub(super) fn logical(&self, command: Command, chunk: usize) -> (Command, Address, usize) {

@@ -13,56 +13,68 @@ use isocat_wire::time::Nanos;
 use super::frames::Part;
 use crate::segment::{DatagramPlan, FramePlan, GAP, ProcessImage, Segment};
 
+/// What goes into one frame.
+pub(super) struct Parts {
+    /// It travels in the bus cycles whose number is a multiple of this.
+    pub(super) every: u32,
+    pub(super) parts: Vec<Part>,
+}
+
 /// Which parts go into which frame of a cycle. No chunk is cut, so no SubDevice is. `clock`: there is a reference
 /// clock; it is led.
+///
+/// Frames that travel in every cycle come first, and are the same in each; chunks are ordered so already.
 pub(super) fn plan_frames(
     image: &ProcessImage,
     clock: (bool, bool),
     exchanging: bool,
-) -> Vec<Vec<Part>> {
-    let mut frames: Vec<Vec<Part>> = vec![Vec::new()];
+) -> Vec<Parts> {
+    let mut frames = vec![Parts { every: 1, parts: Vec::new() }];
     let mut room = ROOM;
-    let mut put = |part: Part, len: usize| {
+    let mut put = |every: u32, part: Part, len: usize| {
         let len = len + DATAGRAM_OVERHEAD;
-        if len > room {
-            frames.push(Vec::new());
+        if len > room || frames.last().is_none_or(|frame| frame.every != every) {
+            frames.push(Parts { every, parts: Vec::new() });
             room = ROOM;
         }
         room -= len;
         if let Some(frame) = frames.last_mut() {
-            frame.push(part);
+            frame.parts.push(part);
         }
     };
     if clock.0 {
-        put(Part::Drift, TIME_LEN);
+        put(1, Part::Drift, TIME_LEN);
         if clock.1 {
-            put(Part::Lead, TIME_LEN);
+            put(1, Part::Lead, TIME_LEN);
         }
     }
-    if exchanging {
-        for (at, chunk) in image.chunks.iter().enumerate() {
-            let len = usize::from(chunk.length);
-            match image.read_write {
-                true => put(Part::ReadWrite(at), len),
-                false => {
-                    put(Part::Write(at), len);
-                    put(Part::Read(at), len);
-                }
+    let chunks = image.chunks.iter().enumerate().filter(|_| exchanging);
+    let (fast, slow): (Vec<_>, Vec<_>) = chunks.partition(|(_, chunk)| chunk.every == 1);
+    let status = (None, 1, 2);
+    let all = fast.into_iter().map(|(at, chunk)| (Some(at), chunk.every, chunk.length));
+    let slow = slow.into_iter().map(|(at, chunk)| (Some(at), chunk.every, chunk.length));
+    for (chunk, every, len) in all.chain([status]).chain(slow) {
+        let len = usize::from(len);
+        match chunk {
+            None => put(every, Part::AlStatus, len),
+            Some(at) if image.read_write => put(every, Part::ReadWrite(at), len),
+            Some(at) => {
+                put(every, Part::Write(at), len);
+                put(every, Part::Read(at), len);
             }
         }
     }
-    put(Part::AlStatus, 2);
     frames
 }
 
 /// The frames of a cycle with process data, as they will be sent: what is in them, and when they are on the
-/// wire, counted from the first bit of the first.
+/// wire in the fullest cycle, counted from the first bit of the first.
 pub(crate) fn frames(segment: &Segment, compensate: bool, leads: bool) -> Vec<FramePlan> {
     let image = &segment.image;
     let mut start = 0;
-    let mut frames = Vec::new();
+    let mut frames: Vec<FramePlan> = Vec::new();
     let clock = (segment.reference.is_some(), leads);
-    for parts in plan_frames(image, clock, true) {
+    for Parts { every, parts } in plan_frames(image, clock, true) {
         let mut at = HEADERS;
         let mut datagrams = Vec::new();
         for part in parts {
@@ -95,13 +107,18 @@ pub(crate) fn frames(segment: &Segment, compensate: bool, leads: bool) -> Vec<Fr
         }
         let end = start + duration_ns(at);
         let (begin, end_of) = (Nanos(start as i64), Nanos(end as i64));
-        frames.push(FramePlan { begin, end: end_of, length: at.max(MIN_LEN), datagrams });
+        // Where its number is a multiple of no more than this, only what divides it goes before.
+        let absent = frames.iter().filter(|frame| every % frame.every != 0);
+        let spread = Nanos(absent.map(|frame| (frame.end - frame.begin + GAP).0).sum());
+        let length = at.max(MIN_LEN);
+        frames.push(FramePlan { every, spread, begin, end: end_of, length, datagrams });
         start = end + GAP.0 as u64;
     }
     frames
 }
 
-/// When the frames of a chunk are on the wire, counted from the first bit of the cycle's first frame.
+/// When the frames of a chunk are on the wire in the fullest cycle, counted from the first bit of the cycle's first
+/// frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct ChunkTimes {
     /// Begin of the frame that fetches its inputs.
@@ -111,6 +128,8 @@ pub(crate) struct ChunkTimes {
     /// End of the frame that brings its outputs: a SyncManager passes them on when the check sequence was
     /// found good.
     pub stored: Nanos,
+    /// By how much all that is earlier where fewer frames go before them.
+    pub spread: Nanos,
 }
 
 /// The times of each chunk.
@@ -121,6 +140,7 @@ pub(crate) fn chunk_times(frames: &[FramePlan], chunks: usize) -> Vec<ChunkTimes
             let Some(times) = datagram.chunk.and_then(|chunk| times.get_mut(chunk)) else {
                 continue;
             };
+            times.spread = frame.spread;
             if datagram.command != Command::Lwr {
                 (times.fetched, times.read) = (frame.begin, frame.end);
             }

@@ -8,7 +8,7 @@ use isocat_wire::time::{Dc, Nanos, Time};
 
 use super::Cycle;
 use super::frames::{Mark, Part};
-use crate::segment::{Chunk, DcCapability, ProcessImage, SubDevice};
+use crate::segment::{DcCapability, ProcessImage, SubDevice};
 
 /// One SubDevice in the exchange.
 pub(super) struct Place {
@@ -163,9 +163,9 @@ impl Place {
         let (outputs, inputs) = (&device.outputs, &device.inputs);
         let start = inputs.logical as usize;
         let mapped = outputs.length > 0 || inputs.length > 0;
-        let of = |chunk: &Chunk| (chunk.first..chunk.end).contains(&device.position);
+        let chunk = image.chunks.iter().position(|chunk| chunk.holds(device));
         Self {
-            chunk: image.chunks.iter().position(of).filter(|_| mapped),
+            chunk: chunk.filter(|_| mapped),
             inputs: start..start + usize::from(inputs.length),
             writes: outputs.length > 0,
             reads: inputs.length > 0,

@@ -56,12 +56,37 @@ impl Cycle {
         self.through = now.max(self.through) + Nanos(duration_ns(frame.bytes.len()) as i64) + GAP;
         inner.statistics.frames_sent += 1;
         inner.statistics.datagrams += frame.datagrams.len() as u64;
-        self.next_frame += 1;
+        self.next_frame = self.following(at);
         if self.next_frame >= self.frames.len() {
             let earliest = now.max(self.due) + Nanos(self.cycle.0 / 2);
             self.due = self.next_send(earliest);
         }
         Some(self.frames[at].bytes.len())
+    }
+
+    /// The frame behind one that leaves in this cycle too; the number of frames if there is none.
+    fn following(&self, at: usize) -> usize {
+        let mut next = at + 1;
+        while self
+            .frames
+            .get(next)
+            .is_some_and(|frame| frame.every > 1 && self.slot % u64::from(frame.every) != 0)
+        {
+            next += 1;
+        }
+        next
+    }
+
+    /// The number of the bus cycle that begins, by the system time at which its frame finds the reference clock: the
+    /// one that SYNC pulses count, whichever cycles were skipped. Without a reference it is the count.
+    fn number_by_time(&self, now: Time<Host>) -> u64 {
+        if self.reference.is_none() {
+            return self.number;
+        }
+        let into_first = self.servo.dc_at(now.max(self.due)) + -self.send_phase;
+        // Half a cycle late still belongs to the cycle that was due, as the next one will come on the grid.
+        let cycle = self.cycle.0 as u64;
+        into_first.count().saturating_add((cycle - 1) / 2) / cycle
     }
 
     /// A caller who slept over half a cycle or more sends on the grid again, not somewhere in between:
@@ -119,6 +144,9 @@ impl Cycle {
             self.exchanging = self.wanted;
             self.stale = false;
             self.build();
+        }
+        if self.grouped {
+            self.slot = self.number_by_time(now);
         }
         self.choose_drift();
         inner.leading = self.reference.as_ref().is_some_and(|reference| !reference.reading);

@@ -196,17 +196,20 @@ fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
     let available = Sum::default();
     match device.mode {
         SyncMode::SmSynchronous | SyncMode::FreeRun => (
-            needed.and(Quantity::SendJitter, cycle.jitter, Origin::Intent).if_any(
-                Quantity::ClockSpeed,
-                // A time that is stated is a nominal one; one of a CPU counts in that CPU's own oscillator.
-                if origin == Origin::Assumed {
-                    speed_error(cycle, cycle.cycle)
-                } else {
-                    Nanos::ZERO
-                },
-                Origin::Assumed,
-            ),
-            available.and(Quantity::Cycle, cycle.cycle, Origin::Intent),
+            needed
+                .and(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+                .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
+                .if_any(
+                    Quantity::ClockSpeed,
+                    // A time that is stated is a nominal one; one of a CPU counts in that CPU's own oscillator.
+                    if origin == Origin::Assumed {
+                        speed_error(cycle, device.exchange(cycle))
+                    } else {
+                        Nanos::ZERO
+                    },
+                    Origin::Assumed,
+                ),
+            own_cycle(available, cycle, device),
         ),
         SyncMode::DcSubordinated => (needed, sync0_cycle(device)),
         mode if mode.uses_dc() && device.pulses.sync0_cycle > cycle.cycle => {
@@ -225,9 +228,9 @@ fn sync0_cycle(device: &Device) -> Sum {
 fn within_watchdog(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     device.outputs_arrival?;
     let (watchdog, origin) = (device.watchdog?, device.origins.watchdog);
-    let needed = Sum::default()
-        .and(Quantity::Cycle, cycle.cycle, Origin::Intent)
+    let needed = own_cycle(Sum::default(), cycle, device)
         .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+        .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
         .if_any(Quantity::ClockSpeed, speed_error(cycle, watchdog), Origin::Assumed);
     Some((needed, Sum::default().and(Quantity::Watchdog, watchdog, origin)))
 }
@@ -321,13 +324,18 @@ fn inputs_by_timer(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     Some((needed, next_frame(cycle, device, fetched)))
 }
 
-/// When the next cycle's frame begins at the SubDevice, at the earliest.
+/// When the frame of its next exchange begins at the SubDevice, at the earliest.
 fn next_frame(cycle: &Cycle, device: &Device, fetched: Nanos) -> Sum {
-    Sum::default()
-        .if_any(Quantity::Send, cycle.send, Origin::Plan)
-        .and(Quantity::Cycle, cycle.cycle, Origin::Intent)
+    let send = Sum::default().if_any(Quantity::Send, cycle.send, Origin::Plan);
+    own_cycle(send, cycle, device)
         .if_any(Quantity::FrameBegin, fetched - device.delay, Origin::Wire)
         .and(Quantity::Propagation, device.delay, device.origins.delay)
+}
+
+/// The cycle of its exchange, named as its own where it is not the bus cycle.
+fn own_cycle(sum: Sum, cycle: &Cycle, device: &Device) -> Sum {
+    let quantity = if device.every > 1 { Quantity::OwnCycle } else { Quantity::Cycle };
+    sum.and(quantity, device.exchange(cycle), Origin::Intent)
 }
 
 type Figure = (Nanos, Origin, Quantity);

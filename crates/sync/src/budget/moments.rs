@@ -5,7 +5,8 @@ use isocat_wire::time::Nanos;
 use super::{Cycle, Device, Origin};
 use crate::mode::SyncMode;
 
-/// From the earliest to the latest instant of an event, as phases of the cycle in which the frame is sent.
+/// From the earliest to the latest instant of an event, counted from the begin of the bus cycle in which the frame is
+/// sent.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Span {
     /// Not before.
@@ -43,11 +44,12 @@ pub struct Moments {
 
 /// The events with the acting pulse at `shift`. In Free Run nothing has a place in the bus cycle but the frames.
 pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
-    let Cycle { cycle: period, send, jitter, clock_error } = *cycle;
+    let Cycle { send, jitter, clock_error, .. } = *cycle;
+    let (period, spread) = (device.exchange(cycle), device.frame_spread);
     let at = |phase: Nanos| Span { earliest: phase - clock_error, latest: phase + clock_error };
     let frame = |after: Nanos| at(send + after).after(Nanos::ZERO, jitter);
-    let stored = device.outputs_arrival.map(frame);
-    let fetched = device.inputs_fetched.map(|begin| frame(begin).after(period, period));
+    let stored = device.outputs_arrival.map(|end| frame(end).after(-spread, Nanos::ZERO));
+    let fetched = device.inputs_fetched.map(|begin| frame(begin).after(period, period + spread));
     let mut moments =
         Moments { outputs_stored: stored, inputs_fetched: fetched, ..Moments::default() };
     let pulses = &device.pulses;

@@ -118,6 +118,10 @@ pub enum Quantity {
     ClockSpeed,
     /// Bus cycle.
     Cycle,
+    /// A SubDevice's own cycle, of several bus cycles.
+    OwnCycle,
+    /// Frames of other groups that go before its own in some cycles.
+    OtherGroups,
     /// SYNC0 cycle.
     Sync0Cycle,
     /// Minimum cycle time.
@@ -164,6 +168,8 @@ impl Quantity {
             Self::ClockError => "clock error",
             Self::ClockSpeed => "100 ppm of it and a tick",
             Self::Cycle => "cycle",
+            Self::OwnCycle => "its own cycle",
+            Self::OtherGroups => "frames of other groups before it",
             Self::Sync0Cycle => "SYNC0 cycle",
             Self::MinimumCycle => "minimum cycle",
             Self::ActingPulse => "acting pulse",

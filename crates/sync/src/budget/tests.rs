@@ -12,6 +12,8 @@ fn drive() -> Device {
     Device {
         mode: SyncMode::DcSync0,
         pulses: Pulses { sync0_cycle: Nanos(1_000_000), ..Pulses::default() },
+        every: 1,
+        frame_spread: Nanos(0),
         outputs_arrival: Some(Nanos(12_345)),
         inputs_fetched: Some(Nanos(1_000)),
         inputs_read: Some(Nanos(12_345)),

@@ -180,3 +180,25 @@ fn limits_of_zero_are_refused() {
         assert_eq!(world.main().statistics().frames_sent, 0);
     }
 }
+
+/// Clocks 200 ppm apart, at the longest cycle in which the host may lead; one step longer is refused.
+#[test]
+fn the_host_leads_up_to_a_cycle_of_4_ms() {
+    let text = |cycle: &str| {
+        let device = "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"";
+        format!(
+            "cycle = \"{cycle}\"\nfor = \"60s\"\ndirection = \"drive-reference\"\n{device}\nclock = \"-100ppm\"\n\
+             {device}\nclock = \"100ppm\"\n"
+        )
+    };
+    let run = |cycle: &str| {
+        let file = SegmentFile::parse("led.toml", &text(cycle)).expect("it reads");
+        isocat::run(&Scenario::from(file))
+    };
+    let longest = run("4ms");
+    assert!(longest.in_sync, "{}", longest.verdict);
+    let error = longest.devices[1].true_time.sync0_error.as_ref().expect("it has SYNC0");
+    assert!(error.worst_ns < 200.0, "{error:?}");
+    let longer = run("4001us");
+    assert!(longer.verdict.contains("4 ms at most"), "{}", longer.verdict);
+}

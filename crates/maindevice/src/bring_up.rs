@@ -131,6 +131,9 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     Ok(())
 }
 
+/// Longest cycle in which a reference clock is led: clocks 200 ppm apart stay within 124 ns in it, and leave 1 us at 5 ms.
+const LONGEST_LED_CYCLE: Nanos = Nanos(4_000_000);
+
 /// Settings that make no sense are refused before anything is sent.
 pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     let cycle = config.cycle;
@@ -162,6 +165,13 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     };
     if limits.is_some_and(is_bad) || source.is_some_and(|source| source.interval <= Nanos::ZERO) {
         return Err(Cause::Setting { name: "direction", expected: "limits and interval above 0" });
+    }
+    // With a reference that is steered, drift loops follow what they are told less and less often.
+    if limits.is_some() && cycle > LONGEST_LED_CYCLE {
+        return Err(Cause::Setting {
+            name: "cycle",
+            expected: "4 ms at most if the reference clock is to be led (direction)",
+        });
     }
     if limits.is_some() && !config.drift_compensation {
         return Err(Cause::Setting {

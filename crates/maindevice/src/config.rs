@@ -37,7 +37,8 @@ pub struct Config {
     /// `0..cycle`. `None`: the plan takes the phase at which all devices have most slack.
     pub shift: Option<Nanos>,
     /// Which clock leads the segment. Default: the reference clock, and the host follows. Anything else writes
-    /// into the reference clock in every cycle, and what is imperfect about this host's stamps with it.
+    /// into the reference clock in every cycle, and what is imperfect about this host's stamps with it; for cycles of 4 ms
+    /// at most.
     pub direction: Direction,
     /// Whether the reference clock's time is distributed, at start and in every cycle. Switched off
     /// for tests only: clocks then run apart by their ppm.

@@ -117,3 +117,37 @@ struct Nobody;
 impl Tap for Nobody {
     fn frame(&mut self, _: Time<True>, _: bool, _: &[u8]) {}
 }
+
+/// A way that becomes longer is no clock that slides.
+#[test]
+fn a_group_that_comes_raises_no_alarm_of_other_clocks() {
+    let text = r#"
+        cycle = "1ms"
+        for = "5s"
+        [quality]
+        [[subdevice]]
+        device = "kollmorgen_akd2g"
+        name = "fork"
+        clock = "-35ppm"
+        [[subdevice]]
+        device = "kollmorgen_akd2g"
+        name = "late"
+        connect = "fork:1"
+        clock = "+30ppm"
+        cable = "40m"
+        optional = true
+        arrives = "3s"
+        [[subdevice]]
+        device = "kollmorgen_akd2g"
+        name = "behind"
+        connect = "fork:2"
+        clock = "-80ppm"
+    "#;
+    let report = isocat::run(&scenario(text));
+    assert!(report.in_sync, "{}", report.verdict);
+    let quality = report.quality.as_ref().expect("it was asked for");
+    let of_others: Vec<_> = quality.alarms.iter().filter(|alarm| alarm.position != 1).collect();
+    assert!(of_others.is_empty(), "{of_others:?}");
+    // Both were read, before and after.
+    assert!(quality.devices[2].clock.as_ref().is_some_and(|clock| clock.readings > 100));
+}

@@ -158,6 +158,11 @@ impl Monitor {
         Some(if unled { cycles } else { 0 })
     }
 
+    /// Frames take another way to this clock, and its delay was set right.
+    pub fn delay_changed(&mut self, position: usize) {
+        self.clocks.forget_slope(position);
+    }
+
     /// All clocks.
     pub fn clocks(&self) -> &[ClockQuality] {
         &self.clocks.all

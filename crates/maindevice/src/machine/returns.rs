@@ -162,6 +162,9 @@ impl MainDevice {
             self.keeper.shifting = None;
             for (position, delay) in delays {
                 self.segment.devices[position].delay = Some(delay);
+                if let Some(quality) = &mut self.quality {
+                    quality.delay_changed(position);
+                }
             }
             cycle.trust_clocks();
         }

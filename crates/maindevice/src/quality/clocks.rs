@@ -41,6 +41,7 @@ pub struct ClockQuality {
     /// How well its delay is known: see [`isocat_sync::delay::Delay::bar`].
     delay_bar: Nanos,
     readings: Ring<Reading>,
+    limits: Limits,
     convergence: Convergence,
     slope_ppb: Option<i64>,
     /// No drift frame reaches it.
@@ -100,6 +101,7 @@ impl ClockQuality {
             awaited: true,
             delay_bar: Nanos::ZERO,
             readings: Ring::new(history),
+            limits,
             convergence: Convergence::new(limits),
             slope_ppb: None,
             unled: false,
@@ -117,6 +119,12 @@ impl ClockQuality {
             device.esc.has(features::ENHANCED_SYNC_ACTIVATION) && device.mode.uses_dc();
         let bar = device.measured_delay.and_then(|delay| delay.bar());
         self.delay_bar = bar.map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000));
+    }
+
+    /// Its delay is another one: what was read before makes no slope with what comes.
+    fn forget_slope(&mut self) {
+        self.convergence = Convergence::new(self.limits);
+        self.slope_ppb = None;
     }
 
     fn take(&mut self, reading: Reading) {
@@ -198,6 +206,13 @@ impl Clocks {
         let clock = |device| ClockQuality::new(device, config.history, limits);
         let all = segment.devices.iter().filter(led).map(clock).collect();
         Self { limit: config.difference_limit, all, turn: 0, pace }
+    }
+
+    /// The delay of this SubDevice's clock is another one.
+    pub fn forget_slope(&mut self, position: usize) {
+        for clock in self.all.iter_mut().filter(|clock| clock.position == position) {
+            clock.forget_slope();
+        }
     }
 
     pub fn is_due(&self, now: Time<Host>) -> bool {

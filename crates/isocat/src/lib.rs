@@ -43,6 +43,7 @@ pub mod segment_file;
 pub mod serve;
 pub mod start_up;
 pub mod timeline;
+pub mod waves;
 
 pub use isocat_wire::Nanos;
 pub use report::Report;

@@ -7,14 +7,17 @@ use std::time::Duration;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use isocat_maindevice::Fault;
-use isocat_sim::Outcome;
+use isocat_sim::observation::Observation;
 use isocat_sim::run::Progress;
+use isocat_sim::{Outcome, Segment, Tap};
 use isocat_wire::Nanos;
+use isocat_wire::time::{Time, True};
 use serde::Serialize;
 
 use super::{IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::capture::Capture;
 use crate::report::Finding;
+use crate::waves::Waves;
 use crate::{Report, Scenario, SegmentFile, quantity};
 
 /// Arguments of `run`.
@@ -38,6 +41,9 @@ pub struct Arguments {
     /// Write every frame to this pcapng file
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
+    /// Write what happens at each SubDevice (SYNC0, SYNC1, SM events, steps, states) to this VCD file, as waveforms
+    #[arg(long, value_name = "FILE")]
+    pub waves: Option<PathBuf>,
     /// For testing: let the clocks run apart
     #[arg(long)]
     no_drift_compensation: bool,
@@ -75,6 +81,11 @@ pub fn run(arguments: &Arguments) -> u8 {
         _ if arguments.wire.preflight => {
             return super::interface::look(arguments, arguments.segment.as_ref().map(|_| &file));
         }
+        Some(_) if arguments.waves.is_some() => {
+            return fail(
+                "--waves is beside --interface; expected a simulation: nobody sees the pulses of real devices",
+            );
+        }
         Some(interface) => return super::interface::run(arguments, interface, file),
         None => {}
     }
@@ -87,8 +98,15 @@ pub fn run(arguments: &Arguments) -> u8 {
         Ok(capture) => capture,
         Err(error) => return fail(&unwritable("capture", arguments.capture.as_ref(), &error)),
     };
+    let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
+    let waves = arguments.waves.as_deref().map(|path| Waves::create(path, names)).transpose();
+    let waves = match waves {
+        Ok(waves) => waves,
+        Err(error) => return fail(&unwritable("waves", arguments.waves.as_ref(), &error)),
+    };
     let bar = progress_bar(scenario.duration);
-    let outcome = scenario.run().execute(capture, &mut |progress| match progress {
+    let taps = Taps { capture, waves };
+    let outcome = scenario.run().execute(Some(taps), &mut |progress| match progress {
         Progress::Stage(stage) => bar.set_message(stage.name()),
         Progress::Judged(time) => {
             bar.set_message("in operation");
@@ -102,16 +120,41 @@ pub fn run(arguments: &Arguments) -> u8 {
     if code != IN_SYNC || report.in_sync { code } else { NOT_IN_SYNC }
 }
 
+/// The files that a run writes as it goes.
+struct Taps {
+    capture: Option<Capture>,
+    waves: Option<Waves>,
+}
+
+impl Tap for Taps {
+    fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
+        if let Some(capture) = &mut self.capture {
+            capture.frame(at, sent, bytes);
+        }
+    }
+
+    fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
+        if let Some(waves) = &mut self.waves {
+            waves.observed(segment, at, observation);
+        }
+    }
+}
+
 /// Writes everything that was asked for.
 fn finish(
     arguments: &Arguments,
     scenario: &Scenario,
     report: &Report,
-    outcome: Outcome<Capture>,
+    outcome: Outcome<Taps>,
     refused: bool,
 ) -> u8 {
-    if let Some(Err(error)) = outcome.world.into_tap().map(Capture::finish) {
+    let taps = outcome.world.into_tap();
+    let (capture, waves) = taps.map_or((None, None), |taps| (taps.capture, taps.waves));
+    if let Some(Err(error)) = capture.map(Capture::finish) {
         return fail(&unwritable("capture", arguments.capture.as_ref(), &error));
+    }
+    if let Some(Err(error)) = waves.map(Waves::finish) {
+        return fail(&unwritable("waves", arguments.waves.as_ref(), &error));
     }
     if let Err(message) = write_report(arguments, report, &report.text()) {
         return fail(&message);
@@ -185,10 +228,14 @@ impl Arguments {
         };
         let segment = self.segment.as_deref().map(Path::new);
         let (report, capture) = (self.report.as_deref(), self.capture.as_deref());
+        let waves = self.waves.as_deref();
         let pairs = [
             ("--report", report, "the segment file", segment),
             ("--capture", capture, "the segment file", segment),
             ("--capture", capture, "--report", report),
+            ("--waves", waves, "the segment file", segment),
+            ("--waves", waves, "--report", report),
+            ("--waves", waves, "--capture", capture),
         ];
         pairs.into_iter().find_map(|(flag, path, what, other)| {
             let (path, other) = (path?, other?);

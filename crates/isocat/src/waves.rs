@@ -1,0 +1,155 @@
+//! What happens at the SubDevices of a run as waveforms: a VCD file, which GTKWave and its like show.
+//!
+//! One scope for each SubDevice. Events of the ESC (`sync0`, `sync1`, `sm2`, `sm3`) and missed ones (`sm_missed`) are of the type
+//! `event`; the steps of its program (`copy_outputs`, `application`, `outputs_valid`, `latch_inputs`, `copy_inputs`) are 1 while
+//! they last; `state` is the AL state, with bit 4 for an error. Time is true time in picoseconds from the beginning of the run.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use isocat_sim::observation::{Observation, Observed};
+use isocat_sim::{Segment, Tap};
+use isocat_subdevice::Step;
+use isocat_wire::time::{Time, True};
+use vcd::{IdCode, TimescaleUnit, Value, VarType};
+
+/// Collects what happens and writes it in the end, in the order of time: each SubDevice is followed for itself, so events
+/// come in the order of each alone. Takes 32 bytes an event.
+pub struct Waves<W: Write = BufWriter<File>> {
+    output: W,
+    names: Vec<String>,
+    seen: Vec<(Time<True>, usize, Observed)>,
+}
+
+impl Waves {
+    /// Creates the file. `names`: of the SubDevices, by position.
+    pub fn create(path: &Path, names: Vec<String>) -> io::Result<Self> {
+        Ok(Self::new(BufWriter::new(File::create(path)?), names))
+    }
+}
+
+/// The variables of one SubDevice.
+struct Variables {
+    events: [IdCode; EVENTS.len()],
+    steps: [IdCode; STEPS.len()],
+    state: IdCode,
+}
+
+const EVENTS: [&str; 5] = ["sync0", "sync1", "sm2", "sm3", "sm_missed"];
+const STEPS: [(Step, &str); 5] = [
+    (Step::MapOutputs, "copy_outputs"),
+    (Step::Application, "application"),
+    (Step::OutputsValid, "outputs_valid"),
+    (Step::LatchInputs, "latch_inputs"),
+    (Step::MapInputs, "copy_inputs"),
+];
+/// Bits of `state`.
+const STATE_BITS: u32 = 5;
+
+impl<W: Write> Waves<W> {
+    /// Writes to `output`.
+    pub fn new(output: W, names: Vec<String>) -> Self {
+        Self { output, names, seen: Vec::new() }
+    }
+
+    /// Writes it all.
+    pub fn finish(mut self) -> io::Result<()> {
+        // Stable: what happens at one instant stays in its order.
+        self.seen.sort_by_key(|(at, ..)| *at);
+        let mut writer = vcd::Writer::new(&mut self.output);
+        writer.version(concat!("isocat ", env!("CARGO_PKG_VERSION")))?;
+        writer.comment("true time; see the documentation of isocat for the signals")?;
+        writer.timescale(1, TimescaleUnit::PS)?;
+        writer.add_module("segment")?;
+        let mut variables = Vec::with_capacity(self.names.len());
+        for (position, name) in self.names.iter().enumerate() {
+            variables.push(declare(&mut writer, &scope(position, name))?);
+        }
+        writer.upscope()?;
+        writer.enddefinitions()?;
+        writer.timestamp(0)?;
+        writer.begin(vcd::SimulationCommand::Dumpvars)?;
+        for variables in &variables {
+            for step in variables.steps {
+                writer.change_scalar(step, Value::V0)?;
+            }
+            change_state(&mut writer, variables.state, 1)?;
+        }
+        writer.end()?;
+        let mut now = Time::ZERO;
+        for (at, device, event) in self.seen {
+            let Some(variables) = variables.get(device) else { continue };
+            if at != now {
+                writer.timestamp(at.count())?;
+                now = at;
+            }
+            change(&mut writer, variables, event)?;
+        }
+        self.output.flush()
+    }
+}
+
+fn declare(writer: &mut vcd::Writer<impl Write>, scope: &str) -> io::Result<Variables> {
+    writer.add_module(scope)?;
+    let mut add = |kind, width, name| writer.add_var(kind, width, name, None);
+    let mut events = [IdCode::FIRST; EVENTS.len()];
+    for (event, name) in events.iter_mut().zip(EVENTS) {
+        *event = add(VarType::Event, 1, name)?;
+    }
+    let mut steps = [IdCode::FIRST; STEPS.len()];
+    for (step, (_, name)) in steps.iter_mut().zip(STEPS) {
+        *step = add(VarType::Wire, 1, name)?;
+    }
+    let state = add(VarType::Reg, STATE_BITS, "state")?;
+    writer.upscope()?;
+    Ok(Variables { events, steps, state })
+}
+
+fn change(
+    writer: &mut vcd::Writer<impl Write>,
+    variables: &Variables,
+    event: Observed,
+) -> io::Result<()> {
+    let step = |wanted: Step| {
+        let at = STEPS.iter().position(|(step, _)| *step == wanted);
+        at.map(|at| variables.steps[at])
+    };
+    let number = match event {
+        Observed::Sync0 => 0,
+        Observed::Sync1 => 1,
+        Observed::Sm2 => 2,
+        Observed::Sm3 => 3,
+        Observed::SmEventMissed(_) => 4,
+        Observed::Began(began) => {
+            return step(began).map_or(Ok(()), |id| writer.change_scalar(id, Value::V1));
+        }
+        Observed::Finished(ended) => {
+            return step(ended).map_or(Ok(()), |id| writer.change_scalar(id, Value::V0));
+        }
+        Observed::State(state, code) => {
+            let error = u8::from(code.0 != 0) << 4;
+            return change_state(writer, variables.state, state as u8 | error);
+        }
+    };
+    writer.change_scalar(variables.events[number], Value::V1)
+}
+
+fn change_state(writer: &mut vcd::Writer<impl Write>, id: IdCode, state: u8) -> io::Result<()> {
+    let bit = |bit: u32| if state >> bit & 1 == 1 { Value::V1 } else { Value::V0 };
+    writer.change_vector(id, (0..STATE_BITS).rev().map(bit))
+}
+
+/// Names of VCD have no blanks: position and name, what is no letter or digit as a line.
+fn scope(position: usize, name: &str) -> String {
+    let clean = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+    format!("d{position}_{}", name.chars().map(clean).collect::<String>())
+}
+
+impl<W: Write> Tap for Waves<W> {
+    fn frame(&mut self, _: Time<True>, _: bool, _: &[u8]) {}
+
+    fn observed(&mut self, _: &Segment, at: Time<True>, observation: &Observation) {
+        self.seen.push((at, observation.device, observation.event));
+    }
+}

@@ -63,6 +63,20 @@ pub struct Report {
     pub devices: Vec<Device>,
 }
 
+/// Something worth knowing, as plans and scans tell it.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Note {
+    /// Position of the SubDevice; null concerns the segment.
+    pub position: Option<usize>,
+    /// Its name.
+    pub device: Option<String>,
+    /// Short name of the kind, for programs.
+    pub kind: &'static str,
+    /// What, with the figures.
+    pub what: String,
+}
+
 /// Something that keeps the segment from being in sync.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]

@@ -19,14 +19,14 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
-use crate::config::{Config, QualityWatch};
+use crate::config::{Config, DeviceConfig, QualityWatch};
 use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
 use crate::hot_connect::Present;
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, hot_connect, mapping, mode, objects, ring, scan, sii, sync};
+use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, sync};
 
 /// What a piece of the way works on, and gives back whether it got to its end or not.
 pub(crate) struct Work {
@@ -107,7 +107,7 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     .await?;
 
     let mut absent = work.segment.devices.iter_mut().filter(|device| !device.admitted);
-    absent.try_for_each(hot_connect::lay_out)?;
+    absent.try_for_each(mapping::place_as_known)?;
 
     work.enter(Stage::Mode);
     for device in &mut work.segment.devices {
@@ -211,7 +211,7 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
             expected: "a share of 1 to 200 permille, 16 readings or more, limits above 0",
         });
     }
-    if config.devices.first().is_some_and(|first| first.hot_connect.is_some()) {
+    if config.devices.first().is_some_and(DeviceConfig::may_be_absent) {
         return Err(Cause::Setting {
             name: "hot_connect",
             expected: "not at the first SubDevice, behind which all others are",
@@ -219,7 +219,7 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     }
     let alone = config.survey.is_none()
         && config.delay_watch.is_none()
-        && config.devices.iter().all(|device| device.hot_connect.is_none())
+        && !config.devices.iter().any(DeviceConfig::may_be_absent)
         && config.direction == Direction::FollowReference;
     if config.ring.is_some_and(|ring| !alone || ring.patience.is_some_and(|time| time.0 <= 0)) {
         return Err(Cause::Setting {
@@ -393,7 +393,7 @@ pub(crate) async fn stop(mut work: Work) -> End {
         preop.iter().map(|result| matches!(result, Err(Cause::Access(_)))).collect();
     let init = settle(&mut work.segment.devices, |device| {
         let wish = config.devices.get(device.position);
-        if !device.admitted && wish.is_some_and(|wish| wish.hot_connect.is_some()) {
+        if !device.admitted && wish.is_some_and(DeviceConfig::may_be_absent) {
             return Box::pin(async { Ok(()) });
         }
         // One that did not answer a moment ago is asked once, and not waited for.

@@ -23,6 +23,7 @@ use crate::config::Config;
 use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Latch, Times};
 use crate::error::{AccessError, Cause};
 use crate::event::Event;
+use crate::hot_connect::Present;
 use crate::link::{Exchange, Link, Travel, Wish};
 use crate::segment::{DcCapability, Segment, Speed, SubDevice};
 
@@ -119,12 +120,9 @@ pub(crate) async fn join(
     }
     // The others as they are, without the gaps.
     let place = |position: usize| there.iter().position(|at| *at == position);
-    let mut devices: Vec<SubDevice> = there.iter().map(|at| segment.devices[*at].clone()).collect();
-    for device in &mut devices {
-        device.parent = device.parent.and_then(|(above, port)| Some((place(above)?, port)));
-    }
     let Some(at) = place(reference) else { return Ok(()) };
-    let present = Segment { devices, reference: Some(at), ..Segment::default() };
+    let Present(mut present) = Present::among(segment, |device| there.contains(&device.position));
+    present.reference = Some(at);
     let stations = delay::stations(&present);
     let mut estimator = Estimator::new(&present, at, FREE_RUNNING_PPB);
     let mut latches = latch_often(link, config, &stations, strangers).await?;

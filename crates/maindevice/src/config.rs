@@ -322,6 +322,13 @@ pub struct DeviceConfig {
     pub startup: Vec<StartupDownload>,
 }
 
+impl DeviceConfig {
+    /// Whether it need not be there.
+    pub fn may_be_absent(&self) -> bool {
+        self.hot_connect.is_some()
+    }
+}
+
 /// Times to plan with where a device states 0 or nothing. `None`: 0 is taken as stated.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct AssumedTimes {

@@ -17,11 +17,11 @@ use crate::error::{Cause, Place};
 use crate::link::Link;
 use crate::scan::station_of;
 use crate::segment::{Identity, Segment, SubDevice};
-use crate::{mapping, mode, objects, sii};
+use crate::{mode, sii};
 
 /// Whether fewer SubDevices may answer than are configured, and so many do.
 pub(crate) fn allows(config: &Config, count: usize) -> bool {
-    let needed = config.devices.iter().filter(|device| device.hot_connect.is_none()).count();
+    let needed = config.devices.iter().filter(|device| !device.may_be_absent()).count();
     (needed..=config.devices.len()).contains(&count)
 }
 
@@ -96,7 +96,7 @@ fn seats(found: &[Found], configured: &[DeviceConfig]) -> Result<Vec<usize>, Uns
         };
         is(place, position) && hangs
     };
-    let may_miss = |position: usize| configured[position].hot_connect.is_some();
+    let may_miss = |position: usize| configured[position].may_be_absent();
     let (places, positions) = (found.len(), configured.len());
     // Whether those from a place on can sit on the positions from one on.
     let mut goes = vec![vec![false; positions + 1]; places + 1];
@@ -186,14 +186,6 @@ fn absent(position: usize, wish: &DeviceConfig, known: &SubDevice) -> SubDevice 
     }
 }
 
-/// Process data of one that is absent, as far as its description tells them.
-pub(crate) fn lay_out(device: &mut SubDevice) -> Result<(), Cause> {
-    if !device.has_coe() {
-        objects::from_sii(device);
-    }
-    mapping::place_process_data(device)
-}
-
 /// By how much later frames come to a position when the groups come that are absent now: by the way through those that
 /// lie before it in the order of frames, there and back. Back is not longer than there, so this is what it is at most.
 pub(crate) fn detour(segment: &Segment, position: usize) -> Nanos {
@@ -222,9 +214,8 @@ pub(crate) fn detour(segment: &Segment, position: usize) -> Nanos {
 
 /// Whether the clock that leads the others is always there: the first in the order of frames, unless it may be absent.
 pub(crate) fn check_reference(config: &Config, segment: &Segment) -> Result<(), Cause> {
-    let may_miss = |position: usize| {
-        config.devices.get(position).is_some_and(|device| device.hot_connect.is_some())
-    };
+    let may_miss =
+        |position: usize| config.devices.get(position).is_some_and(DeviceConfig::may_be_absent);
     let mut clocks = segment.devices.iter().filter(|device| device.dc.has_clock());
     match clocks.next() {
         Some(first) if may_miss(first.position) => Err(Cause::Setting {
@@ -239,20 +230,27 @@ pub(crate) fn check_reference(config: &Config, segment: &Segment) -> Result<(), 
 pub(crate) struct Present(pub Segment);
 
 impl Present {
-    /// Positions stay as they are; parents and the reference are indices.
+    /// Those that take part.
     pub fn of(segment: &Segment) -> Self {
-        let devices: Vec<_> =
-            segment.devices.iter().filter(|device| device.admitted).cloned().collect();
-        let index = |position: usize| devices.iter().position(|d| d.position == position);
-        let reference = segment.reference.and_then(index);
-        let parents: Vec<_> = devices
+        Self::among(segment, |device| device.admitted)
+    }
+
+    /// Those for which `is_there` holds. Positions stay as they are; parents and the reference are indices.
+    pub fn among(segment: &Segment, is_there: impl Fn(&SubDevice) -> bool) -> Self {
+        let positions: Vec<usize> = segment
+            .devices
             .iter()
-            .map(|device| device.parent.and_then(|(above, port)| Some((index(above)?, port))))
+            .filter(|device| is_there(device))
+            .map(|device| device.position)
             .collect();
-        let mut devices = devices.clone();
-        for (device, parent) in devices.iter_mut().zip(parents) {
-            device.parent = parent;
-        }
+        let index = |position: usize| positions.binary_search(&position).ok();
+        let devices = positions.iter().map(|&position| {
+            let device = segment.devices[position].clone();
+            let parent = device.parent.and_then(|(above, port)| Some((index(above)?, port)));
+            SubDevice { parent, ..device }
+        });
+        let devices = devices.collect();
+        let reference = segment.reference.and_then(index);
         Self(Segment { devices, reference, ..Segment::default() })
     }
 

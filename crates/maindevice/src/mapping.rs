@@ -16,6 +16,7 @@ use isocat_wire::time::Nanos;
 use crate::cycle::MOST_CHUNK;
 use crate::error::{Cause, MappingProblem};
 use crate::link::Link;
+use crate::objects;
 use crate::segment::{Chunk, ProcessData, ProcessImage, SubDevice};
 
 /// Lays out the process image: logical address of each SubDevice, and which of them share a
@@ -72,6 +73,14 @@ pub(crate) fn lay_out(devices: &mut [SubDevice]) -> Result<ProcessImage, Cause> 
         }
     }
     Ok(image)
+}
+
+/// The same of a SubDevice that is not asked: without CoE, the SII tells its PDOs.
+pub(crate) fn place_as_known(device: &mut SubDevice) -> Result<(), Cause> {
+    if !device.has_coe() {
+        objects::from_sii(device);
+    }
+    place_process_data(device)
 }
 
 /// Which SyncManager guards the outputs or inputs, and where: by object 0x1C00, else by the SII.

@@ -22,10 +22,7 @@ pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
     bring_up::check(config).map_err(at(Stage::Scan))?;
     hot_connect::check_reference(config, segment).map_err(at(Stage::Scan))?;
     for device in &mut segment.devices {
-        if !device.has_coe() {
-            objects::from_sii(device);
-        }
-        mapping::place_process_data(device).map_err(at(Stage::Objects))?;
+        mapping::place_as_known(device).map_err(at(Stage::Objects))?;
     }
     for device in &mut segment.devices {
         let wish = config.devices.get(device.position);

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use isocat_maindevice::quality::Change;
-use isocat_maindevice::{Event, RequestId, Stage};
+use isocat_maindevice::{DeviceConfig, Event, RequestId, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, ObjectAddress};
@@ -104,7 +104,7 @@ impl Run {
     pub fn execute<T: Tap>(self, tap: Option<T>, progress: &mut dyn FnMut(Progress)) -> Outcome<T> {
         let devices = self.setup.segment.len();
         let wishes = self.setup.config.devices.iter();
-        let optional: Vec<bool> = wishes.map(|wish| wish.hot_connect.is_some()).collect();
+        let optional: Vec<bool> = wishes.map(DeviceConfig::may_be_absent).collect();
         let mut world = World::new(self.setup, Motion::default(), tap);
         match bring_up(&mut world, progress) {
             Err(failure) => {

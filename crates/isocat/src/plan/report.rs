@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
+pub use crate::report::Note;
+
 /// Version of the document; changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-plan/2";
 
@@ -41,20 +43,6 @@ pub struct PlanReport {
     pub suggestion: Option<Suggestion>,
     /// What a run showed; null unless it was asked for.
     pub proof: Option<ProofSummary>,
-}
-
-/// Something worth knowing about one SubDevice.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Note {
-    /// Position of the SubDevice; null concerns the segment.
-    pub position: Option<usize>,
-    /// Its name.
-    pub device: Option<String>,
-    /// Short name of the kind, for programs.
-    pub kind: &'static str,
-    /// What, with the figures.
-    pub what: String,
 }
 
 /// Figures of the segment.

@@ -13,6 +13,7 @@ mod text;
 use schemars::JsonSchema;
 use serde::Serialize;
 
+pub use super::Note;
 pub use build::Place;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
@@ -57,20 +58,6 @@ pub struct ScanReport {
     pub frames_lost: u64,
     /// The SubDevices, by position.
     pub devices: Vec<Device>,
-}
-
-/// Something worth knowing.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Note {
-    /// Position of the SubDevice; null concerns the segment.
-    pub position: Option<usize>,
-    /// Its name.
-    pub device: Option<String>,
-    /// Short name of the kind, for programs.
-    pub kind: &'static str,
-    /// What, with the figures.
-    pub what: String,
 }
 
 /// One SubDevice.

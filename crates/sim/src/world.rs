@@ -44,6 +44,10 @@ pub trait Tap {
 
     /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
     fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
+
+    /// The inputs of a cycle are in the program's hands at `at`: how the MainDevice and the segment stand then. SubDevices
+    /// are brought up to the last frame that passed them.
+    fn cycle(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 }
 
 /// A run in progress.
@@ -181,6 +185,9 @@ impl<C: Control, T: Tap> World<C, T> {
         if cycle != self.cycle {
             self.cycle = cycle;
             self.control.cycle(&mut self.main, cycle);
+            if let Some(tap) = &mut self.tap {
+                tap.cycle(self.now, &self.main, &self.segment);
+            }
         }
     }
 

@@ -32,9 +32,11 @@ pub mod explain;
 pub mod link;
 #[cfg(target_os = "linux")]
 pub mod live;
+pub mod picture;
 pub mod plan;
 pub mod profile;
 pub mod quantity;
+pub mod recording;
 pub mod report;
 pub mod scan;
 pub mod scenario;

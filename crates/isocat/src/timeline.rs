@@ -50,6 +50,23 @@ pub enum Moment {
 }
 
 impl Moment {
+    /// All of them.
+    pub const ALL: [Self; 13] = [
+        Self::Frame,
+        Self::Sm2,
+        Self::Sm3,
+        Self::Sync0,
+        Self::Sync1,
+        Self::OutputsFetched,
+        Self::OutputsReady,
+        Self::ApplicationBegins,
+        Self::ApplicationEnds,
+        Self::OutputsValid,
+        Self::InputLatch,
+        Self::InputsBegin,
+        Self::InputsAvailable,
+    ];
+
     /// In words.
     pub const fn words(self) -> &'static str {
         match self {
@@ -69,7 +86,16 @@ impl Moment {
         }
     }
 
-    fn of(event: Observed) -> Option<Self> {
+    /// With subordinated cycles it happens at each SYNC0.
+    pub(crate) const fn is_of_each_pulse(self) -> bool {
+        matches!(
+            self,
+            Self::Sync0 | Self::OutputsValid | Self::ApplicationBegins | Self::ApplicationEnds
+        )
+    }
+
+    /// What an event of the simulation is here; `None` if it is none of a cycle.
+    pub fn of(event: Observed) -> Option<Self> {
         Some(match event {
             Observed::Sm2 => Self::Sm2,
             Observed::Sm3 => Self::Sm3,

@@ -167,7 +167,7 @@ fn acting(chain: &Chain) -> Observed {
 
 /// A frame whose first datagram distributes the system time and that brings more, as the cyclic ones do; those that lead
 /// a clock that joins are alone.
-fn is_cyclic(bytes: &[u8]) -> bool {
+pub fn is_cyclic(bytes: &[u8]) -> bool {
     let Ok(payload) = frame::payload(bytes) else { return false };
     let mut datagrams = isocat_wire::datagram::datagrams(payload);
     let (Some(Ok(first)), Some(Ok(_))) = (datagrams.next(), datagrams.next()) else { return false };

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use isocat_maindevice::quality::Change;
-use isocat_maindevice::{DeviceConfig, Event, RequestId, Stage};
+use isocat_maindevice::{DeviceConfig, Event, MainDevice, RequestId, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, ObjectAddress};
@@ -115,7 +115,7 @@ impl Run {
             Ok(()) => {
                 let began = world.now();
                 world.catch_up();
-                world.bench.begin(intent(&world, self.sync0_limit));
+                world.bench.begin(intent(world.main(), self.sync0_limit));
                 let mut notes = Notes::default();
                 run_for(&mut world, self.duration.into(), &mut notes, progress);
                 let bench = world.bench.clone();
@@ -173,8 +173,9 @@ fn bring_up<T: Tap>(
     }
 }
 
-fn intent<T: Tap>(world: &World<Motion, T>, limit: Nanos) -> Intent {
-    let segment = world.main().segment();
+/// What the judges of a segment in operation are told of its intent: `limit` is the largest SYNC0 error allowed.
+pub fn intent(main: &MainDevice, limit: Nanos) -> Intent {
+    let segment = main.segment();
     let timing = segment.timing.as_ref();
     let cycle = timing.map_or(Nanos(1_000_000), |timing| timing.cycle.cycle);
     let send = timing.map_or(Nanos::ZERO, |timing| timing.cycle.send);

@@ -24,13 +24,15 @@ impl Sync0Error {
         Self { grid, limit, statistics: Statistics::default(), last: None, first_beyond: None }
     }
 
-    /// An edge at true time `at`, when the reference clock stood at `reference_ps` of system time.
-    pub fn edge(&mut self, at: Time<True>, reference_ps: i128) {
+    /// An edge at true time `at`, when the reference clock stood at `reference_ps` of system time; gives how far it was off
+    /// the grid.
+    pub fn edge(&mut self, at: Time<True>, reference_ps: i128) -> Picos {
         let error = self.follow(self.grid.error(reference_ps));
         self.statistics.push(error.0);
         if error.abs() > self.limit && self.first_beyond.is_none() {
             self.first_beyond = Some((at, error));
         }
+        error
     }
 
     /// The error in the neighbourhood of the last one: a clock that runs away leaves its cycle, and its

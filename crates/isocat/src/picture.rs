@@ -1,0 +1,111 @@
+//! Pictures of a run as SVG: what happens in a cycle ([`cycle`]), a series over time ([`series`]), counts by size ([`bars`]),
+//! digital signals ([`waves`]), the tree of a segment ([`topology`]).
+//!
+//! One drawing for every place: a report embeds it and lets it be zoomed, documentation keeps it as a file, a page in a browser
+//! draws it anew. So a picture is a plain text without any script, colours are names of its style (`picture/style.css`, light
+//! and dark), and everything that has a figure carries it as its title. What is in the group `stretch` may be stretched along the
+//! axis of time; texts with the class `moves` keep their shape and move along.
+
+pub mod bars;
+pub mod cycle;
+mod frame;
+pub mod series;
+#[cfg(test)]
+mod tests;
+pub mod topology;
+pub mod waves;
+
+pub use frame::{Align, Frame};
+
+use std::fmt::Write;
+
+/// Colours and fonts of all pictures.
+pub const STYLE: &str = include_str!("picture/style.css");
+
+/// A drawing.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Picture {
+    /// Width, in units of the drawing.
+    pub width: u32,
+    /// Height, in units of the drawing.
+    pub height: u32,
+    /// What it shows, for those who can't see it.
+    pub title: String,
+    /// Attributes of the outermost element beside its size.
+    pub attributes: String,
+    /// What is in it, as SVG.
+    pub body: String,
+}
+
+impl Picture {
+    /// The SVG element, to be put into a page that has [`STYLE`].
+    pub fn svg(&self) -> String {
+        let Self { width, height, title, attributes, body } = self;
+        let title = escape(title);
+        format!(
+            "<svg class=\"picture\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\"{attributes}>\n\
+             {body}</svg>"
+        )
+    }
+
+    /// A file of its own.
+    pub fn file(&self) -> String {
+        let Self { width, height, title, body, .. } = self;
+        let title = escape(title);
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"picture\" width=\"{width}\" height=\"{height}\" \
+             viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{title}\">\n<title>{title}</title>\n\
+             <style>\n{STYLE}</style>\n<rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n{body}</svg>\n"
+        )
+    }
+}
+
+/// A text as SVG and HTML want it.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            // No document may hold those.
+            c if c.is_control() && !matches!(c, '\n' | '\t') => out.push('\u{FFFD}'),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A span in ns with the unit that suits it and all its digits: `438.24 us`, `-12.5 ns`, `1 ms`.
+pub fn time(ns: f64) -> String {
+    let (value, unit) = match ns.abs() {
+        size if size < 1e3 => (ns, "ns"),
+        size if size < 1e6 => (ns / 1e3, "us"),
+        size if size < 1e9 => (ns / 1e6, "ms"),
+        _ => (ns / 1e9, "s"),
+    };
+    // To the picosecond up to us; to the nanosecond above.
+    let digits = match unit {
+        "ns" => 3,
+        "us" => 3,
+        _ => 6,
+    };
+    let mut text = format!("{value:.digits$}");
+    if text.contains('.') {
+        text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
+    }
+    // What rounds to nothing has no sign.
+    if text == "-0" {
+        text = "0".into();
+    }
+    let _ = write!(text, " {unit}");
+    text
+}
+
+/// A number for SVG: two decimals are a hundredth of a pixel.
+pub(crate) fn number(value: f64) -> String {
+    let mut text = format!("{value:.2}");
+    text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
+    if text == "-0" { "0".into() } else { text }
+}

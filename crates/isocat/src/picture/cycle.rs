@@ -1,0 +1,473 @@
+//! What happens in the cycle of one SubDevice: where the plan has it, and where it was seen.
+//!
+//! From top to bottom as data go: the frame, the SM events, the pulses, outputs until they are valid, the application, inputs
+//! until they stand in the buffer, and what is left before each deadline. Dashed outlines are the plan's earliest and latest
+//! instants; filled bars the mean of what was seen, the pale bands around them least and largest. Times count from the begin of
+//! the bus cycle by the reference clock; in Free Run from the SubDevice's own first step.
+
+use isocat_maindevice::segment::Timing;
+use isocat_sim::Statistics;
+use isocat_sync::SyncMode;
+use isocat_sync::budget::{Device, Moments, Span};
+use isocat_wire::time::Nanos;
+
+use super::frame::{Align, Frame};
+use super::{Picture, time};
+use crate::recording::cycle::{CycleSeen, Origin};
+use crate::timeline::{Moment, Timeline};
+
+/// What is drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Cycle<'a> {
+    /// A name that no other picture on the page has.
+    pub id: &'a str,
+    /// The SubDevice, in words.
+    pub name: &'a str,
+    /// The plan.
+    pub timing: &'a Timing,
+    /// Which SubDevice.
+    pub position: usize,
+    /// What was seen; `None`: the plan alone.
+    pub seen: Option<&'a CycleSeen>,
+}
+
+impl Cycle<'_> {
+    /// The drawing; `None` if the plan does not have the SubDevice.
+    pub fn draw(&self) -> Option<Picture> {
+        let device = &self.timing.devices.get(self.position)?.0;
+        let own = self.seen.is_some_and(|seen| seen.origin == Origin::OwnCycle);
+        let moments = match own {
+            // Its cycle has no place in the bus cycle.
+            true => Moments::default(),
+            false => self.timing.moments(self.position).unwrap_or_default(),
+        };
+        let title = format!("The cycle of SubDevice {} ({})", self.position, self.name);
+        let (from, to) = self.range(device, &moments, own);
+        let mut drawing = Drawing {
+            frame: Frame::new(self.id, &title, from, to),
+            timing: self.timing,
+            device,
+            moments,
+            seen: self.seen,
+        };
+        if !own {
+            drawing.wire();
+            drawing.events();
+            drawing.pulses();
+        }
+        drawing.outputs();
+        drawing.application();
+        drawing.inputs();
+        if !own {
+            drawing.margins();
+        }
+        Some(drawing.frame.finish())
+    }
+
+    /// From the first thing to the last: at least the cycle and the frame of the next one.
+    fn range(&self, device: &Device, moments: &Moments, own: bool) -> (f64, f64) {
+        let send = self.timing.cycle.send;
+        let cycle = device.exchange(&self.timing.cycle);
+        let frames = self.timing.frames.last().map_or(Nanos::ZERO, |frame| frame.end);
+        let (mut from, mut to) = match own {
+            true => (0.0, 0.0),
+            false => {
+                let end = send + cycle + frames + self.timing.cycle.jitter;
+                (send.0.min(0) as f64, end.0 as f64)
+            }
+        };
+        let planned = PLANNED.iter().filter_map(|moment| planned(moments, *moment));
+        for span in planned {
+            from = from.min(span.earliest.0 as f64);
+            to = to.max(span.latest.0 as f64);
+        }
+        for (_, seen) in self.seen.iter().flat_map(|seen| &seen.moments) {
+            from = from.min(seen.least() as f64 / 1e3);
+            to = to.max(seen.largest() as f64 / 1e3);
+        }
+        let margin = (to - from) * 0.015;
+        (from - margin, to + margin)
+    }
+}
+
+/// Events that a plan has.
+const PLANNED: [Moment; 8] = [
+    Moment::Sm2,
+    Moment::OutputsReady,
+    Moment::Sync0,
+    Moment::Sync1,
+    Moment::OutputsValid,
+    Moment::InputLatch,
+    Moment::InputsAvailable,
+    Moment::Sm3,
+];
+
+fn planned(moments: &Moments, moment: Moment) -> Option<Span> {
+    crate::recording::cycle::planned(moments, moment)
+}
+
+struct Drawing<'a> {
+    frame: Frame,
+    timing: &'a Timing,
+    device: &'a Device,
+    moments: Moments,
+    seen: Option<&'a CycleSeen>,
+}
+
+/// Heights of what is drawn in a lane.
+const BAR: f64 = 13.0;
+const LANE: f64 = 40.0;
+
+impl Drawing<'_> {
+    fn seen(&self, moment: Moment) -> Option<&Statistics> {
+        self.seen?.of(moment)
+    }
+
+    /// The instants between which an event lies: seen, else planned.
+    fn ends(&self, moment: Moment) -> Option<(f64, f64)> {
+        let seen = self.seen(moment).map(|s| (s.least() as f64 / 1e3, s.largest() as f64 / 1e3));
+        let span =
+            || planned(&self.moments, moment).map(|s| (s.earliest.0 as f64, s.latest.0 as f64));
+        seen.or_else(span)
+    }
+
+    /// Where an event is on average: seen, else the middle of the plan.
+    fn middle(&self, moment: Moment) -> Option<f64> {
+        let seen = self.seen(moment).map(|seen| seen.mean() / 1e3);
+        seen.or_else(|| planned(&self.moments, moment).map(middle))
+    }
+
+    /// `SYNC0 (planned 524 us; seen 9984 times: mean …)`.
+    fn tip(&self, words: &str, moment: Moment) -> String {
+        let mut tip = words.to_owned();
+        if let Some(Span { earliest, latest }) = planned(&self.moments, moment) {
+            tip += &match earliest == latest {
+                true => format!("\nplanned at {}", exact(earliest.0 as f64)),
+                false => {
+                    let (earliest, latest) = (exact(earliest.0 as f64), exact(latest.0 as f64));
+                    format!("\nplanned from {earliest} to {latest}")
+                }
+            };
+        }
+        if let Some(seen) = self.seen(moment) {
+            tip += &format!(
+                "\nseen {} times in true time: mean {}, from {} to {}",
+                seen.count(),
+                exact(seen.mean() / 1e3),
+                exact(seen.least() as f64 / 1e3),
+                exact(seen.largest() as f64 / 1e3),
+            );
+        }
+        tip
+    }
+
+    /// An event: where it is planned, the band of what was seen, and its mean.
+    fn event(&mut self, class: &str, moment: Moment, words: &str, label: &str, y: f64) {
+        let tip = self.tip(words, moment);
+        if let Some(span) = planned(&self.moments, moment) {
+            let span = (span.earliest.0 as f64, span.latest.0 as f64);
+            self.frame.bar("plan", span, y - 2.0, BAR + 4.0, &tip);
+        }
+        if self.seen(moment).is_some()
+            && let Some(ends) = self.ends(moment)
+        {
+            self.frame.bar(&format!("{class} band"), ends, y, BAR, &tip);
+        }
+        if let Some(at) = self.middle(moment) {
+            self.frame.mark(&format!("m {class}"), at, y - 4.0, BAR + 8.0, &tip);
+            self.frame.label("", at, y - 6.0, Align::Start, label);
+        }
+    }
+
+    /// Work from one event to another, with the band of when it ends.
+    fn work(
+        &mut self,
+        class: &str,
+        (begin, end): (Moment, Moment),
+        words: &str,
+        label: &str,
+        y: f64,
+    ) {
+        let (Some(from), Some(to)) = (self.middle(begin), self.middle(end)) else { return };
+        let mut tip = self.tip(words, end);
+        if self.seen(begin).is_some() && self.seen(end).is_some() {
+            tip += &format!("\ntakes {} on average", time(to - from));
+        }
+        if self.seen(end).is_some() {
+            let (first, last) = (self.ends(begin), self.ends(end));
+            if let (Some((first, _)), Some((_, last))) = (first, last) {
+                self.frame.bar(&format!("{class} band"), (first, last), y, BAR, &tip);
+            }
+        }
+        self.frame.bar(class, (from, to), y, BAR, &tip);
+        if let Some(span) = planned(&self.moments, end) {
+            let latest = (span.earliest.0 as f64, span.latest.0 as f64);
+            self.frame.bar("plan", latest, y - 2.0, BAR + 4.0, &tip);
+        }
+        self.frame.label("", from, y - 6.0, Align::Start, label);
+    }
+
+    fn wire(&mut self) {
+        let y = self.frame.lane("frames", 30.0) + 11.0;
+        let cycle = self.timing.cycle;
+        for turn in 0..2 {
+            for frame in &self.timing.frames {
+                let begin = cycle.send + Nanos(cycle.cycle.0 * turn);
+                let (from, to) = ((begin + frame.begin).0 as f64, (begin + frame.end).0 as f64);
+                let tip = format!(
+                    "frame with {} bytes, {} datagrams\nplanned from {} to {} at the reference clock, up to {} later",
+                    frame.length,
+                    frame.datagrams.len(),
+                    exact(from),
+                    exact(to),
+                    cycle.jitter,
+                );
+                let late = cycle.jitter.0 as f64;
+                self.frame.bar("jitter", (from, to + late), y, BAR, &tip);
+                self.frame.bar("wire", (from, to), y, BAR, &tip);
+            }
+        }
+    }
+
+    fn events(&mut self) {
+        if self.ends(Moment::Sm2).is_none() && self.ends(Moment::Sm3).is_none() {
+            return;
+        }
+        let y = self.frame.lane("SM events", LANE) + 19.0;
+        if self.ends(Moment::Sm2).is_some() {
+            self.event("outputs", Moment::Sm2, "SM2 event: outputs stored", "SM2", y);
+        }
+        if self.seen(Moment::Sm3).is_some() {
+            self.fetched(y);
+        }
+    }
+
+    /// The plan has the begin of the frame that fetches inputs, the SubDevice sees the end.
+    fn fetched(&mut self, y: f64) {
+        let Some(seen) = self.seen(Moment::Sm3) else { return };
+        let (mean, ends) =
+            (seen.mean() / 1e3, (seen.least() as f64 / 1e3, seen.largest() as f64 / 1e3));
+        let tip = format!(
+            "SM3 event: inputs fetched by the next frame\nseen {} times in true time: mean {}, from {} to {}",
+            seen.count(),
+            exact(mean),
+            exact(ends.0),
+            exact(ends.1)
+        );
+        self.frame.bar("inputs band", ends, y, BAR, &tip);
+        self.frame.mark("m inputs", mean, y - 4.0, BAR + 8.0, &tip);
+        self.frame.label("", mean, y - 6.0, Align::End, "SM3");
+    }
+
+    fn pulses(&mut self) {
+        let Some(sync0) = self.middle(Moment::Sync0) else { return };
+        let y = self.frame.lane("SYNC", LANE + 8.0) + 25.0;
+        self.event("pulse", Moment::Sync0, "SYNC0", "SYNC0", y);
+        if self.middle(Moment::Sync1).is_some() {
+            self.event("pulse", Moment::Sync1, "SYNC1", "SYNC1", y);
+        }
+        let cycle = self.device.pulses.sync0_cycle;
+        let next = sync0 + cycle.0 as f64;
+        let last = (self.timing.cycle.send + self.device.exchange(&self.timing.cycle)).0 as f64;
+        let mut at = next;
+        while at <= last.max(next) && cycle > Nanos::ZERO {
+            self.frame.mark("m pulse band", at, y - 4.0, BAR + 8.0, "the next SYNC0");
+            at += cycle.0 as f64;
+        }
+        let words = format!("cycle time 1C32:02 {cycle}");
+        self.frame.distance("", (sync0, next), y - 16.0, &words, &words);
+    }
+
+    fn outputs(&mut self) {
+        if self.middle(Moment::OutputsReady).is_none()
+            && self.middle(Moment::OutputsValid).is_none()
+        {
+            return;
+        }
+        let y = self.frame.lane("outputs", LANE + 12.0) + 31.0;
+        let begin = match self.seen(Moment::OutputsFetched) {
+            Some(_) => Moment::OutputsFetched,
+            None if self.device.mode == SyncMode::DcSync1 => Moment::Sync0,
+            None => Moment::Sm2,
+        };
+        let stated = self.device.output_calc_and_copy;
+        self.work(
+            "outputs",
+            (begin, Moment::OutputsReady),
+            &format!("calc and copy of outputs\n1C32:06 states {stated}"),
+            &format!("calc and copy 1C32:06 {stated}"),
+            y,
+        );
+        let Some(valid) = self.middle(Moment::OutputsValid) else { return };
+        self.event("outputs", Moment::OutputsValid, "Outputs Valid", "outputs valid", y);
+        if let Some(pulse) = self.acting() {
+            let pulse = self.middle(pulse).unwrap_or(valid);
+            let after = self.device.outputs_act_after();
+            let shift = self.device.output_shift.filter(|shift| *shift > Nanos::ZERO);
+            let words = match shift {
+                Some(shift) => format!("shift 1C32:03 {shift}, delay 1C32:09 {}", after - shift),
+                None => format!("delay 1C32:09 {after}"),
+            };
+            let seen = format!("{words}\nfrom the pulse to Outputs Valid {}", time(valid - pulse));
+            self.frame.distance("", (pulse, valid), y - 16.0, &words, &seen);
+        }
+    }
+
+    fn application(&mut self) {
+        let ends = (Moment::ApplicationBegins, Moment::ApplicationEnds);
+        if self.seen(ends.0).is_none() || self.seen(ends.1).is_none() {
+            return;
+        }
+        let y = self.frame.lane("application", LANE - 6.0) + 15.0;
+        self.work("application", ends, "application", "application", y);
+    }
+
+    fn inputs(&mut self) {
+        let Some(latch) = self.middle(Moment::InputLatch) else { return };
+        let y = self.frame.lane("inputs", LANE + 12.0) + 31.0;
+        let begin = match self.seen(Moment::InputsBegin) {
+            Some(_) => Moment::InputsBegin,
+            None => Moment::InputLatch,
+        };
+        let stated = self.device.input_calc_and_copy;
+        self.work(
+            "inputs",
+            (begin, Moment::InputsAvailable),
+            &format!(
+                "calc and copy of inputs, until they stand in the buffer\n1C33:06 states {stated}"
+            ),
+            &format!("calc and copy 1C33:06 {stated}"),
+            y,
+        );
+        self.event("inputs", Moment::InputLatch, "Input Latch", "input latch", y);
+        let pulse = self.acting().and_then(|pulse| self.middle(pulse));
+        if let Some(pulse) = pulse.filter(|_| self.device.input_shift > Nanos::ZERO) {
+            let words = format!("shift 1C33:03 {}", self.device.input_shift);
+            self.frame.distance("", (pulse.min(latch), latch), y - 16.0, &words, &words);
+        }
+    }
+
+    /// What is left before each deadline, at worst.
+    fn margins(&mut self) {
+        let from = if self.seen.is_some() { "seen" } else { "planned" };
+        let ready = self.ends(Moment::OutputsReady).map(|(_, latest)| latest);
+        let pulse = self.acting().and_then(|pulse| self.ends(pulse)).map(|(earliest, _)| earliest);
+        let inputs = self.ends(Moment::InputsAvailable).map(|(_, latest)| latest);
+        let fetched = planned(&self.moments, Moment::Sm3).map(|span| span.earliest.0 as f64);
+        let pairs = [("outputs", ready.zip(pulse)), ("inputs", inputs.zip(fetched))];
+        if pairs.iter().all(|(_, pair)| pair.is_none()) {
+            return;
+        }
+        let y = self.frame.lane("margins", LANE) + 25.0;
+        for (what, pair) in pairs {
+            let Some((done, deadline)) = pair else { continue };
+            let left = deadline - done;
+            let class = if left < 0.0 { "bad" } else { "good" };
+            let words = match left < 0.0 {
+                true => format!("{what} too late by {}", ns(-left)),
+                false => format!("{what} {}", ns(left)),
+            };
+            let until = if what == "outputs" { "the acting pulse" } else { "the next frame" };
+            let tip = format!(
+                "{what}: what is left until {until}, latest to earliest {from}: {}\nfrom {} to {}",
+                ns(left),
+                exact(done),
+                exact(deadline)
+            );
+            self.frame.distance(class, (done.min(deadline), done.max(deadline)), y, &words, &tip);
+        }
+    }
+
+    /// The pulse at which outputs act.
+    fn acting(&self) -> Option<Moment> {
+        match self.device.mode {
+            SyncMode::FreeRun | SyncMode::SmSynchronous => None,
+            SyncMode::DcSync0 => Some(Moment::Sync0),
+            SyncMode::DcShiftSync1 if self.device.pulses.lead == Nanos::ZERO => Some(Moment::Sync0),
+            _ => Some(Moment::Sync1),
+        }
+    }
+}
+
+fn middle(span: Span) -> f64 {
+    (span.earliest.0 + span.latest.0) as f64 / 2.0
+}
+
+/// All digits, in ns.
+fn exact(ns: f64) -> String {
+    let whole = format!("{ns:.3}");
+    format!("{} ns", whole.trim_end_matches('0').trim_end_matches('.'))
+}
+
+/// A margin: whole ns, groups of three.
+pub(crate) fn ns(value: f64) -> String {
+    let whole = value.floor() as i64;
+    let digits = whole.unsigned_abs().to_string();
+    let mut grouped = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 {
+            grouped.push('\u{202F}');
+        }
+        grouped.push(digit);
+    }
+    format!("{}{grouped} ns", if whole < 0 { "-" } else { "" })
+}
+
+/// Cycles as they were, event by event: what happened around `0`.
+pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
+    let (first, last) = (timeline.entries.first()?.0, timeline.entries.last()?.0);
+    let (from, to) = (first.0 as f64 / 1e3, last.0 as f64 / 1e3);
+    let margin = ((to - from) * 0.02).max(1.0);
+    let mut frame = Frame::new(id, title, from - margin, to + margin);
+    let lanes: [(&str, &str, &[Moment]); 4] = [
+        ("SM events", "outputs", &[Moment::Sm2, Moment::Sm3]),
+        ("SYNC", "pulse", &[Moment::Sync0, Moment::Sync1]),
+        (
+            "outputs",
+            "outputs",
+            &[Moment::OutputsFetched, Moment::OutputsReady, Moment::OutputsValid],
+        ),
+        ("inputs", "inputs", &[Moment::InputLatch, Moment::InputsBegin, Moment::InputsAvailable]),
+    ];
+    for (name, class, moments) in lanes {
+        let of: Vec<_> = timeline.entries.iter().filter(|(_, m)| moments.contains(m)).collect();
+        if of.is_empty() {
+            continue;
+        }
+        let y = frame.lane(name, 34.0) + 16.0;
+        let mut begun = None;
+        for (at, moment) in of {
+            let at = at.0 as f64 / 1e3;
+            let tip = format!("{}\nat {}", moment.words().trim(), exact(at));
+            match moment {
+                Moment::OutputsFetched | Moment::InputsBegin => begun = Some(at),
+                Moment::OutputsReady | Moment::InputsAvailable => {
+                    if let Some(begin) = begun.take() {
+                        let took = format!("{tip}\ntook {}", time(at - begin));
+                        frame.bar(class, (begin, at), y, BAR, &took);
+                    }
+                }
+                _ => {
+                    frame.mark(&format!("m {class}"), at, y - 4.0, BAR + 8.0, &tip);
+                    frame.label("", at, y - 6.0, Align::Start, short(*moment));
+                }
+            }
+        }
+    }
+    let y = frame.lane("", 24.0);
+    frame.mark("m late", 0.0, y + 2.0, 12.0, "0: the first missed SM event");
+    frame.label("bad", 0.0, y + 14.0, Align::Start, "SM event missed");
+    Some(frame.finish())
+}
+
+const fn short(moment: Moment) -> &'static str {
+    match moment {
+        Moment::Sm2 => "SM2",
+        Moment::Sm3 => "SM3",
+        Moment::Sync0 => "SYNC0",
+        Moment::Sync1 => "SYNC1",
+        Moment::OutputsValid => "valid",
+        Moment::InputLatch => "latch",
+        _ => "",
+    }
+}

@@ -1,0 +1,292 @@
+//! The frame of a drawing along time: an axis, lanes, marks, bars, and labels that do not lie on each other.
+
+use std::fmt::Write;
+
+use super::{Picture, escape, number, time};
+
+/// Width of all drawings along time.
+pub const WIDTH: f64 = 1000.0;
+/// Where lanes have their names.
+const LEFT: f64 = 128.0;
+const RIGHT: f64 = 12.0;
+/// Room for the axis.
+const AXIS: f64 = 26.0;
+/// Width of a character of a label, at most.
+const CHARACTER: f64 = 6.1;
+
+/// A drawing along time.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// First and last time, ns.
+    from: f64,
+    to: f64,
+    top: f64,
+    /// Lower edge of the last lane.
+    bottom: f64,
+    left: f64,
+    title: String,
+    id: String,
+    shapes: String,
+    texts: String,
+    under: String,
+    /// Places that labels take, by row.
+    taken: Vec<(f64, f64, f64)>,
+}
+
+/// Where a label stands.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Align {
+    /// Behind the point.
+    Start,
+    /// Around it.
+    Middle,
+    /// Before it.
+    End,
+}
+
+impl Frame {
+    /// From `from` to `to`, ns. `id` is a name that no other picture on the page has.
+    pub fn new(id: &str, title: &str, from: f64, to: f64) -> Self {
+        Self {
+            from,
+            to: if to > from { to } else { from + 1.0 },
+            top: 4.0,
+            bottom: 4.0,
+            left: LEFT,
+            title: title.to_owned(),
+            id: id.to_owned(),
+            shapes: String::new(),
+            texts: String::new(),
+            under: String::new(),
+            taken: Vec::new(),
+        }
+    }
+
+    /// With another place for names of lanes.
+    pub fn with_left(mut self, left: f64) -> Self {
+        self.left = left;
+        self
+    }
+
+    /// Where a time lies, in units of the drawing.
+    pub fn x(&self, ns: f64) -> f64 {
+        self.left + (ns - self.from) / (self.to - self.from) * (WIDTH - RIGHT - self.left)
+    }
+
+    /// Opens a lane of some height below the others; gives its upper edge.
+    pub fn lane(&mut self, name: &str, height: f64) -> f64 {
+        let top = self.bottom;
+        self.bottom += height;
+        let (middle, name) = (top + height / 2.0 + 4.0, escape(name));
+        let (right, bottom) = (WIDTH - RIGHT, self.bottom);
+        let _ = write!(
+            self.under,
+            "<line class=\"lane\" x1=\"{}\" y1=\"{}\" x2=\"{}\" y2=\"{}\"/>\
+             <text class=\"name\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{name}</text>\n",
+            number(self.left),
+            number(bottom),
+            number(right),
+            number(bottom),
+            number(self.left - 8.0),
+            number(middle),
+        );
+        top
+    }
+
+    /// A bar from `from` to `to` ns.
+    pub fn bar(&mut self, class: &str, (from, to): (f64, f64), y: f64, height: f64, tip: &str) {
+        let (a, b) = (self.x(from), self.x(to));
+        let _ = write!(
+            self.shapes,
+            "<rect class=\"{class}\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\">{}</rect>\n",
+            number(a.min(b)),
+            number(y),
+            number((b - a).abs()),
+            number(height),
+            title(tip),
+        );
+    }
+
+    /// A stroke at `at` ns.
+    pub fn mark(&mut self, class: &str, at: f64, y: f64, height: f64, tip: &str) {
+        let x = number(self.x(at));
+        let (y1, y2) = (number(y), number(y + height));
+        let line = format!("x1=\"{x}\" y1=\"{y1}\" x2=\"{x}\" y2=\"{y2}\"");
+        // A stroke is too thin to be met: what is met is an invisible one around it.
+        let _ = write!(
+            self.shapes,
+            "<g class=\"mark\"><line class=\"{class}\" {line}/><line class=\"grip\" {line}/>{}</g>\n",
+            title(tip)
+        );
+    }
+
+    /// A line through points: ns, and units of the drawing.
+    pub fn line(&mut self, class: &str, points: &[(f64, f64)], closed: bool) {
+        if points.is_empty() {
+            return;
+        }
+        let mut path = String::new();
+        for (i, (at, y)) in points.iter().enumerate() {
+            let _ = write!(
+                path,
+                "{}{} {}",
+                if i == 0 { "M" } else { "L" },
+                number(self.x(*at)),
+                number(*y)
+            );
+        }
+        if closed {
+            path.push('Z');
+        }
+        let _ = write!(self.shapes, "<path class=\"{class}\" d=\"{path}\"/>\n");
+    }
+
+    /// A distance with its words above it.
+    pub fn distance(
+        &mut self,
+        class: &str,
+        (from, to): (f64, f64),
+        y: f64,
+        words: &str,
+        tip: &str,
+    ) {
+        let (a, b) = (number(self.x(from)), number(self.x(to)));
+        let (y0, up, down) = (number(y), number(y - 4.0), number(y + 4.0));
+        let _ = write!(
+            self.shapes,
+            "<g class=\"mark\"><path class=\"distance {class}\" d=\"M{a} {up}V{down}M{a} {y0}H{b}M{b} {up}V{down}\"/>\
+             <path class=\"grip\" d=\"M{a} {y0}H{b}\"/>{}</g>\n",
+            title(tip)
+        );
+        self.label(class, (from + to) / 2.0, y - 6.0, Align::Middle, words);
+    }
+
+    /// Words at `at` ns with `y` as their base line, where nobody else's are; else not at all: everything has its figures as a
+    /// title, too. True if they were put.
+    pub fn label(&mut self, class: &str, at: f64, y: f64, align: Align, words: &str) -> bool {
+        let (x, width) = (self.x(at), words.chars().count() as f64 * CHARACTER);
+        let mut begin = match align {
+            Align::Start => x,
+            Align::Middle => x - width / 2.0,
+            Align::End => x - width,
+        };
+        // Not over the edges.
+        begin = begin.clamp(self.left + 2.0, (WIDTH - RIGHT - width).max(self.left + 2.0));
+        let end = begin + width;
+        let meets = |(row, from, to): &(f64, f64, f64)| {
+            (row - y).abs() < 11.0 && begin < to + 5.0 && from - 5.0 < end
+        };
+        if self.taken.iter().any(meets) {
+            return false;
+        }
+        self.taken.push((y, begin, end));
+        let _ = write!(
+            self.texts,
+            "<text class=\"moves {class}\" x=\"{}\" y=\"{}\">{}</text>\n",
+            number(begin),
+            number(y),
+            escape(words)
+        );
+        true
+    }
+
+    /// Words that stay where they are.
+    pub fn words(&mut self, class: &str, x: f64, y: f64, align: Align, words: &str) {
+        let anchor = match align {
+            Align::Start => "start",
+            Align::Middle => "middle",
+            Align::End => "end",
+        };
+        let _ = write!(
+            self.under,
+            "<text class=\"{class}\" x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{}</text>\n",
+            number(x),
+            number(y),
+            escape(words)
+        );
+    }
+
+    /// A line across all times.
+    pub fn level(&mut self, class: &str, y: f64) {
+        let (x1, x2, y) = (number(self.left), number(WIDTH - RIGHT), number(y));
+        let _ = write!(
+            self.under,
+            "<line class=\"{class}\" x1=\"{x1}\" y1=\"{y}\" x2=\"{x2}\" y2=\"{y}\"/>\n"
+        );
+    }
+
+    /// Room that nothing else takes.
+    pub fn skip(&mut self, height: f64) {
+        self.bottom += height;
+    }
+
+    /// The drawing, with its axis below.
+    pub fn finish(self) -> Picture {
+        let Self { from, to, top, bottom, left, id, .. } = &self;
+        let (right, axis) = (WIDTH - RIGHT, self.axis());
+        let height = bottom + AXIS;
+        let area = format!(
+            "x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"",
+            number(*left),
+            number(*top),
+            number(right - left),
+            number(bottom - top)
+        );
+        let body = format!(
+            "<clipPath id=\"{id}-area\"><rect {area}/></clipPath>\n<g class=\"axis\">\n{axis}</g>\n{}\
+             <rect class=\"surface\" {area}/>\n\
+             <g clip-path=\"url(#{id}-area)\"><g class=\"stretch\">\n{}</g></g>\n{}",
+            self.under, self.shapes, self.texts
+        );
+        let attributes = format!(
+            " data-from=\"{from}\" data-to=\"{to}\" data-left=\"{}\" data-right=\"{}\" data-bottom=\"{}\"",
+            number(*left),
+            number(right),
+            number(*bottom)
+        );
+        Picture {
+            width: WIDTH as u32,
+            height: height.ceil() as u32,
+            title: self.title,
+            attributes,
+            body,
+        }
+    }
+
+    fn axis(&self) -> String {
+        let mut axis = String::new();
+        let step = step((self.to - self.from) / 9.0);
+        let mut at = (self.from / step).ceil() * step;
+        while at <= self.to {
+            let x = number(self.x(at));
+            let _ = write!(
+                axis,
+                "<line class=\"grid\" x1=\"{x}\" y1=\"{}\" x2=\"{x}\" y2=\"{}\"/>\
+                 <text class=\"tick\" x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n",
+                number(self.top),
+                number(self.bottom),
+                number(self.bottom + 16.0),
+                time(if at.abs() < step / 1e6 { 0.0 } else { at })
+            );
+            at += step;
+        }
+        axis
+    }
+}
+
+fn title(tip: &str) -> String {
+    if tip.is_empty() { String::new() } else { format!("<title>{}</title>", escape(tip)) }
+}
+
+/// The next of 1, 2, 5, 10 … that is not less.
+pub(crate) fn step(least: f64) -> f64 {
+    if !(least.is_finite() && least > 0.0) {
+        return 1.0;
+    }
+    let ten = 10f64.powf(least.log10().floor());
+    [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .map(|factor| factor * ten)
+        .find(|step| *step >= least * 0.999_999)
+        .unwrap_or(10.0 * ten)
+}

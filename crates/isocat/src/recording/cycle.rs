@@ -1,0 +1,142 @@
+//! When what happens in the cycle of one SubDevice: phases in the bus cycle by the reference clock.
+
+use isocat_maindevice::segment::Timing;
+use isocat_sim::Statistics;
+use isocat_sync::SyncMode;
+use isocat_sync::budget::{Moments, Span};
+use isocat_wire::time::{Time, True};
+
+use crate::timeline::Moment;
+
+/// The cycle of one SubDevice as it was seen.
+#[derive(Clone, PartialEq, Debug)]
+pub struct CycleSeen {
+    /// What its phases count from.
+    pub origin: Origin,
+    /// Each event that happened, in the order of its mean.
+    pub moments: Vec<(Moment, Statistics)>,
+}
+
+/// What phases count from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Origin {
+    /// The begin of a bus cycle, by the reference clock.
+    BusCycle,
+    /// The first step of the SubDevice's own cycle, in true time: in Free Run, and without a reference clock.
+    OwnCycle,
+}
+
+impl CycleSeen {
+    /// What was seen of an event, ps.
+    pub fn of(&self, moment: Moment) -> Option<&Statistics> {
+        self.moments.iter().find(|(of, _)| *of == moment).map(|(_, seen)| seen)
+    }
+}
+
+/// Takes phases.
+#[derive(Clone, Debug)]
+pub(super) struct Phases {
+    mode: SyncMode,
+    /// From one exchange of its process data to the next.
+    cycle: i128,
+    /// From SYNC0 to SYNC0.
+    pulse_cycle: i128,
+    /// Around which phase an event lies: the plan's, else that of the first one.
+    around: [Option<i128>; MOMENTS],
+    seen: [Statistics; MOMENTS],
+    /// The last event: when by the clock that is counted with, and its phase.
+    last: Option<(i128, i128)>,
+    /// The step that begins a cycle of its own.
+    first_step: Option<Moment>,
+}
+
+const MOMENTS: usize = Moment::ALL.len();
+
+impl Phases {
+    pub fn new(timing: &Timing, position: usize) -> Self {
+        let device = &timing.devices[position].0;
+        let moments = timing.moments(position).unwrap_or_default();
+        let mut around = [None; MOMENTS];
+        for moment in Moment::ALL {
+            let middle = |span: Span| i128::from(span.earliest.0 + span.latest.0) * 500;
+            around[moment as usize] = planned(&moments, moment).map(middle);
+        }
+        Self {
+            mode: device.mode,
+            cycle: i128::from(device.exchange(&timing.cycle).0) * 1_000,
+            pulse_cycle: i128::from(device.pulses.sync0_cycle.0) * 1_000,
+            around,
+            seen: [Statistics::default(); MOMENTS],
+            last: None,
+            first_step: None,
+        }
+    }
+
+    /// Something happened, when the reference clock, if there is one, stood at `system_ps`.
+    pub fn happened(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) {
+        let number = moment as usize;
+        if self.mode == SyncMode::FreeRun || system_ps.is_none() {
+            return self.in_own_cycle(i128::from(at.count()), moment);
+        }
+        let Some(now) = system_ps else { return };
+        // Of those that nobody planned: where the first one lay, behind the event before it.
+        let around = match (self.around[number], self.last) {
+            (Some(around), _) => around,
+            (None, Some((before, phase))) => *self.around[number].insert(phase + now - before),
+            (None, None) => return,
+        };
+        let often = self.mode == SyncMode::DcSubordinated && moment.is_of_each_pulse();
+        let cycle = (if often { self.pulse_cycle } else { self.cycle }).max(1);
+        let into = (now - around).rem_euclid(cycle);
+        let phase = around + if into > cycle / 2 { into - cycle } else { into };
+        // The frame that fetches inputs belongs to the next cycle.
+        if moment != Moment::Sm3 {
+            self.last = Some((now, phase));
+        }
+        self.seen[number].push(phase as i64);
+    }
+
+    fn in_own_cycle(&mut self, now: i128, moment: Moment) {
+        let begins = matches!(
+            moment,
+            Moment::OutputsFetched | Moment::ApplicationBegins | Moment::InputLatch
+        );
+        if begins && *self.first_step.get_or_insert(moment) == moment {
+            self.last = Some((now, 0));
+        }
+        // Frames come whenever they come.
+        if !matches!(moment, Moment::Sm2 | Moment::Sm3)
+            && let Some((began, _)) = self.last
+        {
+            self.seen[moment as usize].push((now - began) as i64);
+        }
+    }
+
+    pub fn finish(self) -> Option<CycleSeen> {
+        let mut moments: Vec<(Moment, Statistics)> = Moment::ALL
+            .into_iter()
+            .map(|moment| (moment, self.seen[moment as usize]))
+            .filter(|(_, seen)| seen.count() > 0)
+            .collect();
+        moments.sort_by(|a, b| a.1.mean().total_cmp(&b.1.mean()));
+        let own = self.first_step.is_some() || self.mode == SyncMode::FreeRun;
+        let origin = if own { Origin::OwnCycle } else { Origin::BusCycle };
+        (!moments.is_empty()).then_some(CycleSeen { origin, moments })
+    }
+}
+
+/// Where the plan has an event; the frame that fetches inputs is there with its begin, so it is left out.
+pub fn planned(moments: &Moments, moment: Moment) -> Option<Span> {
+    match moment {
+        Moment::Sm2 => moments.outputs_stored,
+        Moment::OutputsReady => moments.outputs_ready,
+        Moment::Sync0 => moments.sync0,
+        Moment::Sync1 => moments.sync1,
+        Moment::OutputsValid => moments.outputs_valid,
+        Moment::InputLatch => moments.input_latch,
+        Moment::InputsAvailable => moments.inputs_available,
+        // Frames are seen when their end passes.
+        Moment::Sm3 => moments.inputs_fetched,
+        _ => None,
+    }
+}

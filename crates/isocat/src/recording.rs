@@ -3,8 +3,8 @@
 //!
 //! A [`Recording`] is an onlooker of a run ([`Tap`]). Its memory is bounded, however long the run is: of each event the
 //! least, the mean and the largest phase ([`cycle`]), of each series some hundred spans of time ([`series`]), of incidents the
-//! first few. It begins when all SubDevices are in operation; the phases a few cycles later, when everybody does all that he
-//! does.
+//! first few. It begins with the first cycle, and anew when all SubDevices are in operation, so that a way up that fails can be
+//! seen, too; phases are taken a few cycles later, when everybody does all that he does.
 
 pub mod cycle;
 pub mod series;
@@ -42,6 +42,7 @@ pub struct Recording {
     wrong: u64,
     /// Cyclic frames that have left in this cycle.
     left: Vec<Time<True>>,
+    last: Picos,
 }
 
 /// What is known when operation begins.
@@ -51,6 +52,7 @@ struct Began {
     reference: Option<usize>,
     host: HostPhase,
     settled: Time<True>,
+    operating: bool,
 }
 
 /// What is kept of one SubDevice.
@@ -78,7 +80,7 @@ struct AroundMiss {
 /// Something that happened while it was recorded.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Incident {
-    /// Since the beginning of operation.
+    /// Since the beginning of what is recorded.
     pub at: Picos,
     /// The SubDevice; `None` concerns the segment.
     pub device: Option<usize>,
@@ -89,6 +91,10 @@ pub struct Incident {
 /// What was recorded.
 #[derive(Clone, Debug, Default)]
 pub struct Recorded {
+    /// All SubDevices were in operation: what is told is the judged time. Else it is the way up, from the first cycle on.
+    pub operating: bool,
+    /// How long was recorded.
+    pub length: Picos,
     /// The SubDevices, by position.
     pub devices: Vec<RecordedDevice>,
     /// When cyclic frames reached the reference clock, less when they should have: ps.
@@ -122,6 +128,8 @@ pub struct RecordedDevice {
 
 /// Incidents that are kept.
 pub const MOST_INCIDENTS: usize = 200;
+/// Cyclic frames of one cycle.
+const MOST_LEFT: usize = 64;
 /// Missed events of one SubDevice that are kept.
 const MOST_MISSED: usize = 50;
 /// Cycles from the beginning of operation until phases are taken, and before its end.
@@ -147,6 +155,7 @@ impl Recording {
             lost: 0,
             wrong: 0,
             left: Vec::new(),
+            last: Picos(0),
         }
     }
 
@@ -164,6 +173,8 @@ impl Recording {
             }),
         });
         Recorded {
+            operating: self.began.is_some_and(|began| began.operating),
+            length: self.last,
             devices: devices.collect(),
             host_phase: self.host_phase,
             servo: self.servo,
@@ -198,7 +209,12 @@ impl Recording {
             reference: found.reference,
             host: HostPhase::new(intent.send),
             settled: at + settling,
+            operating: main.is_operating(),
         });
+        self.host_phase = Series::new(self.spans);
+        self.servo.clear();
+        self.incidents.clear();
+        self.unsaid = 0;
     }
 
     fn incident(&mut self, at: Picos, device: Option<usize>, what: String) {
@@ -209,25 +225,30 @@ impl Recording {
         }
     }
 
-    /// Since the beginning of operation, if `at` is in the judged time.
+    /// Since the beginning, if `at` is in the judged time or on the way up.
     fn since(&self, at: Time<True>) -> Option<Picos> {
-        let since = at - self.began.as_ref()?.at;
-        (Picos(0)..self.duration).contains(&since).then_some(since)
+        let began = self.began.as_ref()?;
+        let since = at - began.at;
+        let end = if began.operating { self.duration } else { Picos(i64::MAX) };
+        (Picos(0)..end).contains(&since).then_some(since)
     }
 }
 
 impl Tap for Recording {
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
-        if sent && self.began.is_some() && is_cyclic(bytes) {
+        // What nobody takes away is not kept.
+        if sent && self.left.len() < MOST_LEFT && is_cyclic(bytes) {
             self.left.push(at);
         }
     }
 
     fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
-        if self.began.is_none() && main.is_operating() {
+        let operating = self.began.as_ref().map(|began| began.operating);
+        if operating.is_none() || (operating == Some(false) && main.is_operating()) {
             self.begin(at, main);
         }
         let Some(since) = self.since(at) else { return };
+        self.last = since;
         let Some(began) = &mut self.began else { return };
         if let Some(reference) = began.reference {
             let entry = segment.path().entries.iter().find(|entry| entry.device == reference);
@@ -277,7 +298,7 @@ impl Tap for Recording {
             device.histogram.push(error.0);
         }
         let last = self.duration + -(began.settled - began.at);
-        let steady = at >= began.settled && since < last;
+        let steady = at >= began.settled && (since < last || !began.operating);
         if let Some(moment) = Moment::of(event) {
             device.remember(at, moment);
             if let Some(phases) = device.phases.as_mut().filter(|_| steady) {

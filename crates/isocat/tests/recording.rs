@@ -113,21 +113,26 @@ fn the_first_missed_event_is_kept_with_what_led_to_it() {
     let text = r#"
 cycle = "1ms"
 for = "300ms"
+shift = "200us"
 [[subdevice]]
 device = "model_every_mode"
 [[subdevice]]
 device = "model_every_mode"
 name = "slow"
-copy_time = "900us"
+copy_time = "200us"
 "#;
     let (report, recorded, _) = record(text);
-    assert!(!report.in_sync);
+    assert!(!report.in_sync && !recorded.operating, "it refuses OP: {}", report.verdict);
     let slow = &recorded.devices[1];
     assert!(slow.missed_count > 0 && slow.missed[0].1 > 0, "{:?}", slow.missed);
     let around = slow.around_miss.as_ref().expect("it is kept");
     let sync0 = around.entries.iter().any(|(at, m)| *m == Moment::Sync0 && at.0.abs() <= 1_000_000);
     assert!(sync0, "counted at a pulse: {:?}", around.entries);
     assert!(around.entries.first().is_some_and(|(at, _)| at.0 < 0));
+    let left = slow.cycle.as_ref().expect("it works").outputs_left;
+    assert!(left.largest() < 0 && left.least() > -40_000_000, "{left:?}");
+    let took = slow.cycle.as_ref().expect("it works").outputs_took;
+    assert_eq!(took.least() / 1_000_000, 200, "{took:?}");
     assert!(recorded.incidents.iter().any(|i| i.device == Some(1) && i.what.contains("0x1C32:0B")));
     assert_eq!((recorded.devices[0].missed_count, &recorded.devices[0].around_miss), (0, &None));
 }

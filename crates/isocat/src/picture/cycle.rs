@@ -380,12 +380,7 @@ impl Drawing<'_> {
 
     /// The pulse at which outputs act.
     fn acting(&self) -> Option<Moment> {
-        match self.device.mode {
-            SyncMode::FreeRun | SyncMode::SmSynchronous => None,
-            SyncMode::DcSync0 => Some(Moment::Sync0),
-            SyncMode::DcShiftSync1 if self.device.pulses.lead == Nanos::ZERO => Some(Moment::Sync0),
-            _ => Some(Moment::Sync1),
-        }
+        crate::recording::cycle::acting(self.device)
     }
 }
 

@@ -99,9 +99,9 @@ impl Frame {
         let _ = write!(
             self.shapes,
             "<rect class=\"{class}\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\">{}</rect>\n",
-            number(a.min(b)),
+            exact(a.min(b)),
             number(y),
-            number((b - a).abs()),
+            exact((b - a).abs()),
             number(height),
             title(tip),
         );
@@ -109,7 +109,7 @@ impl Frame {
 
     /// A stroke at `at` ns.
     pub fn mark(&mut self, class: &str, at: f64, y: f64, height: f64, tip: &str) {
-        let x = number(self.x(at));
+        let x = exact(self.x(at));
         let (y1, y2) = (number(y), number(y + height));
         let line = format!("x1=\"{x}\" y1=\"{y1}\" x2=\"{x}\" y2=\"{y2}\"");
         // A stroke is too thin to be met: what is met is an invisible one around it.
@@ -150,7 +150,7 @@ impl Frame {
         words: &str,
         tip: &str,
     ) {
-        let (a, b) = (number(self.x(from)), number(self.x(to)));
+        let (a, b) = (exact(self.x(from)), exact(self.x(to)));
         let (y0, up, down) = (number(y), number(y - 4.0), number(y + 4.0));
         let _ = write!(
             self.shapes,
@@ -272,6 +272,12 @@ impl Frame {
         }
         axis
     }
+}
+
+/// A place that stays right when it is stretched a hundred thousand times.
+fn exact(value: f64) -> String {
+    let text = format!("{value:.6}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 fn title(tip: &str) -> String {

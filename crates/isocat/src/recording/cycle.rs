@@ -3,8 +3,8 @@
 use isocat_maindevice::segment::Timing;
 use isocat_sim::Statistics;
 use isocat_sync::SyncMode;
-use isocat_sync::budget::{Moments, Span};
-use isocat_wire::time::{Time, True};
+use isocat_sync::budget::{Device, Moments, Span};
+use isocat_wire::time::{Nanos, Time, True};
 
 use crate::timeline::Moment;
 
@@ -15,6 +15,12 @@ pub struct CycleSeen {
     pub origin: Origin,
     /// Each event that happened, in the order of its mean.
     pub moments: Vec<(Moment, Statistics)>,
+    /// How long outputs took to be copied and calculated, ps.
+    pub outputs_took: Statistics,
+    /// How long inputs took to be copied and calculated, ps.
+    pub inputs_took: Statistics,
+    /// What was left from outputs that were ready to the pulse that acts on them, ps; negative: it came first.
+    pub outputs_left: Statistics,
 }
 
 /// What phases count from.
@@ -48,6 +54,16 @@ pub(super) struct Phases {
     last: Option<(i128, i128)>,
     /// The step that begins a cycle of its own.
     first_step: Option<Moment>,
+    /// The pulse at which outputs act.
+    acting: Option<Moment>,
+    /// When outputs were fetched, were ready, were wanted before they were, and when inputs were begun.
+    fetched: Option<Time<True>>,
+    ready: Option<Time<True>>,
+    overtaken: Option<Time<True>>,
+    begun: Option<Time<True>>,
+    outputs_took: Statistics,
+    inputs_took: Statistics,
+    outputs_left: Statistics,
 }
 
 const MOMENTS: usize = Moment::ALL.len();
@@ -69,11 +85,20 @@ impl Phases {
             seen: [Statistics::default(); MOMENTS],
             last: None,
             first_step: None,
+            acting: acting(device),
+            fetched: None,
+            ready: None,
+            overtaken: None,
+            begun: None,
+            outputs_took: Statistics::default(),
+            inputs_took: Statistics::default(),
+            outputs_left: Statistics::default(),
         }
     }
 
     /// Something happened, when the reference clock, if there is one, stood at `system_ps`.
     pub fn happened(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) {
+        self.spans(at, moment);
         let number = moment as usize;
         if self.mode == SyncMode::FreeRun || system_ps.is_none() {
             return self.in_own_cycle(i128::from(at.count()), moment);
@@ -112,6 +137,36 @@ impl Phases {
         }
     }
 
+    /// Takes how long work took, and what was left of the time for it.
+    fn spans(&mut self, at: Time<True>, moment: Moment) {
+        match moment {
+            Moment::OutputsFetched => self.fetched = Some(at),
+            Moment::OutputsReady => {
+                if let Some(fetched) = self.fetched.take() {
+                    self.outputs_took.push((at - fetched).0);
+                }
+                match self.overtaken.take() {
+                    Some(pulse) => self.outputs_left.push((pulse - at).0),
+                    None => self.ready = Some(at),
+                }
+            }
+            Moment::InputsBegin => self.begun = Some(at),
+            Moment::InputsAvailable => {
+                if let Some(begun) = self.begun.take() {
+                    self.inputs_took.push((at - begun).0);
+                }
+            }
+            _ => {}
+        }
+        if self.acting == Some(moment) {
+            match (self.ready.take(), self.fetched) {
+                (Some(ready), _) => self.outputs_left.push((at - ready).0),
+                (None, Some(_)) => self.overtaken = Some(at),
+                (None, None) => {}
+            }
+        }
+    }
+
     pub fn finish(self) -> Option<CycleSeen> {
         let mut moments: Vec<(Moment, Statistics)> = Moment::ALL
             .into_iter()
@@ -121,7 +176,19 @@ impl Phases {
         moments.sort_by(|a, b| a.1.mean().total_cmp(&b.1.mean()));
         let own = self.first_step.is_some() || self.mode == SyncMode::FreeRun;
         let origin = if own { Origin::OwnCycle } else { Origin::BusCycle };
-        (!moments.is_empty()).then_some(CycleSeen { origin, moments })
+        let Self { outputs_took, inputs_took, outputs_left, .. } = self;
+        let seen = CycleSeen { origin, moments, outputs_took, inputs_took, outputs_left };
+        (!seen.moments.is_empty()).then_some(seen)
+    }
+}
+
+/// The pulse at which the outputs of a SubDevice act, if one does.
+pub fn acting(device: &Device) -> Option<Moment> {
+    match device.mode {
+        SyncMode::FreeRun | SyncMode::SmSynchronous => None,
+        SyncMode::DcSync0 => Some(Moment::Sync0),
+        SyncMode::DcShiftSync1 if device.pulses.lead == Nanos::ZERO => Some(Moment::Sync0),
+        _ => Some(Moment::Sync1),
     }
 }
 

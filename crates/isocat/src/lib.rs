@@ -24,10 +24,12 @@ pub mod capture;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod conform;
+pub mod diagnosis;
 pub mod document;
 pub mod eni;
 pub mod esi;
 pub mod explain;
+pub mod html;
 #[cfg(target_os = "linux")]
 pub mod link;
 #[cfg(target_os = "linux")]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::run::{command, is_page, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::conform::report::{ConformanceReport, DeviceReport, list};
 use crate::conform::rules::{self, Rule};
@@ -54,6 +55,9 @@ pub struct Arguments {
     /// Print the report as one JSON document
     #[arg(long)]
     json: bool,
+    /// Also write the report to this file: a page if it ends in .html, JSON if in .json, else text
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// Also write the report to this file, as JUnit has it
     #[arg(long, value_name = "FILE")]
     junit: Option<PathBuf>,
@@ -90,6 +94,17 @@ impl Arguments {
             std::fs::write(path, report.junit())
                 .map_err(|error| format!("{} can't be written: {error}", path.display()))?;
         }
+        let page = is_page(self.report.as_deref()).then(|| {
+            let mut words = vec!["isocat", "conform"];
+            words.extend(self.subject.as_deref());
+            #[cfg(target_os = "linux")]
+            words.extend(self.interface.iter().flat_map(|interface| ["--interface", interface]));
+            #[cfg(target_os = "linux")]
+            words.extend(self.netns.iter().flat_map(|netns| ["--netns", netns]));
+            words.extend(self.rules.iter().flat_map(|rule| ["--rule", rule]));
+            crate::html::conform::page(&report, &command(&words))
+        });
+        write_report(self.report.as_deref(), &report, &report.text(), page.as_ref())?;
         let code = print(&match self.json {
             true => super::run::json(&report),
             false => report.text(),

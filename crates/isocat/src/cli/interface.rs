@@ -10,9 +10,12 @@ use isocat_sim::run::Progress;
 use isocat_wire::Nanos;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use super::run::{Arguments, duration, progress_bar, refusal, unwritable, write_report};
+use super::run::{
+    Arguments, command, duration, is_page, progress_bar, refusal, unwritable, write_report,
+};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::capture::Capture;
+use crate::html;
 use crate::link::preflight::{self, Subject};
 use crate::link::{LinkError, RawSocket, Wish};
 use crate::live::job::{Job, Machine};
@@ -154,7 +157,7 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     let capture = path.map(|path| Capture::create_of_interface(path, interface)).transpose();
     let recorder = match capture {
         Ok(capture) => capture.map(Recorder::new),
-        Err(error) => return fail(&unwritable("capture", arguments.capture.as_ref(), &error)),
+        Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
     };
     let job = Job {
         config,
@@ -208,10 +211,23 @@ fn finish(
         Some(Ok(dropped)) => outcome
             .notes
             .push(format!("{dropped} frames are not in the capture: the disk was too slow")),
-        Some(Err(error)) => return fail(&unwritable("capture", capture, &error)),
+        Some(Err(error)) => {
+            return fail(&unwritable("capture", capture.map(PathBuf::as_path), &error));
+        }
     }
     let report = InterfaceReport::new(asked, &outcome);
-    if let Err(message) = write_report(arguments, &report, &report.text()) {
+    let page = is_page(arguments.report.as_deref()).then(|| {
+        let duration = format!("{}ns", asked.duration.0);
+        let mut words = vec!["isocat", "run"];
+        words.extend(arguments.segment.as_deref());
+        words.extend(["--interface", asked.interface]);
+        words.extend(asked.namespace.iter().flat_map(|namespace| ["--netns", namespace]));
+        words.extend(arguments.wire.any.then_some("--any"));
+        words.extend(["--for", &duration]);
+        html::interface::page(&report, &outcome.segment, &command(&words))
+    });
+    let (path, page) = (arguments.report.as_deref(), page.as_ref());
+    if let Err(message) = write_report(path, &report, &report.text(), page) {
         return fail(&message);
     }
     let failure = outcome.failure();

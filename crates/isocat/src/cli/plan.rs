@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use isocat_wire::Nanos;
 
-use super::run::{duration, json, progress_bar};
+use super::run::{command, duration, is_page, json, progress_bar, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::plan::{Plan, proof, suggest};
-use crate::{Scenario, eni};
+use crate::{Scenario, eni, html};
 
 /// Arguments of `plan`.
 #[derive(Args, Debug)]
@@ -37,6 +37,9 @@ pub struct Arguments {
     /// Print as one JSON document
     #[arg(long)]
     json: bool,
+    /// Also write the plan to this file: with timing diagrams if it ends in .html, JSON if in .json, else text
+    #[arg(long, value_name = "FILE", conflicts_with = "start_up")]
+    report: Option<PathBuf>,
 }
 
 /// Plans; gives the exit code.
@@ -74,12 +77,32 @@ pub fn run(arguments: &Arguments) -> u8 {
         bar.finish_and_clear();
         proof.fill(&mut report);
     }
+    let page = is_page(arguments.report.as_deref())
+        .then(|| html::plan::page(&plan, &report, &arguments.command(&scenario)));
+    let (path, text) = (arguments.report.as_deref(), report.text());
+    if let Err(message) = write_report(path, &report, &text, page.as_ref()) {
+        return fail(&message);
+    }
     let proven = report.proof.as_ref().is_none_or(|proof| proof.holds);
-    let code = print(&if arguments.json { json(&report) } else { report.text() });
+    let code = print(&if arguments.json { json(&report) } else { text });
     match report.fits && proven {
         _ if code == BAD_INPUT => BAD_INPUT,
         true => IN_SYNC,
         false => NOT_IN_SYNC,
+    }
+}
+
+impl Arguments {
+    /// The command that repeats it.
+    fn command(&self, scenario: &Scenario) -> String {
+        let (seed, duration) = (scenario.seed.to_string(), format!("{}ns", scenario.duration.0));
+        let mut words = vec!["isocat", "plan"];
+        words.extend(self.segment.as_deref());
+        words.extend(self.suggest.then_some("--suggest"));
+        if self.prove {
+            words.extend(["--prove", "--for", &duration, "--seed", &seed]);
+        }
+        command(&words)
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use isocat_maindevice::Fault;
+use isocat_maindevice::{Fault, MainDevice};
 use isocat_sim::observation::Observation;
 use isocat_sim::run::Progress;
 use isocat_sim::{Outcome, Segment, Tap};
@@ -16,6 +16,8 @@ use serde::Serialize;
 
 use super::{IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::capture::Capture;
+use crate::html::{self, Page};
+use crate::recording::Recording;
 use crate::report::Finding;
 use crate::waves::Waves;
 use crate::{Report, Scenario, SegmentFile, quantity};
@@ -24,7 +26,7 @@ use crate::{Report, Scenario, SegmentFile, quantity};
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Segment file; without one, the built-in segment runs
-    segment: Option<String>,
+    pub segment: Option<String>,
     /// How long to run once all devices are in OP, in virtual time or, with --interface, in host time:
     /// 500ms, 10s, 2min
     #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
@@ -35,9 +37,9 @@ pub struct Arguments {
     /// Print the report as one JSON document
     #[arg(long)]
     pub json: bool,
-    /// Also write the report to this file: JSON if it ends in .json, else text
+    /// Also write the report to this file: with timing diagrams if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
+    pub report: Option<PathBuf>,
     /// Write every frame to this pcapng file
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
@@ -96,16 +98,20 @@ pub fn run(arguments: &Arguments) -> u8 {
     }
     let capture = match arguments.capture.as_deref().map(Capture::create).transpose() {
         Ok(capture) => capture,
-        Err(error) => return fail(&unwritable("capture", arguments.capture.as_ref(), &error)),
+        Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
     };
     let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
     let waves = arguments.waves.as_deref().map(|path| Waves::create(path, names)).transpose();
     let waves = match waves {
         Ok(waves) => waves,
-        Err(error) => return fail(&unwritable("waves", arguments.waves.as_ref(), &error)),
+        Err(error) => return fail(&unwritable("waves", arguments.waves.as_deref(), &error)),
     };
     let bar = progress_bar(scenario.duration);
-    let taps = Taps { capture, waves };
+    let recording = arguments.wants_page().then(|| {
+        let spans = html::run::spans(scenario.devices.len());
+        Recording::new(scenario.duration, scenario.sync0_limit, spans)
+    });
+    let taps = Taps { capture, waves, recording };
     let outcome = scenario.run().execute(Some(taps), &mut |progress| match progress {
         Progress::Stage(stage) => bar.set_message(stage.name()),
         Progress::Judged(time) => {
@@ -124,6 +130,7 @@ pub fn run(arguments: &Arguments) -> u8 {
 struct Taps {
     capture: Option<Capture>,
     waves: Option<Waves>,
+    recording: Option<Recording>,
 }
 
 impl Tap for Taps {
@@ -131,11 +138,23 @@ impl Tap for Taps {
         if let Some(capture) = &mut self.capture {
             capture.frame(at, sent, bytes);
         }
+        if let Some(recording) = &mut self.recording {
+            recording.frame(at, sent, bytes);
+        }
+    }
+
+    fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+        if let Some(recording) = &mut self.recording {
+            recording.cycle(at, main, segment);
+        }
     }
 
     fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
         if let Some(waves) = &mut self.waves {
             waves.observed(segment, at, observation);
+        }
+        if let Some(recording) = &mut self.recording {
+            recording.observed(segment, at, observation);
         }
     }
 }
@@ -148,15 +167,24 @@ fn finish(
     outcome: Outcome<Taps>,
     refused: bool,
 ) -> u8 {
+    let found = outcome.world.main().segment().clone();
     let taps = outcome.world.into_tap();
-    let (capture, waves) = taps.map_or((None, None), |taps| (taps.capture, taps.waves));
+    let Taps { capture, waves, recording } = taps.expect("it was given one");
     if let Some(Err(error)) = capture.map(Capture::finish) {
-        return fail(&unwritable("capture", arguments.capture.as_ref(), &error));
+        return fail(&unwritable("capture", arguments.capture.as_deref(), &error));
     }
     if let Some(Err(error)) = waves.map(Waves::finish) {
-        return fail(&unwritable("waves", arguments.waves.as_ref(), &error));
+        return fail(&unwritable("waves", arguments.waves.as_deref(), &error));
     }
-    if let Err(message) = write_report(arguments, report, &report.text()) {
+    let page = recording.map(|recording| {
+        let command = arguments.command(scenario);
+        let recorded = recording.finish();
+        let limit = scenario.sync0_limit;
+        html::run::Run { report, recorded: &recorded, segment: &found, limit, command: &command }
+            .page()
+    });
+    let page = page.as_ref();
+    if let Err(message) = write_report(arguments.report.as_deref(), report, &report.text(), page) {
         return fail(&message);
     }
     if refused && !arguments.json {
@@ -172,18 +200,36 @@ pub fn json(report: &impl Serialize) -> String {
     text.expect("a report has no map keys that JSON lacks") + "\n"
 }
 
-/// Writes the report to the file that was asked for.
+/// Writes a report to the file that was asked for, if one was: as its ending says.
 pub fn write_report(
-    arguments: &Arguments,
+    path: Option<&Path>,
     report: &impl Serialize,
     text: &str,
+    page: Option<&Page>,
 ) -> Result<(), String> {
-    let Some(path) = &arguments.report else { return Ok(()) };
-    let content = match path.extension().and_then(|extension| extension.to_str()) {
-        Some("json") => json(report),
+    let Some(path) = path else { return Ok(()) };
+    let content = match (path.extension().and_then(|extension| extension.to_str()), page) {
+        (Some("json"), _) => json(report),
+        (Some("html" | "htm"), Some(page)) => page.render(),
         _ => anstream::adapter::strip_str(text).to_string(),
     };
     std::fs::write(path, content).map_err(|error| unwritable("report", Some(path), &error))
+}
+
+/// Whether a report is wanted as a page.
+pub fn is_page(path: Option<&Path>) -> bool {
+    let ending = path.and_then(Path::extension).and_then(|ending| ending.to_str());
+    matches!(ending, Some("html" | "htm"))
+}
+
+/// A command as a shell takes it.
+pub fn command(words: &[&str]) -> String {
+    let plain = |c: char| c.is_alphanumeric() || "-_./=:+,%@".contains(c);
+    let quoted = words.iter().map(|word| match !word.is_empty() && word.chars().all(plain) {
+        true => (*word).to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    });
+    quoted.collect::<Vec<_>>().join(" ")
 }
 
 /// What the MainDevice refuses, with the place of the device in the segment file, if there is one.
@@ -220,6 +266,22 @@ impl Arguments {
         scenario
     }
 
+    fn wants_page(&self) -> bool {
+        is_page(self.report.as_deref())
+    }
+
+    /// The command that repeats a run of `scenario`.
+    pub fn command(&self, scenario: &Scenario) -> String {
+        let (seed, duration) = (scenario.seed.to_string(), format!("{}ns", scenario.duration.0));
+        let mut words = vec!["isocat", "run"];
+        words.extend(self.segment.as_deref());
+        words.extend(["--for", &duration, "--seed", &seed]);
+        let flags =
+            [(self.no_drift_compensation, "--no-drift-compensation"), (self.force, "--force")];
+        words.extend(flags.iter().filter(|(given, _)| *given).map(|(_, flag)| *flag));
+        command(&words)
+    }
+
     /// Files that would be lost: the segment itself, or one result under the other.
     fn overwrites(&self) -> Option<String> {
         let same = |one: &Path, other: &Path| {
@@ -244,7 +306,7 @@ impl Arguments {
     }
 }
 
-pub fn unwritable(what: &str, path: Option<&PathBuf>, error: &std::io::Error) -> String {
+pub fn unwritable(what: &str, path: Option<&Path>, error: &std::io::Error) -> String {
     let path = path.map_or(String::new(), |path| path.display().to_string());
     format!("the {what} file {path} can't be written: {error}")
 }

@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Seed of everything random
     #[arg(long)]
     seed: Option<u64>,
-    /// Also write the summary to this file: JSON if it ends in .json, else text
+    /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
 }
@@ -114,6 +114,7 @@ fn finish(arguments: &Arguments, summary: &Summary) -> u8 {
     if let Some(path) = &arguments.report {
         let text = match path.extension().and_then(|extension| extension.to_str()) {
             Some("json") => json(true),
+            Some("html" | "htm") => crate::html::serve::page(summary).render(),
             _ => anstream::adapter::strip_str(&summary.text()).to_string(),
         };
         if let Err(error) = std::fs::write(path, text) {

@@ -147,6 +147,14 @@ impl Quality {
     }
 
     /// A table of the SubDevices, and the last alarms.
+    /// The text without styles.
+    pub(crate) fn plain(&self) -> String {
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        let _ = self.write(&mut text);
+        super::text::plain(&text)
+    }
+
     pub(super) fn write(&self, out: &mut String) -> fmt::Result {
         let (asked, taken) = (self.share_asked_permille, self.share_taken_permille);
         let share = format!("{asked} permille of the wire asked for, {taken:.2} taken");

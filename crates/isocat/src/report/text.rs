@@ -318,6 +318,13 @@ pub(crate) fn cut_front(text: &str, columns: usize) -> String {
     std::iter::once('…').chain(text.chars().skip(all - columns + 1)).collect()
 }
 
+/// Without styles: what stands between ESC and `m` is left out.
+pub(crate) fn plain(text: &str) -> String {
+    let mut parts = text.split('\u{1b}');
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |all, part| all + part.split_once('m').map_or(part, |(_, rest)| rest))
+}
+
 /// Breaks at spaces; a word longer than the width stays whole.
 pub(crate) fn wrap(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();

@@ -1,0 +1,91 @@
+//! Reports as one HTML file each: no network, light and dark, for screen, phone and paper.
+//!
+//! A [`Page`] is the shell: style, script and the report as JSON are in the file itself. What a page says comes from
+//! [`run`], [`interface`], [`plan`], [`serve`] or [`conform`]; drawings from [`crate::picture`]. Without its script a page shows all
+//! the same, it cannot be zoomed then.
+
+pub mod conform;
+#[cfg(target_os = "linux")]
+pub mod interface;
+mod parts;
+pub mod plan;
+pub mod run;
+#[cfg(target_os = "linux")]
+pub mod serve;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde::Serialize;
+
+use crate::picture;
+
+/// A report as a page.
+#[derive(Clone, Debug)]
+pub struct Page {
+    /// Name of the tab.
+    pub title: String,
+    /// What it is a report of, above the verdict.
+    pub kind: &'static str,
+    /// All is well.
+    pub good: bool,
+    /// The verdict, in words.
+    pub verdict: String,
+    /// What is below.
+    pub body: Markup,
+    /// How to repeat it: a command; empty if that is not possible.
+    pub command: String,
+    /// The report for programs.
+    pub json: String,
+}
+
+const STYLE: &str = include_str!("html/style.css");
+const SCRIPT: &str = include_str!("html/script.js");
+
+impl Page {
+    /// The file.
+    pub fn render(&self) -> String {
+        // Nothing in a script element ends it but this.
+        let json = self.json.replace("</", "<\\/").replace("<!--", "<\\!--");
+        html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta name="color-scheme" content="light dark";
+                    meta name="generator" content={ "isocat " (env!("CARGO_PKG_VERSION")) };
+                    title { (self.title) }
+                    link rel="icon" href="data:,";
+                    style { (PreEscaped(STYLE)) (PreEscaped(picture::STYLE)) }
+                }
+                body {
+                    header {
+                        p.kind { (self.kind) " " span.quiet { "isocat " (env!("CARGO_PKG_VERSION")) } }
+                        h1.verdict.good[self.good].bad[!self.good] { (self.verdict) }
+                    }
+                    main { (self.body) }
+                    footer {
+                        @if !self.command.is_empty() {
+                            p { "To repeat it: " code { (self.command) } }
+                        }
+                        p.quiet {
+                            "All figures of this page are in it as JSON, too: "
+                            button #save type="button" { "save report.json" }
+                        }
+                        p.quiet {
+                            "EtherCAT is a registered trademark and patented technology, licensed by Beckhoff Automation GmbH, Germany."
+                        }
+                    }
+                    div #tip role="status" hidden {}
+                    script #report type="application/json" { (PreEscaped(json)) }
+                    script { (PreEscaped(SCRIPT)) }
+                }
+            }
+        }
+        .into_string()
+    }
+}
+
+/// A report as JSON without blanks, for a page.
+fn compact(report: &impl Serialize) -> String {
+    serde_json::to_string(report).expect("a report has no map keys that JSON lacks")
+}

@@ -1,0 +1,137 @@
+//! Parts that several pages have.
+
+use maud::{Markup, PreEscaped, html};
+
+use crate::picture::{Picture, time};
+use crate::report::{Counters, Finding, Note, Span, Spread};
+
+/// A drawing with its words; the script gives it its buttons.
+pub fn figure(picture: Option<&Picture>, words: &str) -> Markup {
+    let Some(picture) = picture else { return html! {} };
+    html! {
+        figure {
+            div.wide { (PreEscaped(picture.svg())) }
+            @if !words.is_empty() { figcaption { (words) } }
+        }
+    }
+}
+
+/// A figure that a reader looks for first.
+pub fn tile(what: &str, value: &str, from: &str) -> Markup {
+    html! {
+        div.tile { div.value { (value) } div.what { (what) " " (origin(from)) } }
+    }
+}
+
+/// Where a figure is from, as a letter with its words.
+pub fn origin(from: &str) -> Markup {
+    let words = match from {
+        "t" => "measured in true time",
+        "r" => "read from the device",
+        "m" => "MainDevice's clock and counts",
+        "p" => "plan",
+        _ => return html! {},
+    };
+    html! { abbr title=(words) { "[" (from) "]" } }
+}
+
+/// What the letters mean.
+pub fn origins() -> Markup {
+    html! {
+        p.quiet {
+            "[t] measured in true time  [r] read from the device  [m] MainDevice's clock and counts  [p] plan"
+        }
+    }
+}
+
+/// Findings in a list; none: nothing.
+pub fn findings(title: &str, findings: &[Finding]) -> Markup {
+    html! {
+        @if !findings.is_empty() {
+            section {
+                h2 { (title) }
+                ul { @for finding in findings { li { (finding.sentence()) } } }
+            }
+        }
+    }
+}
+
+/// Notes in a list.
+pub fn notes(title: &str, notes: &[String]) -> Markup {
+    html! {
+        @if !notes.is_empty() {
+            section {
+                h2 { (title) }
+                ul { @for note in notes { li { (note) } } }
+            }
+        }
+    }
+}
+
+/// A note of a plan or a scan as a sentence.
+pub fn note(note: &Note) -> String {
+    match (&note.position, &note.device) {
+        (Some(position), Some(device)) => format!("SubDevice {position} ({device}): {}", note.what),
+        _ => note.what.clone(),
+    }
+}
+
+/// `mean 29.189 us, 28.739 us to 29.508 us`.
+pub fn range(span: &Span) -> String {
+    format!(
+        "mean {}, {} to {}, deviation {}, {} values",
+        time(span.mean_ns),
+        time(span.min_ns),
+        time(span.max_ns),
+        time(span.standard_deviation_ns),
+        span.count
+    )
+}
+
+/// Mean, deviation and worst of an error, in three cells.
+pub fn error_cells(spread: Option<&Spread>) -> Markup {
+    html! {
+        @match spread {
+            Some(spread) => {
+                td.number { (time(spread.mean_ns)) }
+                td.number { (time(spread.standard_deviation_ns)) }
+                td.number { (time(spread.worst_ns)) }
+            }
+            None => { td.number { "-" } td.number { "-" } td.number { "-" } }
+        }
+    }
+}
+
+/// 0B, 0C, 0D, 20 in four cells; those that counted stand out.
+pub fn counter_cells(counters: &Counters) -> Markup {
+    let all = [
+        counters.sm_event_missed,
+        counters.cycle_time_too_small,
+        counters.shift_time_too_short,
+        counters.sync_error,
+    ];
+    html! {
+        @for counter in all {
+            td.number.bad[counter.is_some_and(|count| count > 0)] {
+                (counter.map_or("-".to_owned(), |count| count.to_string()))
+            }
+        }
+    }
+}
+
+/// A table with its heads, in a box that scrolls where it is too wide.
+pub fn table(heads: &[&str], rows: Markup) -> Markup {
+    html! {
+        div.wide {
+            table {
+                thead { tr { @for head in heads { th { (head) } } } }
+                tbody { (rows) }
+            }
+        }
+    }
+}
+
+/// A slack; what does not fit stands out.
+pub fn slack(ns: i64) -> Markup {
+    html! { td.number.bad[ns < 0] { (time(ns as f64)) } }
+}

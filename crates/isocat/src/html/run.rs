@@ -1,0 +1,537 @@
+//! A run of the simulation as a page.
+
+use isocat_maindevice::Segment;
+use isocat_sync::budget::Check;
+use isocat_sync::phase;
+use isocat_wire::time::Nanos;
+use maud::{Markup, html};
+
+use super::parts::{
+    counter_cells, error_cells, figure, findings, origin, origins, range, slack, table, tile,
+};
+use super::{Page, compact};
+use crate::Report;
+use crate::diagnosis::{Diagnosis, diagnose};
+use crate::picture::bars::Histogram;
+use crate::picture::cycle::{Cycle, events, ns};
+use crate::picture::series::Chart;
+use crate::picture::topology::{self, Node};
+use crate::picture::{Picture, time};
+use crate::recording::{Recorded, RecordedDevice};
+use crate::report::Device;
+
+/// A run, and what is known beside its report.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    /// The report.
+    pub report: &'a Report,
+    /// What an onlooker recorded.
+    pub recorded: &'a Recorded,
+    /// The segment as the MainDevice found and planned it.
+    pub segment: &'a Segment,
+    /// The largest SYNC0 error that counts as synchronized.
+    pub limit: Nanos,
+    /// The command that repeats it.
+    pub command: &'a str,
+}
+
+/// Spans of time that a series of one SubDevice has on a page with so many of them: a page stays below 2 MB.
+pub fn spans(devices: usize) -> usize {
+    (16_000 / devices.max(1)).clamp(60, 400)
+}
+
+impl Run<'_> {
+    /// The page.
+    pub fn page(&self) -> Page {
+        let Self { report, recorded, .. } = self;
+        let diagnoses = diagnose(report, recorded, self.segment);
+        let body = html! {
+            p.quiet {
+                (report.segment_file) ": cycle " (Nanos(report.cycle_ns)) ", judged for " (Nanos(report.judged_ns))
+                " of virtual time, seed " (report.seed)
+            }
+            (why(&diagnoses))
+            (self.tiles())
+            @if diagnoses.is_empty() { (findings("What speaks against it", &report.findings)) }
+            (findings("SubDevices that came and went", &report.visits))
+            (self.topology(&diagnoses))
+            (self.devices())
+            (self.cycles(&diagnoses))
+            (self.errors())
+            (self.host())
+            (self.budget())
+            (self.quality())
+            (self.assumed())
+            (origins())
+        };
+        Page {
+            title: format!("{} - isocat run", report.segment_file),
+            kind: "Run of a virtual segment",
+            good: report.in_sync,
+            verdict: report.verdict.clone(),
+            body,
+            command: self.command.to_owned(),
+            json: compact(report),
+        }
+    }
+
+    fn tiles(&self) -> Markup {
+        let report = self.report;
+        let worst = |pick: fn(&Device) -> Option<f64>, worse: fn(f64, f64) -> bool| {
+            let all = report.devices.iter().filter_map(|d| Some((pick(d)?, d)));
+            all.reduce(|a, b| if worse(b.0, a.0) { b } else { a })
+        };
+        let error = worst(|d| Some(d.true_time.sync0_error?.worst_ns), |a, b| a > b);
+        let margin = worst(|d| Some(d.true_time.sync0_margin?.min_ns), |a, b| a < b);
+        let seen = &report.segment.true_time;
+        let counted = &report.segment.main_device;
+        html! {
+            div.tiles {
+                @if let Some((error, device)) = error {
+                    (tile(&format!("largest SYNC0 error: SubDevice {}", device.position), &time(error), "t"))
+                }
+                @if let Some((margin, device)) = margin {
+                    (tile(&format!("least margin of outputs: SubDevice {}", device.position), &ns(margin), "t"))
+                }
+                @if let Some(spread) = seen.outputs_valid_spread {
+                    (tile("outputs valid, first to last SubDevice", &time(spread.max_ns), "t"))
+                }
+                @if let Some(taken) = seen.time_to_synchronization_ns {
+                    (tile("time to synchronization", &format!("{:.1} ms", taken as f64 / 1e6), "t"))
+                }
+                (tile("frames sent, lost", &format!("{}, {}", counted.frames_sent, counted.frames_lost), "m"))
+            }
+        }
+    }
+
+    fn topology(&self, diagnoses: &[Diagnosis]) -> Markup {
+        let found = &self.segment.devices;
+        if found.is_empty() {
+            return html! {};
+        }
+        let node = |device: &Device| {
+            let registers = &device.registers;
+            let there = found.get(device.position);
+            let parent = there.and_then(|found| found.parent);
+            Node {
+                name: device.name.clone(),
+                parent: parent.map(|(parent, _)| parent),
+                port: parent.map(|(_, port)| port as u8),
+                leads: self.segment.reference == Some(device.position),
+                bad: diagnoses.iter().any(|d| d.position == Some(device.position)),
+                delay: registers.delay_ns.map(|ns| ns as f64),
+                delay_error: registers.delay_error_ns.map(|ns| ns as f64),
+                tip: format!(
+                    "SubDevice {}: {} ({}), {}, {}{}",
+                    device.position,
+                    device.name,
+                    device.profile,
+                    device.mode,
+                    registers.al_status,
+                    registers
+                        .delay_unknown
+                        .as_ref()
+                        .map_or(String::new(), |why| format!("\nits delay can't be known: {why}"))
+                ),
+            }
+        };
+        let nodes: Vec<Node> = self.report.devices.iter().map(node).collect();
+        let picture = topology::draw("The tree of the segment", &nodes);
+        let many = nodes.len() > 16;
+        html! {
+            section #topology {
+                h2 { "The segment" }
+                details open[!many] {
+                    summary { (nodes.len()) " SubDevices, with their propagation delays " (origin("r")) }
+                    (figure(Some(&picture), ""))
+                }
+            }
+        }
+    }
+
+    fn devices(&self) -> Markup {
+        let heads = [
+            "show",
+            "#",
+            "device",
+            "mode",
+            "cycle",
+            "state [r]",
+            "SYNC0 error [t]: mean",
+            "deviation",
+            "worst",
+            "least margin [t]",
+            "0x092C [r]",
+            "0x1C32 [r]: 0B",
+            "0C",
+            "0D",
+            "20",
+            "missed [t]",
+        ];
+        let rows = html! {
+            @for device in &self.report.devices {
+                tr data-device=(device.position) {
+                    td { input type="checkbox" checked aria-label={ "show SubDevice " (device.position) } data-hides=(device.position); }
+                    td.number { (device.position) }
+                    td { a href={ "#device-" (device.position) } { (device.name) } }
+                    td { (device.mode) }
+                    td.number { (device.cycle_ns.map_or("-".into(), |ns| Nanos(ns).to_string())) }
+                    td.bad[device.registers.al_status.contains("ERR")] { (device.registers.al_status) }
+                    (error_cells(device.true_time.sync0_error.as_ref()))
+                    td.number.bad[device.true_time.sync0_margin.is_some_and(|m| m.min_ns < 0.0)] {
+                        (device.true_time.sync0_margin.map_or("-".into(), |margin| ns(margin.min_ns)))
+                    }
+                    td.number {
+                        (device.registers.system_time_difference_ns.map_or("-".into(), |ns| time(ns as f64)))
+                    }
+                    (counter_cells(&device.registers.output_counters))
+                    td.number.bad[device.true_time.missed_events > 0] { (device.true_time.missed_events) }
+                }
+            }
+        };
+        html! {
+            section #devices {
+                h2 { "SubDevices" }
+                p.quiet {
+                    "0x1C32: 0B SM event missed, 0C cycle time too small, 0D shift time too short, 20 sync error. "
+                    "0x092C as it was read when the clocks had converged. A box hides a SubDevice below."
+                }
+                (table(&heads, rows))
+            }
+        }
+    }
+
+    fn cycles(&self, diagnoses: &[Diagnosis]) -> Markup {
+        let Some(timing) = &self.segment.timing else { return html! {} };
+        let when = match self.recorded.operating {
+            true => "of the judged time",
+            false => "of the way up, up to where it failed",
+        };
+        // Those with trouble first.
+        let wrong = |at: usize| diagnoses.iter().any(|d| d.position == Some(at));
+        let mut order: Vec<usize> = (0..self.report.devices.len()).collect();
+        order.sort_by_key(|at| !wrong(*at));
+        html! {
+            section #cycles {
+                h2 { "The cycle of each SubDevice" }
+                p {
+                    "Times count from the begin of the bus cycle by the reference clock. Dashed: earliest and latest instants of the "
+                    "plan. Filled: what was seen in true time in the cycles " (when) ", the mean; pale: from the least to the largest. "
+                    span.script { "Draw a part to zoom into it; point at something for its figures; + - 0 and arrow keys work, too." }
+                }
+                @for at in order {
+                    (self.cycle(timing, at, wrong(at)))
+                }
+            }
+        }
+    }
+
+    fn cycle(&self, timing: &isocat_maindevice::segment::Timing, at: usize, wrong: bool) -> Markup {
+        let device = &self.report.devices[at];
+        let none = RecordedDevice::default();
+        let seen = self.recorded.devices.get(at).unwrap_or(&none);
+        let id = format!("cycle-{at}");
+        let cycle =
+            Cycle { id: &id, name: &device.name, timing, position: at, seen: seen.cycle.as_ref() };
+        let missed = seen.around_miss.as_ref().and_then(|around| {
+            events(&format!("miss-{at}"), "What happened around the first missed SM event", around)
+        });
+        html! {
+            article #{ "device-" (at) } data-device=(at) {
+                h3.bad[wrong] { (at) " " (device.name) " " span.quiet { (device.mode) } }
+                @if !device.mode_reason.is_empty() { p.quiet { (device.mode_reason) } }
+                @if let (Some(cycle), true) = (&seen.cycle, device.mode == "free-run") {
+                    p.quiet {
+                        "In Free Run nothing of it has a place in the bus cycle: times count from the first step of its own cycle ("
+                        (cycle.outputs_took.count().max(cycle.inputs_took.count())) " of them)."
+                    }
+                }
+                (figure(cycle.draw().as_ref(), ""))
+                @if missed.is_some() {
+                    (figure(missed.as_ref(), "The cycles around the first missed SM event, as they were: 0 is the instant at which it was counted."))
+                }
+                @if !device.application.is_empty() { p.quiet { (device.application) " " (origin("m")) } }
+            }
+        }
+    }
+
+    fn errors(&self) -> Markup {
+        let length = (self.recorded.length.0 as f64 / 1e3).max(1.0);
+        let with_sync0: Vec<_> = self
+            .report
+            .devices
+            .iter()
+            .zip(&self.recorded.devices)
+            .filter(|(_, seen)| seen.sync0.count() > 0)
+            .collect();
+        if with_sync0.is_empty() {
+            return html! {};
+        }
+        html! {
+            section #errors {
+                h2 { "SYNC0 error over time" }
+                p {
+                    "Each SYNC0 edge in true time against the grid of the reference clock: mean and, pale, least to largest of each "
+                    "span of time. Dashed red: the limit of " (self.limit) ", where that is near. Red marks: missed SM events."
+                }
+                @for (device, seen) in with_sync0 {
+                    (self.error(device, seen, length))
+                }
+            }
+        }
+    }
+
+    fn error(&self, device: &Device, seen: &RecordedDevice, length: f64) -> Markup {
+        let at = device.position;
+        let marks: Vec<(f64, String)> = seen
+            .missed
+            .iter()
+            .map(|(since, counter)| {
+                (since.0 as f64 / 1e3, format!("SM event missed, 0x1C32:0B now {counter}"))
+            })
+            .collect();
+        let limit = isocat_wire::time::Picos::from(self.limit).0;
+        let chart = |id: &str, title: &str, series| {
+            Chart { id, title, series, limit: Some(limit), marks: &marks, length }.draw()
+        };
+        let error = chart(
+            &format!("error-{at}"),
+            &format!("SYNC0 error of SubDevice {at} ({})", device.name),
+            &seen.sync0,
+        );
+        let difference = chart(
+            &format!("difference-{at}"),
+            &format!("Register 0x092C of SubDevice {at} ({})", device.name),
+            &seen.difference,
+        );
+        let bins: Vec<(f64, f64, u64)> = seen
+            .histogram
+            .bins()
+            .map(|(begin, count)| {
+                (begin as f64 / 1e3, (begin + seen.histogram.width()) as f64 / 1e3, count)
+            })
+            .collect();
+        let histogram = Histogram { title: "SYNC0 error by size", bins: &bins }.draw();
+        html! {
+            article data-device=(at) {
+                h3 { (at) " " (device.name) }
+                (figure(error.as_ref(), "SYNC0 error [t]"))
+                div.pair {
+                    (figure(histogram.as_ref(), "The same by size: how many edges"))
+                    (figure(difference.as_ref(), "Register 0x092C as it stood in the ESC in each cycle, local less received time"))
+                }
+            }
+        }
+    }
+
+    fn host(&self) -> Markup {
+        let length = (self.recorded.length.0 as f64 / 1e3).max(1.0);
+        let (seen, counted) = (&self.report.segment.true_time, &self.report.segment.main_device);
+        let states: Vec<(f64, String)> = self.recorded.servo[1.min(self.recorded.servo.len())..]
+            .iter()
+            .map(|(at, state)| (at.0 as f64 / 1e3, format!("servo: {}", servo(*state))))
+            .collect();
+        let jitter = self.report.segment.plan.as_ref().map(|plan| plan.jitter_ns * 1_000);
+        let picture: Option<Picture> = Chart {
+            id: "host-phase",
+            title: "Lateness of the frames at the reference clock",
+            series: &self.recorded.host_phase,
+            limit: jitter,
+            marks: &states,
+            length,
+        }
+        .draw();
+        html! {
+            section #host {
+                h2 { "The host" }
+                @if picture.is_some() {
+                    (figure(picture.as_ref(), "When cyclic frames reached the reference clock, less when they should have [t]. Dashed: the lateness that the plan keeps free."))
+                }
+                table.facts {
+                    @if let Some(spread) = seen.host_phase_error {
+                        tr { th { "frames against their phase " (origin("t")) } td { (range(&spread.span())) } }
+                    }
+                    @if let Some(spread) = counted.host_phase_error {
+                        tr { th { "the same as the host measured it " (origin("m")) } td { (range(&spread.span())) } }
+                    }
+                    @if let Some(ppb) = counted.reference_rate_ppb {
+                        tr {
+                            th { "reference clock against the host's " (origin("m")) }
+                            td {
+                                (format!("{:+.3} ppm", ppb as f64 / 1e3))
+                                @if let Some(error) = counted.reference_rate_error_ppb {
+                                    (format!(", standard error {:.3}", error as f64 / 1e3))
+                                }
+                            }
+                        }
+                    }
+                    tr {
+                        th { "servo " (origin("m")) }
+                        td {
+                            @for (at, state) in &self.recorded.servo {
+                                div { (servo(*state)) " since " (time(at.0 as f64 / 1e3)) }
+                            }
+                        }
+                    }
+                    tr { th { "frames for bring-up, of these for the clocks " (origin("m")) }
+                        td { (counted.bring_up_frames) ", " (counted.drift_frames) } }
+                    tr { th { "cycles, wrong working counters " (origin("m")) }
+                        td { (counted.cycles) ", " (counted.working_counter_errors) } }
+                }
+                @if !self.recorded.incidents.is_empty() {
+                    h3 { "What happened" }
+                    ul {
+                        @for incident in &self.recorded.incidents {
+                            li {
+                                (time(incident.at.0 as f64 / 1e3)) ": "
+                                @if let Some(device) = incident.device { "SubDevice " (device) ": " }
+                                (incident.what)
+                            }
+                        }
+                        @if self.recorded.unsaid > 0 { li { "and " (self.recorded.unsaid) " more" } }
+                    }
+                }
+            }
+        }
+    }
+
+    fn budget(&self) -> Markup {
+        let Some(timing) = &self.segment.timing else { return html! {} };
+        let rows = html! {
+            @let frames = timing.frames_in_cycle().line();
+            tr {
+                td { "frames" } td { (frames.check.words()) } td { "" }
+                td.number { (time(frames.needed.0 as f64)) } td.number { (time(frames.available.0 as f64)) }
+                (slack(frames.slack().0)) td.number { "-" }
+            }
+            @for device in &self.report.devices {
+                @for check in Check::OF_DEVICE {
+                    @if let Some(demand) = timing.demand(device.position, check) {
+                        @let line = demand.line();
+                        tr data-device=(device.position) {
+                            td { (device.position) " " (device.name) }
+                            td { (check.words()) }
+                            td { (check.source().map_or(String::new(), |source| source.to_string())) }
+                            td.number { (time(line.needed.0 as f64)) }
+                            td.number { (time(line.available.0 as f64)) }
+                            (slack(line.slack().0))
+                            td.number { (self.measured(device.position, check)) }
+                        }
+                    }
+                }
+            }
+        };
+        html! {
+            section #budget {
+                h2 { "The plan's budget" }
+                p.quiet {
+                    "Phase of the frame " (timing.cycle.send) ", of the acting pulse "
+                    (timing.sync0.map_or("-".into(), |phase| phase.to_string())) ", lateness of frames that is kept free "
+                    (timing.cycle.jitter) ", clocks within " (timing.cycle.clock_error)
+                    ". isocat plan tells each line with all its figures, --prove measures each."
+                }
+                (table(&["device", "demand", "object", "needed [p]", "there is [p]", "slack [p]", "left at worst [t]"], rows))
+            }
+        }
+    }
+
+    /// What was left at worst in true time, of the lines for which that is recorded.
+    fn measured(&self, position: usize, check: Check) -> String {
+        let seen = self.recorded.devices.get(position).and_then(|seen| seen.cycle.as_ref());
+        let left = seen.map(|cycle| cycle.outputs_left).filter(|left| left.count() > 0);
+        match (check, left) {
+            (Check::OutputsBeforeSync0 | Check::Sync1CoversCopy, Some(left)) => {
+                ns(left.least() as f64 / 1e3)
+            }
+            _ => "-".into(),
+        }
+    }
+
+    fn quality(&self) -> Markup {
+        let Some(quality) = &self.report.quality else { return html! {} };
+        html! {
+            section #quality {
+                h2 { "Read in the background" }
+                pre { (quality.plain()) }
+            }
+        }
+    }
+
+    fn assumed(&self) -> Markup {
+        let count: usize = self.report.devices.iter().map(|device| device.assumptions.len()).sum();
+        if count == 0 {
+            return html! {};
+        }
+        // Devices of one profile assume the same.
+        let mut profiles: Vec<(&str, Vec<usize>, &Device)> = Vec::new();
+        for device in &self.report.devices {
+            let same = |(profile, _, first): &&mut (&str, Vec<usize>, &Device)| {
+                *profile == device.profile && first.assumptions == device.assumptions
+            };
+            match profiles.iter_mut().find(same) {
+                Some((_, positions, _)) => positions.push(device.position),
+                None => profiles.push((&device.profile, vec![device.position], device)),
+            }
+        }
+        html! {
+            section #assumed {
+                h2 { "What was assumed" }
+                p { "Values that makers do not publish, and doubts about descriptions: " (count) " in all." }
+                @for (profile, positions, device) in profiles.iter().filter(|(_, _, d)| !d.assumptions.is_empty()) {
+                    details {
+                        summary {
+                            (profile) ": " (device.assumptions.len()) " of SubDevice"
+                            @if positions.len() > 1 { "s" }
+                            @for position in positions.iter().take(12) { " " (position) }
+                            @if positions.len() > 12 { " and " (positions.len() - 12) " more" }
+                        }
+                        (table(&["item", "value", "why"], html! {
+                            @for assumption in &device.assumptions {
+                                tr { td { (assumption.item) } td { (assumption.value) } td { (assumption.why) } }
+                            }
+                        }))
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Who is at fault, why, and what to do.
+fn why(diagnoses: &[Diagnosis]) -> Markup {
+    html! {
+        @if !diagnoses.is_empty() {
+            section.why #why {
+                h2 { "Why, and what to do" }
+                @for diagnosis in diagnoses {
+                    article {
+                        h3 {
+                            @match diagnosis.position {
+                                Some(at) => { a href={ "#device-" (at) } { (diagnosis.who) } }
+                                None => { (diagnosis.who) }
+                            }
+                        }
+                        p { (diagnosis.what) }
+                        @if !diagnosis.causes.is_empty() {
+                            h4 { "Cause" }
+                            ul.cause { @for cause in &diagnosis.causes { li { (cause) } } }
+                        }
+                        @if !diagnosis.remedies.is_empty() {
+                            h4 { "Remedy" }
+                            ol.remedy { @for remedy in &diagnosis.remedies { li { (remedy) } } }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+const fn servo(state: phase::State) -> &'static str {
+    match state {
+        phase::State::Free => "no sample yet",
+        phase::State::Acquiring => "acquiring",
+        phase::State::Locked => "locked",
+        phase::State::Holdover => "holdover",
+    }
+}

@@ -70,7 +70,7 @@ struct DeviceRecord {
     around_miss: Option<AroundMiss>,
 }
 
-/// The events around the first missed one.
+/// The events around the first pulse that found no outputs ready.
 #[derive(Debug)]
 struct AroundMiss {
     at: Time<True>,
@@ -122,7 +122,8 @@ pub struct RecordedDevice {
     pub missed: Vec<(Picos, u16)>,
     /// All missed SM events.
     pub missed_count: u64,
-    /// What happened around the first one: from its instant on, before it negative.
+    /// What happened around the first pulse that found no outputs ready: from its instant on, before it negative. On the way up
+    /// none is counted as missed yet, but it is kept all the same.
     pub around_miss: Option<Timeline>,
 }
 
@@ -301,8 +302,10 @@ impl Tap for Recording {
         let steady = at >= began.settled && (since < last || !began.operating);
         if let Some(moment) = Moment::of(event) {
             device.remember(at, moment);
-            if let Some(phases) = device.phases.as_mut().filter(|_| steady) {
-                phases.happened(at, system, moment);
+            if let Some(phases) = device.phases.as_mut().filter(|_| steady)
+                && phases.happened(at, system, moment)
+            {
+                device.keep_around(at);
             }
         }
         match event {
@@ -311,10 +314,7 @@ impl Tap for Recording {
                 if device.missed.len() < MOST_MISSED {
                     device.missed.push((since, counter));
                 }
-                if device.around_miss.is_none() {
-                    let events = device.recent.iter().copied().collect();
-                    device.around_miss = Some(AroundMiss { at, events });
-                }
+                device.keep_around(at);
                 if device.missed_count <= 3 {
                     let what = format!("SM event missed, 0x1C32:0B now {counter}");
                     self.incident(since, Some(position), what);
@@ -330,6 +330,14 @@ impl Tap for Recording {
 }
 
 impl DeviceRecord {
+    /// Keeps what led to the first pulse without outputs, and what follows.
+    fn keep_around(&mut self, at: Time<True>) {
+        if self.around_miss.is_none() {
+            let events = self.recent.iter().copied().collect();
+            self.around_miss = Some(AroundMiss { at, events });
+        }
+    }
+
     fn remember(&mut self, at: Time<True>, moment: Moment) {
         match &mut self.around_miss {
             None => {

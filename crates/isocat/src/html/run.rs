@@ -234,7 +234,11 @@ impl Run<'_> {
         let cycle =
             Cycle { id: &id, name: &device.name, timing, position: at, seen: seen.cycle.as_ref() };
         let missed = seen.around_miss.as_ref().and_then(|around| {
-            events(&format!("miss-{at}"), "What happened around the first missed SM event", around)
+            events(
+                &format!("miss-{at}"),
+                "What happened around the first pulse that found no outputs ready",
+                around,
+            )
         });
         html! {
             article #{ "device-" (at) } data-device=(at) {
@@ -248,7 +252,7 @@ impl Run<'_> {
                 }
                 (figure(cycle.draw().as_ref(), ""))
                 @if missed.is_some() {
-                    (figure(missed.as_ref(), "The cycles around the first missed SM event, as they were: 0 is the instant at which it was counted."))
+                    (figure(missed.as_ref(), "The cycles around the first pulse that found no outputs ready, as they were: it is at 0."))
                 }
                 @if !device.application.is_empty() { p.quiet { (device.application) " " (origin("m")) } }
             }

@@ -450,8 +450,8 @@ pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
         }
     }
     let y = frame.lane("", 24.0);
-    frame.mark("m late", 0.0, y + 2.0, 12.0, "0: the first missed SM event");
-    frame.label("bad", 0.0, y + 14.0, Align::Start, "SM event missed");
+    frame.mark("m late", 0.0, y + 2.0, 12.0, "0: the first pulse that found no outputs ready");
+    frame.label("bad", 0.0, y + 14.0, Align::Start, "no outputs ready");
     Some(frame.finish())
 }
 

@@ -96,9 +96,15 @@ impl Phases {
         }
     }
 
-    /// Something happened, when the reference clock, if there is one, stood at `system_ps`.
-    pub fn happened(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) {
+    /// Something happened, when the reference clock, if there is one, stood at `system_ps`. True if it is a pulse that found its
+    /// outputs still in work.
+    pub fn happened(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) -> bool {
         self.spans(at, moment);
+        self.place(at, system_ps, moment);
+        self.overtaken == Some(at)
+    }
+
+    fn place(&mut self, at: Time<True>, system_ps: Option<i128>, moment: Moment) {
         let number = moment as usize;
         if self.mode == SyncMode::FreeRun || system_ps.is_none() {
             return self.in_own_cycle(i128::from(at.count()), moment);
@@ -140,7 +146,11 @@ impl Phases {
     /// Takes how long work took, and what was left of the time for it.
     fn spans(&mut self, at: Time<True>, moment: Moment) {
         match moment {
-            Moment::OutputsFetched => self.fetched = Some(at),
+            Moment::OutputsFetched => {
+                self.fetched = Some(at);
+                // What nobody took until now is of the past.
+                self.ready = None;
+            }
             Moment::OutputsReady => {
                 if let Some(fetched) = self.fetched.take() {
                     self.outputs_took.push((at - fetched).0);

@@ -156,9 +156,10 @@ impl Case<'_> {
             ));
             let true_time = Nanos((took.largest() + 999) / 1_000);
             self.remedies.push(format!(
-                "State the time that it really needs: 0x1C32:06 = {} ns (in a segment file calc_copy = \"{} ns\"); the plan then \
-                 places {pulse} late enough.",
-                true_time.0, true_time.0
+                "State the time that it really needs: 0x1C32:06 = {} ns (in a segment file calc_copy = \"{} ns\"). The plan then \
+                 places {pulse} late enough; where the file has a shift of its own, it says whether that fits.",
+                true_time.0,
+                true_time.0
             ));
             self.remedies
                 .push(format!("Or make its output mapping faster by {} at least.", time(late)));

@@ -37,7 +37,7 @@ pub struct Run<'a> {
 
 /// Spans of time that a series of one SubDevice has on a page with so many of them: a page stays below 2 MB.
 pub fn spans(devices: usize) -> usize {
-    (16_000 / devices.max(1)).clamp(60, 400)
+    (4_000 / devices.max(1)).clamp(40, 400)
 }
 
 impl Run<'_> {

@@ -131,8 +131,8 @@ impl Frame {
                 path,
                 "{}{} {}",
                 if i == 0 { "M" } else { "L" },
-                number(self.x(*at)),
-                number(*y)
+                tenths(self.x(*at)),
+                tenths(*y)
             );
         }
         if closed {
@@ -278,6 +278,12 @@ impl Frame {
 fn exact(value: f64) -> String {
     let text = format!("{value:.6}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A place on a curve.
+fn tenths(value: f64) -> String {
+    let text = format!("{value:.1}");
+    text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
 }
 
 fn title(tip: &str) -> String {

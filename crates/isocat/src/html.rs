@@ -55,7 +55,8 @@ impl Page {
                     meta name="generator" content={ "isocat " (env!("CARGO_PKG_VERSION")) };
                     title { (self.title) }
                     link rel="icon" href="data:,";
-                    style { (PreEscaped(STYLE)) (PreEscaped(picture::STYLE)) }
+                    // The page's own style has the last word: paper is white.
+                    style { (PreEscaped(picture::STYLE)) (PreEscaped(STYLE)) }
                 }
                 body {
                     header {

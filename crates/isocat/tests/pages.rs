@@ -24,11 +24,15 @@ fn run(text: &str) -> (Report, Recorded, Segment, String) {
 
 /// A page needs nothing but itself.
 fn is_alone(page: &str) {
-    for asks in ["<link rel=\"stylesheet", "<script src", "@import", "<img", "<iframe", "url(http"] {
+    for asks in ["<link rel=\"stylesheet", "<script src", "@import", "<img", "<iframe", "url(http"]
+    {
         assert!(!page.contains(asks), "{asks}");
     }
     let without_names = page.replace("http://www.w3.org/2000/svg", "");
-    assert!(!without_names.contains("http://") && !without_names.contains("https://"), "an address");
+    assert!(
+        !without_names.contains("http://") && !without_names.contains("https://"),
+        "an address"
+    );
     assert!(!page.contains("NaN"), "a figure that is none");
 }
 
@@ -66,8 +70,17 @@ fn a_page_has_the_verdict_the_figures_and_the_whole_report() {
     assert_eq!(page.matches("</script>").count(), 2, "nothing but ours ends a script");
     assert_eq!(json(&page), serde_json::to_value(&report).expect("JSON"));
     for part in [
-        "cycle-0-area", "cycle-1-area", "error-1-area", "host-phase-area", "1C32:02", "1C32:06", "1C32:09", "1C33:06", "seed 1",
-        "isocat run test.toml", "slack",
+        "cycle-0-area",
+        "cycle-1-area",
+        "error-1-area",
+        "host-phase-area",
+        "1C32:02",
+        "1C32:06",
+        "1C32:09",
+        "1C33:06",
+        "seed 1",
+        "isocat run test.toml",
+        "slack",
     ] {
         assert!(page.contains(part), "{part}");
     }
@@ -177,7 +190,8 @@ device = "model_every_mode"
 
 #[test]
 fn plans_have_pages_too() {
-    let scenario = Scenario { duration: Nanos::millis(100), ..Scenario::from(SegmentFile::built_in()) };
+    let scenario =
+        Scenario { duration: Nanos::millis(100), ..Scenario::from(SegmentFile::built_in()) };
     let plan = Plan::of(&scenario).expect("it can be planned");
     let mut report = plan.report(&scenario);
     let bare = html::plan::page(&plan, &report, "isocat plan").render();

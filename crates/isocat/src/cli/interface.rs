@@ -11,7 +11,8 @@ use isocat_wire::Nanos;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::run::{
-    Arguments, command, duration, is_page, progress_bar, refusal, unwritable, write_report,
+    Arguments, argument, command, duration, is_page, progress_bar, refusal, unwritable,
+    write_report,
 };
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::capture::Capture;
@@ -217,7 +218,7 @@ fn finish(
     }
     let report = InterfaceReport::new(asked, &outcome);
     let page = is_page(arguments.report.as_deref()).then(|| {
-        let duration = format!("{}ns", asked.duration.0);
+        let duration = argument(asked.duration);
         let mut words = vec!["isocat", "run"];
         words.extend(arguments.segment.as_deref());
         words.extend(["--interface", asked.interface]);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use isocat_wire::Nanos;
 
-use super::run::{command, duration, is_page, json, progress_bar, write_report};
+use super::run::{argument, command, duration, is_page, json, progress_bar, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::plan::{Plan, proof, suggest};
 use crate::{Scenario, eni, html};
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments) -> u8 {
 impl Arguments {
     /// The command that repeats it.
     fn command(&self, scenario: &Scenario) -> String {
-        let (seed, duration) = (scenario.seed.to_string(), format!("{}ns", scenario.duration.0));
+        let (seed, duration) = (scenario.seed.to_string(), argument(scenario.duration));
         let mut words = vec!["isocat", "plan"];
         words.extend(self.segment.as_deref());
         words.extend(self.suggest.then_some("--suggest"));

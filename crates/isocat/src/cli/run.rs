@@ -222,6 +222,11 @@ pub fn is_page(path: Option<&Path>) -> bool {
     matches!(ending, Some("html" | "htm"))
 }
 
+/// A duration as an argument: `10s`.
+pub fn argument(duration: Nanos) -> String {
+    duration.to_string().replace(' ', "")
+}
+
 /// A command as a shell takes it.
 pub fn command(words: &[&str]) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./=:+,%@".contains(c);
@@ -272,7 +277,7 @@ impl Arguments {
 
     /// The command that repeats a run of `scenario`.
     pub fn command(&self, scenario: &Scenario) -> String {
-        let (seed, duration) = (scenario.seed.to_string(), format!("{}ns", scenario.duration.0));
+        let (seed, duration) = (scenario.seed.to_string(), argument(scenario.duration));
         let mut words = vec!["isocat", "run"];
         words.extend(self.segment.as_deref());
         words.extend(["--for", &duration, "--seed", &seed]);

@@ -71,7 +71,7 @@ fn devices(report: &InterfaceReport) -> Markup {
                     tr {
                         td.number { (device.position) }
                         td { a href={ "#device-" (device.position) } { (device.name) } }
-                        td { (device.mode) }
+                        td.word { (device.mode) }
                         td.bad[device.registers.al_status_code != 0] { (device.registers.al_status) }
                         td.number { (ns(device.registers.system_time_difference_ns)) }
                         td.number { (ns(device.registers.delay_ns)) }

@@ -174,7 +174,7 @@ impl Run<'_> {
                     td { input type="checkbox" checked aria-label={ "show SubDevice " (device.position) } data-hides=(device.position); }
                     td.number { (device.position) }
                     td { a href={ "#device-" (device.position) } { (device.name) } }
-                    td { (device.mode) }
+                    td.word { (device.mode) }
                     td.number { (device.cycle_ns.map_or("-".into(), |ns| Nanos(ns).to_string())) }
                     td.bad[device.registers.al_status.contains("ERR")] { (device.registers.al_status) }
                     (error_cells(device.true_time.sync0_error.as_ref()))

@@ -120,7 +120,7 @@ fn judges(judged: &JudgedSummary) -> Markup {
         (table(&heads, html! {
             @for device in &judged.devices {
                 tr {
-                    td.number { (device.position) } td { (device.name) } td { (device.mode) } td { (device.state) }
+                    td.number { (device.position) } td { (device.name) } td.word { (device.mode) } td { (device.state) }
                     (error_cells(device.sync0_error.as_ref()))
                     td.number.bad[device.sync0_margin.is_some_and(|m| m.min_ns < 0.0)] {
                         (device.sync0_margin.map_or("-".into(), |margin| ns(margin.min_ns)))

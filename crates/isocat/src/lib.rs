@@ -47,6 +47,7 @@ pub mod segment_file;
 pub mod serve;
 pub mod start_up;
 pub mod timeline;
+pub mod trace;
 pub mod waves;
 
 pub use isocat_wire::Nanos;

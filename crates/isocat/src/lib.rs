@@ -45,6 +45,7 @@ pub mod scenario;
 pub mod segment_file;
 #[cfg(target_os = "linux")]
 pub mod serve;
+pub mod series;
 pub mod start_up;
 pub mod timeline;
 pub mod trace;

@@ -138,15 +138,17 @@ impl<W: Write> Capture<W> {
         self.writer.write_pcapng_block(interface).map_err(io::Error::other).map(|_| ())
     }
 
-    /// Ends the file; gives the first error there was.
-    pub fn finish(mut self) -> io::Result<()> {
+    /// Ends the file and gives its writer back, or the first error there was.
+    pub fn finish(mut self) -> io::Result<W> {
         while !self.held.is_empty() {
             self.release();
         }
-        match self.failed {
-            Some(error) => Err(error),
-            None => self.writer.into_inner().flush(),
+        if let Some(error) = self.failed {
+            return Err(error);
         }
+        let mut writer = self.writer.into_inner();
+        writer.flush()?;
+        Ok(writer)
     }
 
     /// Writes a frame that left (`sent`) or came back at `at`.

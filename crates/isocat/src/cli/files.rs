@@ -125,7 +125,7 @@ impl Files {
         let Self { capture, waves, trace, series, recording } = self;
         let options = &arguments.files;
         for (what, path, ended) in [
-            ("capture", &arguments.capture, capture.map(Capture::finish)),
+            ("capture", &arguments.capture, capture.map(|capture| capture.finish().map(drop))),
             ("waves", &arguments.waves, waves.map(Waves::finish)),
             ("trace", &options.trace, trace.map(Trace::finish)),
             ("series", &options.series, series.map(Series::finish)),

@@ -15,6 +15,7 @@ fi
 "$ISOCAT" run --for 100ms --trace "$folder/run.perfetto-trace" --waves "$folder/run.vcd" > "$folder/report.txt"
 "$folder/venv/bin/python" - "$folder/run.perfetto-trace" "$folder/run.vcd" <<'PYTHON'
 import collections, os, re, sys
+from google.protobuf.unknown_fields import UnknownFieldSet
 from perfetto.protos.perfetto.trace.perfetto_trace_pb2 import Trace, TrackEvent
 
 trace = Trace()
@@ -30,7 +31,9 @@ for packet in trace.packet:
     else:
         assert packet.HasField("timestamp") and packet.trusted_packet_sequence_id, packet
         events[tracks[packet.track_event.track_uuid][:2]].append((packet.timestamp, packet.track_event))
-assert not any(list(packet.UnknownFields() if hasattr(packet, "UnknownFields") else []) for packet in trace.packet)
+for packet in trace.packet:
+    for message in [packet, packet.track_event, packet.track_descriptor, packet.track_descriptor.process]:
+        assert len(UnknownFieldSet(message)) == 0, message
 for rows in events.values():
     rows.sort(key=lambda row: row[0])
 names = sorted(processes.values())
@@ -80,8 +83,8 @@ for position, name in enumerate(names[1:]):
         assert not pulses, "Free Run has no SYNC0"
         continue
     apart = [b - a for a, b in zip(pulses, pulses[1:])]
-    # A cycle by the SubDevice's oscillator, up to 50 ppm off, and a tick.
-    assert len(pulses) >= 100 and max(abs(a - 1_000_000) for a in apart) <= 60, (name, min(apart), max(apart))
+    # A cycle by the reference's oscillator, up to 50 ppm off, and a tick of 10 ns at either end.
+    assert len(pulses) >= 100 and max(abs(a - 1_000_000) for a in apart) <= 60 and max(apart) - min(apart) <= 20, (name, min(apart), max(apart))
     errors = [event.double_counter_value for _, event in events[name, "SYNC0 error"]]
     assert len(errors) >= 99 and max(map(abs, errors)) < 100, (name, len(errors))
     states = [event.name for _, event in events[name, "AL state"] if event.type == TrackEvent.TYPE_SLICE_BEGIN]

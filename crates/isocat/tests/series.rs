@@ -117,6 +117,20 @@ fn counters_and_faster_cycles_are_told() {
     assert!(highest > 0 && missed.into_iter().max() == Some(highest.into()));
 }
 
+#[test]
+fn columns_are_documented() {
+    let page = include_str!("../../../docs/exports.md");
+    for column in COLUMNS {
+        let kind = match column.kind {
+            Kind::Integer => "int64",
+            Kind::Optional => "int64 or null",
+            Kind::Text => "string",
+        };
+        let row = format!("| `{}` | {kind} | {} |", column.name, column.meaning);
+        assert!(page.contains(&row), "{row}");
+    }
+}
+
 fn sample() -> [Value<'static>; COLUMNS.len()] {
     COLUMNS.map(|column| match column.kind {
         Kind::Integer => Value::Integer(-7),

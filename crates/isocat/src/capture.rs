@@ -292,7 +292,9 @@ impl<W: Write> Capture<W> {
                 "cycle {cycle}: working counter of process data {chunk} is right again after {cycles} cycles"
             ),
             Event::Drift { cycle, expected, found } if found != expected => {
-                format!("cycle {cycle}: working counter of the drift datagram is {found}, expected {expected}")
+                format!(
+                    "cycle {cycle}: working counter of the drift datagram is {found}, expected {expected}"
+                )
             }
             Event::Alarm(change) => {
                 let text = change.to_string();

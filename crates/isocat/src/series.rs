@@ -59,20 +59,48 @@ pub const COLUMNS: [Column; 14] = {
     }
     use Kind::{Integer, Optional, Text};
     [
-        column("true_time_ns", Integer, "end of the cycle: its inputs are in the MainDevice's hands"),
+        column(
+            "true_time_ns",
+            Integer,
+            "end of the cycle: its inputs are in the MainDevice's hands",
+        ),
         column("cycle", Integer, "number of the cycle, as the MainDevice counts"),
         column("position", Integer, "place of the SubDevice in processing order, from 0"),
         column("name", Text, "its name in the segment file"),
         column("sync0_pulses", Integer, "SYNC0 edges since the row before"),
-        column("sync0_error_ps", Optional, "SYNC0 edge against the reference clock's ideal grid; of several the furthest off"),
-        column("margin_ns", Optional, "from ready outputs to the pulse at which they act; of several the least"),
+        column(
+            "sync0_error_ps",
+            Optional,
+            "SYNC0 edge against the reference clock's ideal grid; of several the furthest off",
+        ),
+        column(
+            "margin_ns",
+            Optional,
+            "from ready outputs to the pulse at which they act; of several the least",
+        ),
         column("system_time_difference_ns", Optional, "register 0x092C; null without clock"),
         column("al_state", Text, "INIT, PREOP, SAFEOP, OP or BOOT"),
         column("al_status_code", Integer, "0 if nothing is wrong"),
-        column("sm_event_missed", Optional, "counter 0x1C32:0B (0x1C33:0B without outputs); null without these objects"),
-        column("host_phase_error_ns", Optional, "phase error of the MainDevice's servo; null where no frame gave one"),
-        column("frames_lost", Integer, "frames that the MainDevice lost so far, from the beginning of the run"),
-        column("working_counter_errors", Integer, "wrong working counters so far, from the beginning of the run"),
+        column(
+            "sm_event_missed",
+            Optional,
+            "counter 0x1C32:0B (0x1C33:0B without outputs); null without these objects",
+        ),
+        column(
+            "host_phase_error_ns",
+            Optional,
+            "phase error of the MainDevice's servo; null where no frame gave one",
+        ),
+        column(
+            "frames_lost",
+            Integer,
+            "frames that the MainDevice lost so far, from the beginning of the run",
+        ),
+        column(
+            "working_counter_errors",
+            Integer,
+            "wrong working counters so far, from the beginning of the run",
+        ),
     ]
 };
 
@@ -278,10 +306,11 @@ impl Tap for Series {
     }
 
     fn judging_ends(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
-        // What is left belongs to a cycle that has begun.
-        if self.judging && !self.open.is_empty() {
-            let number = self.number.map_or(main.statistics().cycles, |last| last + 1);
-            self.close(at, number, main, segment);
+        // What is left belongs to a cycle that has begun, or to those since the last frame came back.
+        let begun = main.statistics().cycles;
+        let next = self.number.map_or(begun, |last| last + 1);
+        if self.judging && (begun > next || !self.open.is_empty()) {
+            self.close(at, begun.max(next), main, segment);
         }
         self.judging = false;
         self.release(0);

@@ -21,7 +21,9 @@ use isocat_wire::time::{Time, True};
 use isocat_wire::{AlState, ObjectAddress, datagram, frame, register};
 use prost::Message;
 
-use schema::{CounterDescriptor, ProcessDescriptor, TracePacket, TrackDescriptor, TrackEvent, Type};
+use schema::{
+    CounterDescriptor, ProcessDescriptor, TracePacket, TrackDescriptor, TrackEvent, Type,
+};
 
 /// Tracks of a SubDevice. Steps have one each: those of two cycles may overlap.
 const TRACKS: [&str; 13] = [
@@ -200,7 +202,14 @@ impl<W: Write> Trace<W> {
         self.event(at, process, track, Type::Counter, event);
     }
 
-    fn event(&mut self, at: Time<True>, process: usize, track: usize, kind: Type, rest: TrackEvent) {
+    fn event(
+        &mut self,
+        at: Time<True>,
+        process: usize,
+        track: usize,
+        kind: Type,
+        rest: TrackEvent,
+    ) {
         self.latest = self.latest.max(at);
         self.packet(TracePacket {
             timestamp: Some(at.as_nanos()),

@@ -2,10 +2,12 @@
 //! answered, with nanosecond stamps, and its datagrams count as those of an EtherCAT segment do. Probes see it change from SubDevice
 //! to SubDevice, comments tell what happened.
 
-use isocat::capture::Capture;
+use std::time::Duration;
+
+use isocat::capture::{Capture, WINDOW};
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_maindevice::Event;
-use isocat_sim::{BitError, Direction, Motion, World};
+use isocat_sim::{BitError, Direction, Motion, Tap, World};
 use isocat_wire::Command;
 use isocat_wire::datagram::{Datagram, datagrams};
 use isocat_wire::frame;
@@ -191,6 +193,60 @@ fn commented(text: &str, deed: impl FnOnce(&mut World<Motion, Capture<Vec<u8>>>)
 fn with<'a>(packets: &'a [Packet], text: &str) -> Vec<(&'a Packet, &'a str)> {
     let all = packets.iter().flat_map(|packet| packet.comments.iter().map(move |c| (packet, c)));
     all.filter(|(_, words)| words.contains(text)).map(|(p, words)| (p, words.as_str())).collect()
+}
+
+#[test]
+fn an_alarm_is_told() {
+    let quality = "    [quality]\n    share_permille = 200\n    [[subdevice]]";
+    let text =
+        TWO.replacen("    [[subdevice]]", quality, 1) + "    misbehave = [\"missed-copy 20\"]\n";
+    let packets = commented(&text, |_| {});
+    let found = with(&packets, "alarm: a counter rises: 0x1C32:0B is ");
+    assert!(!found.is_empty());
+    assert!(found.iter().all(|(_, words)| words.starts_with("SubDevice 1 (right): ")));
+}
+
+/// Whatever the order is in which they are told; what is told too late to have its place comes at once.
+#[test]
+fn packets_and_comments_find_their_places() {
+    let us = Duration::from_micros;
+    let mut capture = Capture::new(Vec::new()).expect("a Vec takes everything");
+    capture.write(us(100), true, &[1; 60]);
+    capture.write(us(300), true, &[3; 60]);
+    capture.write(us(200), false, &[2; 60]);
+    capture.secondary_frame(Time::new(250_000_999), true, &[9; 60]);
+    for (at, words) in [(149, "first"), (151, "second"), (275, "third"), (276, "fourth")] {
+        capture.comment(us(at), words.to_owned());
+    }
+    capture.comment(us(10), "before".to_owned());
+    capture.comment(us(900), "behind".to_owned());
+    let file = capture.finish().expect("a Vec takes everything");
+    let (names, packets) = packets(&file);
+    assert_eq!(names, ["main", "main-secondary"]);
+    let places: Vec<_> = packets.iter().map(|p| (p.at, p.interface, p.data[0])).collect();
+    let expected = [(100_000, 0, 1), (200_000, 0, 2), (250_000, 1, 9), (300_000, 0, 3)];
+    assert_eq!(places, expected);
+    let comments: Vec<_> = packets.iter().map(|packet| packet.comments.join(", ")).collect();
+    assert_eq!(comments, ["before, first", "second", "third", "fourth, behind"]);
+}
+
+#[test]
+fn more_packets_than_are_held_back_go_on() {
+    let mut capture = Capture::new(Vec::new()).expect("a Vec takes everything");
+    let packets = WINDOW as u64 + 10;
+    for number in 0..packets {
+        capture.write(Duration::from_nanos(1000 + number), true, &[0; 60]);
+    }
+    // Ten are written: this one can't stand before them any more, and says so to nobody.
+    capture.write(Duration::from_nanos(1), true, &[7; 60]);
+    capture.comment(Duration::from_nanos(2), "late".to_owned());
+    let file = capture.finish().expect("a Vec takes everything");
+    let packets_found = self::packets(&file).1;
+    assert_eq!(packets_found.len() as u64, packets + 1);
+    let late = packets_found.iter().position(|packet| packet.at == 1);
+    assert_eq!(late, Some(10), "behind those that were written");
+    let told = packets_found.iter().position(|packet| !packet.comments.is_empty());
+    assert!(told.is_some_and(|at| (10..=12).contains(&at)), "{told:?}");
 }
 
 const TWO: &str = r#"

@@ -8,6 +8,9 @@ use isocat::report::Report;
 use isocat::series::csv::Csv;
 use isocat::series::{COLUMNS, Kind, Series, Table, Value};
 use isocat::{Nanos, Scenario, SegmentFile};
+use isocat_maindevice::Event;
+use isocat_sim::{Motion, World};
+use isocat_wire::time::{Picos, Time};
 
 /// A file that stays in reach.
 #[derive(Clone, Default)]
@@ -109,7 +112,10 @@ fn counters_and_faster_cycles_are_told() {
     let spread = report.devices[0].true_time.sync0_error.expect("it has SYNC0");
     assert_eq!(pulses.iter().sum::<i64>() as u64, spread.count, "each pulse in one row");
     // Frames come back near a pulse: before it or behind.
-    assert!(pulses[1..pulses.len() - 1].iter().all(|pulses| (3..=5).contains(pulses)), "{pulses:?}");
+    assert!(
+        pulses[1..pulses.len() - 1].iter().all(|pulses| (3..=5).contains(pulses)),
+        "{pulses:?}"
+    );
     let worst = numbers(&rows, 0, "sync0_error_ps").into_iter().map(i64::abs).max();
     assert_eq!(worst.map(|ps| ps as f64 / 1000.0), Some(spread.worst_ns));
     let missed = numbers(&rows, 1, "sm_event_missed");
@@ -149,8 +155,59 @@ fn csv_quotes_what_would_be_read_otherwise() {
     assert!(row.starts_with("-7,-7,-7,\"a \"\"b\"\", c\",-7,,,,"), "{row}");
 }
 
+/// While no frame comes back cycles go on, and so do the rows: to the end, or until frames come again, which takes the links
+/// some seconds.
+#[test]
+fn cycles_without_frames_have_their_rows() {
+    for (duration, comes_back) in [(200, false), (6_000, true)] {
+        cut_off(duration, comes_back);
+    }
+}
+
+fn cut_off(duration: i64, comes_back: bool) {
+    let scenario = Scenario::from(SegmentFile::built_in());
+    let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
+    let file = Shared::default();
+    let table = Box::new(Csv::new(file.clone()).expect("it takes everything"));
+    let series = Series::new(table, names);
+    let mut world = World::new(scenario.run().setup, Motion::default(), Some(series));
+    let limit = Time::new(30_000_000_000_000);
+    while !matches!(world.poll_event(), Some(Event::InOperation { .. })) {
+        assert!(world.step(limit), "the segment comes up");
+    }
+    let intent = isocat_sim::run::intent(world.main(), Nanos(1_000));
+    world.begin_judging(intent);
+    let ms = |ms: i64| Picos(ms * 1_000_000_000);
+    let began = world.now();
+    world.segment_mut().unplug(0, began + ms(50));
+    world.segment_mut().plug(0, began + ms(60));
+    while world.step(began + ms(duration)) {
+        while world.poll_event().is_some() {}
+    }
+    let bench = world.end_judging();
+    world.into_tap().expect("the tap").finish().expect("it takes everything");
+    let text = String::from_utf8(file.0.take()).expect("UTF-8");
+    let rows: Vec<Vec<String>> =
+        text.lines().skip(1).map(|line| line.split(',').map(str::to_owned).collect()).collect();
+    let cycles = numbers(&rows, 0, "cycle");
+    assert!(cycles.len() as i64 >= duration - 5, "{}", cycles.len());
+    assert!(cycles.windows(2).all(|pair| pair[1] == pair[0] + 1), "{cycles:?}");
+    let times = numbers(&rows, 0, "true_time_ns");
+    assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "{times:?}");
+    let told = numbers(&rows, 0, "host_phase_error_ns").len();
+    assert!(told + 9 <= cycles.len() && (told > 100) == comes_back, "{told} of {}", cycles.len());
+    let lost = numbers(&rows, 0, "frames_lost");
+    assert!(lost.is_sorted() && lost[0] == 0 && lost[lost.len() - 1] >= 9, "{lost:?}");
+    for position in [0, 1, 3] {
+        let pulses: i64 = numbers(&rows, position, "sync0_pulses").into_iter().sum();
+        let judged = bench.devices()[position].sync0.as_ref().expect("it has SYNC0").statistics();
+        assert_eq!(pulses as u64, judged.count(), "each pulse is in one row");
+    }
+}
+
 /// The description at the end of the file, read by the library that wrote it; pyarrow reads all of it in
 /// `tests/interop/series.sh`.
+#[cfg(feature = "cli")]
 #[test]
 fn parquet_has_its_row_groups() {
     use isocat::series::parquet::Parquet;

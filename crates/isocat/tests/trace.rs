@@ -87,13 +87,17 @@ fn a_trace_is_that_of_the_run() {
             .filter_map(|(_, event)| event.name.as_deref())
             .collect();
         assert_eq!(states, ["INIT", "PREOP", "SAFEOP", "OP"]);
-        for step in ["copy outputs", "application", "outputs valid", "latch inputs", "copy inputs"] {
+        for step in ["copy outputs", "application", "outputs valid", "latch inputs", "copy inputs"]
+        {
             assert!(of(&format!("{device}/{step}")).len() >= 100, "{device}: {step}");
         }
     }
     let frames = of("MainDevice/frames");
     assert!(frames.iter().any(|(_, event)| event.name() == "FRMW 0x0910, LRW, BRD 0x0130"));
-    assert_eq!(of("MainDevice/servo").last().map(|(_, event)| event.r#type()), Some(Type::SliceEnd));
+    assert_eq!(
+        of("MainDevice/servo").last().map(|(_, event)| event.r#type()),
+        Some(Type::SliceEnd)
+    );
     assert!(of("MainDevice/host phase error").len() >= 50);
     assert!(!tracks.contains_key("MainDevice/lost frames"), "none was lost");
     assert!(!tracks.keys().any(|name| name.ends_with("missed")), "nothing was missed");

@@ -234,6 +234,15 @@ impl<W: Write> Trace<W> {
         self.failed = self.output.write_all(&self.bytes).err();
     }
 
+    /// A frame came back. Written when both ends are known, so each slice has its end.
+    fn land(&mut self, at: Time<True>, index: u8) {
+        let found = self.flying.iter().position(|frame| frame.index == index);
+        if let Some(frame) = found.and_then(|found| self.flying.remove(found)) {
+            self.begin(frame.since, 0, FRAMES + frame.lane, &frame.name);
+            self.end(at, 0, FRAMES + frame.lane);
+        }
+    }
+
     fn close_steps(&mut self, at: Time<True>, position: usize) {
         for step in STEPS {
             let open = std::mem::take(&mut self.devices[position].open[step - STEPS.start]);
@@ -274,12 +283,15 @@ impl<W: Write> Tap for Trace<W> {
                 self.track(0, track, &name, None);
             }
             self.flying.push_back(Flying { since: at, index, lane, name });
-        } else if let Some(found) = self.flying.iter().position(|frame| frame.index == index) {
-            // Written when both ends are known, so each slice has its end.
-            let Flying { since, lane, name, .. } =
-                self.flying.remove(found).expect("its place was just found");
-            self.begin(since, 0, FRAMES + lane, &name);
-            self.end(at, 0, FRAMES + lane);
+        } else {
+            self.land(at, index);
+        }
+    }
+
+    fn secondary_frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
+        // In a whole ring frames come back there.
+        if let Some((index, _)) = look_into(bytes).filter(|_| !sent) {
+            self.land(at, index);
         }
     }
 
@@ -359,10 +371,10 @@ impl<W: Write> Tap for Trace<W> {
             if !found.dc.has_clock() {
                 continue;
             }
-            let difference = Some(device.esc.register(register::SYSTEM_TIME_DIFFERENCE).nanos().0);
-            if difference != self.devices[position].difference {
-                self.devices[position].difference = difference;
-                self.count(at, position + 1, DIFFERENCE, difference.unwrap_or_default());
+            let difference = device.esc.register(register::SYSTEM_TIME_DIFFERENCE).nanos().0;
+            let known = self.devices[position].difference.replace(difference);
+            if known != Some(difference) {
+                self.count(at, position + 1, DIFFERENCE, difference);
             }
         }
     }

@@ -173,7 +173,7 @@ fn schema() -> Vec<format::SchemaElement> {
             None,
             None,
             None,
-            is_text.then(|| format::LogicalType::STRING(format::StringType {})),
+            is_text.then_some(format::LogicalType::STRING(format::StringType {})),
         )
     };
     std::iter::once(root).chain(COLUMNS.iter().map(leaf)).collect()

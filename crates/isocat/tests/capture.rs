@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use isocat::capture::{Capture, WINDOW};
-use isocat::{Nanos, Scenario, SegmentFile};
+use isocat::{Nanos, Report, Scenario, SegmentFile};
 use isocat_maindevice::Event;
 use isocat_sim::{BitError, Direction, Motion, Tap, World};
 use isocat_wire::Command;
@@ -139,7 +139,9 @@ fn probes_see_each_frame_before_and_after_each_subdevice() {
     let mut file = Vec::new();
     let tap = Capture::new(&mut file).and_then(|tap| tap.with_probes(&[2, 0, 1, 3, 2]));
     let outcome = scenario.run().execute(Some(tap.expect("a Vec takes everything")), &mut |_| {});
-    assert!(outcome.in_sync());
+    let told = serde_json::to_string(&Report::new(&scenario, &outcome)).expect("JSON");
+    let alone = serde_json::to_string(&isocat::run(&scenario)).expect("JSON");
+    assert_eq!(told, alone, "nobody notices that he is looked at");
     outcome.world.into_tap().expect("the tap").finish().expect("a Vec takes everything");
     let (names, packets) = packets(&file);
     assert_eq!(names, ["main", "subdevice-0", "subdevice-1", "subdevice-2", "subdevice-3"]);

@@ -91,7 +91,7 @@ struct Flying {
 }
 
 impl Trace {
-    /// Creates the file. `names`: of the SubDevices, by position.
+    /// Creates the file. `names`: of the SubDevices, by position; those without a name are not drawn.
     pub fn create(path: &Path, names: &[String]) -> io::Result<Self> {
         Self::new(BufWriter::new(File::create(path)?), names)
     }
@@ -305,6 +305,9 @@ impl<W: Write> Tap for Trace<W> {
 
     fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
         let (position, process) = (observation.device, observation.device + 1);
+        if position >= self.devices.len() {
+            return;
+        }
         match observation.event {
             Observed::Sync0 => self.instant(at, process, SYNC0, "SYNC0"),
             Observed::Sync1 => self.instant(at, process, SYNC1, "SYNC1"),
@@ -343,7 +346,8 @@ impl<W: Write> Tap for Trace<W> {
     }
 
     fn measured(&mut self, at: Time<True>, device: usize, measured: &Measured) {
-        let Some(error) = measured.sync0_error else { return };
+        let error = measured.sync0_error.filter(|_| device < self.devices.len());
+        let Some(error) = error else { return };
         let event = TrackEvent {
             double_counter_value: Some(error.0 as f64 / 1000.0),
             ..TrackEvent::default()
@@ -368,7 +372,7 @@ impl<W: Write> Tap for Trace<W> {
         }
         for (position, found) in main.segment().devices.iter().enumerate() {
             let Some(device) = segment.devices().get(position) else { return };
-            if !found.dc.has_clock() {
+            if !found.dc.has_clock() || position >= self.devices.len() {
                 continue;
             }
             let difference = device.esc.register(register::SYSTEM_TIME_DIFFERENCE).nanos().0;

@@ -10,6 +10,7 @@ mod conform;
 mod devices;
 mod eni;
 mod explain;
+mod files;
 #[cfg(target_os = "linux")]
 mod interface;
 mod plan;
@@ -39,6 +40,9 @@ Examples:
   isocat run my.toml --for 1min       run a segment of your own
   isocat run --json | jq .in_sync     the whole report for a program
   isocat run --capture run.pcapng     every frame, for Wireshark
+  isocat run --trace run.perfetto-trace
+                                      pulses, steps, states and frames, for Perfetto
+  isocat run --series run.parquet     a row for each SubDevice and cycle, for statistics of your own
   isocat run --no-drift-compensation  see clocks run apart
   isocat run --interface eth0 --any   bring up what is on a real wire, for 10 s of host time
   isocat run my.toml --interface eth0 expect the devices of my.toml there
@@ -77,6 +81,7 @@ struct CommandLine {
 #[derive(Subcommand, Debug)]
 enum Verb {
     /// Bring a segment up, run it, judge it, report (the default verb)
+    #[command(after_help = run::EXAMPLES)]
     Run(Box<run::Arguments>),
     /// Plan the cycle of a segment without sending anything: frames, phases, the slack of every demand
     Plan(plan::Arguments),

@@ -12,7 +12,7 @@
 //!
 //! Data's way: a [`segment_file`] names devices by their [`profile`], or by a maker's description ([`esi`]) of
 //! which a profile is made; both become a [`scenario`], which `isocat-sim` runs in virtual time; of the
-//! outcome comes a [`report`], and of the frames, if wanted, a [`capture`]. What a scenario's timing will be,
+//! outcome comes a [`report`], and of what happens, if wanted, a [`capture`], [`waves`], a [`trace`] and a [`series`]. What a scenario's timing will be,
 //! [`plan`] tells before anything is sent; what is found out about a segment before any cycle, [`scan`]. On Linux, `live` does the same job on a real interface, with the
 //! sockets of `link`. [`document`]
 //! gives errors in files their place, [`quantity`] reads durations, lengths and
@@ -43,10 +43,12 @@ pub mod report;
 pub mod scan;
 pub mod scenario;
 pub mod segment_file;
+pub mod series;
 #[cfg(target_os = "linux")]
 pub mod serve;
 pub mod start_up;
 pub mod timeline;
+pub mod trace;
 pub mod waves;
 
 pub use isocat_wire::Nanos;

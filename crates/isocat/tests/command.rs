@@ -219,12 +219,50 @@ fn bad_flags_are_refused() {
         &["run", "/no/such/file.toml"],
         &["run", "--report", "/no/such/folder/report.txt", "--for", "10ms"],
         &["run", "--capture", "/no/such/folder/run.pcapng"],
+        &["run", "--tap", "2"],
+        &["run", "--preflight", "--series", "run.csv"],
         &["walk"],
         &["devices", "kolmorgen"],
     ] {
         let output = isocat(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         assert!(!output.stderr.is_empty(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn files_that_can_not_be_had_are_refused_in_words() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
+    let file = |name: &str| folder.join(name).to_str().expect("UTF-8").to_owned();
+    let (capture, table, odd) = (file("refused.pcapng"), file("refused.csv"), file("refused.xlsx"));
+    let wire = cfg!(target_os = "linux");
+    for (arguments, words) in [
+        (&["--capture", &capture, "--tap", "4"][..], "expected a position from 0 to 3"),
+        (&["--series", &odd], "expected .csv or .parquet, found \"xlsx\""),
+        (&["--trace", &table, "--series", &table], "would overwrite --trace"),
+        (&["--capture", &table, "--series", &table], "would overwrite --capture"),
+        (
+            &["--trace", "/no/such/folder/run"],
+            "the trace file /no/such/folder/run can't be written",
+        ),
+        (&["--series", "/no/such/folder/run.csv"], "the series file /no/such/folder/run.csv can't"),
+        (&["--interface", "lo", "--trace", &capture], "nobody sees the pulses"),
+        (&["--interface", "lo", "--series", &table], "true time, which real devices do not tell"),
+        (
+            &["--interface", "lo", "--tap", "1", "--capture", &capture],
+            "frames between real devices",
+        ),
+    ] {
+        if arguments[0] == "--interface" && !wire {
+            continue;
+        }
+        let output = isocat(&[&["run"], arguments].concat());
+        let message = text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
+        assert!(message.contains(words), "{arguments:?}: {message}");
+        for path in [&capture, &table, &odd] {
+            assert!(!Path::new(path).exists(), "{arguments:?} leaves {path}");
+        }
     }
 }
 

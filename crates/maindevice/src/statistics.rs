@@ -66,6 +66,8 @@ pub struct Summary {
     pub min: Nanos,
     /// Largest; 0 without samples.
     pub max: Nanos,
+    /// The latest; 0 without samples.
+    pub last: Nanos,
     sum: i128,
     squares: u128,
 }
@@ -77,6 +79,7 @@ impl Summary {
             (self.min, self.max) = (sample, sample);
         }
         self.count += 1;
+        self.last = sample;
         self.min = self.min.min(sample);
         self.max = self.max.max(sample);
         self.sum += i128::from(sample.0);
@@ -108,7 +111,7 @@ mod tests {
         for sample in [2, 4, 4, 4, 5, 5, 7, 9] {
             summary.add(Nanos(sample));
         }
-        assert_eq!((summary.min, summary.max), (Nanos(2), Nanos(9)));
+        assert_eq!((summary.min, summary.max, summary.last), (Nanos(2), Nanos(9), Nanos(9)));
         assert_eq!((summary.mean(), summary.deviation()), (Some(Nanos(5)), Some(Nanos(2))));
     }
 }

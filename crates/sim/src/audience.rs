@@ -143,9 +143,9 @@ impl Audience {
         self.stopping > 0
     }
 
-    /// Some place marks the source address of frames.
-    pub fn marks_frames(&self) -> bool {
-        self.marking > 0
+    /// One of the first `places` marks the source address of frames.
+    pub fn marks_frames(&self, places: usize) -> bool {
+        self.marking > 0 && self.reaches[..places].iter().any(|reach| reach.marks_frames)
     }
 
     /// Whether a datagram may concern a place.

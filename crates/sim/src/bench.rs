@@ -1,7 +1,7 @@
 //! The judges' bench: hands what happens to the judges that it concerns.
 
 use isocat_subdevice::{Chain, Step, SyncMode};
-use isocat_wire::time::{Picos, Time, True};
+use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use crate::judge::{
@@ -32,6 +32,16 @@ pub struct Bench {
     devices: Vec<DeviceBench>,
     outputs_valid: OutputsValid,
     host_phase: Option<HostPhase>,
+}
+
+/// What the judges made of one event at a SubDevice.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Measured {
+    /// How far a SYNC0 edge was off the ideal grid of the reference clock: positive if late.
+    pub sync0_error: Option<Picos>,
+    /// From ready outputs to the pulse at which they act, by the SubDevice's own oscillator; negative where the pulse came
+    /// first.
+    pub margin: Option<Nanos>,
 }
 
 /// The judges of one SubDevice.
@@ -112,32 +122,35 @@ impl Bench {
         }
     }
 
-    /// Something happened at a SubDevice.
-    pub fn observe(&mut self, segment: &Segment, observation: &Observation) {
+    /// Something happened at a SubDevice; gives what was measured with it.
+    pub fn observe(&mut self, segment: &Segment, observation: &Observation) -> Measured {
         let Observation { device: index, device_at, event } = *observation;
         let true_time = || segment.devices()[index].oscillator().when(device_at);
         let device = &mut self.devices[index];
         if let Observed::State(state, code) = event {
             device.states.push(StateChange { at: true_time(), state, code });
         }
-        let Some(intent) = &self.intent else { return };
+        let mut measured = Measured::default();
+        let Some(intent) = &self.intent else { return measured };
         // Who is not asked for SYNC0 has no times to keep.
         if device.sync0.is_none() && !matches!(event, Observed::SmEventMissed(_)) {
-            return;
+            return measured;
         }
         match event {
             Observed::Sm2 => device.margin.sm2(device_at),
-            Observed::Finished(Step::MapOutputs) => device.margin.ready(device_at),
+            Observed::Finished(Step::MapOutputs) => {
+                measured.margin = device.margin.ready(device_at);
+            }
             Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
             Observed::Sync0 | Observed::Sync1 => {
                 let at = true_time();
                 let reference = segment.devices()[intent.reference].system_time_ps(at);
                 if let (Observed::Sync0, Some(judge)) = (event, &mut device.sync0) {
-                    judge.edge(at, reference);
+                    measured.sync0_error = Some(judge.edge(at, reference));
                 }
                 let chain = segment.devices()[index].stack.sync().chain();
                 if event == acting(&chain) {
-                    device.margin.sync0(device_at);
+                    measured.margin = device.margin.sync0(device_at);
                     device.outputs_delay.sync0(at);
                     device.cycle = intent.acting[index].map(|grid| grid.index(reference));
                 }
@@ -152,6 +165,7 @@ impl Bench {
             }
             _ => {}
         }
+        measured
     }
 }
 

@@ -122,9 +122,16 @@ impl Segment {
         let departure = after + stay.processing;
         let end = device.oscillator().read(at + flight.duration);
         device.advance(begin, watch);
+        let before = self.probes.sees(number).then(|| flight.bytes.to_vec());
         let processed = device.esc.process(flight.bytes, begin, end, flight.good);
         device.touched();
         self.latched[number] |= processed.latch_ports;
+        if let Some(before) = before {
+            self.show(flight.start, arrival, false, before);
+            if !processed.destroyed {
+                self.show(flight.start, arrival, true, flight.bytes.to_vec());
+            }
+        }
         if processed.destroyed { Err(Lost::Destroyed { device: number }) } else { Ok(departure) }
     }
 

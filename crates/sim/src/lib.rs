@@ -29,6 +29,7 @@ pub mod motion;
 pub mod observation;
 pub mod oscillator;
 pub mod path;
+pub mod probe;
 pub mod random;
 pub mod run;
 pub mod segment;

@@ -115,10 +115,10 @@ impl Run {
             Ok(()) => {
                 let began = world.now();
                 world.catch_up();
-                world.bench.begin(intent(world.main(), self.sync0_limit));
+                world.begin_judging(intent(world.main(), self.sync0_limit));
                 let mut notes = Notes::default();
                 run_for(&mut world, self.duration.into(), &mut notes, progress);
-                let bench = world.bench.clone();
+                let bench = world.end_judging();
                 let mut outcome = Outcome::new(world, devices, None);
                 outcome.began = Some(began);
                 outcome.optional = optional;

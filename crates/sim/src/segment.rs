@@ -13,6 +13,7 @@ use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice};
 use crate::flight::{Flight, duration};
 use crate::observation::Observation;
 use crate::path::{Arrival, Loops, Path};
+use crate::probe::{Probed, Probes};
 use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
 /// Where a SubDevice hangs, and what it is.
@@ -71,6 +72,7 @@ pub struct Segment {
     /// Which SubDevices the frame that is followed has met, and its arrivals.
     pub(crate) met: Vec<bool>,
     pub(crate) trail: Vec<Arrival>,
+    pub(crate) probes: Probes,
 }
 
 /// A frame that has come back.
@@ -137,6 +139,7 @@ impl Segment {
             last_frame: None,
             met: vec![false; count],
             trail: Vec::new(),
+            probes: Probes::default(),
             wiring,
         };
         for cable in 0..segment.wiring.cables() {
@@ -168,6 +171,18 @@ impl Segment {
         self.link_up(number);
         self.refresh(Time::ZERO);
         Ok(number)
+    }
+
+    /// Has frames kept as they enter and leave a SubDevice that processes them; without effect if there is none.
+    pub fn probe(&mut self, device: usize) {
+        if device < self.devices.len() {
+            self.probes.watch(device);
+        }
+    }
+
+    /// What the probes have seen since the last look.
+    pub fn take_probed(&mut self) -> impl Iterator<Item = Probed> + '_ {
+        self.probes.take()
     }
 
     /// The SubDevices, in the order of the connections.
@@ -307,11 +322,66 @@ impl Segment {
     ) {
         let visits = self.audiences[from as usize].gather(items);
         let places = self.paths[from as usize].entries.len();
+        let mut watched = self.watched_places(from).into_iter().peekable();
         for number in 0..visits.unwrap_or(places) {
             let place = visits.map_or(number, |_| self.audiences[from as usize].visit(number));
+            while let Some(passed) = watched.next_if(|at| *at < place) {
+                self.look((from, passed), false, items, (bytes, offset), times.0);
+                self.look((from, passed), true, items, (bytes, offset), times.0);
+            }
+            let is_watched = watched.next_if_eq(&place).is_some();
+            if is_watched {
+                self.look((from, place), false, items, (bytes, offset), times.0);
+            }
             self.offer((from, place), items, &mut bytes[offset..], times, watch);
+            if is_watched {
+                self.look((from, place), true, items, (bytes, offset), times.0);
+            }
         }
-        self.finish(from, items, bytes, offset);
+        for passed in watched {
+            self.look((from, passed), false, items, (bytes, offset), times.0);
+            self.look((from, passed), true, items, (bytes, offset), times.0);
+        }
+        self.finish(from, items, bytes, offset, places);
+    }
+
+    /// Places with a probe on the way from a port, in processing order.
+    fn watched_places(&self, from: MainPort) -> Vec<usize> {
+        if self.probes.are_none() {
+            return Vec::new();
+        }
+        let entries = self.paths[from as usize].entries.iter().enumerate();
+        entries.filter(|(_, entry)| self.probes.sees(entry.device)).map(|(at, _)| at).collect()
+    }
+
+    /// Shows a probe the frame as it enters or (`processed`) leaves its place: what was counted beside the frame is
+    /// written into a copy.
+    fn look(
+        &mut self,
+        (from, place): (MainPort, usize),
+        processed: bool,
+        items: &[Item],
+        (bytes, offset): (&[u8], usize),
+        start: Time<True>,
+    ) {
+        let mut seen = bytes.to_vec();
+        self.finish(from, items, &mut seen, offset, place + usize::from(processed));
+        let entry = self.paths[from as usize].entries[place];
+        self.show(start, entry, processed, seen);
+    }
+
+    /// Shows a probe a frame that arrived at its SubDevice.
+    pub(crate) fn show(
+        &mut self,
+        start: Time<True>,
+        arrival: Arrival,
+        processed: bool,
+        bytes: Vec<u8>,
+    ) {
+        let device = arrival.device;
+        let stay = if processed { self.wiring.stay(device).processing } else { Picos::ZERO };
+        let at = start + arrival.after + stay;
+        self.probes.see(Probed { device, at, entered: !processed, bytes });
     }
 
     /// Leads a frame past everybody, where each one has to see all of it.
@@ -418,6 +488,7 @@ impl Segment {
         device.advance(begin, watch);
         self.stale |= device.ports_changed();
         let end = device.oscillator().read(end + entry.after);
+        let before = self.probes.sees(entry.device).then(|| bytes.to_vec());
         let processed = device.esc.process(bytes, begin, end, true);
         if device.esc.reach_is_changing() {
             self.audiences[from as usize].disturb(place);
@@ -428,15 +499,27 @@ impl Segment {
             self.latched[entry.device] = true;
             self.any_latched = true;
         }
+        if let Some(before) = before {
+            self.show(start, entry, false, before);
+            if !processed.destroyed {
+                self.show(start, entry, true, bytes.to_vec());
+            }
+        }
         processed.destroyed.then_some(entry.device)
     }
 
-    /// Writes what was counted beside the frame into it.
-    fn finish(&self, from: MainPort, items: &[Item], bytes: &mut [u8], offset: usize) {
-        if self.audiences[from as usize].marks_frames() {
+    /// Writes what was counted beside the frame into it: by so many places.
+    fn finish(
+        &self,
+        from: MainPort,
+        items: &[Item],
+        bytes: &mut [u8],
+        offset: usize,
+        places: usize,
+    ) {
+        if self.audiences[from as usize].marks_frames(places) {
             bytes[6] |= frame::LOCALLY_ADMINISTERED;
         }
-        let places = self.paths[from as usize].entries.len();
         let payload = &mut bytes[offset..];
         for item in items {
             let (at, wkc) = (item.layout.start, item.layout.wkc());

@@ -6,10 +6,10 @@ use isocat_maindevice::{Config, Event, MainDevice, Port};
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Time, True};
 
-use crate::bench::Bench;
+use crate::bench::{Bench, Intent, Measured};
 use crate::host::{HostMachine, HostModel};
 use crate::observation::Observation;
-use crate::segment::{Connection, Returned, Segment};
+use crate::segment::{Connection, Lost, Returned, Segment};
 use crate::wiring::MainPort;
 
 /// What a run is made of.
@@ -35,6 +35,12 @@ impl Control for () {
 }
 
 /// Sees every frame on the MainDevice's ports, and what happens at the SubDevices.
+///
+/// - Frames: [`frame`](Self::frame), [`secondary_frame`](Self::secondary_frame), [`lost`](Self::lost), and in front of SubDevices
+///   [`probes`](Self::probes), [`probed`](Self::probed);
+/// - SubDevices: [`observed`](Self::observed), [`measured`](Self::measured);
+/// - the MainDevice: [`event`](Self::event), [`cycle`](Self::cycle);
+/// - the judged time: [`judging_begins`](Self::judging_begins), [`judging_ends`](Self::judging_ends).
 pub trait Tap {
     /// A frame whose first bit left the primary port (`sent`) or came back there at `at`.
     fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]);
@@ -42,8 +48,34 @@ pub trait Tap {
     /// The same at the secondary port of a ring.
     fn secondary_frame(&mut self, _at: Time<True>, _sent: bool, _bytes: &[u8]) {}
 
+    /// The frame that left a port at `at` does not come back to the program: why it was lost, or `None` if it came back
+    /// damaged.
+    fn lost(&mut self, _at: Time<True>, _port: Port, _why: Option<Lost>) {}
+
+    /// Positions of the SubDevices in front of which frames are to be [`probed`](Self::probed); asked once. Where none
+    /// stands, nothing is seen.
+    fn probes(&self) -> Vec<usize> {
+        Vec::new()
+    }
+
+    /// The first bit of a frame that a SubDevice processes entered it (`entered`) or left it at `at`, with what it holds
+    /// then. Told when the frame is sent.
+    fn probed(&mut self, _at: Time<True>, _device: usize, _entered: bool, _bytes: &[u8]) {}
+
     /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
     fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
+
+    /// What the judges made of the event that was just observed at a SubDevice, if they did.
+    fn measured(&mut self, _at: Time<True>, _device: usize, _measured: &Measured) {}
+
+    /// The MainDevice told something, known at `at`.
+    fn event(&mut self, _at: Time<True>, _event: &Event) {}
+
+    /// All SubDevices are in operation, and are judged from `at` on.
+    fn judging_begins(&mut self, _at: Time<True>, _intent: &Intent) {}
+
+    /// The judged time is over: what comes now is in no report. SubDevices are brought up to `at`.
+    fn judging_ends(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 
     /// The inputs of a cycle are in the program's hands at `at`: how the MainDevice and the segment stand then. SubDevices
     /// are brought up to the last frame that passed them.
@@ -82,7 +114,10 @@ impl<C: Control, T: Tap> World<C, T> {
     /// Everything switched on at true time zero.
     pub fn new(setup: Setup, control: C, tap: Option<T>) -> Self {
         let host = HostMachine::new(setup.host, setup.seed);
-        let segment = Segment::new(setup.segment, setup.seed);
+        let mut segment = Segment::new(setup.segment, setup.seed);
+        for position in tap.iter().flat_map(Tap::probes) {
+            segment.probe(position);
+        }
         let now = Time::ZERO;
         let bench = Bench::new(segment.devices().len());
         let main = MainDevice::new(setup.config, host.now(now));
@@ -173,7 +208,27 @@ impl<C: Control, T: Tap> World<C, T> {
 
     /// Takes the next event of the MainDevice.
     pub fn poll_event(&mut self) -> Option<Event> {
-        self.main.poll_event()
+        let event = self.main.poll_event()?;
+        if let Some(tap) = &mut self.tap {
+            tap.event(self.now, &event);
+        }
+        Some(event)
+    }
+
+    /// The judges begin: the segment is in operation.
+    pub fn begin_judging(&mut self, intent: Intent) {
+        if let Some(tap) = &mut self.tap {
+            tap.judging_begins(self.now, &intent);
+        }
+        self.bench.begin(intent);
+    }
+
+    /// The judged time is over; gives the judges as they stand.
+    pub fn end_judging(&mut self) -> Bench {
+        if let Some(tap) = &mut self.tap {
+            tap.judging_ends(self.now, &self.main, &self.segment);
+        }
+        self.bench.clone()
     }
 
     fn deliver(&mut self, now: Time<Host>) {
@@ -230,6 +285,11 @@ impl<C: Control, T: Tap> World<C, T> {
         let observations = &mut self.observations;
         let watch = &mut |o| observations.push(o);
         let fate = self.segment.pass_from(wired, &mut bytes, start, watch);
+        if let Some(tap) = &mut self.tap {
+            for seen in self.segment.take_probed() {
+                tap.probed(seen.at, seen.device, seen.entered, &seen.bytes);
+            }
+        }
         if from == Port::Primary {
             self.bench.frame(&self.segment, &bytes, start);
         }
@@ -247,7 +307,12 @@ impl<C: Control, T: Tap> World<C, T> {
                 self.returning.insert(place, Returning { port, first_bit, delivered, bytes });
             }
             // What does not come back, or comes back damaged, no program ever sees.
-            _ => self.spare.push(bytes),
+            fate => {
+                if let Some(tap) = &mut self.tap {
+                    tap.lost(start, from, fate.err());
+                }
+                self.spare.push(bytes);
+            }
         }
     }
 
@@ -263,11 +328,14 @@ impl<C: Control, T: Tap> World<C, T> {
     /// SubDevices are done.
     fn judge(&mut self) {
         for observation in self.observations.drain(..) {
-            self.bench.observe(&self.segment, &observation);
+            let measured = self.bench.observe(&self.segment, &observation);
             if let Some(tap) = &mut self.tap {
                 let device = &self.segment.devices()[observation.device];
                 let at = device.oscillator().when(observation.device_at);
                 tap.observed(&self.segment, at, &observation);
+                if measured != Measured::default() {
+                    tap.measured(at, observation.device, &measured);
+                }
             }
         }
     }

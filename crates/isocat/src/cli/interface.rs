@@ -51,7 +51,7 @@ pub struct Options {
     #[arg(long, value_name = "N", requires = "wire")]
     cpu: Option<usize>,
     /// Only look at what on this machine harms punctuality; exit 0 nothing does, 1 something, 2 bad input
-    #[arg(long, conflicts_with_all = ["duration", "capture", "report", "any"])]
+    #[arg(long, conflicts_with_all = ["duration", "capture", "waves", "trace", "series", "report", "any"])]
     pub preflight: bool,
 }
 

@@ -6,21 +6,31 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use isocat_maindevice::{Fault, MainDevice};
-use isocat_sim::observation::Observation;
+use isocat_maindevice::Fault;
+use isocat_sim::Outcome;
 use isocat_sim::run::Progress;
-use isocat_sim::{Outcome, Segment, Tap};
 use isocat_wire::Nanos;
-use isocat_wire::time::{Time, True};
 use serde::Serialize;
 
+use super::files::Files;
 use super::{IN_SYNC, NOT_IN_SYNC, fail, print};
-use crate::capture::Capture;
 use crate::html::{self, Page};
 use crate::recording::Recording;
 use crate::report::Finding;
-use crate::waves::Waves;
 use crate::{Report, Scenario, SegmentFile, quantity};
+
+/// Shown below the help of `run`.
+pub const EXAMPLES: &str = "\
+Examples:
+  isocat run my.toml --for 1min             a segment of your own
+  isocat run --report run.html              the report as a page with timing diagrams
+  isocat run --capture run.pcapng --tap 2   frames at the MainDevice and at SubDevice 2, for Wireshark
+  isocat run --waves run.vcd                pulses, steps and states as waveforms, for GTKWave
+  isocat run --trace run.perfetto-trace     the same with frames and clock errors, for Perfetto
+  isocat run --series run.parquet           a row for each SubDevice and cycle; run.csv for CSV
+  isocat run --json --report run.txt        the report for a program, and as a text beside it
+
+docs/exports.md says what is in each file.";
 
 /// Arguments of `run`.
 #[derive(Args, Debug)]
@@ -40,12 +50,14 @@ pub struct Arguments {
     /// Also write the report to this file: with timing diagrams if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Write every frame to this pcapng file
+    /// Write every frame to this pcapng file, with comments where something happened
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
     /// Write what happens at each SubDevice (SYNC0, SYNC1, SM events, steps, states) to this VCD file, as waveforms
     #[arg(long, value_name = "FILE")]
     pub waves: Option<PathBuf>,
+    #[command(flatten)]
+    pub files: super::files::Options,
     /// For testing: let the clocks run apart
     #[arg(long)]
     no_drift_compensation: bool,
@@ -88,7 +100,12 @@ pub fn run(arguments: &Arguments) -> u8 {
                 "--waves is beside --interface; expected a simulation: nobody sees the pulses of real devices",
             );
         }
-        Some(interface) => return super::interface::run(arguments, interface, file),
+        Some(interface) => {
+            return match arguments.files.refused_beside_interface() {
+                Some(message) => fail(&message),
+                None => super::interface::run(arguments, interface, file),
+            };
+        }
         None => {}
     }
     let scenario = arguments.scenario(file);
@@ -96,23 +113,16 @@ pub fn run(arguments: &Arguments) -> u8 {
         let (duration, cycle) = (scenario.duration, scenario.cycle);
         return fail(&format!("--for {duration} is shorter than one cycle of {cycle}"));
     }
-    let capture = match arguments.capture.as_deref().map(Capture::create).transpose() {
-        Ok(capture) => capture,
-        Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
-    };
-    let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
-    let waves = arguments.waves.as_deref().map(|path| Waves::create(path, names)).transpose();
-    let waves = match waves {
-        Ok(waves) => waves,
-        Err(error) => return fail(&unwritable("waves", arguments.waves.as_deref(), &error)),
+    let mut files = match Files::create(arguments, &scenario) {
+        Ok(files) => files,
+        Err(message) => return fail(&message),
     };
     let bar = progress_bar(scenario.duration);
-    let recording = arguments.wants_page().then(|| {
+    files.recording = arguments.wants_page().then(|| {
         let spans = html::run::spans(scenario.devices.len());
         Recording::new(scenario.duration, scenario.sync0_limit, spans)
     });
-    let taps = Taps { capture, waves, recording };
-    let outcome = scenario.run().execute(Some(taps), &mut |progress| match progress {
+    let outcome = scenario.run().execute(Some(files), &mut |progress| match progress {
         Progress::Stage(stage) => bar.set_message(stage.name()),
         Progress::Judged(time) => {
             bar.set_message("in operation");
@@ -126,56 +136,20 @@ pub fn run(arguments: &Arguments) -> u8 {
     if code != IN_SYNC || report.in_sync { code } else { NOT_IN_SYNC }
 }
 
-/// The files that a run writes as it goes.
-struct Taps {
-    capture: Option<Capture>,
-    waves: Option<Waves>,
-    recording: Option<Recording>,
-}
-
-impl Tap for Taps {
-    fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
-        if let Some(capture) = &mut self.capture {
-            capture.frame(at, sent, bytes);
-        }
-        if let Some(recording) = &mut self.recording {
-            recording.frame(at, sent, bytes);
-        }
-    }
-
-    fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
-        if let Some(recording) = &mut self.recording {
-            recording.cycle(at, main, segment);
-        }
-    }
-
-    fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
-        if let Some(waves) = &mut self.waves {
-            waves.observed(segment, at, observation);
-        }
-        if let Some(recording) = &mut self.recording {
-            recording.observed(segment, at, observation);
-        }
-    }
-}
-
 /// Writes everything that was asked for.
 fn finish(
     arguments: &Arguments,
     scenario: &Scenario,
     report: &Report,
-    outcome: Outcome<Taps>,
+    outcome: Outcome<Files>,
     refused: bool,
 ) -> u8 {
     let found = outcome.world.main().segment().clone();
-    let taps = outcome.world.into_tap();
-    let Taps { capture, waves, recording } = taps.expect("it was given one");
-    if let Some(Err(error)) = capture.map(Capture::finish) {
-        return fail(&unwritable("capture", arguments.capture.as_deref(), &error));
-    }
-    if let Some(Err(error)) = waves.map(Waves::finish) {
-        return fail(&unwritable("waves", arguments.waves.as_deref(), &error));
-    }
+    let files = outcome.world.into_tap().expect("it was given one");
+    let recording = match files.finish(arguments) {
+        Ok(recording) => recording,
+        Err(message) => return fail(&message),
+    };
     let page = recording.map(|recording| {
         let command = arguments.command(scenario);
         let recorded = recording.finish();
@@ -293,19 +267,19 @@ impl Arguments {
             one == other
                 || matches!((one.canonicalize(), other.canonicalize()), (Ok(a), Ok(b)) if a == b)
         };
-        let segment = self.segment.as_deref().map(Path::new);
-        let (report, capture) = (self.report.as_deref(), self.capture.as_deref());
-        let waves = self.waves.as_deref();
-        let pairs = [
-            ("--report", report, "the segment file", segment),
-            ("--capture", capture, "the segment file", segment),
-            ("--capture", capture, "--report", report),
-            ("--waves", waves, "the segment file", segment),
-            ("--waves", waves, "--report", report),
-            ("--waves", waves, "--capture", capture),
+        let files = [
+            ("the segment file", self.segment.as_deref().map(Path::new)),
+            ("--report", self.report.as_deref()),
+            ("--capture", self.capture.as_deref()),
+            ("--waves", self.waves.as_deref()),
+            ("--trace", self.files.trace.as_deref()),
+            ("--series", self.files.series.as_deref()),
         ];
-        pairs.into_iter().find_map(|(flag, path, what, other)| {
-            let (path, other) = (path?, other?);
+        let mut pairs = files.iter().enumerate().flat_map(|(number, (flag, path))| {
+            files[..number].iter().map(move |(what, other)| (flag, path, what, other))
+        });
+        pairs.find_map(|(flag, path, what, other)| {
+            let (path, other) = ((*path)?, (*other)?);
             same(path, other).then(|| format!("{flag} {} would overwrite {what}", path.display()))
         })
     }

@@ -57,7 +57,7 @@ impl Recorder {
     pub fn finish(self) -> io::Result<u64> {
         drop(self.records);
         let capture = self.writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        capture.finish().map(|()| self.dropped)
+        capture.finish().map(|_| self.dropped)
     }
 }
 

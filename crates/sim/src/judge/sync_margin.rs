@@ -1,6 +1,6 @@
 //! Outputs are ready before SYNC0 acts on them.
 
-use isocat_wire::time::{Device, Time};
+use isocat_wire::time::{Device, Nanos, Time};
 
 use crate::statistics::Statistics;
 
@@ -23,27 +23,32 @@ impl SyncMargin {
         self.sm2 = Some(at);
     }
 
-    /// Outputs are copied and calculated.
-    pub fn ready(&mut self, at: Time<Device>) {
-        match self.overtaken.take() {
-            Some(sync0) => self.margin.push((sync0 - at).0 * 1000),
-            None => self.ready = Some(at),
-        }
+    /// Outputs are copied and calculated; gives the margin if SYNC0 came first.
+    pub fn ready(&mut self, at: Time<Device>) -> Option<Nanos> {
+        let Some(sync0) = self.overtaken.take() else {
+            self.ready = Some(at);
+            return None;
+        };
+        Some(self.left(sync0 - at))
     }
 
-    /// SYNC0 acts.
-    pub fn sync0(&mut self, at: Time<Device>) {
+    /// SYNC0 acts; gives the margin if the outputs are ready.
+    pub fn sync0(&mut self, at: Time<Device>) -> Option<Nanos> {
         let sm2 = self.sm2.take();
         if let Some(sm2) = sm2 {
             self.distance.push((at - sm2).0 * 1000);
         }
-        match self.ready.take() {
-            Some(ready) => self.margin.push((at - ready).0 * 1000),
-            None => {
-                self.unready += 1;
-                self.overtaken = sm2.map(|_| at);
-            }
-        }
+        let Some(ready) = self.ready.take() else {
+            self.unready += 1;
+            self.overtaken = sm2.map(|_| at);
+            return None;
+        };
+        Some(self.left(at - ready))
+    }
+
+    fn left(&mut self, margin: Nanos) -> Nanos {
+        self.margin.push(margin.0 * 1000);
+        margin
     }
 
     /// From SM2 to SYNC0.

@@ -36,19 +36,19 @@ impl Histogram<'_> {
         while at <= to {
             let class = if at.abs() < unit / 1e3 { "zero" } else { "grid" };
             let place = number(x(at));
-            let _ = write!(
+            let _ = writeln!(
                 body,
                 "<line class=\"{class}\" x1=\"{place}\" y1=\"{TOP}\" x2=\"{place}\" y2=\"{floor}\"/>\
-                 <text class=\"tick\" x=\"{place}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n",
+                 <text class=\"tick\" x=\"{place}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
                 floor + 16.0,
                 time(at)
             );
             at += unit;
         }
-        let _ = write!(
+        let _ = writeln!(
             body,
             "<text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{most}</text>\
-             <text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">0</text>\n",
+             <text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">0</text>",
             LEFT - 6.0,
             TOP + 9.0,
             LEFT - 6.0,
@@ -56,9 +56,9 @@ impl Histogram<'_> {
         );
         for (begin, end, count) in self.bins {
             let (left, top) = (x(*begin), y(*count as f64));
-            let _ = write!(
+            let _ = writeln!(
                 body,
-                "<rect class=\"column\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"><title>{}</title></rect>\n",
+                "<rect class=\"column\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"><title>{}</title></rect>",
                 number(left),
                 number(top),
                 number((x(*end) - left - 0.5).max(0.5)),

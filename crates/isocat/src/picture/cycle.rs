@@ -398,13 +398,9 @@ fn exact(ns: f64) -> String {
 pub(crate) fn ns(value: f64) -> String {
     let whole = value.floor() as i64;
     let digits = whole.unsigned_abs().to_string();
-    let mut grouped = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
-            grouped.push('\u{202F}');
-        }
-        grouped.push(digit);
-    }
+    let groups: Vec<&[u8]> = digits.as_bytes().rchunks(3).rev().collect();
+    let groups: Vec<_> = groups.into_iter().map(String::from_utf8_lossy).collect();
+    let grouped = groups.join("\u{202F}");
     format!("{}{grouped} ns", if whole < 0 { "-" } else { "" })
 }
 

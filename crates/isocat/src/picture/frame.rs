@@ -79,10 +79,10 @@ impl Frame {
         self.bottom += height;
         let (middle, name) = (top + height / 2.0 + 4.0, escape(name));
         let (right, bottom) = (WIDTH - RIGHT, self.bottom);
-        let _ = write!(
+        let _ = writeln!(
             self.under,
             "<line class=\"lane\" x1=\"{}\" y1=\"{}\" x2=\"{}\" y2=\"{}\"/>\
-             <text class=\"name\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{name}</text>\n",
+             <text class=\"name\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{name}</text>",
             number(self.left),
             number(bottom),
             number(right),
@@ -96,9 +96,9 @@ impl Frame {
     /// A bar from `from` to `to` ns.
     pub fn bar(&mut self, class: &str, (from, to): (f64, f64), y: f64, height: f64, tip: &str) {
         let (a, b) = (self.x(from), self.x(to));
-        let _ = write!(
+        let _ = writeln!(
             self.shapes,
-            "<rect class=\"{class}\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\">{}</rect>\n",
+            "<rect class=\"{class}\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\">{}</rect>",
             exact(a.min(b)),
             number(y),
             exact((b - a).abs()),
@@ -113,9 +113,9 @@ impl Frame {
         let (y1, y2) = (number(y), number(y + height));
         let line = format!("x1=\"{x}\" y1=\"{y1}\" x2=\"{x}\" y2=\"{y2}\"");
         // A stroke is too thin to be met: what is met is an invisible one around it.
-        let _ = write!(
+        let _ = writeln!(
             self.shapes,
-            "<g class=\"mark\"><line class=\"{class}\" {line}/><line class=\"grip\" {line}/>{}</g>\n",
+            "<g class=\"mark\"><line class=\"{class}\" {line}/><line class=\"grip\" {line}/>{}</g>",
             title(tip)
         );
     }
@@ -138,7 +138,7 @@ impl Frame {
         if closed {
             path.push('Z');
         }
-        let _ = write!(self.shapes, "<path class=\"{class}\" d=\"{path}\"/>\n");
+        let _ = writeln!(self.shapes, "<path class=\"{class}\" d=\"{path}\"/>");
     }
 
     /// A distance with its words above it.
@@ -152,10 +152,10 @@ impl Frame {
     ) {
         let (a, b) = (exact(self.x(from)), exact(self.x(to)));
         let (y0, up, down) = (number(y), number(y - 4.0), number(y + 4.0));
-        let _ = write!(
+        let _ = writeln!(
             self.shapes,
             "<g class=\"mark\"><path class=\"distance {class}\" d=\"M{a} {up}V{down}M{a} {y0}H{b}M{b} {up}V{down}\"/>\
-             <path class=\"grip\" d=\"M{a} {y0}H{b}\"/>{}</g>\n",
+             <path class=\"grip\" d=\"M{a} {y0}H{b}\"/>{}</g>",
             title(tip)
         );
         self.label(class, (from + to) / 2.0, y - 6.0, Align::Middle, words);
@@ -180,9 +180,9 @@ impl Frame {
             return false;
         }
         self.taken.push((y, begin, end));
-        let _ = write!(
+        let _ = writeln!(
             self.texts,
-            "<text class=\"moves {class}\" x=\"{}\" y=\"{}\">{}</text>\n",
+            "<text class=\"moves {class}\" x=\"{}\" y=\"{}\">{}</text>",
             number(begin),
             number(y),
             escape(words)
@@ -197,9 +197,9 @@ impl Frame {
             Align::Middle => "middle",
             Align::End => "end",
         };
-        let _ = write!(
+        let _ = writeln!(
             self.under,
-            "<text class=\"{class}\" x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{}</text>\n",
+            "<text class=\"{class}\" x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{}</text>",
             number(x),
             number(y),
             escape(words)
@@ -209,9 +209,9 @@ impl Frame {
     /// A line across all times.
     pub fn level(&mut self, class: &str, y: f64) {
         let (x1, x2, y) = (number(self.left), number(WIDTH - RIGHT), number(y));
-        let _ = write!(
+        let _ = writeln!(
             self.under,
-            "<line class=\"{class}\" x1=\"{x1}\" y1=\"{y}\" x2=\"{x2}\" y2=\"{y}\"/>\n"
+            "<line class=\"{class}\" x1=\"{x1}\" y1=\"{y}\" x2=\"{x2}\" y2=\"{y}\"/>"
         );
     }
 
@@ -259,10 +259,10 @@ impl Frame {
         let mut at = (self.from / step).ceil() * step;
         while at <= self.to {
             let x = number(self.x(at));
-            let _ = write!(
+            let _ = writeln!(
                 axis,
                 "<line class=\"grid\" x1=\"{x}\" y1=\"{}\" x2=\"{x}\" y2=\"{}\"/>\
-                 <text class=\"tick\" x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{}</text>\n",
+                 <text class=\"tick\" x=\"{x}\" y=\"{}\" text-anchor=\"middle\">{}</text>",
                 number(self.top),
                 number(self.bottom),
                 number(self.bottom + 16.0),

@@ -51,9 +51,9 @@ pub fn draw(title: &str, nodes: &[Node]) -> Picture {
     for (at, node) in nodes.iter().enumerate() {
         let (cx, cy) = place(at);
         let (px, py) = node.parent.map_or((26.0, 20.0), |parent| place(parent.min(at)));
-        let _ = write!(
+        let _ = writeln!(
             body,
-            "<path class=\"edge\" d=\"M{} {}V{}H{}\"/>\n",
+            "<path class=\"edge\" d=\"M{} {}V{}H{}\"/>",
             number(px),
             number(py + 6.0),
             number(cy),
@@ -71,11 +71,11 @@ pub fn draw(title: &str, nodes: &[Node]) -> Picture {
         }
         let port = node.port.map_or(String::new(), |port| format!("  port {port}"));
         let lead = if node.leads { "  reference clock" } else { "" };
-        let _ = write!(
+        let _ = writeln!(
             body,
             "<g class=\"mark\" data-device=\"{at}\"><circle class=\"{class}\" cx=\"{}\" cy=\"{}\" r=\"5.5\"/>\
              <text x=\"{}\" y=\"{}\"{}>{at}  {}<tspan class=\"quiet\" fill-opacity=\".75\">{port}{lead}</tspan></text>\
-             <title>{}</title></g>\n",
+             <title>{}</title></g>",
             number(cx),
             number(cy),
             number(cx + 11.0),
@@ -93,13 +93,12 @@ pub fn draw(title: &str, nodes: &[Node]) -> Picture {
         // Words stand where there is room for them.
         let (at_x, anchor) =
             if to > 860.0 { (to - 5.0, "end") } else { (to.max(from) + 6.0, "start") };
-        let row = cy - 7.0 + if anchor == "end" { 0.0 } else { 0.0 };
-        let _ = write!(
+        let _ = writeln!(
             body,
             "<rect class=\"wire band\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"14\"><title>{}</title></rect>\
-             <text class=\"quiet\" x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{}</text>\n",
+             <text class=\"quiet\" x=\"{}\" y=\"{}\" text-anchor=\"{anchor}\">{}</text>",
             number(from.min(to)),
-            number(row),
+            number(cy - 7.0),
             number((to - from).abs().max(1.0)),
             escape(&node.tip),
             number(at_x),

@@ -87,6 +87,9 @@ await page.locator("input[data-hides='1']").uncheck();
 assert.ok(!(await article.isVisible()), "hidden");
 await page.locator("input[data-hides='1']").check();
 assert.ok(await article.isVisible(), "shown");
+await page.locator("input[data-hides='1']").uncheck();
+await page.locator("a[href='#device-1']").first().click();
+assert.ok(await article.isVisible(), "who goes there sees it");
 
 // Light and dark by hand.
 const paper = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor);
@@ -112,7 +115,7 @@ await page.close();
 // What is wrong stands first, with its cause and its remedy.
 const late = await open("late", 1200, "light");
 const why = await late.textContent("#why");
-for (const words of ["SubDevice 1 (gripper)", "after the SYNC0", "0x1C32:06 states 20 us", "0x1C32:06 = 178000 ns"]) {
+for (const words of ["SubDevice 1 (gripper)", "after the SYNC0", "0x1C32:06 states 20 us", "0x1C32:06 = 178000 ns", "stayed in OP"]) {
   assert.ok(why.includes(words), `${words}: ${why}`);
 }
 const first = await late.locator("article[id^='device-']").first().getAttribute("id");

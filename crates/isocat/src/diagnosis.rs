@@ -5,7 +5,7 @@
 
 use isocat_maindevice::Segment;
 use isocat_maindevice::segment::Timing;
-use isocat_sync::budget::{Device, window};
+use isocat_sync::budget::{Check, Device, window};
 use isocat_sync::explain::al_codes;
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
@@ -57,6 +57,7 @@ pub fn diagnose(report: &Report, recorded: &Recorded, segment: &Segment) -> Vec<
             remedies: Vec::new(),
         };
         case.outputs();
+        case.consequence();
         case.frames();
         case.clock();
         case.code(device.registers.al_status_code);
@@ -155,14 +156,25 @@ impl Case<'_> {
                 time(over)
             ));
             let true_time = Nanos((took.largest() + 999) / 1_000);
+            // With the time that it really needs the plan asks for a later pulse.
+            let line = timing.demand(self.position, Check::OutputsBeforeSync0).map(|d| d.line());
+            let short = line.map_or(Nanos::ZERO, |line| Nanos(over.ceil() as i64) - line.slack());
+            let also = match timing.sync0.filter(|_| short > Nanos::ZERO) {
+                Some(shift) => format!(
+                    ", and with it let the pulse come later: shift = \"{}us\", or no shift in the file, then the plan chooses one (now \
+                     {shift})",
+                    (shift + short).0.div_euclid(1_000) + 1
+                ),
+                None => String::new(),
+            };
             self.remedies.push(format!(
-                "State the time that it really needs: 0x1C32:06 = {} ns (in a segment file calc_copy = \"{} ns\"). The plan then \
-                 places {pulse} late enough; where the file has a shift of its own, it says whether that fits.",
-                true_time.0,
-                true_time.0
+                "State the time that it really needs, 0x1C32:06 = {} ns (its maker does; in a segment file calc_copy = \"{} ns\"){also}.",
+                true_time.0, true_time.0
             ));
-            self.remedies
-                .push(format!("Or make its output mapping faster by {} at least.", time(late)));
+            self.remedies.push(format!(
+                "Or make its program faster from the SM2 event until outputs are copied, by {} at least.",
+                time(late)
+            ));
         }
         self.later(cycle, device, timing, late);
         if let Some(short) = self.short_line() {
@@ -171,6 +183,19 @@ impl Case<'_> {
                 "isocat plan FILE --suggest tells the phase and the smallest cycle that fit."
                     .into(),
             );
+        }
+    }
+
+    /// What came of it.
+    fn consequence(&mut self) {
+        let device = &self.report.devices[self.position];
+        let (missed, highest) =
+            (device.true_time.missed_events, device.true_time.highest_missed_counter);
+        if missed > 0 && device.registers.al_status == "OP" {
+            self.causes.push(format!(
+                "It stayed in OP all the same: its counter 0x1C32:0B, which goes down again between two misses, reached {highest}. At \
+                 each of these {missed} pulses it acted on the outputs of the cycle before.",
+            ));
         }
     }
 
@@ -188,7 +213,7 @@ impl Case<'_> {
                  does."
             )),
             _ => self.remedies.push(format!(
-                "Or place the pulse later: shift = \"{}us\" in the segment file (now {shift}).",
+                "Or place the pulse later: shift = \"{}us\" in the segment file (now {shift}). That covers what was seen here, and no more.",
                 later.0 / 1_000
             )),
         }

@@ -60,16 +60,17 @@ impl Page {
                 }
                 body {
                     header {
-                        p.kind { (self.kind) " " span.quiet { "isocat " (env!("CARGO_PKG_VERSION")) } }
+                        p.kind { (self.kind) " · " span.quiet { "isocat " (env!("CARGO_PKG_VERSION")) } }
                         h1.verdict.good[self.good].bad[!self.good] { (self.verdict) }
                     }
+                    p.quiet.swipe { "Drawings and tables are wider than this screen: swipe them." }
                     main { (self.body) }
                     footer {
                         @if !self.command.is_empty() {
                             p { "To repeat it: " code { (self.command) } }
                         }
                         p.quiet {
-                            "All figures of this page are in it as JSON, too: "
+                            "The report for programs is in this page: "
                             button #save type="button" { "save report.json" }
                         }
                         p.quiet {

@@ -12,7 +12,8 @@ pub mod series;
 use std::collections::VecDeque;
 
 use isocat_maindevice::MainDevice;
-use isocat_sim::bench::is_cyclic;
+use isocat_maindevice::segment::Timing;
+use isocat_sim::bench::{Intent, is_cyclic};
 use isocat_sim::judge::{HostPhase, Sync0Error};
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::run::intent;
@@ -43,6 +44,8 @@ pub struct Recording {
     /// Cyclic frames that have left in this cycle.
     left: Vec<Time<True>>,
     last: Picos,
+    timing: Option<Timing>,
+    reference: Option<usize>,
 }
 
 /// What is known when operation begins.
@@ -157,6 +160,8 @@ impl Recording {
             wrong: 0,
             left: Vec::new(),
             last: Picos(0),
+            timing: None,
+            reference: None,
         }
     }
 
@@ -184,33 +189,29 @@ impl Recording {
         }
     }
 
-    fn begin(&mut self, at: Time<True>, main: &MainDevice) {
-        let intent = intent(main, self.limit);
-        let found = main.segment();
-        let timing = found.timing.as_ref();
+    /// Everything from `at` on, as if nothing had been before.
+    fn begin(&mut self, at: Time<True>, intent: &Intent, operating: bool) {
         let settling = Picos(SETTLING * Picos::from(intent.send.cycle).0);
-        self.devices = (0..found.devices.len())
+        let judge = |position: usize| {
+            let grid = intent.sync0.get(position).copied().flatten()?;
+            Some(Sync0Error::new(grid, self.limit.into()))
+        };
+        let timing = self.timing.as_ref();
+        self.devices = (0..timing.map_or(0, |timing| timing.devices.len()))
             .map(|position| DeviceRecord {
-                judge: intent
-                    .sync0
-                    .get(position)
-                    .copied()
-                    .flatten()
-                    .map(|grid| Sync0Error::new(grid, self.limit.into())),
+                judge: judge(position),
                 sync0: Series::new(self.spans),
                 difference: Series::new(self.spans),
                 phases: timing.map(|timing| Phases::new(timing, position)),
                 ..DeviceRecord::default()
             })
             .collect();
-        let counts = main.statistics();
-        (self.lost, self.wrong) = (counts.frames_lost, counts.working_counter_errors);
         self.began = Some(Began {
             at,
-            reference: found.reference,
+            reference: self.reference,
             host: HostPhase::new(intent.send),
             settled: at + settling,
-            operating: main.is_operating(),
+            operating,
         });
         self.host_phase = Series::new(self.spans);
         self.servo.clear();
@@ -243,10 +244,15 @@ impl Tap for Recording {
         }
     }
 
+    fn judging_begins(&mut self, at: Time<True>, intent: &Intent) {
+        self.begin(at, intent, true);
+    }
+
     fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
-        let operating = self.began.as_ref().map(|began| began.operating);
-        if operating.is_none() || (operating == Some(false) && main.is_operating()) {
-            self.begin(at, main);
+        if self.began.is_none() {
+            let found = main.segment();
+            (self.timing, self.reference) = (found.timing.clone(), found.reference);
+            self.begin(at, &intent(main, self.limit), false);
         }
         let Some(since) = self.since(at) else { return };
         self.last = since;
@@ -315,7 +321,7 @@ impl Tap for Recording {
                     device.missed.push((since, counter));
                 }
                 device.keep_around(at);
-                if device.missed_count <= 3 {
+                if device.missed_count <= MOST_MISSED as u64 {
                     let what = format!("SM event missed, 0x1C32:0B now {counter}");
                     self.incident(since, Some(position), what);
                 }

@@ -23,6 +23,13 @@ pub fn tile(what: &str, value: &str, from: &str) -> Markup {
     }
 }
 
+/// The same with something wrong.
+pub fn bad_tile(bad: bool, what: &str, value: &str, from: &str) -> Markup {
+    html! {
+        div.tile.bad[bad] { div.value { (value) } div.what { (what) " " (origin(from)) } }
+    }
+}
+
 /// Where a figure is from, as a letter with its words.
 pub fn origin(from: &str) -> Markup {
     let words = match from {

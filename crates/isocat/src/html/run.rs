@@ -7,7 +7,8 @@ use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
 use super::parts::{
-    counter_cells, error_cells, figure, findings, origin, origins, range, slack, table, tile,
+    bad_tile, counter_cells, error_cells, figure, findings, origin, origins, range, slack, table,
+    tile,
 };
 use super::{Page, compact};
 use crate::Report;
@@ -48,12 +49,15 @@ impl Run<'_> {
         let body = html! {
             p.quiet {
                 (report.segment_file) ": cycle " (Nanos(report.cycle_ns)) ", judged for " (Nanos(report.judged_ns))
-                " of virtual time, seed " (report.seed)
+                " of virtual time, seed " (report.seed) ". Times count from "
+                @if self.recorded.operating { "the instant at which all SubDevices were in operation." }
+                @else { "the first cycle on the way up." }
             }
             (why(&diagnoses))
             (self.tiles())
             @if diagnoses.is_empty() { (findings("What speaks against it", &report.findings)) }
             (findings("SubDevices that came and went", &report.visits))
+            (self.incidents())
             (self.topology(&diagnoses))
             (self.devices())
             (self.cycles(&diagnoses))
@@ -91,15 +95,15 @@ impl Run<'_> {
                     (tile(&format!("largest SYNC0 error: SubDevice {}", device.position), &time(error), "t"))
                 }
                 @if let Some((margin, device)) = margin {
-                    (tile(&format!("least margin of outputs: SubDevice {}", device.position), &ns(margin), "t"))
+                    (bad_tile(margin < 0.0, &format!("least margin of outputs: SubDevice {}", device.position), &ns(margin), "t"))
                 }
                 @if let Some(spread) = seen.outputs_valid_spread {
                     (tile("outputs valid, first to last SubDevice", &time(spread.max_ns), "t"))
                 }
                 @if let Some(taken) = seen.time_to_synchronization_ns {
-                    (tile("time to synchronization", &format!("{:.1} ms", taken as f64 / 1e6), "t"))
+                    (tile("from power-on to synchronization", &format!("{:.1} ms", taken as f64 / 1e6), "t"))
                 }
-                (tile("frames sent, lost", &format!("{}, {}", counted.frames_sent, counted.frames_lost), "m"))
+                (bad_tile(counted.frames_lost > 0, "frames lost", &format!("{} of {}", counted.frames_lost, counted.frames_sent), "m"))
             }
         }
     }
@@ -252,7 +256,7 @@ impl Run<'_> {
                 }
                 (figure(cycle.draw().as_ref(), ""))
                 @if missed.is_some() {
-                    (figure(missed.as_ref(), "The cycles around the first pulse that found no outputs ready, as they were: it is at 0."))
+                    (figure(missed.as_ref(), "The cycle of the first pulse that found no outputs ready, as it was: the pulse is at 0."))
                 }
                 @if !device.application.is_empty() { p.quiet { (device.application) " " (origin("m")) } }
             }
@@ -287,11 +291,28 @@ impl Run<'_> {
 
     fn error(&self, device: &Device, seen: &RecordedDevice, length: f64) -> Markup {
         let at = device.position;
+        if let (Some((least, largest)), 0) = (seen.sync0.range(), seen.missed_count)
+            && least == largest
+        {
+            let why = match self.segment.reference == Some(at) {
+                true => {
+                    ": it is the reference clock, and its edges lie where its ticks of 10 ns do"
+                }
+                false => "",
+            };
+            return html! {
+                article data-device=(at) {
+                    h3 { (at) " " (device.name) }
+                    p { (time(least as f64 / 1e3)) " at each of " (seen.sync0.count()) " edges" (why) ". " (origin("t")) }
+                }
+            };
+        }
         let marks: Vec<(f64, String)> = seen
             .missed
             .iter()
             .map(|(since, counter)| {
-                (since.0 as f64 / 1e3, format!("SM event missed, 0x1C32:0B now {counter}"))
+                let at = since.0 as f64 / 1e3;
+                (at, format!("SM event missed at {}, 0x1C32:0B now {counter}", time(at)))
             })
             .collect();
         let limit = isocat_wire::time::Picos::from(self.limit).0;
@@ -382,18 +403,33 @@ impl Run<'_> {
                     tr { th { "cycles, wrong working counters " (origin("m")) }
                         td { (counted.cycles) ", " (counted.working_counter_errors) } }
                 }
-                @if !self.recorded.incidents.is_empty() {
-                    h3 { "What happened" }
-                    ul {
-                        @for incident in &self.recorded.incidents {
-                            li {
-                                (time(incident.at.0 as f64 / 1e3)) ": "
-                                @if let Some(device) = incident.device { "SubDevice " (device) ": " }
-                                (incident.what)
-                            }
+            }
+        }
+    }
+
+    fn incidents(&self) -> Markup {
+        let recorded = self.recorded;
+        if recorded.incidents.is_empty() {
+            return html! {};
+        }
+        let of = |at: usize| recorded.devices.get(at).map_or(0, |seen| seen.missed.len() as u64);
+        let more: u64 = (0..recorded.devices.len())
+            .map(|at| recorded.devices[at].missed_count.saturating_sub(of(at)))
+            .sum::<u64>()
+            + recorded.unsaid;
+        html! {
+            section #incidents {
+                h2 { "What happened" }
+                p.quiet { "0x1C32:0B goes down again between two missed events, by the rule of the device: what is read at the end may be 0." }
+                ul {
+                    @for incident in &recorded.incidents {
+                        li {
+                            (time(incident.at.0 as f64 / 1e3)) ": "
+                            @if let Some(device) = incident.device { "SubDevice " (device) ": " }
+                            (incident.what)
                         }
-                        @if self.recorded.unsaid > 0 { li { "and " (self.recorded.unsaid) " more" } }
                     }
+                    @if more > 0 { li { "and " (more) " more" } }
                 }
             }
         }
@@ -419,7 +455,8 @@ impl Run<'_> {
                             td.number { (time(line.needed.0 as f64)) }
                             td.number { (time(line.available.0 as f64)) }
                             (slack(line.slack().0))
-                            td.number { (self.measured(device.position, check)) }
+                            @let left = self.measured(device.position, check);
+                            td.number.bad[left.is_some_and(|left| left < 0.0)] { (left.map_or("-".into(), time)) }
                         }
                     }
                 }
@@ -440,14 +477,14 @@ impl Run<'_> {
     }
 
     /// What was left at worst in true time, of the lines for which that is recorded.
-    fn measured(&self, position: usize, check: Check) -> String {
+    fn measured(&self, position: usize, check: Check) -> Option<f64> {
         let seen = self.recorded.devices.get(position).and_then(|seen| seen.cycle.as_ref());
         let left = seen.map(|cycle| cycle.outputs_left).filter(|left| left.count() > 0);
         match (check, left) {
             (Check::OutputsBeforeSync0 | Check::Sync1CoversCopy, Some(left)) => {
-                ns(left.least() as f64 / 1e3)
+                Some(left.least() as f64 / 1e3)
             }
-            _ => "-".into(),
+            _ => None,
         }
     }
 

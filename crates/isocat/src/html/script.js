@@ -13,6 +13,8 @@
     return `${Number(value.toFixed(digits))} ${unit}`;
   }
   const exact = (ns) => `${ns.toLocaleString("en", { maximumFractionDigits: 3 }).replaceAll(",", "\u202f")} ns`;
+  /** No more digits than a pixel has. */
+  const rough = (ns, unit) => exact(Math.round(ns / 10 ** Math.floor(Math.log10(unit))) * 10 ** Math.floor(Math.log10(unit)));
   /** The next of 1, 2, 5, 10 ... that is not less. */
   function step(least) {
     const ten = 10 ** Math.floor(Math.log10(least));
@@ -52,7 +54,10 @@
       [this.from, this.to] = [this.first, this.last];
       this.stretch = svg.querySelector("g.stretch");
       this.axis = svg.querySelector("g.axis");
-      this.texts = [...svg.querySelectorAll("text.moves")].map((text) => [text, Number(text.getAttribute("x"))]);
+      this.texts = [...svg.querySelectorAll("text.moves")].map((text) => {
+        const x = Number(text.getAttribute("x"));
+        return { text, x, ends: text.dataset.ends?.split(" ").map(Number) };
+      });
       this.tips = [...svg.querySelectorAll("[data-tip]")];
       this.at = -1;
       this.series = (svg.dataset.series ?? "").split(" ").filter(Boolean).map((span) => span.split(",").map(Number));
@@ -60,6 +65,7 @@
       svg.tabIndex = 0;
       svg.addEventListener("keydown", (event) => this.key(event));
       svg.addEventListener("blur", hide);
+      svg.addEventListener("pointerleave", () => { this.output.textContent = ""; hide(); });
       svg.addEventListener("dblclick", () => this.see(this.first, this.last));
       svg.addEventListener("pointerdown", (event) => this.select(event));
       svg.addEventListener("pointermove", (event) => this.tell(event));
@@ -107,10 +113,15 @@
       const k = most / span;
       const shift = this.left * (1 - k) + (this.first - from) / span * (this.right - this.left);
       this.stretch.setAttribute("transform", `translate(${shift} 0) scale(${k} 1)`);
-      for (const [text, x] of this.texts) {
-        const place = shift + k * x;
-        text.setAttribute("x", place);
-        text.style.display = place < this.left - 2 || place > this.right - 12 ? "none" : "";
+      for (const { text, x, ends } of this.texts) {
+        let place = shift + k * x;
+        if (ends && k > 1) {
+          // Words of a distance stay in the middle of what is seen of it.
+          const [a, b] = ends.map((end) => Math.max(this.left, Math.min(shift + k * end, this.right)));
+          place = b > a ? Math.max(this.left + 2, Math.min((a + b) / 2 - text.getComputedTextLength() / 2, this.right - text.getComputedTextLength())) : -1;
+        }
+        text.setAttribute("x", k === 1 ? x : place);
+        text.style.display = k > 1 && (place < this.left - 2 || place > this.right - 12) ? "none" : "";
       }
       this.ticks();
     }
@@ -151,11 +162,12 @@
     tell(event) {
       const at = this.time(event.clientX);
       if (at < this.from || at > this.to) return;
-      let words = `at ${exact(at)}`;
+      const unit = (this.to - this.from) / 900;
+      let words = `at ${rough(at, unit)}`;
       if (this.series.length) {
         const span = this.series.find(([, end]) => end >= at) ?? this.series.at(-1);
         const [begin, end, least, mean, largest] = span;
-        const when = begin === end ? exact(begin) : `${exact(begin)} to ${exact(end)}`;
+        const when = begin === end ? time(begin) : `${time(begin)} to ${time(end)}`;
         words = `${when}: mean ${exact(mean)}, from ${exact(least)} to ${exact(largest)}`;
         if (!(event.target instanceof Element && event.target.closest("[data-tip]"))) show(words.replace(": ", "\n"), event.clientX, event.clientY);
       }
@@ -200,6 +212,14 @@
     });
   }
 
+  // Who goes to something hidden sees it again.
+  for (const link of document.querySelectorAll("a[href^='#device-']")) {
+    link.addEventListener("click", () => {
+      const box = document.querySelector(`[data-hides="${link.getAttribute("href").slice(8)}"]`);
+      if (box && !box.checked) box.click();
+    });
+  }
+
   // Light and dark.
   const themes = ["auto", "light", "dark"];
   const button = document.createElement("button");
@@ -210,8 +230,7 @@
   const dress = () => {
     if (theme === "auto") delete root.dataset.theme;
     else root.dataset.theme = theme;
-    button.textContent = theme;
-    button.setAttribute("aria-label", `colours: ${theme}`);
+    button.textContent = `colours: ${theme}`;
     try { localStorage.setItem("isocat-theme", theme); } catch { /* so be it */ }
   };
   button.addEventListener("click", () => { theme = themes[(themes.indexOf(theme) + 1) % themes.length]; dress(); });

@@ -291,11 +291,12 @@ impl Drawing<'_> {
             None => Moment::Sm2,
         };
         let stated = self.device.output_calc_and_copy;
+        let took = self.seen.map(|seen| seen.outputs_took);
         self.work(
             "outputs",
             (begin, Moment::OutputsReady),
             &format!("calc and copy of outputs\n1C32:06 states {stated}"),
-            &format!("calc and copy 1C32:06 {stated}"),
+            &calc_and_copy("1C32:06", stated, took),
             y,
         );
         let Some(valid) = self.middle(Moment::OutputsValid) else { return };
@@ -330,13 +331,14 @@ impl Drawing<'_> {
             None => Moment::InputLatch,
         };
         let stated = self.device.input_calc_and_copy;
+        let took = self.seen.map(|seen| seen.inputs_took);
         self.work(
             "inputs",
             (begin, Moment::InputsAvailable),
             &format!(
                 "calc and copy of inputs, until they stand in the buffer\n1C33:06 states {stated}"
             ),
-            &format!("calc and copy 1C33:06 {stated}"),
+            &calc_and_copy("1C33:06", stated, took),
             y,
         );
         self.event("inputs", Moment::InputLatch, "Input Latch", "input latch", y);
@@ -388,6 +390,16 @@ fn middle(span: Span) -> f64 {
     (span.earliest.0 + span.latest.0) as f64 / 2.0
 }
 
+/// What is stated, and what was seen where that is more.
+fn calc_and_copy(object: &str, stated: Nanos, took: Option<Statistics>) -> String {
+    let longest =
+        took.filter(|took| took.count() > 0).map_or(0.0, |took| took.largest() as f64 / 1e3);
+    match longest > stated.0 as f64 + 100.0 {
+        true => format!("calc and copy {}, {object} states {stated}", time(longest)),
+        false => format!("calc and copy {object} {stated}"),
+    }
+}
+
 /// All digits, in ns.
 fn exact(ns: f64) -> String {
     let whole = format!("{ns:.3}");
@@ -404,14 +416,22 @@ pub(crate) fn ns(value: f64) -> String {
     format!("{}{grouped} ns", if whole < 0 { "-" } else { "" })
 }
 
-/// Cycles as they were, event by event: what happened around `0`.
+/// What happened around a pulse that found no outputs ready, which is at 0: from the SM2 event before it until outputs were
+/// ready at last.
 pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
-    let (first, last) = (timeline.entries.first()?.0, timeline.entries.last()?.0);
-    let (from, to) = (first.0 as f64 / 1e3, last.0 as f64 / 1e3);
-    let margin = ((to - from) * 0.02).max(1.0);
-    let mut frame = Frame::new(id, title, from - margin, to + margin);
+    let all = || timeline.entries.iter().map(|(at, moment)| (at.0 as f64 / 1e3, *moment));
+    let begin = all().rfind(|(at, moment)| *at <= 0.0 && *moment == Moment::Sm2).map(|(at, _)| at);
+    let ready =
+        all().find(|(at, moment)| *at > 0.0 && *moment == Moment::OutputsReady).map(|(at, _)| at);
+    let next = all().find(|(at, moment)| *at > 0.0 && *moment == Moment::Sm2).map(|(at, _)| at);
+    // Outputs of the next frame are another story.
+    let ready = ready.filter(|ready| next.is_none_or(|next| *ready < next));
+    let (first, last) = (all().next()?.0, all().next_back()?.0);
+    let (from, to) = (begin.unwrap_or(first), ready.unwrap_or(last).max(1.0));
+    let room = (to - from) * 0.3;
+    let mut frame = Frame::new(id, title, from - room, to + room);
     let lanes: [(&str, &str, &[Moment]); 4] = [
-        ("SM events", "outputs", &[Moment::Sm2, Moment::Sm3]),
+        ("SM events", "outputs", &[Moment::Sm3, Moment::Sm2]),
         ("SYNC", "pulse", &[Moment::Sync0, Moment::Sync1]),
         (
             "outputs",
@@ -421,14 +441,17 @@ pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
         ("inputs", "inputs", &[Moment::InputLatch, Moment::InputsBegin, Moment::InputsAvailable]),
     ];
     for (name, class, moments) in lanes {
-        let of: Vec<_> = timeline.entries.iter().filter(|(_, m)| moments.contains(m)).collect();
+        let mut of: Vec<_> = all().filter(|(_, moment)| moments.contains(moment)).collect();
         if of.is_empty() {
             continue;
+        }
+        if name == "SM events" {
+            // Both come with one frame: SM2 lies on top.
+            of.sort_by_key(|(_, moment)| *moment == Moment::Sm2);
         }
         let y = frame.lane(name, 34.0) + 16.0;
         let mut begun = None;
         for (at, moment) in of {
-            let at = at.0 as f64 / 1e3;
             let tip = format!("{}\nat {}", moment.words().trim(), exact(at));
             match moment {
                 Moment::OutputsFetched | Moment::InputsBegin => begun = Some(at),
@@ -439,15 +462,30 @@ pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
                     }
                 }
                 _ => {
+                    let old = moment == Moment::OutputsValid
+                        && at >= 0.0
+                        && next.is_none_or(|next| at < next);
+                    let (class, label) = match old {
+                        true => ("late", "valid: outputs of the cycle before"),
+                        false => (class, short(moment)),
+                    };
                     frame.mark(&format!("m {class}"), at, y - 4.0, BAR + 8.0, &tip);
-                    frame.label("", at, y - 6.0, Align::Start, short(*moment));
+                    frame.label("", at, y - 6.0, Align::Start, label);
                 }
             }
         }
     }
-    let y = frame.lane("", 24.0);
-    frame.mark("m late", 0.0, y + 2.0, 12.0, "0: the first pulse that found no outputs ready");
-    frame.label("bad", 0.0, y + 14.0, Align::Start, "no outputs ready");
+    let y = frame.lane("", 34.0) + 22.0;
+    match ready {
+        Some(ready) => {
+            let words = format!("outputs too late by {}", ns(ready));
+            frame.distance("bad", (0.0, ready), y, &words, &words);
+        }
+        None => {
+            frame.mark("m late", 0.0, y - 12.0, 18.0, "0: the pulse that found no outputs ready");
+            frame.label("bad", 0.0, y, Align::Start, "no outputs");
+        }
+    }
     Some(frame.finish())
 }
 

@@ -158,12 +158,25 @@ impl Frame {
              <path class=\"grip\" d=\"M{a} {y0}H{b}\"/>{}</g>",
             title(tip)
         );
-        self.label(class, (from + to) / 2.0, y - 6.0, Align::Middle, words);
+        self.label_of(class, (from, to), y - 6.0, Align::Middle, words);
     }
 
     /// Words at `at` ns with `y` as their base line, where nobody else's are; else not at all: everything has its figures as a
     /// title, too. True if they were put.
     pub fn label(&mut self, class: &str, at: f64, y: f64, align: Align, words: &str) -> bool {
+        self.label_of(class, (at, at), y, align, words)
+    }
+
+    /// The same for what goes from one instant to another: the words stay as long as a part of it is seen.
+    fn label_of(
+        &mut self,
+        class: &str,
+        ends: (f64, f64),
+        y: f64,
+        align: Align,
+        words: &str,
+    ) -> bool {
+        let at = (ends.0 + ends.1) / 2.0;
         let (x, width) = (self.x(at), words.chars().count() as f64 * CHARACTER);
         let mut begin = match align {
             Align::Start => x,
@@ -182,9 +195,14 @@ impl Frame {
         self.taken.push((y, begin, end));
         let _ = writeln!(
             self.texts,
-            "<text class=\"moves {class}\" x=\"{}\" y=\"{}\">{}</text>",
+            "<text class=\"moves {class}\" x=\"{}\" y=\"{}\"{}>{}</text>",
             number(begin),
             number(y),
+            if ends.0 == ends.1 {
+                String::new()
+            } else {
+                format!(" data-ends=\"{} {}\"", exact(self.x(ends.0)), exact(self.x(ends.1)))
+            },
             escape(words)
         );
         true

@@ -1,0 +1,53 @@
+//! Figures as people read them.
+
+use isocat_wire::Nanos;
+
+/// `-12 ns`, `17.2 us`, `1.50 ms`: three digits or so.
+pub fn time(ns: f64) -> String {
+    let size = ns.abs();
+    match size {
+        _ if size < 9_999.5 => format!("{ns:.0} ns"),
+        _ if size < 9_999_500.0 => format!("{:.1} us", ns / 1e3),
+        _ => format!("{:.1} ms", ns / 1e6),
+    }
+}
+
+/// As [`time`], a dash for none.
+pub fn maybe(ns: Option<f64>) -> String {
+    ns.map_or_else(|| "-".to_owned(), time)
+}
+
+/// `+50.03`, a dash for none.
+pub fn ppm(ppm: Option<f64>) -> String {
+    ppm.map_or_else(|| "-".to_owned(), |ppm| format!("{ppm:+.2}"))
+}
+
+/// `12.345 s`
+pub fn seconds(ns: i64) -> String {
+    format!("{:.3} s", ns as f64 / 1e9)
+}
+
+/// `1 ms`, a dash before it is known.
+pub fn cycle(ns: i64) -> String {
+    if ns > 0 { Nanos(ns).to_string() } else { "-".to_owned() }
+}
+
+/// A rate a second, without needless digits.
+pub fn rate(rate: f64) -> String {
+    match rate {
+        0.0 => "0".to_owned(),
+        _ if rate < 0.095 => "<0.1".to_owned(),
+        _ if rate < 9.95 => format!("{rate:.1}"),
+        _ => format!("{rate:.0}"),
+    }
+}
+
+/// As many characters at most, the last one a sign that there were more.
+pub fn cut(text: &str, width: usize) -> String {
+    if text.chars().count() <= width {
+        return text.to_owned();
+    }
+    let mut cut: String = text.chars().take(width.saturating_sub(1)).collect();
+    cut.push('…');
+    cut
+}

@@ -53,6 +53,16 @@ impl Board {
         true
     }
 
+    /// Nothing more comes; says why, if that is bad news. Waits for whoever is looking.
+    pub fn end(&self, failure: Option<String>) {
+        while !self.fill(|sheet| {
+            sheet.status.stage = super::ENDED.into();
+            sheet.status.failure.clone_from(&failure);
+        }) {
+            std::thread::yield_now();
+        }
+    }
+
     /// Takes what stands there, if it is new.
     pub fn take(&self) -> Option<Status> {
         let spare = VecDeque::with_capacity(MOST_NOTES);

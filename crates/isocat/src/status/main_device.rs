@@ -14,7 +14,7 @@ use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::board::{Board, MOST_NOTES, Sheet};
-use super::{Counter, Device, ENDED, Error, IN_OPERATION, Margin, Moment, Status, Words};
+use super::{Counter, Device, Error, IN_OPERATION, Margin, Moment, Status, Words};
 use crate::plan::build::EVENTS;
 
 /// Writes down what a MainDevice knows.
@@ -142,20 +142,6 @@ impl Scribe {
             self.filled_ns = at_ns;
             self.due_ns = at_ns + EVERY.0;
         })
-    }
-
-    /// Nothing more comes. Waits for the board.
-    pub fn end(&mut self, at_ns: i64, failure: Option<String>) {
-        while !self.board.fill(|sheet| {
-            for (at, note) in self.notes.drain(..) {
-                sheet.note(at, note);
-            }
-            sheet.status.at_ns = at_ns;
-            sheet.status.stage = ENDED.into();
-            sheet.status.failure = failure.clone();
-        }) {
-            std::thread::yield_now();
-        }
     }
 
     fn fill(&mut self, sheet: &mut Sheet, at_ns: i64, main: &MainDevice) {

@@ -206,7 +206,7 @@ impl Simulation {
             });
             let ends = failure.is_some();
             if ends {
-                self.scribe.end(at_ns, failure);
+                self.board.end(failure);
             }
             let Some(status) = self.board.take() else { return };
             if sender.send(status).is_err() || ends {

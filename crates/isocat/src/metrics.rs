@@ -134,12 +134,18 @@ fn of_segment(status: &Status) -> Vec<Family> {
     let flag = |is: bool| Some(f64::from(u8::from(is)));
     vec![
         info,
-        Family::gauge("isocat_in_sync", "Whether nothing speaks against the segment now: 1, else 0")
-            .with(flag(status.verdict().good)),
+        Family::gauge(
+            "isocat_in_sync",
+            "Whether nothing speaks against the segment now: 1, else 0",
+        )
+        .with(flag(status.verdict().good)),
         Family::gauge("isocat_in_operation", "Whether the segment is in operation: 1, else 0")
             .with(flag(status.in_operation())),
-        Family::gauge("isocat_time_seconds", "The segment's own time, of a simulation virtual time")
-            .with(seconds(Some(status.at_ns as f64))),
+        Family::gauge(
+            "isocat_time_seconds",
+            "The segment's own time, of a simulation virtual time",
+        )
+        .with(seconds(Some(status.at_ns as f64))),
         Family::gauge("isocat_operation_seconds", "Time in operation, by the segment's own time")
             .with(seconds(status.operation_ns.map(|ns| ns as f64))),
         Family::gauge("isocat_cycle_seconds", "Bus cycle")
@@ -241,8 +247,11 @@ fn of_devices(status: &Status) -> Vec<Family> {
         ],
     ));
     families.push(
-        Family::counter("isocat_sync0_errors_measured_total", "SYNC0 edges or readings in operation")
-            .of_devices(status, |device| Some(device.error?.count as f64)),
+        Family::counter(
+            "isocat_sync0_errors_measured_total",
+            "SYNC0 edges or readings in operation",
+        )
+        .of_devices(status, |device| Some(device.error?.count as f64)),
     );
     families.push(
         Family::gauge(
@@ -256,7 +265,8 @@ fn of_devices(status: &Status) -> Vec<Family> {
         Family::gauge("isocat_alarms_up", "Alarms that are up")
             .of_devices(status, |device| Some(device.alarms.len() as f64)),
     );
-    let mut alarm = Family::gauge("isocat_alarm", "An alarm that is up: 1; without sample it is not");
+    let mut alarm =
+        Family::gauge("isocat_alarm", "An alarm that is up: 1; without sample it is not");
     for device in &status.devices {
         for words in &device.alarms {
             let mut labels = labels(device);

@@ -22,8 +22,8 @@ use crate::link::preflight::{self, Subject};
 use crate::link::{LinkError, RawSocket, Wish};
 use crate::live::job::{Job, Machine};
 use crate::live::{Outcome, Recorder};
-use crate::report::interface::{self, Asked, InterfaceReport};
 use crate::metrics;
+use crate::report::interface::{self, Asked, InterfaceReport};
 use crate::status::{Board, Kind, Scribe, Status};
 use crate::{Scenario, SegmentFile};
 

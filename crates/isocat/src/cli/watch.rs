@@ -252,7 +252,8 @@ impl Arguments {
         if let Some(name) = &self.place.serve {
             return served(name, stop);
         }
-        let file = super::segment_or_built_in(self.segment.as_deref()).map_err(|e| e.to_string())?;
+        let file =
+            super::segment_or_built_in(self.segment.as_deref()).map_err(|e| e.to_string())?;
         let scenario = self.scenario(file);
         #[cfg(target_os = "linux")]
         if let Some(interface) = &self.place.interface {

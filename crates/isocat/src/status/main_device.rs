@@ -30,6 +30,10 @@ pub struct Scribe {
     /// By position.
     marks: Vec<Mark>,
     locks_lost: u64,
+    /// The stage of the way up.
+    stage: Stage,
+    /// By position: states on the way up, when the segment is not known as a whole.
+    states: Vec<(AlStatus, AlStatusCode)>,
     /// Cycle whose readings were looked at last.
     cycle: u64,
     skip_told_ns: Option<i64>,
@@ -66,6 +70,8 @@ impl Scribe {
             began_ns: None,
             marks: Vec::new(),
             locks_lost: 0,
+            stage: Stage::Scan,
+            states: Vec::new(),
             cycle: 0,
             skip_told_ns: None,
             notes: VecDeque::with_capacity(MOST_NOTES),
@@ -81,6 +87,16 @@ impl Scribe {
     /// Something happened.
     pub fn event(&mut self, at_ns: i64, event: &Event) {
         match event {
+            Event::Progress(stage) => self.stage = *stage,
+            Event::StateChanged { position, status, code, .. } => {
+                if self.states.len() <= *position {
+                    self.states.resize(
+                        position + 1,
+                        (AlStatus::new(AlState::Init), AlStatusCode::NO_ERROR),
+                    );
+                }
+                self.states[*position] = (*status, *code);
+            }
             Event::InOperation { .. } => self.began_ns = Some(at_ns),
             Event::Phase { state, .. }
                 if *state != phase::State::Locked && self.began_ns.is_some() =>
@@ -154,7 +170,7 @@ impl Scribe {
             status.since_ns = self.filled_ns;
         }
         let operating = main.is_operating() && self.began_ns.is_some();
-        status.stage = if operating { IN_OPERATION } else { main.stage().name() }.into();
+        status.stage = if operating { IN_OPERATION } else { self.stage.name() }.into();
         status.at_ns = at_ns;
         status.operation_ns = self.began_ns.map(|began| at_ns - began);
         self.fill_host(status, main);
@@ -183,15 +199,20 @@ impl Scribe {
 
     fn fill_devices(&mut self, status: &mut Status, taken: bool, main: &MainDevice) {
         let segment = main.segment();
-        if status.devices.len() != segment.devices.len() {
+        let count = match segment.devices.len() {
+            // On the way up the segment is not told before it is known as a whole.
+            0 => self.states.len().max(self.names.len()),
+            count => count,
+        };
+        if status.devices.len() != count {
             let name = |position: usize| self.names.get(position).cloned().unwrap_or_default();
-            let all = segment.devices.iter().map(|found| {
-                let own = found.name.clone();
-                let name = if own.is_empty() { name(found.position) } else { own };
-                Device::new(found.position, name)
-            });
-            status.devices = all.collect();
-            self.marks = vec![Mark::default(); status.devices.len()];
+            status.devices = (0..count).map(|at| Device::new(at, name(at))).collect();
+            self.marks = vec![Mark::default(); count];
+        }
+        for (device, (al_status, code)) in status.devices.iter_mut().zip(&self.states) {
+            device.al_state = state_words(*al_status);
+            device.al_error = al_status.error();
+            device.al_code = code.0;
         }
         let snapshot = main.snapshot();
         for (device, found) in status.devices.iter_mut().zip(&segment.devices) {
@@ -201,7 +222,8 @@ impl Scribe {
             device.mode = found.mode.name().into();
             device.has_sync = found.mode.uses_dc();
             device.is_reference = segment.reference == Some(found.position);
-            device.asked = found.admitted || !self.optional.get(found.position).is_some_and(|may| *may);
+            device.asked =
+                found.admitted || !self.optional.get(found.position).is_some_and(|may| *may);
             device.al_state = state_words(found.al_status);
             device.al_error = found.al_status.error();
             device.al_code = found.al_code.0;
@@ -257,10 +279,8 @@ fn read(device: &mut Device, snapshot: &Snapshot<'_>) {
     let last = clock.and_then(|clock| clock.last());
     device.clock_ppm = last.map(|reading| -(reading.correction_ppb as f64) / 1e3);
     let margin = snapshot.devices.get(position).and_then(|device| device.margin);
-    device.margin = margin.map(|margin| Margin {
-        now_ns: margin.last.0 as f64,
-        least_ns: margin.least.0 as f64,
-    });
+    device.margin = margin
+        .map(|margin| Margin { now_ns: margin.last.0 as f64, least_ns: margin.least.0 as f64 });
     let objects = snapshot.objects.get(position);
     let entries = objects.map_or(&[][..], |objects| &objects.entries);
     for entry in entries {
@@ -270,7 +290,8 @@ fn read(device: &mut Device, snapshot: &Snapshot<'_>) {
             _ => continue,
         };
         if let Some(at) = SUBS.iter().position(|sub| *sub == entry.object.sub) {
-            counters[at] = Counter { value: entry.last.map(|(_, value)| value), risen: entry.risen };
+            counters[at] =
+                Counter { value: entry.last.map(|(_, value)| value), risen: entry.risen };
         }
     }
     device.alarms.clear();
@@ -415,9 +436,11 @@ impl From<(i64, Note)> for super::Event {
                 let what = format!("process data {chunk}: working counter {found}, not {expected}");
                 (None, true, what)
             }
-            Note::Restored(chunk, cycles) => {
-                (None, false, format!("process data {chunk} count right again after {cycles} cycles"))
-            }
+            Note::Restored(chunk, cycles) => (
+                None,
+                false,
+                format!("process data {chunk} count right again after {cycles} cycles"),
+            ),
             Note::Drift(expected, found) => {
                 let what = format!("{found} of {expected} clocks take the reference's time");
                 (None, found != expected, what)

@@ -53,8 +53,9 @@ impl Status {
                 out.al_state = device.stack.state().name().into();
                 out.al_code = device.stack.status_code().0;
                 out.al_error = esc.al_status().error();
-                let before =
-                    judged.as_ref().map_or([0; 4], |judged| judged.devices[position].counters_before);
+                let before = judged
+                    .as_ref()
+                    .map_or([0; 4], |judged| judged.devices[position].counters_before);
                 let now: [u32; 4] = [
                     sync.sm_event_missed().into(),
                     sync.cycle_time_too_small().into(),
@@ -90,7 +91,9 @@ impl Event {
     pub fn of_served(event: &server::Event, now_ns: i64) -> Self {
         use server::Event as Happened;
         let (at_ns, position, bad, what) = match event {
-            Happened::SessionBegan { .. } => (now_ns, None, false, "a MainDevice begins".to_owned()),
+            Happened::SessionBegan { .. } => {
+                (now_ns, None, false, "a MainDevice begins".to_owned())
+            }
             Happened::State { at, device, state, code } => {
                 let why = if code.0 == 0 { String::new() } else { format!(", {code}") };
                 let bad = code.0 != 0;

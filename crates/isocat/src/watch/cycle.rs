@@ -12,12 +12,18 @@ use super::words;
 use crate::status::{Device, Kind, Moment, SUBS, Status, place};
 
 /// Columns before the bar: name, planned, seen.
-const NAME: usize = 20;
+const NAME: usize = 21;
 const FIGURES: usize = 19;
 /// The least bar that says something.
 const LEAST_BAR: usize = 12;
 
-pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status, device: &Device) {
+pub(super) fn draw(
+    frame: &mut Frame<'_>,
+    area: Rect,
+    view: &View,
+    status: &Status,
+    device: &Device,
+) {
     let look = Look(view.colour);
     let width = usize::from(area.width);
     let mut lines = vec![
@@ -30,7 +36,8 @@ pub(super) fn draw(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Stat
         lines.push(Line::raw(""));
         lines.push(Line::raw(words::cut(why_not(status), width)));
     } else {
-        let mut head = format!("{:<NAME$}{:<FIGURES$}{:<FIGURES$}", "event", "planned, us", "seen [t], us");
+        let mut head =
+            format!("{:<NAME$}{:<FIGURES$}{:<FIGURES$}", "event", "planned, us", "seen [t], us");
         if bar >= LEAST_BAR {
             let last = format!("{:.0}", end as f64 / 1e3);
             head += &format!("0{last:>room$}", room = bar - 1);
@@ -72,7 +79,8 @@ fn counters(device: &Device) -> String {
     let of = |index: &str, all: &[crate::status::Counter; 4]| {
         let one = |(counter, sub): (&crate::status::Counter, &str)| {
             let value = counter.value.map_or("-".to_owned(), |value| value.to_string());
-            let risen = if counter.risen > 0 { format!(" (+{})", counter.risen) } else { String::new() };
+            let risen =
+                if counter.risen > 0 { format!(" (+{})", counter.risen) } else { String::new() };
             format!("{sub} {value}{risen}")
         };
         format!("{index}: {}", all.iter().zip(SUBS).map(one).collect::<Vec<_>>().join("  "))
@@ -99,13 +107,13 @@ fn end_of(cycle_ns: i64, moments: &[Moment]) -> i64 {
 }
 
 fn row(moment: &Moment, end: i64, bar: usize, look: &Look) -> Line<'static> {
-    let us = |ns: f64| format!("{:.1}", ns / 1e3);
+    let us = |ns: f64| format!("{:.2}", ns / 1e3);
     let range = |from: f64, to: f64| format!("{} .. {}", us(from), us(to));
     let planned = range(moment.earliest_ns as f64, moment.latest_ns as f64);
     let seen = moment.seen_ns.map_or("-".to_owned(), |(from, to)| range(from, to));
-    let outside = moment.seen_ns.is_some_and(|(from, to)| {
-        from < moment.earliest_ns as f64 || to > moment.latest_ns as f64
-    });
+    let outside = moment
+        .seen_ns
+        .is_some_and(|(from, to)| from < moment.earliest_ns as f64 || to > moment.latest_ns as f64);
     let style = if outside { look.bad() } else { Style::new() };
     let name = words::cut(&moment.event, NAME - 1);
     let mut spans = vec![

@@ -96,7 +96,10 @@ impl Gate {
                     self.broken = Some((status.since_ns - before, status.at_ns, what));
                 }
                 let since = *self.clean_since.get_or_insert(since);
-                if status.at_ns - since >= self.hold.0 && self.all_measured(status, since) {
+                // The instant at which it opens, though the status may be of later.
+                let in_time = self.within.is_none_or(|w| since + self.hold.0 - origin <= w.0);
+                let long_enough = status.at_ns - since >= self.hold.0;
+                if long_enough && in_time && self.all_measured(status, since) {
                     return Some(Outcome::Opened(self.praise(status)));
                 }
             }
@@ -154,7 +157,11 @@ impl Gate {
             if let Some(last) = self.measured.get(device.position).copied().flatten()
                 && status.at_ns - last > SILENT.max(4 * status.cycle_ns)
             {
-                return Some(format!("{}: nothing measured since {}", place(device), seconds(last)));
+                return Some(format!(
+                    "{}: nothing measured since {}",
+                    place(device),
+                    seconds(last)
+                ));
             }
         }
         let alarmed = status.devices.iter().find(|device| !device.alarms.is_empty());

@@ -30,10 +30,9 @@ pub fn lines(status: &Status) -> String {
 
 /// What happened, the first few of many.
 pub fn events(status: &Status, events: &[Event]) -> String {
-    let name = |at: usize| status.devices.get(at).map_or("", |device| &*device.name);
     let mut text = String::new();
     for event in events.iter().take(MOST_EVENTS) {
-        let place = event.position.map_or(String::new(), |at| format!("{at} {}: ", name(at)));
+        let place = words::of(status, event);
         let sign = if event.bad { "! " } else { "" };
         text += &line(event.at_ns, &format!("{sign}{place}{}", event.what));
     }

@@ -112,7 +112,10 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
 }
 
 /// The last values as bars from nothing to the largest of them.
-fn sparkline(values: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator, width: usize) -> String {
+fn sparkline(
+    values: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator,
+    width: usize,
+) -> String {
     let skip = values.len().saturating_sub(width);
     let values: Vec<f64> = values.skip(skip).map(f64::abs).collect();
     let most = values.iter().copied().fold(0.0, f64::max);
@@ -135,40 +138,38 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     let arrow = if reverse { '▲' } else { '▼' };
     let head = |words: &str, by: Option<Sort>| {
         let sign = if by == Some(sort) { arrow.to_string() } else { String::new() };
-        Cell::from(format!("{words}{sign}"))
+        format!("{words}{sign}")
     };
     let (t, m) = (status.kind.source(), status.kind.margin_source());
-    let mut heads = vec![
-        head("#", Some(Sort::Position)),
-        head("device", None),
-        head("state", None),
-        head("mode", None),
-        head(&format!("error[{t}]"), Some(Sort::Error)),
-        head("worst", None),
-        head(&format!("margin[{m}]"), Some(Sort::Margin)),
-        head("ppm[r]", Some(Sort::Ppm)),
-        head("counts", Some(Sort::Counters)),
+    let (error, margin, counts) = match wide {
+        true => (format!("error[{t}]"), format!("margin[{m}]"), "counts"),
+        false => (format!("err[{t}]"), format!("marg[{m}]"), "cnt"),
+    };
+    let mut heads: Vec<Cell<'_>> = vec![
+        head("#", Some(Sort::Position)).into(),
+        head("device", None).into(),
+        head("state", None).into(),
+        head("mode", None).into(),
+        right(head(&error, Some(Sort::Error))),
+        right(head("worst", None)),
+        right(head(&margin, Some(Sort::Margin))),
+        right(head("ppm[r]", Some(Sort::Ppm))),
+        right(head(counts, Some(Sort::Counters))),
     ];
-    let mut widths = vec![
-        Constraint::Length(4),
-        Constraint::Fill(1),
-        Constraint::Length(if wide { 20 } else { 7 }),
-        Constraint::Length(if wide { 16 } else { 8 }),
-        Constraint::Length(9),
-        Constraint::Length(8),
-        Constraint::Length(10),
-        Constraint::Length(8),
-        Constraint::Length(7),
-    ];
+    let columns = if wide { [4, 0, 20, 16, 10, 10, 10, 9, 8] } else { [3, 0, 7, 8, 8, 8, 8, 7, 5] };
+    let width = |width| match width {
+        0 => Constraint::Fill(1),
+        width => Constraint::Length(width),
+    };
+    let mut widths: Vec<Constraint> = columns.map(width).into();
     if wide {
-        heads.extend(
-            ["least", "measured", "0x1C32 0B 0C 0D 20", "0x1C33 0B 0C 0D 20", "rate/s", "alarms"]
-                .map(|words| head(words, None)),
-        );
+        let more = ["least", "measured", "0x1C32 0B 0C 0D 20", "0x1C33 0B 0C 0D 20", "rate/s"];
+        heads.extend(more.map(|words| right(head(words, None))));
+        heads.push(head("alarms", None).into());
         widths.extend([10, 10, 18, 18, 7, 28].map(Constraint::Length));
     } else {
-        heads.push(head("alarm", None));
-        widths.push(Constraint::Length(6));
+        heads.push(head("alarm", None).into());
+        widths.push(Constraint::Length(5));
     }
     let rows = view.rows().into_iter().map(|device| row(device, view, wide));
     let table = Table::new(rows, widths)
@@ -185,6 +186,7 @@ fn row(device: &Device, view: &View, wide: bool) -> Row<'static> {
     let plain = Style::new();
     let state = match (wide, device.al_code) {
         (_, _) if !device.asked => "absent".to_owned(),
+        (false, _) if device.al_error => format!("{}!", device.al_state),
         (true, code @ 1..) => format!("{}, 0x{code:04X}", device.state()),
         _ => device.state(),
     };
@@ -193,7 +195,8 @@ fn row(device: &Device, view: &View, wide: bool) -> Row<'static> {
     let mode = if wide { &*device.mode } else { short(&device.mode) };
     let margin = device.margin;
     let narrow = margin.is_some_and(|margin| margin.now_ns < 0.0);
-    let reference = if device.is_reference { "ref".to_owned() } else { words::ppm(device.clock_ppm) };
+    let reference =
+        if device.is_reference { "ref".to_owned() } else { words::ppm(device.clock_ppm) };
     let risen = device.risen();
     let read = device.outputs.iter().chain(&device.inputs).any(|counter| counter.value.is_some());
     let counts = match (read, risen) {
@@ -207,23 +210,24 @@ fn row(device: &Device, view: &View, wide: bool) -> Row<'static> {
         Cell::from(device.name.clone()),
         Cell::from(state).style(bad(!device.is_in_op())),
         Cell::from(mode.to_owned()),
-        Cell::from(words::maybe(error.map(|error| error.now_ns))).style(bad(beyond)),
-        Cell::from(words::maybe(error.map(|error| error.worst_ns))),
-        Cell::from(words::maybe(margin.map(|margin| margin.now_ns))).style(bad(narrow)),
-        Cell::from(reference),
-        Cell::from(counts).style(bad(risen > 0)),
+        right(words::maybe(error.map(|error| error.now_ns))).style(bad(beyond)),
+        right(words::maybe(error.map(|error| error.worst_ns))),
+        right(words::maybe(margin.map(|margin| margin.now_ns))).style(bad(narrow)),
+        right(reference),
+        right(counts).style(bad(risen > 0)),
     ];
     if wide {
         let least = words::maybe(margin.map(|margin| margin.least_ns));
         let count = error.map_or("-".to_owned(), |error| error.count.to_string());
         let rate = words::rate(view.trend().rate(device.position));
-        let alarms = if device.alarms.is_empty() { "-".to_owned() } else { device.alarms.join(", ") };
+        let alarms =
+            if device.alarms.is_empty() { "-".to_owned() } else { device.alarms.join(", ") };
         cells.extend([
-            Cell::from(least),
-            Cell::from(count),
-            Cell::from(counters(&device.outputs)),
-            Cell::from(counters(&device.inputs)),
-            Cell::from(rate),
+            right(least),
+            right(count),
+            right(counters(&device.outputs)),
+            right(counters(&device.inputs)),
+            right(rate),
             Cell::from(alarms).style(bad(!device.alarms.is_empty())),
         ]);
     } else {
@@ -234,6 +238,11 @@ fn row(device: &Device, view: &View, wide: bool) -> Row<'static> {
         cells.push(Cell::from(alarms).style(bad(!device.alarms.is_empty())));
     }
     Row::new(cells)
+}
+
+/// A figure, whose digits stand below those of the others.
+fn right(text: String) -> Cell<'static> {
+    Cell::from(Line::from(text).right_aligned())
 }
 
 /// `       0  0  0  0`, below the sub-indices in the head.
@@ -276,9 +285,7 @@ fn draw_log(frame: &mut Frame<'_>, area: Rect, view: &View) {
 
 /// `  12.345 s  2 axis 3: SAFEOP+ERR, 0x001A …`
 fn told(event: &Event, view: &View) -> String {
-    let status = view.trend().status();
-    let name = |at: usize| status.and_then(|status| Some(status.devices.get(at)?.name.clone()));
-    let place = event.position.map(|at| format!("{at} {}: ", name(at).unwrap_or_default()));
+    let place = view.trend().status().map(|status| words::of(status, event));
     format!("{:>12}  {}{}", words::seconds(event.at_ns), place.unwrap_or_default(), event.what)
 }
 
@@ -309,7 +316,8 @@ fn draw_help(frame: &mut Frame<'_>, area: Rect, view: &View) {
     frame.render_widget(Clear, place);
     let block = ratatui::widgets::Block::bordered().title(" isocat watch ");
     let help = Paragraph::new(lines).block(block).wrap(Wrap { trim: false });
-    frame.render_widget(help.style(Look(view.colour).quiet().remove_modifier(Modifier::DIM)), place);
+    frame
+        .render_widget(help.style(Look(view.colour).quiet().remove_modifier(Modifier::DIM)), place);
 }
 
 const HELP: &str = "\

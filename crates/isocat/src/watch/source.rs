@@ -229,12 +229,7 @@ impl Simulation {
         self.onlooker.borrow_mut().look_at(focus);
     }
 
-    fn take_events(
-        &mut self,
-        scenario: &Scenario,
-        began: &mut bool,
-        failure: &mut Option<String>,
-    ) {
+    fn take_events(&mut self, scenario: &Scenario, began: &mut bool, failure: &mut Option<String>) {
         while let Some(event) = self.world.poll_event() {
             let at = self.world.now();
             self.scribe.event(at.as_nanos() as i64, &event);

@@ -193,9 +193,9 @@ impl View {
                 let margin = |d: &Device| d.margin.map_or(f64::INFINITY, |margin| margin.now_ns);
                 margin(one).total_cmp(&margin(other))
             }),
-            Sort::Ppm => rows.sort_by(|one, other| {
-                size(other.clock_ppm).total_cmp(&size(one.clock_ppm))
-            }),
+            Sort::Ppm => {
+                rows.sort_by(|one, other| size(other.clock_ppm).total_cmp(&size(one.clock_ppm)))
+            }
             Sort::Counters => rows.sort_by_key(|device| std::cmp::Reverse(device.risen())),
         }
         if self.reverse {

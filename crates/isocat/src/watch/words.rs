@@ -2,8 +2,21 @@
 
 use isocat_wire::Nanos;
 
+use crate::status::{Event, Status};
+
+/// Whom an event concerns, `2 axis 3: `; empty if it is the segment.
+pub fn of(status: &Status, event: &Event) -> String {
+    let Some(position) = event.position else { return String::new() };
+    match status.devices.get(position).map(|device| &device.name).filter(|name| !name.is_empty()) {
+        Some(name) => format!("{position} {name}: "),
+        None => format!("SubDevice {position}: "),
+    }
+}
+
 /// `-12 ns`, `17.2 us`, `1.50 ms`: three digits or so.
 pub fn time(ns: f64) -> String {
+    // Nothing is no less than nothing.
+    let ns = if ns.abs() < 0.5 { 0.0 } else { ns };
     let size = ns.abs();
     match size {
         _ if size < 9_999.5 => format!("{ns:.0} ns"),

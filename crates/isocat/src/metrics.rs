@@ -184,7 +184,7 @@ fn of_host(status: &Status) -> Vec<Family> {
         counter("isocat_frames_sent_total", "Frames sent", host.frames_sent),
         counter("isocat_frames_lost_total", "Frames that did not come back", host.frames_lost),
         counter(
-            "isocat_working_counter_errors_total",
+            "isocat_wkc_errors_total",
             "Cyclic datagrams with a wrong working counter",
             host.working_counter_errors,
         ),
@@ -305,12 +305,12 @@ fn with_source<const N: usize>(
 
 fn counters(status: &Status) -> [Family; 2] {
     let mut value = Family::gauge(
-        "isocat_sync_counter",
+        "isocat_sync_entry",
         "Entries 0B SM event missed, 0C cycle time too small, 0D shift time too short, 20 sync error of 0x1C32 and \
          0x1C33, as last read; 0B counts down by itself",
     );
     let mut risen = Family::counter(
-        "isocat_sync_counter_risen_total",
+        "isocat_sync_entry_risen_total",
         "How much such an entry has risen in operation, as far as was seen",
     );
     for device in &status.devices {

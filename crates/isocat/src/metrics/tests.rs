@@ -59,8 +59,8 @@ fn figures_in_base_units_with_labels() {
     says(&text, &format!("isocat_sync0_error_seconds{{{axis},source=\"true time\"}} -0.000000012"));
     says(&text, &format!("isocat_sync0_margin_seconds{{{axis},source=\"true time\"}} 0.000438"));
     says(&text, &format!("isocat_clock_deviation_ratio{{{axis}}} 0.00005"));
-    says(&text, &format!("isocat_sync_counter{{{axis},object=\"0x1C32:0B\"}} 3"));
-    says(&text, &format!("isocat_sync_counter_risen_total{{{axis},object=\"0x1C32:0B\"}} 6"));
+    says(&text, &format!("isocat_sync_entry{{{axis},object=\"0x1C32:0B\"}} 3"));
+    says(&text, &format!("isocat_sync_entry_risen_total{{{axis},object=\"0x1C32:0B\"}} 6"));
     says(&text, &format!("isocat_alarm{{{axis},alarm=\"clock off\"}} 1"));
     says(&text, "isocat_in_sync 0");
     says(&text, "isocat_al_state{position=\"1\",device=\"io\",mode=\"free-run\"} 8");

@@ -127,13 +127,17 @@ impl Gate {
     }
 
     fn praise(&self, status: &Status) -> String {
-        let gated = status.devices.iter().filter(|device| device.asked && device.has_sync).count();
+        let all = status.devices.iter().filter(|device| device.asked && device.has_sync).count();
+        let devices = if all == 1 { "1 SubDevice".to_owned() } else { format!("{all} SubDevices") };
+        // What is true by definition proves nothing.
+        let only = match gated(status).count() {
+            0 => ", the reference clock alone",
+            _ => "",
+        };
         let (limit, hold) = (self.limit, self.hold);
         let source = status.kind.source();
-        format!(
-            "{gated} SubDevices with SYNC within {limit} for {hold}, at {} [{source}]",
-            seconds(status.at_ns)
-        )
+        let at = seconds(status.at_ns);
+        format!("{devices} with SYNC{only} within {limit} for {hold}, at {at} [{source}]")
     }
 
     fn breach(&self, status: &Status) -> Option<String> {

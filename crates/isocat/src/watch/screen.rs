@@ -156,7 +156,7 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
         right(head("ppm[r]", Some(Sort::Ppm))),
         right(head(counts, Some(Sort::Counters))),
     ];
-    let columns = if wide { [4, 0, 20, 16, 10, 10, 10, 9, 8] } else { [3, 0, 7, 8, 8, 8, 8, 7, 5] };
+    let columns = if wide { [4, 0, 18, 15, 10, 10, 10, 9, 8] } else { [3, 0, 7, 8, 8, 8, 8, 7, 5] };
     let width = |width| match width {
         0 => Constraint::Fill(1),
         width => Constraint::Length(width),
@@ -166,12 +166,20 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
         let more = ["least", "measured", "0x1C32 0B 0C 0D 20", "0x1C33 0B 0C 0D 20", "rate/s"];
         heads.extend(more.map(|words| right(head(words, None))));
         heads.push(head("alarms", None).into());
-        widths.extend([10, 10, 18, 18, 7, 28].map(Constraint::Length));
+        widths.extend([10, 10, 18, 18, 7, 20].map(Constraint::Length));
     } else {
         heads.push(head("alarm", None).into());
         widths.push(Constraint::Length(5));
     }
-    let rows = view.rows().into_iter().map(|device| row(device, view, wide));
+    // Figures are left out rather than cut: without its first digit one is another.
+    let kept = kept(area.width);
+    keep(&mut heads, kept);
+    keep(&mut widths, kept);
+    let rows = view.rows().into_iter().map(|device| {
+        let mut cells = cells(device, view, wide);
+        keep(&mut cells, kept);
+        Row::new(cells)
+    });
     let table = Table::new(rows, widths)
         .header(Row::new(heads).style(look.head()))
         .column_spacing(1)
@@ -180,7 +188,25 @@ fn draw_table(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     frame.render_stateful_widget(table, area, &mut state);
 }
 
-fn row(device: &Device, view: &View, wide: bool) -> Row<'static> {
+/// The columns that there is room for.
+fn kept(width: u16) -> &'static [usize] {
+    match width {
+        78.. => &[],
+        45.. => &[0, 1, 2, 4, 6, 8],
+        _ => &[0, 2, 4],
+    }
+}
+
+/// Keeps what stands at these places; all if none is named.
+fn keep<T>(all: &mut Vec<T>, places: &[usize]) {
+    let mut at = 0;
+    all.retain(|_| {
+        at += 1;
+        places.is_empty() || places.contains(&(at - 1))
+    });
+}
+
+fn cells(device: &Device, view: &View, wide: bool) -> Vec<Cell<'static>> {
     let look = Look(view.colour);
     let limit = view.trend().status().map_or(0, |status| status.limit_ns) as f64;
     let plain = Style::new();
@@ -237,7 +263,7 @@ fn row(device: &Device, view: &View, wide: bool) -> Row<'static> {
         };
         cells.push(Cell::from(alarms).style(bad(!device.alarms.is_empty())));
     }
-    Row::new(cells)
+    cells
 }
 
 /// A figure, whose digits stand below those of the others.

@@ -452,6 +452,31 @@ isocat[12.000]: Not in sync: SubDevice 3 (axis 3) is in SAFEOP+ERR, AL status co
 }
 
 #[test]
+fn figures_keep_to_their_columns() {
+    for (ns, words) in [
+        (-0.4, "0 ns"),
+        (-9_999.4, "-9999 ns"),
+        (9_999.5, "10.0 us"),
+        (-99_949.0, "-99.9 us"),
+        (-99_950.0, "-100 us"),
+        (438_200.0, "438.2 us"),
+        (999_949.0, "999.9 us"),
+        (999_951.0, "1.00 ms"),
+        (-9_994_000.0, "-9.99 ms"),
+        (-999_400_000.0, "-999 ms"),
+        (3.6e12, "3600 s"),
+    ] {
+        assert_eq!(super::words::time(ns), words);
+        assert!(words.len() <= 8);
+    }
+    // A screen too narrow for all figures leaves some out, and cuts none.
+    let narrow = drawn(&view(), 60, 20);
+    assert!(
+        narrow.contains(" 438.2 us ") && narrow.contains(" 1234 ns ") && !narrow.contains("ppm[r]")
+    );
+}
+
+#[test]
 fn speeds() {
     assert_eq!(Speed::parse("max"), Ok(Speed::Max));
     assert_eq!(Speed::parse("0.5"), Ok(Speed::Times(0.5)));

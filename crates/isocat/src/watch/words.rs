@@ -13,15 +13,18 @@ pub fn of(status: &Status, event: &Event) -> String {
     }
 }
 
-/// `-12 ns`, `17.2 us`, `1.50 ms`: three digits or so.
+/// `-12 ns`, `438.2 us`, `-438 us`, `1.49 ms`: eight characters at most up to hours.
 pub fn time(ns: f64) -> String {
     // Nothing is no less than nothing.
     let ns = if ns.abs() < 0.5 { 0.0 } else { ns };
     let size = ns.abs();
     match size {
         _ if size < 9_999.5 => format!("{ns:.0} ns"),
-        _ if size < 9_999_500.0 => format!("{:.1} us", ns / 1e3),
-        _ => format!("{:.1} ms", ns / 1e6),
+        _ if size < 99_950.0 || (0.0..999_950.0).contains(&ns) => format!("{:.1} us", ns / 1e3),
+        _ if size < 999_500.0 => format!("{:.0} us", ns / 1e3),
+        _ if size < 9_995_000.0 => format!("{:.2} ms", ns / 1e6),
+        _ if size < 999_500_000.0 => format!("{:.0} ms", ns / 1e6),
+        _ => format!("{:.0} s", ns / 1e9),
     }
 }
 

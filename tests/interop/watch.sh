@@ -80,9 +80,9 @@ until_pane signal 'cooked again'
 mux kill-session -t view
 # Colours, and none.
 begin 80 24 "'$isocat' watch"; until_pane colour 'In sync'; mux capture-pane -e -p -t view > "$folder/colour.txt"; mux kill-session -t view
-has colour $'\e\\[[0-9;]*(3|9)[0-7]m'
+has colour $'\e\\[[0-9;]*38;5;[0-9]+m'
 begin 80 24 "NO_COLOR=1 '$isocat' watch"; until_pane grey 'In sync'; mux capture-pane -e -p -t view > "$folder/grey.txt"; mux kill-session -t view
-lacks grey $'\e\\[[0-9;]*(3|9)[0-7]m'
+lacks grey $'\e\\[[0-9;]*38;5;[0-9]+m'
 echo "ok: SIGTERM, colours, NO_COLOR"
 
 code() { local expected=$1; shift; local got=0; "$@" > "$folder/out.txt" 2> "$folder/err.txt" || got=$?; [ "$got" = "$expected" ] || failed "exit $got, expected $expected: $*" "$folder/out.txt" "$folder/err.txt"; }
@@ -94,7 +94,7 @@ says 'not within 10 ns for 5 s; worst: SubDevice [0-9] \(.*\) with [0-9.]+ ns at
 code 1 "$isocat" watch --speed max --until 100ns --for 5s --within 20s --no-drift-compensation
 printf 'cycle = "125us"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\n' > "$folder/short.toml"
 code 1 "$isocat" watch "$folder/short.toml" --speed max --until 100ns --for 1s
-says 'plan'
+says '0x1C32:05'
 code 1 "$isocat" watch "$folder/short.toml" --speed max
 code 2 "$isocat" watch "$folder/nothing.toml"
 code 2 "$isocat" watch --for 5s

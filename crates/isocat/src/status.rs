@@ -66,6 +66,7 @@ pub struct Status {
 /// What kind of segment it is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
+#[schemars(inline)]
 pub enum Kind {
     /// A simulation with its MainDevice: true time is known.
     Simulated,
@@ -312,7 +313,7 @@ impl Device {
 
 /// The schema of a status.
 pub fn schema() -> serde_json::Value {
-    schemars::schema_for!(Status).to_value()
+    crate::report::schema_of::<Status>()
 }
 
 /// Kinds of alarms that a SubDevice can have.

@@ -167,6 +167,8 @@ fn finish(arguments: &Arguments, end: End) -> u8 {
             anstream::eprintln!("isocat watch: {words}");
             NOT_IN_SYNC
         }
+        // Who closed the output has seen enough.
+        _ if end.unread => IN_SYNC,
         _ => match verdict {
             Some(verdict) => {
                 anstream::eprintln!("isocat watch: {}", verdict.words);

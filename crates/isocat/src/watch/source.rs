@@ -234,7 +234,7 @@ impl Simulation {
                 Event::InOperation { .. } => {
                     *began = true;
                     self.world.catch_up();
-                    let intent = run::intent(&self.world, scenario.sync0_limit);
+                    let intent = run::intent(self.world.main(), scenario.sync0_limit);
                     self.onlooker.borrow_mut().begin(at, &intent);
                     self.world.bench.begin(intent);
                 }

@@ -3,7 +3,7 @@
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
 //! sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not (with `--prove` also: does not hold), 2 bad input. `run --preflight`: 0 nothing harms
 //! punctuality, 1 something does, 2 bad input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad
-//! input. `scan`: 0 found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1
+//! input. `watch`: 0 in sync when it ended or the gate of `--until` opened, 1 not. `scan`: 0 found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1
 //! can't be run, 2 can't be read.
 
 mod conform;
@@ -18,6 +18,7 @@ mod run;
 mod scan;
 #[cfg(target_os = "linux")]
 mod serve;
+mod watch;
 
 use std::process::ExitCode;
 
@@ -53,6 +54,9 @@ Examples:
   isocat scan --interface eth0        what is on a wire: tree, delays, clocks, ESCs, objects, doubts
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
   isocat control ecat-seg pull 2      ... and something that happens to it
+  isocat watch my.toml                see it run
+  isocat watch --until 100ns --for 5s --within 1min
+                                      wait until it is in sync; exit 0 it is, 1 not in time
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
@@ -63,7 +67,7 @@ Examples:
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
 0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
-answer. serve and control: 0 done as asked, 2 not.";
+answer. serve and control: 0 done as asked, 2 not. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -97,6 +101,8 @@ enum Verb {
     /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),
+    /// Show a segment as it runs: a simulation, a real wire or a served one; or wait until it is in sync
+    Watch(Box<watch::Arguments>),
     /// Say what a code, an object, a register or a mode means, and what to do about it
     Explain(explain::Arguments),
     /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it can be run
@@ -128,6 +134,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Serve(arguments)) => serve::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Control(arguments)) => serve::control(&arguments),
+        Some(Verb::Watch(arguments)) => watch::run(&arguments),
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
         Some(Verb::Eni(arguments)) => eni::run(&arguments),
         Some(Verb::Example) => print(SegmentFile::built_in_text()),

@@ -34,6 +34,8 @@ pub mod html;
 pub mod link;
 #[cfg(target_os = "linux")]
 pub mod live;
+#[cfg(feature = "cli")]
+pub mod metrics;
 pub mod picture;
 pub mod plan;
 pub mod profile;
@@ -47,8 +49,11 @@ pub mod series;
 #[cfg(target_os = "linux")]
 pub mod serve;
 pub mod start_up;
+pub mod status;
 pub mod timeline;
 pub mod trace;
+#[cfg(feature = "cli")]
+pub mod watch;
 pub mod waves;
 
 pub use isocat_wire::Nanos;

@@ -12,7 +12,7 @@ use isocat_sync::budget::{Check, Demand};
 
 use crate::scenario::Scenario;
 
-mod build;
+pub(crate) mod build;
 pub(crate) mod offline;
 pub mod proof;
 pub mod report;

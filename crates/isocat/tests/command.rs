@@ -135,6 +135,11 @@ fn faults_in_a_segment_file_are_named() {
     }
 }
 
+#[test]
+fn the_schema_of_the_status_is_committed() {
+    is_committed("status.schema.json", &isocat::status::schema());
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn the_schema_of_the_interface_report_is_committed() {

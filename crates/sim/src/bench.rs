@@ -96,6 +96,10 @@ impl Bench {
         self.intent = Some(intent);
     }
 
+    /// The intent that is judged by; `None` before the judging begins.
+    pub fn intent(&self) -> Option<&Intent> {
+        self.intent.as_ref()
+    }
     /// Judges of each SubDevice.
     pub fn devices(&self) -> &[DeviceBench] {
         &self.devices

@@ -1,5 +1,6 @@
 //! `isocat run --interface`: the main job on a real wire.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -21,7 +22,9 @@ use crate::link::preflight::{self, Subject};
 use crate::link::{LinkError, RawSocket, Wish};
 use crate::live::job::{Job, Machine};
 use crate::live::{Outcome, Recorder};
+use crate::metrics;
 use crate::report::interface::{self, Asked, InterfaceReport};
+use crate::status::{Board, Kind, Scribe, Status};
 use crate::{Scenario, SegmentFile};
 
 /// Arguments of `run` for a real interface.
@@ -37,35 +40,35 @@ pub struct Options {
     pub interface: Option<String>,
     /// Network namespace of the interface
     #[arg(long, value_name = "NAME", requires = "interface")]
-    netns: Option<String>,
+    pub netns: Option<String>,
     /// Take whatever is on the wire, every SubDevice in its best mode
     #[arg(long, requires = "interface", conflicts_with = "segment")]
-    any: bool,
+    pub any: bool,
     /// Bus cycle with --any or --preflight, default 1ms
     #[arg(long, requires = "wire", conflicts_with = "segment", value_parser = duration)]
-    cycle: Option<Nanos>,
+    pub cycle: Option<Nanos>,
     /// Never sleep: spin on the interface and the clock, which takes one CPU for itself
     #[arg(long, requires = "wire")]
-    busy: bool,
+    pub busy: bool,
     /// Stay on this CPU, best an isolated one
     #[arg(long, value_name = "N", requires = "wire")]
-    cpu: Option<usize>,
+    pub cpu: Option<usize>,
     /// Only look at what on this machine harms punctuality; exit 0 nothing does, 1 something, 2 bad input
     #[arg(long, conflicts_with_all = ["duration", "capture", "waves", "trace", "series", "report", "any"])]
     pub preflight: bool,
 }
 
 impl Options {
-    fn wish(&self) -> Wish {
+    pub fn wish(&self) -> Wish {
         Wish { cpu: self.cpu, busy: self.busy }
     }
 
     /// Opens the interface.
-    fn open(&self, interface: &str) -> Result<RawSocket, LinkError> {
+    pub fn open(&self, interface: &str) -> Result<RawSocket, LinkError> {
         RawSocket::open(interface, self.netns.as_deref())
     }
 
-    fn check(&self, any: bool) -> Result<(), String> {
+    pub fn check(&self, any: bool) -> Result<(), String> {
         if let Some(cpu) = self.cpu.filter(|cpu| !preflight::is_online(*cpu)) {
             return Err(format!("--cpu {cpu}: there is no such CPU online"));
         }
@@ -132,7 +135,11 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
         return fail(&message);
     }
     let scenario = arguments.scenario(file);
-    let config = config(options, &scenario);
+    let mut config = config(options, &scenario);
+    if arguments.metrics.is_some() {
+        // Errors and counters of a wire are known by what is read in the background.
+        config.quality.get_or_insert_default();
+    }
     let asked = Asked {
         interface,
         namespace: options.netns.as_deref(),
@@ -160,6 +167,13 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
         Ok(capture) => capture.map(Recorder::new),
         Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
     };
+    let (scribe, _metrics) = match arguments.metrics {
+        None => (None, None),
+        Some(address) => match measured(address, &config, &scenario, options) {
+            Ok((scribe, server)) => (Some(scribe), Some(server)),
+            Err(message) => return fail(&message),
+        },
+    };
     let job = Job {
         config,
         socket,
@@ -168,6 +182,7 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
         difference_limit: scenario.sync0_limit,
         wish: options.wish(),
         recorder,
+        scribe,
     };
     let outcome = job.run(&stop, &mut |progress| match progress {
         Progress::Stage(stage) => bar.set_message(stage.name()),
@@ -183,8 +198,41 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     }
 }
 
+/// What fills the board of a run, and the server that reads it.
+fn measured(
+    address: SocketAddr,
+    config: &Config,
+    scenario: &Scenario,
+    options: &Options,
+) -> Result<(Scribe, metrics::Server), String> {
+    let board = board(config, scenario, options);
+    let server = super::watch::serve_metrics(address)?;
+    let shown = server.page();
+    let reader = board.clone();
+    // It ends with the program: the loop is not to wait for it.
+    std::thread::spawn(move || {
+        loop {
+            if let Some(status) = reader.take() {
+                shown.show(&status);
+            }
+            std::thread::sleep(LOOK);
+        }
+    });
+    Ok((Scribe::new(board, config), server))
+}
+
+/// The board of a real wire.
+pub(super) fn board(config: &Config, scenario: &Scenario, options: &Options) -> Board {
+    let segment = match options.any {
+        true => options.interface.clone().unwrap_or_default(),
+        false => scenario.source.clone(),
+    };
+    let limit = scenario.sync0_limit.0;
+    Board::new(Status::new(segment, Kind::Wire, config.cycle.0, limit))
+}
+
 /// What the MainDevice is asked for on a real interface.
-fn config(options: &Options, scenario: &Scenario) -> Config {
+pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
     let mut config = match options.any {
         true => Config {
             drift_compensation: scenario.drift_compensation,
@@ -259,6 +307,8 @@ pub(super) fn stop_on_signals() -> std::io::Result<Arc<AtomicBool>> {
     Ok(stop)
 }
 
+/// From one look at the board to the next.
+const LOOK: std::time::Duration = std::time::Duration::from_millis(100);
 /// Of what is there without a file that says otherwise.
 const DEFAULT_CYCLE: Nanos = Nanos::millis(1);
 const SHORTEST_CYCLE: Nanos = Nanos::micros(10);

@@ -64,6 +64,9 @@ pub struct Arguments {
     /// For testing: run although the timing budget does not fit
     #[arg(long)]
     force: bool,
+    /// With --interface: answer GET /metrics for Prometheus here while it runs: a port of this machine, or an address
+    #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
+    pub metrics: Option<std::net::SocketAddr>,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
     pub wire: super::interface::Options,
@@ -107,6 +110,12 @@ pub fn run(arguments: &Arguments) -> u8 {
             };
         }
         None => {}
+    }
+    if arguments.metrics.is_some() {
+        return fail(
+            "--metrics goes with --interface: a virtual run is over before anybody asks for its metrics; expected \
+             \"isocat watch --metrics\", which goes at the pace of a clock",
+        );
     }
     let scenario = arguments.scenario(file);
     if scenario.duration < scenario.cycle {

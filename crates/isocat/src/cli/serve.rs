@@ -43,6 +43,9 @@ pub struct Arguments {
     /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Answer GET /metrics for Prometheus here: a port of this machine, or an address
+    #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
+    metrics: Option<std::net::SocketAddr>,
 }
 
 /// Runs the verb; gives the exit code.
@@ -82,9 +85,13 @@ pub fn run(arguments: &Arguments) -> u8 {
         Ok(listening) => listening,
         Err(error) => return fail(&format!("{} can't be used: {error}", path.display())),
     };
+    let metrics = arguments.metrics.map(|address| super::watch::serve_metrics_of(address, &path));
+    if let Some(Err(message)) = metrics {
+        return fail(&message);
+    }
     let began = clock::now();
     let mut server = Server::new(&scenario, began);
-    let mut teller = Teller::new(arguments.json, began);
+    let mut teller = Teller::new(arguments.json, began, scenario.source.clone());
     teller.greet(&scenario, &interface, veth.as_ref());
     let style = Style { busy: arguments.busy };
     let result = service::run(&mut server, socket, &mut wake, &requests, style, &mut teller);
@@ -134,10 +141,11 @@ struct Teller {
     status: bool,
     began: Time<Host>,
     frames: u64,
+    segment: String,
 }
 
 impl Teller {
-    fn new(json: bool, began: Time<Host>) -> Self {
+    fn new(json: bool, began: Time<Host>, segment: String) -> Self {
         let (sender, receiver) = channel::<String>();
         let status = !json && std::io::stdout().is_terminal();
         let writer = std::thread::spawn(move || {
@@ -147,7 +155,7 @@ impl Teller {
                 let _ = out.write_all(line.as_bytes()).and_then(|()| out.flush());
             }
         });
-        Self { lines: Some(sender), writer: Some(writer), json, status, began, frames: 0 }
+        Self { lines: Some(sender), writer: Some(writer), json, status, began, frames: 0, segment }
     }
 
     fn say(&self, line: String) {
@@ -224,6 +232,10 @@ impl Audience for Teller {
         match request {
             "stop" => answer(json!({ "ok": "stopping" }), true),
             "status" => answer(status(server), false),
+            "watch" => {
+                let status = server.status(&self.segment);
+                answer(serde_json::to_value(status).unwrap_or_default(), false)
+            }
             _ => {
                 let fault = Fault::parse(request, server.names());
                 let done = fault.and_then(|fault| {
@@ -333,7 +345,7 @@ pub struct ControlArguments {
     /// Interface on which `isocat serve` runs
     interface: String,
     /// pull DEVICE, plug DEVICE, power-cycle DEVICE [TIME], drop FRAMES, loss SHARE%, delay TIME [TIME],
-    /// status, stop
+    /// status, watch, stop
     #[arg(required = true, trailing_var_arg = true)]
     command: Vec<String>,
 }

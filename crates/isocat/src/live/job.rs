@@ -19,6 +19,7 @@ use super::{Exchange, Figures, Recorder, Waiting};
 use crate::link::preflight::{self, Subject};
 use crate::link::{Histogram, LinkError, RawSocket, RealTime, Traffic, Wish, clock};
 use crate::report::quality::Quality;
+use crate::status::Scribe;
 
 /// What is to be done on which interface.
 pub struct Job {
@@ -36,6 +37,8 @@ pub struct Job {
     pub wish: Wish,
     /// Where frames are written to.
     pub recorder: Option<Recorder>,
+    /// Who is told how it stands, about ten times a second.
+    pub scribe: Option<Scribe>,
 }
 
 /// The machine as it was found before the run.
@@ -212,6 +215,8 @@ impl Job {
             exchange: Exchange::new(self.config, self.socket, waiting, self.recorder),
             stop,
             progress,
+            scribe: self.scribe,
+            origin: clock::now(),
             noted: Noted::default(),
             began: None,
             judged: None,
@@ -284,6 +289,9 @@ struct Running<'a> {
     exchange: Exchange,
     stop: &'a AtomicBool,
     progress: &'a mut dyn FnMut(Progress),
+    scribe: Option<Scribe>,
+    /// What the scribe's times count from.
+    origin: Time<Host>,
     noted: Noted,
     began: Option<Time<Host>>,
     judged: Option<Nanos>,
@@ -295,6 +303,7 @@ impl Running<'_> {
         loop {
             let more = self.exchange.step(limit).map_err(End::Link)?;
             while let Some(event) = self.exchange.poll_event() {
+                self.tell(&event);
                 match event {
                     Event::Progress(stage) => (self.progress)(Progress::Stage(stage)),
                     Event::InOperation { .. } => return Ok(()),
@@ -302,6 +311,7 @@ impl Running<'_> {
                     _ => {}
                 }
             }
+            self.publish();
             if self.stop.load(Ordering::Relaxed) {
                 return Err(End::Asked);
             }
@@ -325,6 +335,7 @@ impl Running<'_> {
             }
             let now = clock::now();
             self.take_events(now);
+            self.publish();
             if now >= until {
                 break End::Time;
             }
@@ -426,9 +437,28 @@ impl Running<'_> {
         COUNTERS.into_iter().filter(present).map(|sub| ObjectAddress::new(index, sub)).collect()
     }
 
+    /// Tells the scribe of an event, if there is one.
+    fn tell(&mut self, event: &Event) {
+        if let Some(scribe) = &mut self.scribe {
+            scribe.event((clock::now() - self.origin).0, event);
+        }
+    }
+
+    /// Lets the scribe see what was read, and fill its board if that is due. It neither waits nor takes memory.
+    fn publish(&mut self) {
+        let Some(scribe) = &mut self.scribe else { return };
+        let (at, main) = ((clock::now() - self.origin).0, self.exchange.main());
+        scribe.cycle(main);
+        if scribe.is_due(at) {
+            // If somebody is just looking at the board, the next cycle does it.
+            scribe.publish(at, main, |_, _| {});
+        }
+    }
+
     fn take_events(&mut self, now: Time<Host>) {
         let judging = self.began.filter(|_| self.judged == Some(Nanos::ZERO));
         while let Some(event) = self.exchange.poll_event() {
+            self.tell(&event);
             if let (Some((device, what)), Some(began)) = (event.change(), judging) {
                 self.noted.changes.push((device, what, now - began));
             }

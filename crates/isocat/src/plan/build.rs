@@ -13,10 +13,10 @@ use crate::profile::{Assumption, Profile};
 use crate::scenario::Scenario;
 
 /// An event's name, and where it stands among the moments.
-type Event = (&'static str, fn(&Moments) -> Option<Span>);
+pub(crate) type Event = (&'static str, fn(&Moments) -> Option<Span>);
 
 /// The events in the order of the cycle.
-pub(super) const EVENTS: [Event; 8] = [
+pub(crate) const EVENTS: [Event; 8] = [
     ("outputs stored (SM2)", |moments| moments.outputs_stored),
     ("outputs ready", |moments| moments.outputs_ready),
     ("SYNC0", |moments| moments.sync0),

@@ -43,6 +43,13 @@ pub fn find(interface: &str) -> PathBuf {
     all.find(|path| path.exists()).unwrap_or_else(|| path_of(interface))
 }
 
+/// As [`find`] for an interface, or for the name that `--setup-veth` was given.
+pub fn find_served(name: &str) -> PathBuf {
+    let path = find(name);
+    let veth = find(&crate::link::Veth::segment_end_of(name));
+    if !path.exists() && veth.exists() { veth } else { path }
+}
+
 /// Whether somebody answers there.
 pub fn is_served(path: &Path) -> bool {
     UnixStream::connect(path).is_ok()

@@ -13,6 +13,9 @@ use super::deed::Deed;
 use super::fault::{Fault, Faults};
 use super::verdict::Judged;
 use crate::Scenario;
+use crate::status::edges::Onlooker;
+use crate::status::served::{INTERVAL, INTERVALS, MOST_EVENTS};
+use crate::status::{self, Status};
 
 /// A virtual segment for frames from outside.
 ///
@@ -40,6 +43,10 @@ pub struct Server {
     /// State of each SubDevice as of the last observation.
     states: Vec<AlState>,
     injected: Vec<(Time<True>, Fault)>,
+    /// The last events, for who asks what happened.
+    told: VecDeque<status::Event>,
+    /// Sees what is of late, once somebody has asked.
+    onlooker: Option<Box<Onlooker>>,
 }
 
 /// What is to become of a frame.
@@ -197,6 +204,8 @@ impl Server {
         Self {
             states: vec![AlState::Init; segment.len()],
             injected: Vec::new(),
+            told: VecDeque::new(),
+            onlooker: None,
             served: Served::new(segment, seed, now),
             names,
             sync0_limit,
@@ -324,7 +333,22 @@ impl Server {
 
     /// Takes the next event.
     pub fn poll_event(&mut self) -> Option<Event> {
-        self.events.pop_front()
+        let event = self.events.pop_front()?;
+        if self.told.len() >= MOST_EVENTS {
+            self.told.pop_front();
+        }
+        let now = self.served.now().as_nanos() as i64;
+        self.told.push_back(status::Event::of_served(&event, now));
+        Some(event)
+    }
+
+    /// What is known now, for who watches. From the first time on, what is of late is followed, too.
+    pub fn status(&mut self, segment: &str) -> Status {
+        self.settle();
+        let onlooker = self.onlooker.take().unwrap_or_else(|| self.new_onlooker());
+        let status = Status::of_served(self, segment, &onlooker);
+        self.onlooker = Some(onlooker);
+        status
     }
 
     /// Ends the last session, as of its last frame. One that still goes on at `now` is left open: not the
@@ -342,6 +366,14 @@ impl Server {
         }
     }
 
+    /// The last events, oldest first.
+    pub fn told(&self) -> impl Iterator<Item = &status::Event> {
+        self.told.iter()
+    }
+    /// Largest SYNC0 error with which a SubDevice counts as synchronized.
+    pub fn sync0_limit(&self) -> Picos {
+        self.sync0_limit
+    }
     /// The faults that were injected, and when.
     pub fn injected(&self) -> &[(Time<True>, Fault)] {
         &self.injected
@@ -386,10 +418,28 @@ impl Server {
         })
     }
 
+    /// Of a judging that goes on, or waits.
+    fn new_onlooker(&self) -> Box<Onlooker> {
+        let mut onlooker = Onlooker::new(self.states.len(), INTERVALS);
+        if let Some(intent) = self.served.bench().intent() {
+            onlooker.begin(self.served.now(), intent);
+        }
+        Box::new(onlooker)
+    }
+
     /// Shows what happened to the judges, and takes note.
     fn settle(&mut self) {
-        let Self { served, events, session, states, .. } = self;
+        let now = self.served.now();
+        let Self { served, events, session, states, onlooker, .. } = self;
+        if let Some(onlooker) = onlooker
+            && now - onlooker.began() >= INTERVAL
+        {
+            onlooker.turn(now);
+        }
         served.settle(&mut |segment, observation| {
+            if let Some(onlooker) = onlooker {
+                onlooker.observe(segment, observation);
+            }
             let Observed::State(state, code) = observation.event else { return };
             let device = observation.device;
             let at = segment.devices()[device].oscillator().when(observation.device_at);
@@ -478,6 +528,9 @@ impl Server {
             }
             session.judging = true;
             self.events.push_back(Event::InOperation { devices: there });
+            if self.onlooker.is_some() {
+                self.onlooker = Some(self.new_onlooker());
+            }
         }
     }
 

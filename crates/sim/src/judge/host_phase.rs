@@ -10,12 +10,13 @@ use crate::statistics::Statistics;
 pub struct HostPhase {
     grid: Grid,
     statistics: Statistics,
+    last: Option<Picos>,
 }
 
 impl HostPhase {
     /// Expects frames on `grid`.
     pub fn new(grid: Grid) -> Self {
-        Self { grid, statistics: Statistics::default() }
+        Self { grid, statistics: Statistics::default(), last: None }
     }
 
     /// A cyclic frame began to enter the reference SubDevice when its clock stood at `reference_ps` of
@@ -23,12 +24,18 @@ impl HostPhase {
     pub fn frame(&mut self, reference_ps: i128) -> Picos {
         let error = self.grid.error(reference_ps);
         self.statistics.push(error.0);
+        self.last = Some(error);
         error
     }
 
     /// Lateness of the frames (negative: early).
     pub fn statistics(&self) -> &Statistics {
         &self.statistics
+    }
+
+    /// Lateness of the last frame; `None` before the first.
+    pub fn last(&self) -> Option<Picos> {
+        self.last
     }
 }
 
@@ -42,6 +49,6 @@ mod tests {
         let mut judge = HostPhase::new(Grid { cycle: Nanos(1_000), phase: Nanos(0) });
         assert_eq!(judge.frame(5_000_007), Picos(7));
         assert_eq!(judge.frame(4_999_993), Picos(-7));
-        assert_eq!(judge.statistics().worst(), 7);
+        assert_eq!((judge.statistics().worst(), judge.last()), (7, Some(Picos(-7))));
     }
 }

@@ -51,6 +51,11 @@ impl Sync0Error {
         &self.statistics
     }
 
+    /// The error of the last edge; `None` before the first.
+    pub fn last(&self) -> Option<Picos> {
+        self.last
+    }
+
     /// The largest error allowed.
     pub fn limit(&self) -> Picos {
         self.limit

@@ -1,0 +1,341 @@
+//! `isocat watch`.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::Args;
+use isocat_wire::Nanos;
+
+use super::run::duration;
+use super::{IN_SYNC, NOT_IN_SYNC, fail};
+use crate::metrics;
+use crate::status::Status;
+use crate::watch::gate::Outcome;
+use crate::watch::source::Speed;
+use crate::watch::terminal::{self, End};
+use crate::watch::{Gate, Source, View};
+use crate::{Scenario, SegmentFile};
+
+/// Arguments of `watch`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Segment file; without one, the built-in segment
+    segment: Option<String>,
+    /// How fast virtual time goes: so many times as fast as the host's clock, or "max"
+    #[arg(long, default_value = "1", value_name = "TIMES", value_parser = Speed::parse)]
+    speed: Speed,
+    /// Seed of everything random
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Lines instead of a screen; so it is too where there is no terminal
+    #[arg(long)]
+    plain: bool,
+    /// Wait until no SYNC error has been beyond this for as long as --for says, with all in OP, no counter grown and no alarm
+    #[arg(long, value_name = "ERROR", value_parser = error_limit)]
+    until: Option<Nanos>,
+    /// How long the errors are to be small
+    #[arg(long = "for", value_name = "DURATION", value_parser = duration, requires = "until")]
+    hold: Option<Nanos>,
+    /// End after this time of the segment; with --until: give up
+    #[arg(long, value_name = "DURATION", value_parser = duration)]
+    within: Option<Nanos>,
+    /// Answer GET /metrics for Prometheus here: a port of this machine, or an address
+    #[arg(long, value_name = "ADDRESS", value_parser = metrics::address)]
+    metrics: Option<SocketAddr>,
+    /// For testing: let the clocks run apart
+    #[arg(long)]
+    no_drift_compensation: bool,
+    /// Run although the timing budget does not fit
+    #[arg(long)]
+    force: bool,
+    #[cfg(target_os = "linux")]
+    #[command(flatten)]
+    place: Place,
+}
+
+/// Where the segment is, if it is no simulation.
+#[cfg(target_os = "linux")]
+#[derive(Args, Debug)]
+#[group(skip)]
+#[command(next_help_heading = "Another segment than a simulated one")]
+struct Place {
+    /// Run on this network interface
+    #[arg(long, value_name = "IF", conflicts_with_all = ["seed", "speed"])]
+    interface: Option<String>,
+    /// Network namespace of the interface
+    #[arg(long, value_name = "NAME", requires = "interface")]
+    netns: Option<String>,
+    /// Take whatever is on the wire, every SubDevice in its best mode
+    #[arg(long, requires = "interface", conflicts_with = "segment")]
+    any: bool,
+    /// Bus cycle with --any, default 1ms
+    #[arg(long, requires = "any", value_parser = duration)]
+    cycle: Option<Nanos>,
+    /// Never sleep: spin on the interface and the clock, which takes one CPU for itself
+    #[arg(long, requires = "interface")]
+    busy: bool,
+    /// Stay on this CPU, best an isolated one
+    #[arg(long, value_name = "N", requires = "interface")]
+    cpu: Option<usize>,
+    /// Watch what an `isocat serve` that runs serves: the interface it was given, or the name of --setup-veth
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["segment", "interface", "seed", "speed"])]
+    serve: Option<String>,
+}
+
+/// A limit of errors: 0ns to 1s.
+fn error_limit(text: &str) -> Result<Nanos, String> {
+    let limit = crate::quantity::parse_duration(text).map_err(|error| error.to_string())?;
+    match (Nanos::ZERO..=MOST).contains(&limit) {
+        true => Ok(limit),
+        false => Err(format!("expected an error from 0ns to {MOST}, found {text}")),
+    }
+}
+
+const MOST: Nanos = Nanos::millis(1_000);
+/// How long without --for.
+const HOLD: Nanos = Nanos::millis(1_000);
+
+/// Runs the verb; gives the exit code.
+pub fn run(arguments: &Arguments) -> u8 {
+    if let (Some(within), Some(_)) = (arguments.within, arguments.until)
+        && within < arguments.hold()
+    {
+        let hold = arguments.hold();
+        return fail(&format!("--within {within} is shorter than --for {hold}: it can't be met"));
+    }
+    let stop = match stop_flag() {
+        Ok(stop) => stop,
+        Err(error) => return fail(&format!("signals can't be caught: {error}")),
+    };
+    let server = match arguments.metrics.map(serve_metrics).transpose() {
+        Ok(server) => server,
+        Err(message) => return fail(&message),
+    };
+    let (source, title) = match arguments.source(&stop) {
+        Ok(source) => source,
+        Err(message) => return fail(&message),
+    };
+    let end = show(arguments, &source, title, &stop, server.as_ref());
+    source.end();
+    match end {
+        Ok(end) => finish(arguments, end),
+        Err(error) => fail(&format!("the terminal can't be used: {error}")),
+    }
+}
+
+fn show(
+    arguments: &Arguments,
+    source: &Source,
+    title: String,
+    stop: &AtomicBool,
+    server: Option<&metrics::Server>,
+) -> std::io::Result<End> {
+    let page = server.map(metrics::Server::page);
+    let mut reader = |status: &Status| {
+        if let Some(page) = &page {
+            page.show(status);
+        }
+    };
+    let mut gate = arguments.gate();
+    let within = arguments.within.map(|within| within.0);
+    let end = if arguments.plain || !terminal::is_there() {
+        terminal::print(source, gate.as_mut(), within, stop, &mut reader)
+    } else {
+        let mut view = View::new(title, wants_colour());
+        terminal::run(source, &mut view, gate.as_mut(), within, stop, &mut reader)
+    };
+    end.map(|end| match (gate, end.outcome) {
+        // Somebody ended it before the gate opened.
+        (Some(gate), None) => {
+            let outcome = Some(Outcome::Closed(format!("ended; {}", gate.account())));
+            End { outcome, ..end }
+        }
+        (_, outcome) => End { outcome, ..end },
+    })
+}
+
+/// Says how it ended.
+fn finish(arguments: &Arguments, end: End) -> u8 {
+    let verdict = end.status.as_ref().map(Status::verdict);
+    match (arguments.until, end.outcome) {
+        (Some(_), Some(Outcome::Opened(words))) => {
+            anstream::eprintln!("isocat watch: {words}");
+            IN_SYNC
+        }
+        (Some(_), Some(Outcome::Closed(words))) => {
+            anstream::eprintln!("isocat watch: {words}");
+            NOT_IN_SYNC
+        }
+        // Who closed the output has seen enough.
+        _ if end.unread => IN_SYNC,
+        _ => match verdict {
+            Some(verdict) => {
+                anstream::eprintln!("isocat watch: {}", verdict.words);
+                if verdict.good { IN_SYNC } else { NOT_IN_SYNC }
+            }
+            None => {
+                anstream::eprintln!("isocat watch: ended before anything was known");
+                NOT_IN_SYNC
+            }
+        },
+    }
+}
+
+/// Begins to answer for Prometheus; says what is wrong with the address.
+pub(super) fn serve_metrics(address: SocketAddr) -> Result<metrics::Server, String> {
+    told(address, metrics::Server::listen(address))
+}
+
+/// The same for a service, which is asked for its status each time by its control socket, as anybody else asks it.
+#[cfg(target_os = "linux")]
+pub(super) fn serve_metrics_of(
+    address: SocketAddr,
+    control: &std::path::Path,
+) -> Result<metrics::Server, String> {
+    let control = control.to_owned();
+    let text = move |_: &metrics::Page| {
+        let answer = crate::serve::control::request(&control, "watch").ok()?;
+        Some(metrics::text(&serde_json::from_str(&answer).ok()?))
+    };
+    told(address, metrics::Server::listen_with(address, metrics::Page::default(), text))
+}
+
+/// Tells where it listens, and who can reach it.
+fn told(
+    address: SocketAddr,
+    server: std::io::Result<metrics::Server>,
+) -> Result<metrics::Server, String> {
+    let server = server.map_err(|error| format!("--metrics {address} can't be used: {error}"))?;
+    let address = server.address();
+    if !address.ip().is_loopback() {
+        anstream::eprintln!(
+            "warning: metrics are open to the network on {address}, without any password"
+        );
+    }
+    anstream::eprintln!("metrics: http://{address}/metrics");
+    Ok(server)
+}
+
+/// Colours, unless NO_COLOR says otherwise.
+fn wants_colour() -> bool {
+    std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+}
+
+fn stop_flag() -> std::io::Result<Arc<AtomicBool>> {
+    #[cfg(target_os = "linux")]
+    return super::interface::stop_on_signals();
+    #[cfg(not(target_os = "linux"))]
+    Ok(Arc::new(AtomicBool::new(false)))
+}
+
+impl Arguments {
+    fn hold(&self) -> Nanos {
+        self.hold.unwrap_or(HOLD)
+    }
+
+    fn gate(&self) -> Option<Gate> {
+        self.until.map(|limit| Gate::new(limit, self.hold(), self.within))
+    }
+
+    fn scenario(&self, file: SegmentFile) -> Scenario {
+        let mut scenario = Scenario::from(file);
+        scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.force = self.force;
+        scenario.drift_compensation &= !self.no_drift_compensation;
+        // What registers and objects say is read in the background, in the default share of the wire if the file has none.
+        scenario.operation.quality.get_or_insert_default();
+        scenario
+    }
+
+    /// Begins; gives also what is told of the place.
+    fn source(&self, stop: &Arc<AtomicBool>) -> Result<(Source, String), String> {
+        #[cfg(target_os = "linux")]
+        if let Some(name) = &self.place.serve {
+            return served(name, stop);
+        }
+        let file =
+            super::segment_or_built_in(self.segment.as_deref()).map_err(|e| e.to_string())?;
+        let scenario = self.scenario(file);
+        #[cfg(target_os = "linux")]
+        if let Some(interface) = &self.place.interface {
+            return self.wire(interface, &scenario, stop);
+        }
+        let title = match self.speed {
+            Speed::Times(times) => format!("simulated x{times}"),
+            Speed::Max => "simulated x max".to_owned(),
+        };
+        Ok((Source::simulated(scenario, self.speed, stop.clone()), title))
+    }
+
+    #[cfg(target_os = "linux")]
+    fn wire(
+        &self,
+        interface: &str,
+        scenario: &Scenario,
+        stop: &Arc<AtomicBool>,
+    ) -> Result<(Source, String), String> {
+        use crate::live::job::Job;
+        use crate::status::Scribe;
+        let Place { netns, any, cycle, busy, cpu, .. } = &self.place;
+        let options = super::interface::Options {
+            interface: Some(interface.to_owned()),
+            netns: netns.clone(),
+            any: *any,
+            cycle: *cycle,
+            busy: *busy,
+            cpu: *cpu,
+            preflight: false,
+        };
+        options.check(*any)?;
+        let mut config = super::interface::config(&options, scenario);
+        config.quality.get_or_insert_default();
+        let socket = options.open(interface).map_err(|error| error.to_string())?;
+        let board = super::interface::board(&config, scenario, &options);
+        let job = Job {
+            scribe: Some(Scribe::new(board.clone(), &config)),
+            config,
+            socket,
+            namespace: options.netns.clone(),
+            duration: FOREVER,
+            difference_limit: scenario.sync0_limit,
+            wish: options.wish(),
+            recorder: None,
+        };
+        let (own, stopped) = (board.clone(), stop.clone());
+        let thread = std::thread::spawn(move || {
+            let failure = match job.run(&stopped, &mut |_| {}) {
+                Err(error) => Some(error.to_string()),
+                Ok(outcome) => outcome.findings.first().map(|finding| match finding.device {
+                    Some(position) => format!("SubDevice {position}: {}", finding.what),
+                    None => finding.what.clone(),
+                }),
+            };
+            own.end(failure);
+        });
+        Ok((Source::of_board(board, stop.clone(), thread), interface.to_owned()))
+    }
+}
+
+/// Longer than anybody watches: a century.
+#[cfg(target_os = "linux")]
+const FOREVER: Nanos = Nanos(3_155_760_000_000_000_000);
+
+#[cfg(target_os = "linux")]
+fn served(name: &str, stop: &Arc<AtomicBool>) -> Result<(Source, String), String> {
+    use crate::serve::control;
+    let path = control::find_served(name);
+    let ask = move || {
+        let answer = control::request(&path, "watch")
+            .map_err(|error| format!("no isocat serves there: {}: {error}", path.display()))?;
+        serde_json::from_str::<Status>(&answer)
+            .map_err(|error| format!("the service answered \"{}\": {error}", answer.trim()))
+    };
+    let first = ask()?;
+    let source = Source::asked(ask, first, ASK, stop.clone());
+    Ok((source, format!("served on {name}")))
+}
+
+/// From one question to a service to the next.
+#[cfg(target_os = "linux")]
+const ASK: std::time::Duration = std::time::Duration::from_millis(200);

@@ -1,0 +1,170 @@
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use super::*;
+use crate::status::{Error, Host, Kind, Margin};
+
+/// A segment of two, with figures that are easy to find again.
+fn status() -> Status {
+    let mut status = Status::new("a \"b\"\\c.toml".into(), Kind::Simulated, 1_000_000, 1_000);
+    status.stage = crate::status::IN_OPERATION.into();
+    (status.at_ns, status.operation_ns) = (2_500_000_000, Some(2_000_000_000));
+    status.host = Host {
+        phase_error_ns: Some(-1_500.0),
+        servo: "locked".into(),
+        rate_ppm: Some(-47.0),
+        frames_sent: 1234,
+        frames_lost: 5,
+        ..Host::default()
+    };
+    for (position, name) in ["axis", "io"].into_iter().enumerate() {
+        let mut device = Device::new(position, name.to_owned());
+        device.mode = if position == 0 { "dc-sync0" } else { "free-run" }.into();
+        device.has_sync = position == 0;
+        device.al_state = "OP".into();
+        status.devices.push(device);
+    }
+    let axis = &mut status.devices[0];
+    axis.error = Some(Error { now_ns: -12.0, recent_ns: None, worst_ns: 34.0, count: 7 });
+    axis.margin = Some(Margin { now_ns: 438_000.0, least_ns: 437_000.0 });
+    axis.clock_ppm = Some(50.0);
+    axis.outputs[0].value = Some(3);
+    axis.outputs[0].risen = 6;
+    axis.alarms.push("clock off".into());
+    status
+}
+
+fn says(text: &str, line: &str) {
+    assert!(text.lines().any(|l| l == line), "no line {line:?} in\n{text}");
+}
+
+#[test]
+fn figures_in_base_units_with_labels() {
+    let text = text(&status());
+    let version = env!("CARGO_PKG_VERSION");
+    says(
+        &text,
+        &format!(
+            "isocat_info{{version=\"{version}\",segment=\"a \\\"b\\\"\\\\c.toml\",kind=\"simulated\"}} 1"
+        ),
+    );
+    says(&text, "# TYPE isocat_frames_lost_total counter");
+    says(&text, "isocat_frames_lost_total 5");
+    says(&text, "isocat_host_phase_error_seconds -0.0000015");
+    says(&text, "isocat_servo_state{state=\"locked\"} 1");
+    says(&text, "isocat_servo_state{state=\"holdover\"} 0");
+    let axis = "position=\"0\",device=\"axis\",mode=\"dc-sync0\"";
+    says(&text, "# TYPE isocat_sync0_error_seconds gauge");
+    says(&text, &format!("isocat_sync0_error_seconds{{{axis},source=\"true time\"}} -0.000000012"));
+    says(&text, &format!("isocat_sync0_margin_seconds{{{axis},source=\"true time\"}} 0.000438"));
+    says(&text, &format!("isocat_clock_deviation_ratio{{{axis}}} 0.00005"));
+    says(&text, &format!("isocat_sync_entry{{{axis},object=\"0x1C32:0B\"}} 3"));
+    says(&text, &format!("isocat_sync_entry_risen_total{{{axis},object=\"0x1C32:0B\"}} 6"));
+    says(&text, &format!("isocat_alarm{{{axis},alarm=\"clock off\"}} 1"));
+    says(&text, "isocat_in_sync 0");
+    says(&text, "isocat_al_state{position=\"1\",device=\"io\",mode=\"free-run\"} 8");
+    // What is not known has no sample, and a family without any is not there.
+    assert!(!text.contains("isocat_sync0_error_recent_seconds"));
+    assert!(!text.contains("isocat_sync0_error_seconds{position=\"1\""));
+    // Each family has its two lines, and no name twice.
+    let types: Vec<_> = text.lines().filter(|line| line.starts_with("# TYPE")).collect();
+    let helps = text.lines().filter(|line| line.starts_with("# HELP")).count();
+    let mut names = types.clone();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!((helps, names.len()), (types.len(), types.len()));
+    assert!(types.iter().all(|line| line.contains("_total ") == line.ends_with(" counter")));
+}
+
+#[test]
+fn addresses() {
+    assert_eq!(address("9464"), Ok("127.0.0.1:9464".parse().expect("an address")));
+    assert_eq!(address("[::1]:80"), Ok("[::1]:80".parse().expect("an address")));
+    for wrong in ["", "localhost", "65536", "1.2.3.4", ":80", "-1"] {
+        assert!(address(wrong).is_err_and(|why| why.contains("expected a port")), "{wrong}");
+    }
+}
+
+fn server() -> Server {
+    Server::listen("127.0.0.1:0".parse().expect("an address")).expect("a free port")
+}
+
+fn ask(address: SocketAddr, request: &str) -> String {
+    let mut client = TcpStream::connect(address).expect("it listens");
+    client.set_read_timeout(Some(Duration::from_secs(10))).expect("a time-out");
+    client.write_all(request.as_bytes()).expect("it reads");
+    let mut answer = String::new();
+    // One that has not read all of it may reset the connection behind its answer.
+    let _ = client.read_to_string(&mut answer);
+    answer
+}
+
+#[test]
+fn one_page_and_nothing_else() {
+    let server = server();
+    let get =
+        |path: &str| ask(server.address(), &format!("GET {path} HTTP/1.1\r\nHost: x\r\n\r\n"));
+    assert!(get("/metrics").starts_with("HTTP/1.1 503 "), "nothing is known yet");
+    server.page().show(&status());
+    let answer = get("/metrics");
+    assert!(answer.starts_with("HTTP/1.1 200 OK\r\n"), "{answer}");
+    assert!(answer.contains("Content-Type: text/plain; version=0.0.4; charset=utf-8\r\n"));
+    let (head, body) = answer.split_once("\r\n\r\n").expect("head and body");
+    assert!(head.contains(&format!("Content-Length: {}\r\n", body.len())));
+    assert_eq!(body, text(&status()));
+    assert!(get("/metrics?x=1").starts_with("HTTP/1.1 200 "));
+    for elsewhere in ["/", "/metrics/", "/metricsx", "/favicon.ico", "//metrics"] {
+        assert!(get(elsewhere).starts_with("HTTP/1.1 404 "), "{elsewhere}");
+    }
+    let post = ask(server.address(), "POST /metrics HTTP/1.1\r\nContent-Length: 0\r\n\r\n");
+    assert!(post.starts_with("HTTP/1.1 405 "), "{post}");
+    let head = ask(server.address(), "HEAD /metrics HTTP/1.1\r\n\r\n");
+    assert!(head.starts_with("HTTP/1.1 200 ") && head.ends_with("\r\n\r\n"), "{head}");
+}
+
+#[test]
+fn nonsense_is_answered_and_too_much_of_it_cut_off() {
+    let server = server();
+    assert!(ask(server.address(), "\u{1}\u{2}\r\n\r\n").starts_with("HTTP/1.1 400 "));
+    assert!(ask(server.address(), "GET /metrics\r\n\r\n").starts_with("HTTP/1.1 400 "));
+    let long = format!("GET /metrics HTTP/1.1\r\nX: {}", "x".repeat(20_000));
+    assert!(ask(server.address(), &long).starts_with("HTTP/1.1 431 "));
+}
+
+/// Some say nothing, one says a byte now and then: the next one is served all the same, and they are sent home.
+#[test]
+fn slow_clients_hold_up_nobody() {
+    let server = server();
+    server.page().show(&status());
+    let silent: Vec<_> =
+        (0..5).map(|_| TcpStream::connect(server.address()).expect("it listens")).collect();
+    let began = Instant::now();
+    let answer = ask(server.address(), "GET /metrics HTTP/1.1\r\n\r\n");
+    assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
+    assert!(began.elapsed() < Duration::from_millis(1_500), "{:?}", began.elapsed());
+    // All that it can have at a time, and more: the last ones are sent away, until the first are.
+    let many: Vec<_> =
+        (0..40).map(|_| TcpStream::connect(server.address()).expect("a queue")).collect();
+    let mut last = String::new();
+    while began.elapsed() < Duration::from_secs(20) && !last.starts_with("HTTP/1.1 200 ") {
+        std::thread::sleep(Duration::from_millis(200));
+        last = ask(server.address(), "GET /metrics HTTP/1.1\r\n\r\n");
+    }
+    assert!(last.starts_with("HTTP/1.1 200 "), "{last}");
+    for mut client in silent.into_iter().chain(many) {
+        client.set_read_timeout(Some(Duration::from_secs(10))).expect("a time-out");
+        let mut answer = Vec::new();
+        // Answered with words or cut off, but not kept: without an end this would time out.
+        let ended = client.read_to_end(&mut answer);
+        let kept = ended.is_err_and(|e| matches!(e.kind(), std::io::ErrorKind::WouldBlock));
+        assert!(!kept, "a client that says nothing is kept");
+    }
+}
+
+#[test]
+fn a_port_in_use_is_an_error() {
+    let first = server();
+    let second = Server::listen(first.address());
+    assert!(second.is_err_and(|error| error.kind() == std::io::ErrorKind::AddrInUse));
+}

@@ -1,0 +1,86 @@
+//! What a status comes to, in a line.
+
+use super::{Device, ENDED, Status};
+
+/// Whether the segment is as it was asked to be, now.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Verdict {
+    /// It is.
+    pub good: bool,
+    /// In words.
+    pub words: String,
+}
+
+impl Status {
+    /// What speaks against the segment now, the worst first; if nothing does, that it is in sync.
+    pub fn verdict(&self) -> Verdict {
+        if self.has_ended() {
+            let why = self.failure.as_deref().unwrap_or(ENDED);
+            return Verdict { good: self.failure.is_none(), words: capital(why) };
+        }
+        if !self.in_operation() {
+            return Verdict { good: false, words: format!("On the way up: {}", self.stage) };
+        }
+        match self.doubts().next() {
+            Some(words) => Verdict { good: false, words: format!("Not in sync: {words}") },
+            None => Verdict { good: true, words: self.praise() },
+        }
+    }
+
+    /// What speaks against the segment now.
+    pub fn doubts(&self) -> impl Iterator<Item = String> + '_ {
+        let states = self.devices.iter().filter(|device| !device.is_in_op());
+        let states = states.map(|device| {
+            let code = match device.al_code {
+                0 => String::new(),
+                code => format!(", AL status code 0x{code:04X}"),
+            };
+            format!("{} is in {}{code}", place(device), device.state())
+        });
+        let servo = matches!(&*self.host.servo, "free" | "acquiring" | "holdover");
+        let servo = servo.then(|| format!("the servo is in {}", self.host.servo));
+        let unled = self.host.unled_cycles;
+        let unled = unled.map(|cycles| format!("clocks are not led for {cycles} cycles"));
+        let beyond = |device: &&Device| {
+            device.error.is_some_and(|error| error.now_ns.abs() > self.limit_ns as f64)
+        };
+        let errors = self.devices.iter().filter(beyond).map(|device| {
+            let now = device.error.map_or(0.0, |error| error.now_ns);
+            format!("{}: SYNC error {now:.0} ns, limit {} ns", place(device), self.limit_ns)
+        });
+        let alarms = self.devices.iter().flat_map(|device| {
+            device.alarms.iter().map(move |alarm| format!("{}: {alarm}", place(device)))
+        });
+        states.chain(servo).chain(unled).chain(errors).chain(alarms)
+    }
+
+    fn praise(&self) -> String {
+        let asked = self.devices.iter().filter(|device| device.asked).count();
+        let synchronized = self.devices.iter().filter(|d| d.asked && d.has_sync).count();
+        match synchronized {
+            0 => format!("In operation: {asked} SubDevices, none with SYNC"),
+            _ => format!("In sync: {synchronized} of {asked} SubDevices with SYNC, all in OP"),
+        }
+    }
+}
+
+impl Device {
+    /// Whether it is in OP, or need not be.
+    pub fn is_in_op(&self) -> bool {
+        !self.asked || self.al_state == "OP" && !self.al_error
+    }
+}
+
+/// `SubDevice 2 (axis 3)`
+pub fn place(device: &Device) -> String {
+    match device.name.is_empty() {
+        true => format!("SubDevice {}", device.position),
+        false => format!("SubDevice {} ({})", device.position, device.name),
+    }
+}
+
+fn capital(words: &str) -> String {
+    let mut letters = words.chars();
+    let first = letters.next().map(|first| first.to_uppercase().to_string());
+    first.unwrap_or_default() + letters.as_str()
+}

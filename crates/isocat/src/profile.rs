@@ -86,6 +86,7 @@ use isocat_wire::time::Nanos;
 mod check;
 mod dictionary;
 mod draft;
+#[cfg(feature = "xml")]
 mod esi;
 mod parse;
 mod rows;
@@ -94,6 +95,7 @@ mod sii;
 mod tests;
 
 pub use crate::document::{FileError, name_hint};
+#[cfg(feature = "xml")]
 pub use esi::{NotSimulated, Obstacle, RunAs};
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.

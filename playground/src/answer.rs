@@ -140,7 +140,10 @@ pub fn of(texts: &BTreeMap<String, String>) -> Answer {
         }
         let Some((_, ran)) = last else { return Answer::default() };
         match look(texts, ran) {
-            Ok((at, show)) => of_run(ran, at, show),
+            Ok((at, show)) => {
+                let only = texts.get("only").is_some_and(|only| only == "play");
+                of_run(ran, at, show, only)
+            }
             Err(problem) => refused(vec![problem]),
         }
     })
@@ -168,7 +171,7 @@ fn cycles(ran: &Ran) -> [i64; 3] {
     [0, -(edges::way_up(ran) as i64), recorded.max(0)]
 }
 
-fn of_run(ran: &Ran, at: i64, show: usize) -> Answer {
+fn of_run(ran: &Ran, at: i64, show: usize, only_play: bool) -> Answer {
     let report = &ran.report;
     let [_, least, most] = cycles(ran);
     let mut all = Vec::new();
@@ -181,6 +184,9 @@ fn of_run(ran: &Ran, at: i64, show: usize) -> Answer {
     let until = Picos((at.max(-1) + 1) * Picos::from(ran.cycle).0);
     put("counter", counter::draw(ran, until));
     put("waves", Some(pictures::waves(ran, show, at)));
+    if only_play {
+        return Answer { at: [at, least, most], pictures: all, ..Answer::default() };
+    }
     for position in 0..report.devices.len() {
         put("cycle", pictures::cycle(ran, position));
     }

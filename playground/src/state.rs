@@ -392,8 +392,8 @@ impl State {
     }
 }
 
-/// Keys that say what is looked at, not what is run: the cycle, the device.
-pub const LOOKS: [&str; 3] = ["at", "show", "theme"];
+/// Keys that say what is looked at, not what is run: the cycle, the device; `only=play` for the pictures of one cycle alone.
+pub const LOOKS: [&str; 3] = ["at", "show", "only"];
 
 impl Key {
     fn read(&self, text: &str) -> Result<Value, String> {

@@ -344,13 +344,17 @@ function put(place, svgs) {
   const all = svgs.join('');
   if (drawn.get(place) === all) return;
   drawn.set(place, all);
+  const old = $(place).querySelector('.wide-scroll')?.scrollLeft;
   $(place).innerHTML = all;
+  const box = $(place).querySelector('.wide-scroll');
+  // On a narrow screen it stays where it was looked at; the grid is in the middle.
+  if (box) box.scrollLeft = old !== undefined ? old : place === 'edges' ? (box.scrollWidth - box.clientWidth) * 0.62 : 0;
 }
 
 function draw(answer, places = ['edges', 'counter', 'waves', 'cycle', 'miss', 'clock', 'sync0', 'pulses']) {
   for (const place of places) {
     const of = answer.pictures.filter(picture => picture.place === place);
-    const heading = place === 'cycle' || place === 'clock' || place === 'sync0' || place === 'miss' || place === 'counter' || place === 'edges' || place === 'waves';
+    const heading = place !== 'pulses';
     put(place, of.map(picture => `<figure>${heading ? `<figcaption>${escape(picture.title)}</figcaption>` : ''}<div class="wide-scroll" tabindex="-1">${picture.svg}</div></figure>`));
   }
   if (answer.devices.length || places.length < 4) {
@@ -452,6 +456,8 @@ $('share').addEventListener('click', async () => {
   }
   setTimeout(() => { $('shared').textContent = ''; }, 3000);
 });
+for (const button of document.querySelectorAll('[data-to]'))
+  button.addEventListener('click', () => { $(button.dataset.to).focus(); $(button.dataset.to).scrollIntoView(); });
 $('controls').addEventListener('submit', event => event.preventDefault());
 
 function colours(theme) {

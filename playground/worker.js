@@ -11,11 +11,19 @@ const MOST_BYTES = 256 * 1024 * 1024;
 
 async function start() {
   if (!module) {
-    const answer = await fetch('isocat_playground.wasm');
-    if (!answer.ok) throw new Error(`isocat_playground.wasm: ${answer.status} ${answer.statusText}; expected it beside the page, see playground/build`);
-    module = await WebAssembly.compile(await answer.arrayBuffer());
+    const answer = await fetch('isocat_playground.wasm.gz');
+    if (!answer.ok) throw new Error(`isocat_playground.wasm.gz: ${answer.status} ${answer.statusText}; expected it beside the page, see playground/build`);
+    module = await WebAssembly.compile(await unpacked(await answer.arrayBuffer()));
   }
   instance = await WebAssembly.instantiate(module, {});
+}
+
+// Few static servers compress by themselves, so the file is compressed. One that says so to the browser has it unpacked already.
+async function unpacked(bytes) {
+  const [first, second] = new Uint8Array(bytes);
+  if (first !== 0x1f || second !== 0x8b) return bytes;
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('gzip'));
+  return new Response(stream).arrayBuffer();
 }
 
 function ask(text) {

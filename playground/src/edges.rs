@@ -61,7 +61,7 @@ pub fn draw(ran: &Ran, at: i64) -> Picture {
         }
         let tip = format!("{name}: {what} {} off", time(*now));
         frame.mark("m pulse", *now, y + 5.0, 24.0, &tip);
-        frame.label("", *now, y + 15.0, Align::Start, &format!(" {}", time(*now)));
+        frame.label("", *now + end * 0.008, y + 15.0, Align::Start, &time(*now));
     }
     frame.finish()
 }

@@ -5,6 +5,7 @@
 
 use isocat::picture::{Picture, time, waves};
 use isocat_esc::{Esc, EscEvent, LAN9252, PdiExt};
+use isocat_sim::storage::Storage;
 use isocat_wire::datagram::Address;
 use isocat_wire::frame::{FrameWriter, MAX_LEN, duration_ns};
 use isocat_wire::register::{self, Value};
@@ -168,7 +169,7 @@ impl Generated {
 
 /// An ESC, and a MainDevice's way to write its registers.
 struct Bench {
-    esc: Esc<Vec<u8>>,
+    esc: Esc<Storage>,
     now: u64,
 }
 
@@ -180,7 +181,7 @@ impl Bench {
         let mut image = vec![0; 256];
         image[..14].copy_from_slice(&configuration);
         image[14] = sii::checksum(&configuration);
-        let mut esc = Esc::new(&LAN9252, image, vec![0; 4096]);
+        let mut esc = Esc::new(&LAN9252, Storage::shared(image.into()), Storage::empty());
         esc.set_port(PortNumber::P0, true);
         Self { esc, now: 1_000 }
     }

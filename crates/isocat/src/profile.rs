@@ -437,6 +437,7 @@ pub const CHIPS: [(&str, &Chip); 6] = [
 ];
 
 /// Those that people know first, then by name; devices of our own last.
+#[cfg(feature = "every-profile")]
 const BUILT_IN: [(&str, &str); 33] = [
     ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
     ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
@@ -469,6 +470,16 @@ const BUILT_IN: [(&str, &str); 33] = [
     ("weidmueller_ur20-fbc-ec", include_str!("../profiles/weidmueller_ur20-fbc-ec.toml")),
     ("yaskawa_sgd7s-a0", include_str!("../profiles/yaskawa_sgd7s-a0.toml")),
     ("simple_io16", include_str!("../profiles/simple_io16.toml")),
+    ("simple_io4", include_str!("../profiles/simple_io4.toml")),
+    ("model_every_mode", include_str!("../profiles/model_every_mode.toml")),
+];
+
+/// Some for a page in a browser, where every byte has to be fetched.
+#[cfg(not(feature = "every-profile"))]
+const BUILT_IN: [(&str, &str); 5] = [
+    ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
+    ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
+    ("hpmicro_ecat_cia402_ssc", include_str!("../profiles/hpmicro_ecat_cia402_ssc.toml")),
     ("simple_io4", include_str!("../profiles/simple_io4.toml")),
     ("model_every_mode", include_str!("../profiles/model_every_mode.toml")),
 ];

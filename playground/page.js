@@ -103,6 +103,8 @@ function set(name, value, how) {
   const key = keyOf(name);
   const normal = value.trim() === '' ? key.default : value.trim();
   if (normal === key.default) delete texts[name]; else texts[name] = normal;
+  // What no control has can't be mended by one.
+  for (const other of Object.keys(texts)) if (!keyOf(other)) delete texts[other];
   if (name === 'mode') {
     // Keys that other modes have say nothing in this one.
     if (!['dc-shift-sync1', 'dc-sync1'].includes(normal)) delete texts.sync1;
@@ -110,11 +112,14 @@ function set(name, value, how) {
   }
   if (name === 'view') for (const key of keys) if (!key.views.includes(normal)) delete texts[key.name];
   at = Math.max(at, 0);
-  write(how);
+  // What one writes or slides in one go is one step back.
+  write(going === name ? 'replace' : 'push');
+  going = how === 'go on' ? name : null;
   fill(document.activeElement);
   later();
 }
 
+let going = null; // the key that is being changed
 let timer;
 function later() {
   stop();
@@ -155,7 +160,7 @@ function field(key) {
   if (key.kind.kind === 'choice') {
     const select = element('select', '', { id, ...described });
     for (const [word, words] of key.kind.choices) select.append(new Option(words, word));
-    select.addEventListener('change', () => set(key.name, select.value, 'push'));
+    select.addEventListener('change', () => set(key.name, select.value, 'end'));
     box.append(select);
   } else {
     const row = element('div', '', { class: 'number' });
@@ -163,13 +168,13 @@ function field(key) {
     const slider = element('input', '', { type: 'range', min: 0, max: stops.length - 1, id: `${id}-slider`, 'aria-label': key.label });
     slider.addEventListener('input', () => {
       slider.setAttribute('aria-valuetext', stops[slider.value]);
-      set(key.name, stops[slider.value], 'replace');
+      set(key.name, stops[slider.value], 'go on');
     });
-    slider.addEventListener('change', () => set(key.name, stops[slider.value], 'push'));
+    slider.addEventListener('change', () => set(key.name, stops[slider.value], 'end'));
     const input = element('input', '', { type: 'text', id, spellcheck: 'false', inputmode: 'text', ...described });
     if (key.kind.own) input.placeholder = key.kind.own;
-    input.addEventListener('change', () => set(key.name, input.value || (key.kind.own ? 'own' : ''), 'push'));
-    input.addEventListener('input', () => set(key.name, input.value || (key.kind.own ? 'own' : ''), 'replace'));
+    input.addEventListener('change', () => set(key.name, input.value || (key.kind.own ? 'own' : ''), 'end'));
+    input.addEventListener('input', () => set(key.name, input.value || (key.kind.own ? 'own' : ''), 'go on'));
     input.addEventListener('keydown', event => nudge(event, key, input));
     row.append(slider, input);
     box.append(row);
@@ -189,7 +194,7 @@ function nudge(event, key, input) {
   const by = { duration: step, length: 1000, rate: 1000, count: 1 }[kind] * direction;
   const lowest = kind === 'rate' ? -most : least;
   input.value = format(key, Math.min(Math.max(now + by, lowest), most));
-  set(key.name, input.value, 'replace');
+  set(key.name, input.value, 'go on');
 }
 
 const UNITS = {

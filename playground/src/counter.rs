@@ -1,50 +1,54 @@
-//! How the counter of missed SM events, 0x1C32:0B, goes up.
+//! How the counter of missed SM events, 0x1C32:0B, goes up and down.
 
 use isocat::picture::{Align, Frame, Picture, time};
-use isocat_sim::observation::Observed;
 use isocat_wire::time::Picos;
 
 use crate::run::Ran;
 
 const HEIGHT: f64 = 44.0;
-/// Misses that are drawn for a device.
-const MOST: usize = 400;
 
-/// Draws the counter of each device at each miss, up to `until`; `None` if nobody missed anything.
+/// Draws the counter of each device that counted, with its value at `until`; `None` if nobody did.
 pub fn draw(ran: &Ran, until: Picos) -> Option<Picture> {
-    let misses = |position: usize| {
-        let of = ran.events.iter().filter(move |(_, device, _)| *device == position);
-        of.filter_map(|(at, _, event)| match event {
-            Observed::SmEventMissed(counter) => Some((*at, *counter)),
-            _ => None,
-        })
-    };
-    let all: Vec<usize> =
-        (0..ran.report.devices.len()).filter(|at| misses(*at).next().is_some()).collect();
-    let ends = all.iter().filter_map(|position| misses(*position).last());
-    let end = ends.map(|(at, _)| at).max()?.max(ran.recorded.length);
-    let title = "Counter 0x1C32:0B, SM event missed";
-    let mut frame = Frame::new("counter", title, 0.0, end.0 as f64 / 1e3);
-    for position in all {
-        let most = misses(position).map(|(_, counter)| counter).max().unwrap_or(1).max(1);
-        let name = &ran.report.devices[position].name;
-        let top = frame.lane(name, HEIGHT + 16.0) + 14.0;
-        let mut last = None;
-        for (at, counter) in misses(position).take(MOST).take_while(|(at, _)| *at < until) {
-            let height = f64::from(counter) / f64::from(most) * HEIGHT;
-            let ns = at.0 as f64 / 1e3;
-            let tip = format!("{name}: 0x1C32:0B = {counter} at {}", time(ns));
-            frame.mark("m late", ns, top + HEIGHT - height, height, &tip);
-            last = Some((ns, counter));
-        }
-        if let Some((ns, counter)) = last {
-            frame.label("bad", ns, top - 2.0, Align::End, &format!("0x1C32:0B = {counter}"));
-        }
+    let most = |position: usize| ran.counters.iter().map(|(_, all)| all[position]).max();
+    let devices = 0..ran.report.devices.len();
+    let counted: Vec<(usize, f64)> = devices
+        .filter_map(|position| Some((position, f64::from(most(position)?))))
+        .filter(|(_, most)| *most > 0.0)
+        .collect();
+    let length = ran.counters.last()?.0.max(ran.recorded.length).0 as f64 / 1e3;
+    let shown = (until.0 as f64 / 1e3).clamp(0.0, length);
+    if counted.is_empty() {
+        return None;
     }
-    let until = until.0 as f64 / 1e3;
-    if until < end.0 as f64 / 1e3 {
-        let top = frame.lane("", 16.0);
-        frame.mark("m wire", until, top, 12.0, &format!("looked at: {}", time(until)));
+    let title = "Counter 0x1C32:0B, SM event missed";
+    let mut frame = Frame::new("counter", title, 0.0, length);
+    for (position, most) in counted {
+        let name = &ran.report.devices[position].name;
+        let top = frame.lane(name, HEIGHT + 18.0) + 14.0;
+        let y = |counter: u16| top + HEIGHT * (1.0 - f64::from(counter) / most);
+        let (mut last, mut now) = (0, 0);
+        let mut curve = vec![(0.0, y(0))];
+        for (at, all) in &ran.counters {
+            let (ns, counter) = (at.0 as f64 / 1e3, all[position]);
+            curve.extend([(ns, y(last)), (ns, y(counter))]);
+            if counter > last {
+                let tip = format!("{name}: 0x1C32:0B from {last} to {counter} at {}", time(ns));
+                frame.mark("m late", ns, y(counter), top + HEIGHT - y(counter), &tip);
+            }
+            last = counter;
+            if *at < until {
+                now = counter;
+            }
+        }
+        curve.push((length, y(last)));
+        frame.line("signal", &curve, false);
+        let class = if now > 0 { "bad" } else { "quiet" };
+        let words = format!("0x1C32:0B = {now}");
+        frame.label(class, shown, top - 2.0, Align::End, &words);
+    }
+    if shown < length {
+        let top = frame.lane("", 14.0);
+        frame.mark("m wire", shown, top, 10.0, &format!("looked at: {}", time(shown)));
     }
     Some(frame.finish())
 }

@@ -29,6 +29,8 @@ pub struct Ran {
     pub pulses: Vec<Nanos>,
     /// What happened at SubDevices: since the recording began, position, what.
     pub events: Vec<(Picos, usize, Observed)>,
+    /// 0x1C32:0B of all SubDevices, whenever it changed: since the recording began, values by position.
+    pub counters: Vec<(Picos, Vec<u16>)>,
     /// How far each clock is off the reference clock on the way up: since the first of them was near, ps by position.
     pub way_up: Vec<(Picos, Vec<Option<i64>>)>,
 }
@@ -54,6 +56,7 @@ pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
         began: None,
         operating: false,
         events: Vec::new(),
+        counters: Vec::new(),
         frames: 0,
         clocks: Vec::new(),
     };
@@ -71,6 +74,7 @@ pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
         report,
         way_up: onlooker.way_up(reference, &clocks),
         events: onlooker.events,
+        counters: onlooker.counters,
         recorded: onlooker.recording.finish(),
         timing,
         cycle: scenario.cycle,
@@ -168,6 +172,7 @@ struct Onlooker {
     began: Option<Time<True>>,
     operating: bool,
     events: Vec<(Picos, usize, Observed)>,
+    counters: Vec<(Picos, Vec<u16>)>,
     frames: usize,
     /// System times of all SubDevices on the way up, ps.
     clocks: Vec<(Time<True>, Vec<i128>)>,
@@ -221,6 +226,15 @@ impl Tap for Onlooker {
             self.began = Some(at);
             self.operating = main.is_operating();
             self.events.clear();
+            self.counters.clear();
+        }
+        if let Some(began) = self.began {
+            let counter =
+                |device: &isocat_sim::device::Device| device.stack.sync().sm_event_missed();
+            let now: Vec<u16> = segment.devices().iter().map(counter).collect();
+            if self.counters.last().is_none_or(|(_, last)| *last != now) {
+                self.counters.push((at - began, now));
+            }
         }
         self.recording.cycle(at, main, segment);
     }

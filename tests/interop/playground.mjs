@@ -35,6 +35,17 @@ async function check(name, what) {
   console.log(`ok  ${name}`);
 }
 
+// Lines have no area that a browser would scroll to by itself.
+async function pointAt(page, selector) {
+  const [x, y] = await page.$eval(selector, shape => {
+    shape.scrollIntoView({ block: 'center' });
+    const { x, y, width, height } = shape.getBoundingClientRect();
+    return [x + width / 2, y + height / 2];
+  });
+  await page.mouse.move(x + 1, y);
+  await page.mouse.move(x, y);
+}
+
 const verdict = page => page.textContent('#verdict');
 const hash = page => page.evaluate(() => decodeURIComponent(location.hash));
 const svg = (page, place) => page.$eval(`#${place}`, box => box.innerHTML);
@@ -106,10 +117,9 @@ await check('the last nanosecond: the counter begins to count', async open => {
 
 await check('who points at something is told its nanoseconds', async open => {
   const page = await open();
-  const mark = page.locator('#cycle svg').first().locator('rect.outputs').last();
-  await mark.hover({ force: true });
+  await pointAt(page, '#cycle svg rect[class="outputs"]');
   assert.match(await page.textContent('#tip'), /calc and copy of outputs[^]*\d ns/);
-  await page.locator('#edges g.mark .grip').last().hover({ force: true });
+  await pointAt(page, '#edges line[class="m pulse"] + .grip');
   assert.match(await page.textContent('#tip'), /SYNC0 .* ns off/);
 });
 

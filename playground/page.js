@@ -314,7 +314,8 @@ function tell(answer, took) {
     return verdict(answer.problems.length === 1 ? 'One setting can\'t be:' : 'Some settings can\'t be:', 'bad');
   }
   verdict(answer.verdict, answer.good ? 'good' : 'bad');
-  list('findings', answer.findings.slice(0, 8));
+  // What the verdict says already is not said again.
+  list('findings', answer.findings.filter(finding => !answer.verdict.includes(finding)).slice(0, 8));
   $('took').textContent = `Simulated in ${Math.max(1, Math.round(took))} ms, here in the browser.`;
   draw(answer);
   rows('registers', answer.registers.map(row => [row.address, row.name, row.value]));

@@ -101,7 +101,7 @@ pub fn segment_file(state: &State) -> String {
     let _ =
         write!(text, "for = {}\nseed = {}\n", quoted(length), state.number("seed").unwrap_or(1));
     if let Some(phase) = time("phase") {
-        let _ = write!(text, "shift = {phase}\n");
+        let _ = writeln!(text, "shift = {phase}");
     }
     let clock = Ppb(state.number("host-clock").unwrap_or(0));
     let jitter = state.time("host-jitter").unwrap_or_default();
@@ -122,7 +122,7 @@ pub fn segment_file(state: &State) -> String {
         );
         for (key, name) in OF_DEVICES {
             if let Some(value) = time(key) {
-                let _ = write!(text, "{name} = {value}\n");
+                let _ = writeln!(text, "{name} = {value}");
             }
         }
     }

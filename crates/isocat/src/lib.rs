@@ -23,10 +23,13 @@
 pub mod capture;
 #[cfg(feature = "cli")]
 pub mod cli;
+#[cfg(feature = "conform")]
 pub mod conform;
 pub mod diagnosis;
 pub mod document;
+#[cfg(feature = "xml")]
 pub mod eni;
+#[cfg(feature = "xml")]
 pub mod esi;
 pub mod explain;
 pub mod html;

@@ -86,6 +86,7 @@ use isocat_wire::time::Nanos;
 mod check;
 mod dictionary;
 mod draft;
+#[cfg(feature = "xml")]
 mod esi;
 mod parse;
 mod rows;
@@ -94,6 +95,7 @@ mod sii;
 mod tests;
 
 pub use crate::document::{FileError, name_hint};
+#[cfg(feature = "xml")]
 pub use esi::{NotSimulated, Obstacle, RunAs};
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.
@@ -435,6 +437,7 @@ pub const CHIPS: [(&str, &Chip); 6] = [
 ];
 
 /// Those that people know first, then by name; devices of our own last.
+#[cfg(feature = "every-profile")]
 const BUILT_IN: [(&str, &str); 33] = [
     ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
     ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
@@ -467,6 +470,16 @@ const BUILT_IN: [(&str, &str); 33] = [
     ("weidmueller_ur20-fbc-ec", include_str!("../profiles/weidmueller_ur20-fbc-ec.toml")),
     ("yaskawa_sgd7s-a0", include_str!("../profiles/yaskawa_sgd7s-a0.toml")),
     ("simple_io16", include_str!("../profiles/simple_io16.toml")),
+    ("simple_io4", include_str!("../profiles/simple_io4.toml")),
+    ("model_every_mode", include_str!("../profiles/model_every_mode.toml")),
+];
+
+/// Some for a page in a browser, where every byte has to be fetched.
+#[cfg(not(feature = "every-profile"))]
+const BUILT_IN: [(&str, &str); 5] = [
+    ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
+    ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
+    ("hpmicro_ecat_cia402_ssc", include_str!("../profiles/hpmicro_ecat_cia402_ssc.toml")),
     ("simple_io4", include_str!("../profiles/simple_io4.toml")),
     ("model_every_mode", include_str!("../profiles/model_every_mode.toml")),
 ];

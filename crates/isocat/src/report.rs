@@ -11,6 +11,7 @@ pub mod quality;
 pub mod scan;
 mod text;
 
+#[cfg(target_os = "linux")]
 pub(crate) use build::{span, spread};
 
 pub(crate) use text::{BAD, GOOD, QUIET, WIDTH, cut, cut_front, wrap};

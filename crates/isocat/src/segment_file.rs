@@ -44,6 +44,10 @@ use crate::profile::{self, Overrides, Profile};
 use crate::quantity::{DelayPerMetre, Length, Ppb};
 
 mod clock;
+#[cfg(feature = "xml")]
+mod esi;
+#[cfg(not(feature = "xml"))]
+#[path = "segment_file/no_esi.rs"]
 mod esi;
 mod misbehave;
 mod operation;

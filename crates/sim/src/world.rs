@@ -62,6 +62,10 @@ pub trait Tap {
     /// then. Told when the frame is sent.
     fn probed(&mut self, _at: Time<True>, _device: usize, _entered: bool, _bytes: &[u8]) {}
 
+    /// A frame that left the primary port at `at` has passed the SubDevices: how they stand then. Each is brought up to the last
+    /// frame that concerned it.
+    fn passed(&mut self, _at: Time<True>, _segment: &Segment) {}
+
     /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
     fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
 
@@ -292,6 +296,9 @@ impl<C: Control, T: Tap> World<C, T> {
         }
         if from == Port::Primary {
             self.bench.frame(&self.segment, &bytes, start);
+            if let Some(tap) = &mut self.tap {
+                tap.passed(start, &self.segment);
+            }
         }
         self.judge();
         match fate {

@@ -275,7 +275,9 @@ const FMMU_MAILBOX_STATUS: u8 = 3;
 pub(super) const COE_SDO: u8 = 0x01;
 pub(super) const COE_INFORMATION: u8 = 0x02;
 pub(super) const COE_ASSIGNMENT: u8 = 0x04;
+#[cfg(feature = "xml")]
 pub(super) const COE_CONFIGURATION: u8 = 0x08;
+#[cfg(feature = "xml")]
 pub(super) const COE_UPLOAD: u8 = 0x10;
 pub(super) const COE_COMPLETE_ACCESS: u8 = 0x20;
 /// Protocol bits of word 0x1C.

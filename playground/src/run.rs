@@ -1,0 +1,248 @@
+//! A run of the whole segment: the state as a segment file, the simulation as the command has it, and an onlooker.
+
+use isocat::quantity::{Length, Ppb};
+use isocat::recording::{Recorded, Recording};
+use isocat::{Nanos, Report, Scenario, SegmentFile};
+use isocat_maindevice::MainDevice;
+use isocat_maindevice::segment::Timing;
+use isocat_sim::observation::{Observation, Observed};
+use isocat_sim::{Segment, Tap};
+use isocat_wire::time::{Picos, Time, True};
+use std::fmt::Write;
+
+use crate::state::{Problem, State};
+
+/// A run that is over.
+#[derive(Clone, Debug)]
+pub struct Ran {
+    /// The segment file: with it the command does the same.
+    pub file: String,
+    /// The report.
+    pub report: Report,
+    /// What the recording kept.
+    pub recorded: Recorded,
+    /// The plan, if the MainDevice came so far.
+    pub timing: Option<Timing>,
+    /// Bus cycle.
+    pub cycle: Nanos,
+    /// Length of SYNC pulses by position, ns; 0 until acknowledged.
+    pub pulses: Vec<Nanos>,
+    /// What happened at SubDevices: since the recording began, position, what.
+    pub events: Vec<(Picos, usize, Observed)>,
+    /// 0x1C32:0B of all SubDevices, whenever it changed: since the recording began, values by position.
+    pub counters: Vec<(Picos, Vec<u16>)>,
+    /// How far each clock is off the reference clock on the way up: since the first of them was near, ps by position.
+    pub way_up: Vec<(Picos, Vec<Option<i64>>)>,
+}
+
+/// Runs it. What the file can't be is told by key.
+pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
+    let file = segment_file(state);
+    let parsed = SegmentFile::parse(FILE, &file).map_err(|error| {
+        let key = key_in_line(&file, error.line).unwrap_or_default();
+        let mut message = error.message;
+        if let Some(hint) = error.hint {
+            let _ = write!(message, " ({hint})");
+        }
+        vec![Problem { key, message }]
+    })?;
+    let mut scenario = Scenario::from(parsed);
+    scenario.force = state.word("force") == "on";
+    let cycles = state.number("cycles").unwrap_or(300);
+    scenario.duration = Nanos(scenario.cycle.0 * cycles);
+    let spans = 2 * cycles as usize * MOST_PULSES;
+    let onlooker = Onlooker {
+        recording: Recording::new(scenario.duration, scenario.sync0_limit, spans),
+        began: None,
+        operating: false,
+        events: Vec::new(),
+        counters: Vec::new(),
+        frames: 0,
+        clocks: Vec::new(),
+    };
+    let outcome = scenario.run().execute(Some(onlooker), &mut |_| {});
+    let report = Report::new(&scenario, &outcome);
+    let segment = outcome.world.main().segment();
+    let (timing, reference) = (segment.timing.clone(), segment.reference);
+    let clocks: Vec<bool> = segment.devices.iter().map(|device| device.dc.has_clock()).collect();
+    let pulse = isocat_wire::register::SYNC_PULSE_LENGTH;
+    let chips = outcome.world.segment().devices();
+    let pulses = chips.iter().map(|d| Nanos(i64::from(d.esc.register(pulse)) * 10)).collect();
+    let Some(onlooker) = outcome.world.into_tap() else { unreachable!("it was given one") };
+    Ok(Ran {
+        file,
+        report,
+        way_up: onlooker.way_up(reference, &clocks),
+        events: onlooker.events,
+        counters: onlooker.counters,
+        recorded: onlooker.recording.finish(),
+        timing,
+        cycle: scenario.cycle,
+        pulses,
+    })
+}
+
+/// What problems call the file.
+const FILE: &str = "segment.toml";
+/// SYNC0 pulses in a cycle that are told apart.
+const MOST_PULSES: usize = 8;
+/// Which share of the deviation each device has, in percent: neighbours are apart.
+const SHARES: [i64; 8] = [20, -100, 100, -40, 70, -80, 50, -10];
+
+/// The state as a segment file.
+pub fn segment_file(state: &State) -> String {
+    let time = |key: &str| state.time(key).map(quoted);
+    let mut text = format!(
+        "# From the playground.\ncycle = {}\n",
+        quoted(state.time("cycle").unwrap_or_default())
+    );
+    let cycles = state.number("cycles").unwrap_or(300);
+    let length = Nanos(state.number("cycle").unwrap_or(0) * cycles);
+    let _ =
+        write!(text, "for = {}\nseed = {}\n", quoted(length), state.number("seed").unwrap_or(1));
+    if let Some(phase) = time("phase") {
+        let _ = writeln!(text, "shift = {phase}");
+    }
+    let clock = Ppb(state.number("host-clock").unwrap_or(0));
+    let jitter = state.time("host-jitter").unwrap_or_default();
+    let _ = write!(text, "\n[host]\nclock = \"{}\"\njitter = {}\n", plain(clock), quoted(jitter));
+    if state.word("drift-compensation") == "off" {
+        text += "drift_compensation = false\n";
+    }
+    let cable = Length(state.number("cable").unwrap_or(10_000));
+    for number in 0..state.number("devices").unwrap_or(1) as usize {
+        let share = state.number("clocks").unwrap_or(0) * SHARES[number % SHARES.len()] / 100;
+        let _ = write!(
+            text,
+            "\n[[subdevice]]\ndevice = \"{}\"\nname = \"device {number}\"\nmode = \"{}\"\ncable = \"{}\"\nclock = \"{}\"\n",
+            state.word("device"),
+            state.word("mode"),
+            cable.to_string().replace(' ', ""),
+            plain(Ppb(share)),
+        );
+        for (key, name) in OF_DEVICES {
+            if let Some(value) = time(key) {
+                let _ = writeln!(text, "{name} = {value}");
+            }
+        }
+    }
+    text
+}
+
+/// Keys of the page, and of a `[[subdevice]]`.
+const OF_DEVICES: [(&str, &str); 8] = [
+    ("calc-copy", "calc_copy"),
+    ("copy-time", "copy_time"),
+    ("delay", "delay"),
+    ("device-jitter", "jitter"),
+    ("shift", "shift"),
+    ("input-shift", "input_shift"),
+    ("sync1", "sync1"),
+    ("sync0-cycle", "sync0_cycle"),
+];
+
+fn quoted(time: Nanos) -> String {
+    format!("\"{}\"", time.to_string().replace(' ', ""))
+}
+
+fn plain(rate: Ppb) -> String {
+    rate.to_string().replace(' ', "")
+}
+
+/// The page's key of what stands in a line of the file.
+fn key_in_line(file: &str, line: usize) -> Option<String> {
+    let text = file.lines().nth(line.checked_sub(1)?)?;
+    let name = text.split('=').next()?.trim();
+    let of_device = file.lines().take(line).any(|line| line == "[[subdevice]]");
+    let known = OF_DEVICES.iter().find(|(_, of)| *of == name && of_device).map(|(key, _)| *key);
+    let key = match (known, of_device, name) {
+        (Some(key), ..) => key,
+        (None, true, "clock") => "clocks",
+        (None, false, "shift") => "phase",
+        (None, false, "clock") => "host-clock",
+        (None, false, "jitter") => "host-jitter",
+        _ => name,
+    };
+    Some(key.to_owned())
+}
+
+/// Sees the run: what the recording keeps, and what is too much for long runs.
+struct Onlooker {
+    recording: Recording,
+    began: Option<Time<True>>,
+    operating: bool,
+    events: Vec<(Picos, usize, Observed)>,
+    counters: Vec<(Picos, Vec<u16>)>,
+    frames: usize,
+    /// System times of all SubDevices on the way up, ps.
+    clocks: Vec<(Time<True>, Vec<i128>)>,
+}
+
+/// Every so many frames of the way up, clocks are looked at.
+const SAMPLE: usize = 32;
+/// Events that are kept.
+const MOST_EVENTS: usize = 400_000;
+/// Clocks further apart were not set yet, ps.
+const NEAR: i128 = 200_000_000;
+
+impl Onlooker {
+    fn way_up(&self, reference: Option<usize>, clocks: &[bool]) -> Vec<(Picos, Vec<Option<i64>>)> {
+        let Some(reference) = reference else { return Vec::new() };
+        let mut way = Vec::new();
+        let mut first = None;
+        for (at, times) in &self.clocks {
+            let off = |(position, time): (usize, &i128)| {
+                let difference = time - times.get(reference)?;
+                let is_near = difference.abs() < NEAR && clocks.get(position) == Some(&true);
+                is_near.then_some(difference as i64)
+            };
+            let differences: Vec<_> = times.iter().enumerate().map(off).collect();
+            // All that have a clock: else it is too early.
+            let near = differences.iter().zip(clocks).all(|(off, clock)| off.is_some() || !clock);
+            if near {
+                way.push((*at - *first.get_or_insert(*at), differences));
+            }
+        }
+        way
+    }
+}
+
+impl Tap for Onlooker {
+    fn frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
+        self.recording.frame(at, sent, bytes);
+    }
+
+    fn passed(&mut self, at: Time<True>, segment: &Segment) {
+        self.frames += 1;
+        if self.began.is_none() && self.frames % SAMPLE == 0 {
+            let time = |device: &isocat_sim::device::Device| device.system_time_ps(at);
+            self.clocks.push((at, segment.devices().iter().map(time).collect()));
+        }
+    }
+
+    fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+        // As the recording does: it begins anew when all are in operation.
+        if self.began.is_none() || (!self.operating && main.is_operating()) {
+            self.began = Some(at);
+            self.operating = main.is_operating();
+            self.events.clear();
+            self.counters.clear();
+        }
+        if let Some(began) = self.began {
+            let counter =
+                |device: &isocat_sim::device::Device| device.stack.sync().sm_event_missed();
+            let now: Vec<u16> = segment.devices().iter().map(counter).collect();
+            if self.counters.last().is_none_or(|(_, last)| *last != now) {
+                self.counters.push((at - began, now));
+            }
+        }
+        self.recording.cycle(at, main, segment);
+    }
+
+    fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
+        if let Some(began) = self.began.filter(|_| self.events.len() < MOST_EVENTS) {
+            self.events.push((at - began, observation.device, observation.event));
+        }
+        self.recording.observed(segment, at, observation);
+    }
+}

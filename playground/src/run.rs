@@ -5,6 +5,7 @@ use isocat::recording::{Recorded, Recording};
 use isocat::{Nanos, Report, Scenario, SegmentFile};
 use isocat_maindevice::MainDevice;
 use isocat_maindevice::segment::Timing;
+use isocat_sim::bench::Intent;
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{Segment, Tap};
 use isocat_wire::time::{Picos, Time, True};
@@ -54,7 +55,6 @@ pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
     let onlooker = Onlooker {
         recording: Recording::new(scenario.duration, scenario.sync0_limit, spans),
         began: None,
-        operating: false,
         events: Vec::new(),
         counters: Vec::new(),
         frames: 0,
@@ -170,7 +170,6 @@ fn key_in_line(file: &str, line: usize) -> Option<String> {
 struct Onlooker {
     recording: Recording,
     began: Option<Time<True>>,
-    operating: bool,
     events: Vec<(Picos, usize, Observed)>,
     counters: Vec<(Picos, Vec<u16>)>,
     frames: usize,
@@ -220,14 +219,16 @@ impl Tap for Onlooker {
         }
     }
 
-    fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+    fn judging_begins(&mut self, at: Time<True>, intent: &Intent) {
         // As the recording does: it begins anew when all are in operation.
-        if self.began.is_none() || (!self.operating && main.is_operating()) {
-            self.began = Some(at);
-            self.operating = main.is_operating();
-            self.events.clear();
-            self.counters.clear();
-        }
+        self.began = Some(at);
+        self.events.clear();
+        self.counters.clear();
+        self.recording.judging_begins(at, intent);
+    }
+
+    fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+        self.began.get_or_insert(at);
         if let Some(began) = self.began {
             let counter =
                 |device: &isocat_sim::device::Device| device.stack.sync().sm_event_missed();

@@ -124,7 +124,7 @@ impl Generated {
             let mut events: Vec<(f64, String)> =
                 self.acknowledged[which].iter().map(read).collect();
             if which == 0 {
-                events.push((ns(self.start), "start time 0x0990".into()));
+                events.push((ns(self.start), "start 0x0990".into()));
                 events.sort_by(|a, b| a.0.total_cmp(&b.0));
             }
             let mut distances = Vec::new();

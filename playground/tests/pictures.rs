@@ -85,7 +85,16 @@ fn ten_pictures_and_their_words() {
             picture: pictures::waves(of(FREE_RUN), 0, 20),
         },
         Shown { file: "02-sm.svg", state: SM, picture: drawn(SM) },
-        Shown { file: "03-at-once.svg", state: AT_ONCE, picture: at_once(of(AT_ONCE)) },
+        Shown {
+            file: "03a-frames.svg",
+            state: AT_ONCE,
+            picture: one_cycle(of(AT_ONCE), Observed::Sm2, "SM2"),
+        },
+        Shown {
+            file: "03b-at-once.svg",
+            state: AT_ONCE,
+            picture: one_cycle(of(AT_ONCE), Observed::Sync0, "SYNC0"),
+        },
         Shown { file: "04-sm-sync0.svg", state: SYNC0, picture: drawn(SYNC0) },
         Shown { file: "05-sm-sync0-sync1.svg", state: SYNC0_SYNC1, picture: drawn(SYNC0_SYNC1) },
         Shown { file: "06-dc-sync1.svg", state: SYNC1, picture: drawn(SYNC1) },
@@ -111,40 +120,35 @@ fn ten_pictures_and_their_words() {
     golden("pictures.md", &page(&all, &runs));
 }
 
-/// When SM2 and SYNC0 come at each device, in one cycle.
-fn at_once(ran: &Ran) -> Picture {
+/// When an event comes at each device, in one cycle: as long as the width of the picture is always the same.
+fn one_cycle(ran: &Ran, which: Observed, name: &str) -> Picture {
     let cycle = ran.cycle.0 as f64;
-    let (from, to) = (20.0 * cycle, 21.0 * cycle);
-    let of = |position: usize, which: Observed| -> Vec<f64> {
+    let of = |position: usize| {
         let of = ran.events.iter().filter(|(_, at, event)| *at == position && *event == which);
-        of.map(|(at, ..)| at.0 as f64 / 1e3).filter(|at| (from..to).contains(at)).collect()
+        of.map(|(at, ..)| at.0 as f64 / 1e3).collect::<Vec<f64>>()
     };
-    let first = of(0, Observed::Sm2).into_iter().chain(of(0, Observed::Sync0)).fold(to, f64::min);
-    let last =
-        (0..ran.report.devices.len()).flat_map(|at| of(at, Observed::Sync0)).fold(from, f64::max);
+    let first = of(0).into_iter().find(|at| *at > 20.0 * cycle).expect("it runs so long");
     let signals: Vec<waves::Signal> = (0..ran.report.devices.len())
         .map(|position| {
-            let length = ran.pulses[position].0.max(1) as f64;
-            let edges = of(position, Observed::Sync0);
+            let near = |at: &f64| (at - first).abs() < cycle / 4.0;
+            let at = of(position).into_iter().find(near).expect("it has one in each cycle") - first;
+            let words = format!(
+                "{} {} device 0",
+                time(at.abs().round()),
+                if at < 0.0 { "before" } else { "behind" }
+            );
             waves::Signal {
-                name: format!("SYNC0 of device {position}"),
+                name: format!("{name} of device {position}"),
                 high: false,
-                changes: edges.iter().flat_map(|at| [*at - from, at + length - from]).collect(),
-                events: of(position, Observed::Sm2)
-                    .into_iter()
-                    .map(|at| (at - from, "SM2".into()))
-                    .collect(),
+                // What is told is the edge; it is drawn as long as it can be seen.
+                changes: vec![at, at + 300.0],
+                events: if position > 0 { vec![(at, words)] } else { Vec::new() },
                 distances: Vec::new(),
             }
         })
         .collect();
-    let room = (last - first) * 0.1;
-    waves::draw(
-        "at-once",
-        "One cycle of four devices: SM2 and SYNC0",
-        (first - from - room, last - from + room + 10_000.0),
-        &signals,
-    )
+    let title = format!("{name} of four devices in one cycle");
+    waves::draw(&format!("one-{name}"), &title, (-500.0, 4_500.0), &signals)
 }
 
 fn mean(ran: &Ran, position: usize, moment: Moment) -> Option<f64> {
@@ -203,7 +207,15 @@ fn words(ran: &Ran) -> String {
             "inputs are copied into SM3",
             took(seen.inputs_took.mean()),
         ),
-        ("Cycle Time (0x1C32.2/0x1C33.2)", "from SYNC0 to SYNC0", time(cycle.round())),
+        (
+            "Cycle Time (0x1C32.2/0x1C33.2)",
+            "from SYNC0 to SYNC0",
+            format!(
+                "{} of true time: its clock is {:+.0} ppm fast",
+                time(cycle.round()),
+                (1e6 / cycle - 1.0) * 1e6
+            ),
+        ),
     ];
     let mut text =
         String::from("| in the manual's figure | what it is | in this run |\n|---|---|---|\n");
@@ -244,7 +256,8 @@ fn page(all: &[Shown], runs: &BTreeMap<&str, Ran>) -> String {
         free_run = show("01-free-run.svg"),
         sm = show("02-sm.svg"),
         sm_spread = spread(SM, Moment::OutputsValid),
-        at_once = show("03-at-once.svg"),
+        frames = show("03a-frames.svg"),
+        at_once = show("03b-at-once.svg"),
         at_once_frames = time(last_sm2.round()),
         at_once_error = time(at_once.round()),
         sync0 = show("04-sm-sync0.svg"),

@@ -28,7 +28,7 @@ fn cyclic() {
     let picture = generated.draw().svg();
     for words in [
         "activation 0x0981",
-        "start time 0x0990",
+        "start 0x0990",
         "pulse 0x0982 100 us",
         "cycle 0x09A0 1 ms",
         "0x09A4 250 us",

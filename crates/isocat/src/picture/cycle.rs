@@ -431,7 +431,7 @@ pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
     let room = (to - from) * 0.3;
     let mut frame = Frame::new(id, title, from - room, to + room);
     let lanes: [(&str, &str, &[Moment]); 4] = [
-        ("SM events", "outputs", &[Moment::Sm3, Moment::Sm2]),
+        ("SM events", "outputs", &[Moment::Sm2, Moment::Sm3]),
         ("SYNC", "pulse", &[Moment::Sync0, Moment::Sync1]),
         (
             "outputs",
@@ -445,10 +445,12 @@ pub fn events(id: &str, title: &str, timeline: &Timeline) -> Option<Picture> {
         if of.is_empty() {
             continue;
         }
-        if name == "SM events" {
-            // Both come with one frame: SM2 lies on top.
-            of.sort_by_key(|(_, moment)| *moment == Moment::Sm2);
-        }
+        // Both come with one frame: SM2 is told.
+        let outputs: Vec<f64> =
+            of.iter().filter(|(_, moment)| *moment == Moment::Sm2).map(|(at, _)| *at).collect();
+        of.retain(|(at, moment)| {
+            *moment != Moment::Sm3 || outputs.iter().all(|sm2| (sm2 - at).abs() > 1.0)
+        });
         let y = frame.lane(name, 34.0) + 16.0;
         let mut begun = None;
         for (at, moment) in of {

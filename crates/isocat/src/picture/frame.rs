@@ -177,6 +177,9 @@ impl Frame {
         words: &str,
     ) -> bool {
         let at = (ends.0 + ends.1) / 2.0;
+        if ends.1 < self.from || ends.0 > self.to {
+            return false;
+        }
         let (x, width) = (self.x(at), words.chars().count() as f64 * CHARACTER);
         let mut begin = match align {
             Align::Start => x,

@@ -120,8 +120,8 @@ impl Phases {
         let cycle = (if often { self.pulse_cycle } else { self.cycle }).max(1);
         let into = (now - around).rem_euclid(cycle);
         let phase = around + if into > cycle / 2 { into - cycle } else { into };
-        // The frame that fetches inputs belongs to the next cycle.
-        if moment != Moment::Sm3 {
+        // The frame that fetches inputs belongs to the next cycle; of pulses within a cycle nobody knows which one it is.
+        if moment != Moment::Sm3 && !often {
             self.last = Some((now, phase));
         }
         self.seen[number].push(phase as i64);

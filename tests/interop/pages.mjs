@@ -107,7 +107,7 @@ const pdf = await page.pdf({ format: "A4", path: pictures ? `${pictures}/run.pdf
 assert.ok(pdf.length > 20000 && pdf.subarray(0, 5).toString() === "%PDF-");
 await page.emulateMedia({ media: "print" });
 assert.equal(await paper(), "rgb(255, 255, 255)", "paper is white");
-const ink = await page.locator("svg.picture text").first().evaluate((text) => getComputedStyle(text).fill);
+const ink = await page.locator("svg.picture text.name").first().evaluate((text) => getComputedStyle(text).fill);
 assert.equal(ink, "rgb(0, 0, 0)", "drawings are dark on it");
 assert.ok(!(await page.locator(".tools").first().isVisible()), "no buttons on paper");
 await page.close();

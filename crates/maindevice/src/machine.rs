@@ -444,6 +444,7 @@ impl MainDevice {
             && !self.stopping
             && self.jobs.is_empty()
             && self.running.is_empty()
+            && self.reads.is_empty()
             && self.health.is_none()
             && self.checked.is_none()
             && self.latching.is_none()

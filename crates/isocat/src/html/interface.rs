@@ -96,7 +96,7 @@ fn punctuality(report: &InterfaceReport) -> Markup {
     html! {
         section #punctuality {
             h2 { "How punctual the machine was" }
-            div.pair {
+            div.pair.even {
                 (of("Lateness of the first frame of a cycle as it was handed to the kernel [m]", &report.punctuality.send_lateness))
                 (of("Round trip of a frame [m]", &report.punctuality.round_trip))
             }

@@ -352,6 +352,10 @@ function put(place, svgs) {
   drawn.set(place, all);
   const old = $(place).querySelector('.wide-scroll')?.scrollLeft;
   $(place).innerHTML = all;
+  // What moves while it plays is not zoomed: the next cycle would draw it anew.
+  if (!['edges', 'counter', 'waves'].includes(place)) {
+    for (const svg of $(place).querySelectorAll('svg.picture[data-from]')) new globalThis.isocatZoom.Zoom(svg);
+  }
   const box = $(place).querySelector('.wide-scroll');
   // On a narrow screen it stays where it was looked at; the grid is in the middle.
   if (box) box.scrollLeft = old !== undefined ? old : place === 'edges' ? (box.scrollWidth - box.clientWidth) * 0.62 : 0;
@@ -528,6 +532,9 @@ ask({
   then: answer => {
     ({ keys, presets } = answer);
     $('pictures').textContent = answer.style;
+    const script = document.createElement('script');
+    script.textContent = answer.zoom;
+    document.head.append(script);
     build();
     load();
     document.body.classList.add('ready');

@@ -91,6 +91,7 @@ struct Description {
     keys: &'static [Key],
     presets: &'static [Preset],
     style: &'static str,
+    zoom: &'static str,
 }
 
 thread_local! {
@@ -101,8 +102,8 @@ thread_local! {
 /// Answers a JSON object of keys and texts; an empty text asks what keys and presets there are.
 pub fn answer(text: &str) -> String {
     let written = if text.is_empty() {
-        let style = isocat::picture::STYLE;
-        serde_json::to_string(&Description { keys: &KEYS, presets: &PRESETS, style })
+        let (style, zoom) = (isocat::picture::STYLE, isocat::picture::ZOOM);
+        serde_json::to_string(&Description { keys: &KEYS, presets: &PRESETS, style, zoom })
     } else {
         serde_json::to_string(&work(text))
     };

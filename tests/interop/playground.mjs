@@ -50,6 +50,29 @@ const verdict = page => page.textContent('#verdict');
 const hash = page => page.evaluate(() => decodeURIComponent(location.hash));
 const svg = (page, place) => page.$eval(`#${place}`, box => box.innerHTML);
 
+await check('a cycle can be zoomed, by button, mouse and key, and printed', async open => {
+  const page = await open();
+  const cycle = page.locator('#cycle svg').first();
+  const ticks = () => cycle.locator('text.tick').allTextContents();
+  const whole = await ticks();
+  await page.locator('#cycle figure').first().getByRole('button', { name: 'zoom in' }).click();
+  assert.notDeepEqual(await ticks(), whole, 'the button zooms');
+  await cycle.dblclick();
+  await cycle.scrollIntoViewIfNeeded();
+  const box = await cycle.boundingBox();
+  await page.mouse.move(box.x + box.width * 0.5, box.y + 20);
+  await page.mouse.down();
+  await page.mouse.move(box.x + box.width * 0.6, box.y + 20, { steps: 4 });
+  await page.mouse.up();
+  assert.ok((await ticks()).every(tick => tick.endsWith('us')), 'drawing a part zooms into it');
+  const before = await hash(page);
+  await cycle.focus();
+  await page.keyboard.press('ArrowRight');
+  await page.keyboard.press('0');
+  assert.equal(await hash(page), before, 'keys of a picture are its own');
+  assert.ok((await page.pdf({ format: 'A4' })).length > 20000, 'it can be printed');
+});
+
 await check('the first look: in sync, pictures, figures', async open => {
   const page = await open();
   assert.match(await verdict(page), /^In sync: 3 of 3/);

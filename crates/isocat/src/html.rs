@@ -80,6 +80,7 @@ impl Page {
                     }
                     div #tip role="status" hidden {}
                     script #report type="application/json" { (PreEscaped(json)) }
+                    script { (PreEscaped(picture::ZOOM)) }
                     script { (PreEscaped(SCRIPT)) }
                 }
             }

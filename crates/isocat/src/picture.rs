@@ -22,6 +22,9 @@ use std::fmt::Write;
 /// Colours and fonts of all pictures.
 pub const STYLE: &str = include_str!("picture/style.css");
 
+/// A script for a page with pictures: `isocatZoom.Zoom` zooms one.
+pub const ZOOM: &str = include_str!("picture/zoom.js");
+
 /// A drawing.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Picture {

@@ -67,7 +67,7 @@ fn a_page_has_the_verdict_the_figures_and_the_whole_report() {
     assert!(!page.contains("Why, and what to do"));
     let (shown, _) = page.split_once("<script id=\"report\"").expect("it is there");
     assert!(!shown.contains("<b>") && shown.contains("&lt;b&gt;"), "names are no markup");
-    assert_eq!(page.matches("</script>").count(), 2, "nothing but ours ends a script");
+    assert_eq!(page.matches("</script>").count(), 3, "nothing but ours ends a script");
     assert_eq!(json(&page), serde_json::to_value(&report).expect("JSON"));
     for part in [
         "cycle-0-area",

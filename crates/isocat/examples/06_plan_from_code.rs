@@ -20,7 +20,7 @@ fn main() {
         let (position, line) = plan.tightest();
         let place = position.map_or("the frames".to_owned(), |at| format!("SubDevice {at}"));
         println!(
-            "{drives} drives: fits: {}, tightest: {} at {place}",
+            "{cycle}: fits: {}, tightest: {} at {place}",
             plan.fits(),
             line.check.name()
         );

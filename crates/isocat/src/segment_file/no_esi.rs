@@ -3,7 +3,8 @@
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
-use crate::document::{FileError, Source, Table, Value};
+use crate::document::section::Keys;
+use crate::document::{FileError, Source, Value};
 use crate::profile::Profile;
 
 /// No file is ever read.
@@ -27,7 +28,7 @@ pub(super) struct RunAs {
 /// Refuses the key.
 pub(super) fn device(
     _: Source<'_>,
-    _: Table<'_>,
+    _: &Keys<'_>,
     esi: &Value<'_>,
     _: Nanos,
     _: &mut Files,
@@ -39,7 +40,7 @@ pub(super) fn device(
 
 /// Nothing contradicts what is not there.
 pub(super) fn agree(
-    _: &Table<'_>,
+    _: &Keys<'_>,
     _: &Value<'_>,
     _: SyncMode,
     _: &mut RunAs,

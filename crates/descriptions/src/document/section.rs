@@ -22,6 +22,8 @@ pub struct Section {
     pub means: &'static str,
     /// Its keys, in the order in which people should read of them.
     pub keys: &'static [Key],
+    /// What holds between them.
+    pub rules: &'static [Rule],
 }
 
 impl Section {
@@ -57,11 +59,24 @@ pub struct Key {
     pub example: &'static str,
 }
 
+/// What holds between two keys of a section.
+#[derive(Clone, Copy, Debug)]
+pub enum Rule {
+    /// One of both stands there, not both.
+    Either(&'static str, &'static str),
+    /// At least one of both stands there.
+    Any(&'static str, &'static str),
+    /// The first stands only beside the second.
+    Needs(&'static str, &'static str),
+}
+
 /// Whether a key must be there.
 #[derive(Clone, Copy, Debug)]
 pub enum Need {
     /// It must. An error says what was expected, in these words.
     Required(&'static str),
+    /// It must in some cases: which, in words, and what an error says was expected.
+    Sometimes(&'static str, &'static str),
     /// Without it this value holds, as TOML.
     Default(&'static str),
     /// Without it this holds, in words.

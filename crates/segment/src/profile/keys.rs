@@ -12,7 +12,7 @@ pub(super) use object::{ACCESS_WORDS, CODES, FIRST_AND_LAST, GAPS, ROW, TYPES};
 pub(super) use process_data::{PADDING, PDO_ROW, RX_PDO_ROW, TX_PDO_ROW};
 
 use isocat_descriptions::document::section::{
-    Cell, Choice, Key, Kind, Limit, Need, Row, Section, Word,
+    Cell, Choice, Key, Kind, Limit, Need, Row, Rule, Section, Word,
 };
 use isocat_esc::chip::{self, Chip};
 use isocat_subdevice::MAX_MAILBOX;
@@ -86,7 +86,8 @@ pub static FILE: Section = Section {
         Key {
             name: "modes",
             kind: Kind::List(&Kind::Choice(Choice(&MODES))),
-            need: Need::Required(
+            need: Need::Sometimes(
+                "without [mailbox]",
                 "what a device without [mailbox] works by, such as modes = [\"sm\"]",
             ),
             means: "What a device without mailbox can be synchronized by. Needed there, refused \
@@ -100,7 +101,7 @@ pub static FILE: Section = Section {
             need: Need::Without("no outputs"),
             means: "Process data from the MainDevice.",
             goes: "SM2, objects 0x1600 to 0x17FF and 0x1C12",
-            example: "{ start = 0x1100, length = 2, default = [0x1600], pdos = [[0x1600, 16]] }",
+            example: r#"{ start = 0x1100, length = 2, access = "ro", pdos = [[0x1600, 16]] }"#,
         },
         Key {
             name: "inputs",
@@ -108,7 +109,7 @@ pub static FILE: Section = Section {
             need: Need::Without("no inputs"),
             means: "Process data to the MainDevice.",
             goes: "SM3, objects 0x1A00 to 0x1BFF and 0x1C13",
-            example: "{ start = 0x1200, length = 2, default = [0x1A00], pdos = [[0x1A00, 16]] }",
+            example: r#"{ start = 0x1200, length = 2, access = "ro", pdos = [[0x1A00, 16]] }"#,
         },
         Key {
             name: "object",
@@ -169,6 +170,7 @@ pub static FILE: Section = Section {
             example: r#"[{ rule = "OBJ-04", places = ["1C32:05"], why = "the manual has no such entry" }]"#,
         },
     ],
+    rules: &[Rule::Either("modes", "mailbox")],
 };
 
 static IDENTITY: Section = Section {
@@ -202,17 +204,23 @@ static IDENTITY: Section = Section {
                 "object 0x1018:04",
             )
         },
-        number(
-            "device_type",
-            "the profile's number, object 0x1000",
-            "Number of the device profile and further information. A device without mailbox may \
+        Key {
+            need: Need::Sometimes("beside [mailbox]", DEVICE_TYPE),
+            ..number(
+                "device_type",
+                DEVICE_TYPE,
+                "Number of the device profile and further information. A device without mailbox may \
              leave it out.",
-            "object 0x1000",
-        ),
+                "object 0x1000",
+            )
+        },
         version("hardware_version", "Version of the hardware.", "object 0x1009"),
         version("software_version", "Version of the firmware.", "object 0x100A"),
     ],
+    rules: &[],
 };
+
+const DEVICE_TYPE: &str = "the profile's number, object 0x1000";
 
 const fn number(
     name: &'static str,
@@ -276,6 +284,7 @@ static ESC: Section = Section {
             example: "5",
         },
     ],
+    rules: &[],
 };
 
 static MAILBOX: Section = Section {
@@ -299,11 +308,12 @@ static MAILBOX: Section = Section {
             example: "{ start = 0x1080, length = 128 }",
         },
     ],
+    rules: &[],
 };
 
 static MAILBOX_AREA: Section = Section {
-    head: "mailbox.receive and mailbox.send",
-    means: "Where a mailbox lies in the ESC's memory.",
+    head: "mailbox.receive",
+    means: "Where a mailbox lies in the ESC's memory. `mailbox.send` has the same keys.",
     keys: &[
         Key {
             name: "start",
@@ -323,6 +333,7 @@ static MAILBOX_AREA: Section = Section {
             example: "128",
         },
     ],
+    rules: &[],
 };
 
 static OP_MODE: Section = Section {
@@ -364,6 +375,7 @@ static OP_MODE: Section = Section {
             "register 0x09A4",
         ),
     ],
+    rules: &[],
 };
 
 const fn factor(name: &'static str, means: &'static str, goes: &'static str) -> Key {
@@ -408,6 +420,7 @@ static ASSUMED: Section = Section {
             example: r#""not published; another device of the maker has it""#,
         },
     ],
+    rules: &[],
 };
 
 const ITEM_EXPECTED: &str = "an object such as \"1C32:06\" or a key such as \"identity.revision\"";
@@ -445,6 +458,7 @@ static DEVIATION: Section = Section {
             example: r#""the manual has no such entry""#,
         },
     ],
+    rules: &[],
 };
 
 /// What a device does with its process data.

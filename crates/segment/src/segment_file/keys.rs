@@ -9,7 +9,7 @@ mod operation;
 use clock::LONGEST_RUN;
 pub(super) use operation::{DIRECTIONS, MARGIN, RECOVERY};
 
-use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Section};
+use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Rule, Section};
 use isocat_wire::time::Nanos;
 
 use super::misbehave;
@@ -89,6 +89,7 @@ pub static FILE: Section = Section {
         operation::RECOVERY_KEY,
         operation::DIRECTION_KEY,
     ],
+    rules: &[],
 };
 
 static HOST: Section = Section {
@@ -129,6 +130,7 @@ static HOST: Section = Section {
             example: "false",
         },
     ],
+    rules: &[],
 };
 
 static SUBDEVICE: Section = Section {
@@ -145,7 +147,10 @@ static SUBDEVICE: Section = Section {
                     pattern: r"(/|\.toml$)",
                 },
             ]),
-            need: Need::Required("a profile's name, such as device = \"kollmorgen_akd2g\""),
+            need: Need::Sometimes(
+                "unless `esi` is given",
+                "a profile's name, such as device = \"kollmorgen_akd2g\"",
+            ),
             means: "What it is: a built-in profile or a profile file. Either this or `esi` is \
                     needed, not both.",
             goes: "the device's chip, dictionary, EEPROM and CPU times",
@@ -163,7 +168,10 @@ static SUBDEVICE: Section = Section {
         Key {
             name: "type",
             kind: Kind::Name("a type of the description"),
-            need: Need::Required("the type of the device, such as type = \"EL2502-0010\""),
+            need: Need::Sometimes(
+                "beside `esi`",
+                "the type of the device, such as type = \"EL2502-0010\"",
+            ),
             means: "The device of the description, by its type, as `isocat devices vendor.xml` \
                     lists it. Needed beside `esi`.",
             goes: "the choice of the device in the ESI file",
@@ -204,7 +212,7 @@ static SUBDEVICE: Section = Section {
             need: Need::Without("the profile's id and the device's place in the file from 0"),
             means: "What reports call it. Each name is given once.",
             goes: "DeviceConfig::name; reports, captures and `connect`",
-            example: r#""axis 1""#,
+            example: r#""axis 2""#,
         },
         Key {
             name: "mode",
@@ -333,7 +341,7 @@ static SUBDEVICE: Section = Section {
         Key {
             name: "copy_time",
             kind: Kind::duration(Nanos(1), LONGEST_CYCLE),
-            need: Need::Without("as stated in 0x1C32:06"),
+            need: Need::Without("that of its profile, as a rule what 0x1C32:06 states"),
             means: "Time that its CPU really needs from the SM2 event to mapped outputs. Above the \
                     stated time it eats the slack.",
             goes: "the simulated CPU's calc and copy time",
@@ -386,6 +394,14 @@ static SUBDEVICE: Section = Section {
             goes: "the simulated device's power",
             example: r#""3s""#,
         },
+    ],
+    rules: &[
+        Rule::Either("device", "esi"),
+        Rule::Needs("esi", "type"),
+        Rule::Needs("type", "esi"),
+        Rule::Needs("revision", "esi"),
+        Rule::Needs("opmode", "esi"),
+        Rule::Needs("arrives", "optional"),
     ],
 };
 

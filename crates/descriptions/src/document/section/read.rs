@@ -36,7 +36,9 @@ impl<'a> Keys<'a> {
         match (self.table.value(name), key.need) {
             (Some(value), _) => T::read(&value, &key.kind, self.base),
             (None, Need::Default(text)) => Ok(default(key, text, self.base)),
-            (None, Need::Required(expected)) => Err(self.lacks(name, expected)),
+            (None, Need::Required(expected) | Need::Sometimes(_, expected)) => {
+                Err(self.lacks(name, expected))
+            }
             (None, Need::Without(_)) => panic!("the key \"{name}\" is declared without a default"),
         }
     }
@@ -58,7 +60,9 @@ impl<'a> Keys<'a> {
                 let word = words.iter().find(|(word, ..)| text.trim_matches('"') == *word);
                 Ok(word.expect("a default is one of the words").2)
             }
-            (None, Need::Required(expected)) => Err(self.lacks(name, expected)),
+            (None, Need::Required(expected) | Need::Sometimes(_, expected)) => {
+                Err(self.lacks(name, expected))
+            }
             (None, Need::Without(_)) => panic!("the key \"{name}\" is declared without a default"),
         }
     }
@@ -83,7 +87,9 @@ impl<'a> Keys<'a> {
     pub fn required(&self, name: &'static str) -> Result<Value<'a>, FileError> {
         match (self.value(name), self.key(name).need) {
             (Some(value), _) => Ok(value),
-            (None, Need::Required(expected)) => Err(self.lacks(name, expected)),
+            (None, Need::Required(expected) | Need::Sometimes(_, expected)) => {
+                Err(self.lacks(name, expected))
+            }
             (None, _) => panic!("the key \"{name}\" is not declared as required"),
         }
     }
@@ -93,7 +99,9 @@ impl<'a> Keys<'a> {
     pub fn list(&self, name: &'static str, things: &str) -> Result<Vec<Value<'a>>, FileError> {
         match (self.value(name), self.key(name).need) {
             (Some(value), _) => value.array(things),
-            (None, Need::Required(expected)) => Err(self.lacks(name, expected)),
+            (None, Need::Required(expected) | Need::Sometimes(_, expected)) => {
+                Err(self.lacks(name, expected))
+            }
             (None, _) => Ok(Vec::new()),
         }
     }
@@ -120,7 +128,9 @@ impl<'a> Keys<'a> {
     pub fn required_table(&self, name: &'static str) -> Result<Keys<'a>, FileError> {
         match (self.table(name)?, self.key(name).need) {
             (Some(keys), _) => Ok(keys),
-            (None, Need::Required(expected)) => Err(self.lacks(name, expected)),
+            (None, Need::Required(expected) | Need::Sometimes(_, expected)) => {
+                Err(self.lacks(name, expected))
+            }
             (None, _) => panic!("the table \"{name}\" is not declared as required"),
         }
     }

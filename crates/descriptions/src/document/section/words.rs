@@ -68,6 +68,7 @@ impl Need {
     pub fn words(self) -> String {
         match self {
             Self::Required(_) => "needed".into(),
+            Self::Sometimes(when, _) => format!("needed {when}"),
             Self::Default(value) => format!("default {value}"),
             Self::Without(words) => format!("default: {words}"),
         }

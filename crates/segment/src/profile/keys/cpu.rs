@@ -51,6 +51,7 @@ pub(super) static TIMES: Section = Section {
             "Peak-to-peak spread of the local timer that shifts outputs and inputs.",
         ),
     ],
+    rules: &[],
 };
 
 const fn needed(name: &'static str, means: &'static str) -> Key {
@@ -96,6 +97,7 @@ static OVERRUN: Section = Section {
             example: r#""200us""#,
         },
     ],
+    rules: &[],
 };
 
 pub(super) static BEHAVIOUR: Section = Section {
@@ -151,8 +153,8 @@ pub(super) static BEHAVIOUR: Section = Section {
         flag(
             "hide_unused_sync_objects",
             "false",
-            "0x1C32 has no sub-indices in SAFEOP and OP while no outputs are transmitted; the same \
-             for 0x1C33 and inputs.",
+            "The object 0x1C32 has no sub-indices in SAFEOP and OP while no outputs are \
+             transmitted; the same for 0x1C33 and inputs.",
             "objects 0x1C32:00 and 0x1C33:00",
         ),
         Key {
@@ -215,6 +217,7 @@ pub(super) static BEHAVIOUR: Section = Section {
             example: "15",
         },
     ],
+    rules: &[],
 };
 
 const fn time(

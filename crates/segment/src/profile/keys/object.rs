@@ -1,6 +1,8 @@
 //! `[[object]]` and its rows.
 
-use isocat_descriptions::document::section::{Cell, Choice, Key, Kind, Need, Row, Section, Word};
+use isocat_descriptions::document::section::{
+    Cell, Choice, Key, Kind, Need, Row, Rule, Section, Word,
+};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::ObjectCode;
 
@@ -19,7 +21,7 @@ pub(super) static OBJECT: Section = Section {
         Key {
             name: "name",
             kind: Kind::Name("the object's name"),
-            need: Need::Required("the object's name"),
+            need: Need::Sometimes("unless `like` is given", "the object's name"),
             means: "Its name, as SDO information gives it. With `like` it may be left out.",
             goes: "SDO information",
             example: r#""SM output parameter""#,
@@ -66,7 +68,10 @@ pub(super) static OBJECT: Section = Section {
         Key {
             name: "entries",
             kind: Kind::List(&Kind::Either(&[Kind::Row(&ROW), Kind::Table(&GAPS)])),
-            need: Need::Required("rows [sub-index, type, access, value, name]"),
+            need: Need::Sometimes(
+                "unless `like` is given",
+                "rows [sub-index, type, access, value, name]",
+            ),
             means: "Its entries, ascending. With `like` they replace or add entries and may be \
                     left out.",
             goes: "the object dictionary",
@@ -95,6 +100,7 @@ pub(super) static OBJECT: Section = Section {
             example: r#""the table presets 1 and announces Free Run alone""#,
         },
     ],
+    rules: &[Rule::Any("name", "like"), Rule::Any("entries", "like")],
 };
 
 /// An entry of an object.
@@ -122,6 +128,7 @@ static MORE: Section = Section {
         goes: "complete access",
         example: "480",
     }],
+    rules: &[],
 };
 
 /// Sub-indices that only keep bits free.
@@ -154,6 +161,7 @@ pub(in super::super) static GAPS: Section = Section {
             example: r#""Reserved""#,
         },
     ],
+    rules: &[],
 };
 
 /// Which sub-indices are gaps.

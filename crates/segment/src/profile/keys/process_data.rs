@@ -8,22 +8,50 @@ use super::object::{ACCESS, TYPE};
 pub(super) static OUTPUTS: Section = Section {
     head: "[outputs]",
     means: "Process data from the MainDevice, SM2.",
-    keys: &area(&Kind::Tables(&OUTPUT_PDO), &RX_PDO, &Kind::Row(&RX_PDO_ROW), "SM2", "0x1C12"),
+    keys: &area(&Direction {
+        sync_manager: "SM2",
+        assignment: "object 0x1C12",
+        list: Kind::List(&RX_PDO),
+        pdo: Kind::Tables(&OUTPUT_PDO),
+        pdos: Kind::List(&Kind::Row(&RX_PDO_ROW)),
+        list_example: "[0x1600]",
+        pdo_example: r#"[{ index = 0x1600, name = "Outputs", entries = [{ pad = 8 }] }]"#,
+        pdos_example: "[[0x1600, 16]]",
+    }),
+    rules: &[],
 };
 
 pub(super) static INPUTS: Section = Section {
     head: "[inputs]",
     means: "Process data to the MainDevice, SM3. Its keys are those of [outputs].",
-    keys: &area(&Kind::Tables(&INPUT_PDO), &TX_PDO, &Kind::Row(&TX_PDO_ROW), "SM3", "0x1C13"),
+    keys: &area(&Direction {
+        sync_manager: "SM3",
+        assignment: "object 0x1C13",
+        list: Kind::List(&TX_PDO),
+        pdo: Kind::Tables(&INPUT_PDO),
+        pdos: Kind::List(&Kind::Row(&TX_PDO_ROW)),
+        list_example: "[0x1A00]",
+        pdo_example: r#"[{ index = 0x1A00, name = "Inputs", entries = [{ pad = 8 }] }]"#,
+        pdos_example: "[[0x1A00, 16]]",
+    }),
+    rules: &[],
 };
 
-const fn area(
-    tables: &'static Kind,
-    index: &'static Kind,
-    row: &'static Kind,
+/// What outputs and inputs differ in.
+struct Direction {
     sync_manager: &'static str,
     assignment: &'static str,
-) -> [Key; 8] {
+    list: Kind,
+    pdo: Kind,
+    pdos: Kind,
+    list_example: &'static str,
+    pdo_example: &'static str,
+    pdos_example: &'static str,
+}
+
+const fn area(of: &Direction) -> [Key; 8] {
+    let Direction { sync_manager, assignment, list, pdo, pdos, .. } = *of;
+    let Direction { list_example, pdo_example, pdos_example, .. } = *of;
     [
         Key {
             name: "start",
@@ -45,7 +73,10 @@ const fn area(
         Key {
             name: "access",
             kind: ACCESS,
-            need: Need::Required("who may write the PDO assignment, such as \"ro\""),
+            need: Need::Sometimes(
+                "beside [mailbox]",
+                "who may write the PDO assignment, such as \"ro\"",
+            ),
             means: "Who may write the PDO assignment: \"ro\" is a fixed one. Needed beside \
                     [mailbox], refused without.",
             goes: assignment,
@@ -61,36 +92,36 @@ const fn area(
         },
         Key {
             name: "default",
-            kind: Kind::List(index),
+            kind: list,
             need: Need::Without("none"),
             means: "PDOs that are assigned at power-on.",
             goes: assignment,
-            example: "[]",
+            example: list_example,
         },
         Key {
             name: "recommended",
-            kind: Kind::List(index),
+            kind: list,
             need: Need::Without("those of `default`"),
             means: "PDOs that should be assigned: written where the assignment is writable. Only \
                     beside [mailbox].",
             goes: assignment,
-            example: "[]",
+            example: list_example,
         },
         Key {
             name: "pdo",
-            kind: *tables,
+            kind: pdo,
             need: Need::Without("no PDOs, or those of `pdos`"),
             means: "PDOs with their entries.",
             goes: "objects of PDO mapping; categories 50 and 51 of the SII",
-            example: "[]",
+            example: pdo_example,
         },
         Key {
             name: "pdos",
-            kind: Kind::List(row),
+            kind: pdos,
             need: Need::Without("no further PDOs"),
             means: "PDOs of which only the bits matter: rows of index and bits.",
             goes: "objects of PDO mapping; categories 50 and 51 of the SII",
-            example: "[]",
+            example: pdos_example,
         },
     ]
 }
@@ -99,10 +130,15 @@ static OUTPUT_PDO: Section = Section {
     head: "[[outputs.pdo]]",
     means: "A PDO of the outputs.",
     keys: &pdo(RX_PDO, "0x1600"),
+    rules: &[],
 };
 
-static INPUT_PDO: Section =
-    Section { head: "[[inputs.pdo]]", means: "A PDO of the inputs.", keys: &pdo(TX_PDO, "0x1A00") };
+static INPUT_PDO: Section = Section {
+    head: "[[inputs.pdo]]",
+    means: "A PDO of the inputs.",
+    keys: &pdo(TX_PDO, "0x1A00"),
+    rules: &[],
+};
 
 const fn pdo(index: Kind, example: &'static str) -> [Key; 3] {
     [
@@ -165,6 +201,7 @@ pub(in super::super) static PADDING: Section = Section {
         goes: "an entry 0x0000:00 of the object of PDO mapping",
         example: "8",
     }],
+    rules: &[],
 };
 
 /// A PDO of the outputs of which only the bits matter.

@@ -31,6 +31,7 @@ static RAMP: Section = Section {
         },
         span("over", SHORTEST, "How long it grows."),
     ],
+    rules: &[],
 };
 
 pub(super) const STEP_KEY: Key = Key {
@@ -49,6 +50,7 @@ static STEP: Section = Section {
         by("How much it changes by."),
         span("at", Nanos::ZERO, "When it changes, from power-on in true time."),
     ],
+    rules: &[],
 };
 
 pub(super) const WALK_KEY: Key = Key {
@@ -68,6 +70,7 @@ static WALK: Section = Section {
         span("every", SHORTEST, "Time from one step to the next."),
         size("within", "How far it goes from zero at most, either way."),
     ],
+    rules: &[],
 };
 
 const fn by(means: &'static str) -> Key {

@@ -71,6 +71,7 @@ static QUALITY: Section = Section {
             example: "false",
         },
     ],
+    rules: &[],
 };
 
 /// A limit of margins that is one.
@@ -117,6 +118,7 @@ static DELAY_WATCH: Section = Section {
             example: "true",
         },
     ],
+    rules: &[],
 };
 
 pub(super) const RECOVERY_KEY: Key = Key {
@@ -161,6 +163,7 @@ pub(in super::super) static RECOVERY: Section = Section {
             example: r#""30s""#,
         },
     ],
+    rules: &[],
 };
 
 pub(super) const DIRECTION_KEY: Key = Key {

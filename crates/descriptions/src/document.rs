@@ -9,6 +9,10 @@ use toml::de::{DeTable, DeValue};
 
 use crate::quantity::{DelayPerMetre, Length, Ppb, QuantityError, parse_duration};
 
+pub mod section;
+
+use section::Word;
+
 /// What is wrong in a file, and where. Prints in one line, or two with a hint.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct FileError {
@@ -198,9 +202,12 @@ impl<'a> Table<'a> {
 
     /// The value of a key that must be there; `expected` says in the error what it should be.
     pub fn required(&self, key: &'a str, expected: &str) -> Result<Value<'a>, FileError> {
-        self.value(key).ok_or_else(|| {
-            self.error(format!("{} lacks the key \"{key}\"; expected {expected}", self.name))
-        })
+        self.value(key).ok_or_else(|| self.lacks(key, expected))
+    }
+
+    /// The error that a key is not there.
+    pub fn lacks(&self, key: &str, expected: &str) -> FileError {
+        self.error(format!("{} lacks the key \"{key}\"; expected {expected}", self.name))
     }
 
     /// All keys with their values, in the order of the file.
@@ -223,11 +230,6 @@ impl<'a> Table<'a> {
             None => Ok(Vec::new()),
             Some(value) => value.array("tables")?.iter().map(Value::table).collect(),
         }
-    }
-
-    /// The table of a key, if there is one.
-    pub fn table(&self, key: &'a str) -> Result<Option<Table<'a>>, FileError> {
-        self.value(key).map(|value| value.table()).transpose()
     }
 
     /// The value of a key of this table or of one below it (`esc.chip`) as the file writes it; a long
@@ -335,16 +337,6 @@ impl<'a> Value<'a> {
         }
     }
 
-    /// A 16-bit integer.
-    pub fn u16(&self) -> Result<u16, FileError> {
-        self.integer(0..=i64::from(u16::MAX)).map(|value| value as u16)
-    }
-
-    /// A 32-bit integer.
-    pub fn u32(&self) -> Result<u32, FileError> {
-        self.integer(0..=i64::from(u32::MAX)).map(|value| value as u32)
-    }
-
     /// True or false.
     pub fn boolean(&self) -> Result<bool, FileError> {
         match self.value.get_ref() {
@@ -420,12 +412,12 @@ impl<'a> Value<'a> {
         )))
     }
 
-    /// One of a few names.
-    pub fn one_of<T: Copy>(&self, choices: &[(&str, T)]) -> Result<T, FileError> {
+    /// What one of a few words stands for.
+    pub fn one_of<T: Copy>(&self, words: &[Word<T>]) -> Result<T, FileError> {
         let text = self.string("a name in quotes")?;
-        choices.iter().find(|(name, _)| *name == text).map(|(_, value)| *value).ok_or_else(|| {
+        words.iter().find(|(word, ..)| *word == text).map(|(.., value)| *value).ok_or_else(|| {
             self.error(format!("unknown {} \"{text}\"", self.name))
-                .with_hint(name_hint(text, choices.iter().map(|(name, _)| *name)))
+                .with_hint(name_hint(text, words.iter().map(|(word, ..)| *word)))
         })
     }
 

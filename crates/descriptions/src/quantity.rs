@@ -13,6 +13,11 @@ pub fn parse_duration(text: &str) -> Result<Nanos, QuantityError> {
     parse(text, &DURATION).map(Nanos)
 }
 
+/// How a duration is written, as a regular expression of ECMA 262; `signed`: it may be below zero.
+pub fn duration_pattern(signed: bool) -> String {
+    pattern(&DURATION, signed)
+}
+
 /// A length of cable, in mm. Written `10m`, `30cm`, `250mm`.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 pub struct Length(pub i64);
@@ -21,6 +26,13 @@ impl Length {
     /// A length of whole metres.
     pub const fn metres(m: i64) -> Self {
         Self(m * 1_000)
+    }
+}
+
+impl Length {
+    /// How it is written, as a regular expression of ECMA 262.
+    pub fn pattern() -> String {
+        pattern(&LENGTH, false)
     }
 }
 
@@ -41,6 +53,13 @@ impl fmt::Display for Length {
 /// How long a signal takes on a cable, in ps per metre. Written `5ns/m`, `5.3ns/m`, `4950ps/m`.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Default)]
 pub struct DelayPerMetre(pub i64);
+
+impl DelayPerMetre {
+    /// How it is written, as a regular expression of ECMA 262.
+    pub fn pattern() -> String {
+        pattern(&DELAY_PER_METRE, false)
+    }
+}
 
 impl FromStr for DelayPerMetre {
     type Err = QuantityError;
@@ -65,6 +84,13 @@ impl Ppb {
     /// A rate of whole parts per million.
     pub const fn ppm(ppm: i64) -> Self {
         Self(ppm * 1_000)
+    }
+}
+
+impl Ppb {
+    /// How it is written, as a regular expression of ECMA 262; `signed`: it may be below zero.
+    pub fn pattern(signed: bool) -> String {
+        pattern(&RATE, signed)
     }
 }
 
@@ -184,6 +210,17 @@ fn parse(text: &str, kind: &'static Kind) -> Result<i64, QuantityError> {
     }
     let total = i128::from(whole) * i128::from(factor) + scaled_part / scale;
     i64::try_from(if negative { -total } else { total }).map_err(|_| fail(Problem::TooLarge))
+}
+
+/// What [`parse`] takes, as a regular expression: a number, a unit, and blanks around them.
+fn pattern(kind: &Kind, signed: bool) -> String {
+    let units: Vec<_> = kind.units.iter().map(|(unit, _)| *unit).collect();
+    let units = units.join("|");
+    match signed {
+        true => format!(r"^\s*[+-]?[0-9]+(\.[0-9]+)?\s*({units})\s*$"),
+        // Zero may have any sign.
+        false => format!(r"^\s*(\+?[0-9]+(\.[0-9]+)?|-0+(\.0+)?)\s*({units})\s*$"),
+    }
 }
 
 /// `value` in units of `scale`, with as many decimals as needed.

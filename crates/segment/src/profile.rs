@@ -76,7 +76,8 @@
 use std::collections::HashMap;
 use std::sync::{LazyLock, Mutex, PoisonError};
 
-use isocat_esc::chip::{self, Chip};
+use isocat_descriptions::document::section::Words;
+use isocat_esc::chip::Chip;
 use isocat_sim::Unevenness;
 use isocat_subdevice::{Description, Misbehaviour};
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
@@ -87,6 +88,7 @@ mod check;
 mod dictionary;
 mod draft;
 mod esi;
+mod keys;
 mod parse;
 mod rows;
 mod sii;
@@ -95,6 +97,8 @@ mod tests;
 
 pub use esi::{NotSimulated, Obstacle, RunAs};
 pub use isocat_descriptions::document::{FileError, FilePlace, name_hint};
+pub use keys::FILE;
+pub(crate) use keys::MODES;
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.
 ///
@@ -115,7 +119,7 @@ pub struct Profile {
     pub description: &'static Description,
     /// EEPROM image, as long as the EEPROM; unused bytes are 0xFF.
     pub sii: Vec<u8>,
-    /// Which ESC it has: a name of [`CHIPS`]; the ports and the memory of an imported device are its own.
+    /// Which ESC it has: a name that `[esc] chip` takes; the ports and the memory of an imported device are its own.
     pub chip: &'static str,
     /// What its CPU really needs.
     pub times: CpuTimes,
@@ -421,20 +425,19 @@ pub fn built_in_ids() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
+/// The ids of all built-in profiles, for the declaration of a key.
+pub(crate) struct BuiltInIds;
+
+impl Words for BuiltInIds {
+    fn words(&self) -> Vec<(&'static str, &'static str)> {
+        built_in_ids().map(|id| (id, "")).collect()
+    }
+}
+
 /// The text of a built-in profile, as a start for one's own.
 pub fn built_in_text(id: &str) -> Option<&'static str> {
     BUILT_IN.iter().find(|(name, _)| *name == id).map(|(_, text)| *text)
 }
-
-/// The ESCs that profiles can name; a profile that names another is refused.
-pub const CHIPS: [(&str, &Chip); 6] = [
-    ("ET1100", &chip::ET1100),
-    ("ET1100_MII", &chip::ET1100_MII),
-    ("ET1200", &chip::ET1200),
-    ("IP_CORE_32", &chip::IP_CORE_32),
-    ("LAN9252", &chip::LAN9252),
-    ("XMC4800", &chip::XMC4800),
-];
 
 /// Those that people know first, then by name; devices of our own last.
 const BUILT_IN: [(&str, &str); 33] = [

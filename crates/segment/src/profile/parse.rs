@@ -1,144 +1,84 @@
 //! From the file to a draft.
 
-use std::ops::RangeInclusive;
-
+use isocat_descriptions::document::section::{Keys, Row};
 use isocat_descriptions::document::{FileError, Source, Table, Value};
 use isocat_sim::{Overrun, Unevenness};
-use isocat_subdevice::description::{Behaviour, LossCodes, Mailbox, Measured, MissedEvents};
-use isocat_subdevice::{MAX_MAILBOX, MAX_PROCESS_DATA};
-use isocat_sync::{SupportedTypes, SyncMode};
+use isocat_subdevice::description::{Behaviour, Mailbox, Measured};
+use isocat_sync::SupportedTypes;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
 use isocat_wire::sii::MailboxArea;
-use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Property, Times};
 use super::rows::{objects, parse_access, parse_hex, parse_object, parse_type};
-use super::{ApplicationKind, CHIPS, Deviation, Identity, OpMode};
+use super::{Deviation, Identity, OpMode, keys};
 
 /// Reads the file.
 pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
     let document = source.parse()?;
-    let root = Table::root(source, &document);
-    root.allow(&[
-        "id",
-        "name",
-        "vendor",
-        "application",
-        "identity",
-        "esc",
-        "mailbox",
-        "modes",
-        "outputs",
-        "inputs",
-        "object",
-        "opmode",
-        "opmodes",
-        "times",
-        "behaviour",
-        "assumed",
-        "deviation",
-    ])?;
-    let text = |key, expected| Ok(root.required(key, expected)?.name(expected)?.to_owned());
-    let section = |key, expected| root.required(key, expected)?.table();
-    let identity = section("identity", "a table with vendor_id, product_code and revision")?;
-    identity.allow(&[
-        "vendor_id",
-        "product_code",
-        "revision",
-        "serial",
-        "device_type",
-        "hardware_version",
-        "software_version",
-    ])?;
-    let number = |key, expected| identity.required(key, expected)?.u32();
-    let version = |key| match identity.value(key) {
-        Some(value) => value.name("a version in quotes").map(str::to_owned),
-        None => Ok("1.0".to_owned()),
-    };
-    let esc = esc(section("esc", "a table with the ESC's chip")?)?;
-    let mailbox = root.table("mailbox")?.map(mailbox).transpose()?;
+    let file = Table::root(source, &document);
+    let root = Keys::open(file, &keys::FILE)?;
+    let identity = root.required_table("identity")?;
+    let esc = esc(&root.required_table("esc")?)?;
+    let mailbox = root.table("mailbox")?.map(|keys| mailbox(&keys)).transpose()?;
     let has_mailbox = mailbox.is_some();
-    let area = |key, sm, pdos| {
-        root.table(key)?.map(|table| area(table, sm, pdos, has_mailbox)).transpose()
-    };
+    let area =
+        |key, sm, bare| root.table(key)?.map(|keys| area(&keys, sm, bare, has_mailbox)).transpose();
     let device_type = match identity.value("device_type") {
         None if !has_mailbox => 0,
-        _ => number("device_type", "the profile's number, object 0x1000")?,
+        _ => identity.get("device_type")?,
     };
     Ok(Draft {
         source,
-        id: text("id", "the name that segment files use")?,
-        name: text("name", "the product's name")?,
-        vendor: text("vendor", "the maker's name")?,
-        application: root
-            .required("application", "\"drive\" or \"io\"")?
-            .one_of(&[("drive", ApplicationKind::Drive), ("io", ApplicationKind::Io)])?,
+        id: root.get("id")?,
+        name: root.get("name")?,
+        vendor: root.get("vendor")?,
+        application: root.choice("application", &keys::APPLICATIONS)?,
         identity: Identity {
-            vendor_id: number("vendor_id", "the maker's number, object 0x1018:01")?,
-            product_code: number("product_code", "the product's number, object 0x1018:02")?,
-            revision: number("revision", "the revision, object 0x1018:03")?,
-            serial: identity.value("serial").map_or(Ok(0), |value| value.u32())?,
+            vendor_id: identity.get("vendor_id")?,
+            product_code: identity.get("product_code")?,
+            revision: identity.get("revision")?,
+            serial: identity.get("serial")?,
         },
         device_type,
-        hardware_version: version("hardware_version")?,
-        software_version: version("software_version")?,
+        hardware_version: identity.get("hardware_version")?,
+        software_version: identity.get("software_version")?,
         esc,
         mailbox,
-        modes: modes(root, has_mailbox)?,
-        outputs: area("outputs", 2, 0x1600..=0x17FF)?,
-        inputs: area("inputs", 3, 0x1A00..=0x1BFF)?,
+        modes: modes(&root, has_mailbox)?,
+        outputs: area("outputs", 2, &keys::RX_PDO_ROW)?,
+        inputs: area("inputs", 3, &keys::TX_PDO_ROW)?,
         objects: objects(root.tables("object")?)?,
-        op_modes: op_modes(root)?,
-        times: times(section("times", "a table with application and others")?)?,
+        op_modes: op_modes(&root)?,
+        times: times(&root.required_table("times")?)?,
         behaviour: behaviour(root.table("behaviour")?)?,
-        assumed: assumed(root)?,
-        deviations: deviations(root)?,
+        assumed: assumed(&root, file)?,
+        deviations: deviations(&root)?,
         eeprom: None,
     })
 }
 
-fn esc(table: Table<'_>) -> Result<Esc, FileError> {
-    table.allow(&["chip", "sync_unit", "pulse", "alias"])?;
-    let expected = "the name of an ESC";
-    let pulse = match table.value("pulse") {
-        Some(value) => {
-            let pulse = value.duration(Nanos::ZERO..=Nanos(i64::from(u16::MAX) * 10))?;
-            if pulse.0 % 10 != 0 {
-                return Err(value.error(format!("pulse = {pulse}: expected whole 10 ns")));
-            }
-            pulse
-        }
-        None => Nanos::micros(10),
-    };
+fn esc(keys: &Keys<'_>) -> Result<Esc, FileError> {
     Ok(Esc {
-        at: table.at,
-        chip: table.required("chip", expected)?.one_of(&CHIPS.map(|chip| (chip.0, chip)))?,
-        sync_unit: table
-            .required("sync_unit", "whether SYNC0 can be generated, true or false")?
-            .boolean()?,
-        pulse,
-        alias: table.value("alias").map_or(Ok(0), |value| value.u16())?,
+        at: keys.at(),
+        chip: keys.choice("chip", &keys::CHIPS)?,
+        sync_unit: keys.get("sync_unit")?,
+        pulse: keys.get("pulse")?,
+        alias: keys.get("alias")?,
     })
 }
 
-fn mailbox(table: Table<'_>) -> Result<Placed<Mailbox>, FileError> {
-    table.allow(&["receive", "send"])?;
+fn mailbox(keys: &Keys<'_>) -> Result<Placed<Mailbox>, FileError> {
     let area = |key| {
-        let area = table.required(key, "{ start = 0x1000, length = 128 }")?.table()?;
-        area.allow(&["start", "length"])?;
-        Ok(MailboxArea {
-            start: area.required("start", "an address")?.integer(0x1000..=0xFFFF)? as u16,
-            // Two headers, an SDO of 8 bytes and room to segment; what the stack can hold.
-            length: area.required("length", "bytes")?.integer(32..=MAX_MAILBOX as i64)? as u16,
-        })
+        let area = keys.required_table(key)?;
+        Ok(MailboxArea { start: area.get("start")?, length: area.get("length")? })
     };
-    Ok(Placed { at: table.at, value: Mailbox { receive: area("receive")?, send: area("send")? } })
+    Ok(Placed { at: keys.at(), value: Mailbox { receive: area("receive")?, send: area("send")? } })
 }
 
 /// What a device works by that has no mailbox to state it in 0x1C32:04.
-fn modes(root: Table<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTypes>>, FileError> {
+fn modes(root: &Keys<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTypes>>, FileError> {
     if has_mailbox {
         return match root.value("modes") {
             Some(value) => Err(value.error(
@@ -147,120 +87,109 @@ fn modes(root: Table<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTy
             None => Ok(None),
         };
     }
-    let expected = "what a device without [mailbox] works by, such as modes = [\"sm\"]";
-    let value = root.required("modes", expected)?;
-    let names = SyncMode::ALL.map(|mode| (mode.name(), mode));
+    let value = root.required("modes")?;
     let mut types = SupportedTypes(0);
     for mode in value.array("modes")? {
         // In 0x1C32:04 the modes have the bits of their order.
-        types.0 |= 1 << mode.one_of(&names)? as u16;
+        types.0 |= 1 << mode.one_of(&keys::MODES)? as u16;
     }
     if types.0 == 0 {
-        return Err(value.error(format!("modes is empty; expected {expected}")));
+        return Err(value.error(
+            "modes is empty; expected what a device without [mailbox] works by, such as modes = [\"sm\"]",
+        ));
     }
     Ok(Some(Placed { at: value.at(), value: types }))
 }
 
+/// `[outputs]` or `[inputs]`; `bare` is how the rows of its `pdos` look.
 fn area(
-    table: Table<'_>,
+    keys: &Keys<'_>,
     sync_manager: u8,
-    pdos: RangeInclusive<i64>,
+    bare: &'static Row,
     has_mailbox: bool,
 ) -> Result<Area, FileError> {
-    // Without a mailbox there is no 0x1C12 or 0x1C13 to be written.
-    table.allow(match has_mailbox {
-        true => &["start", "length", "access", "slots", "default", "recommended", "pdo", "pdos"],
-        false => &["start", "length", "default", "pdo", "pdos"],
-    })?;
-    let list = |key| {
-        table.value(key).map(|value| {
-            let indices = value.array("PDO indices")?;
-            let index = |value: &Value<'_>| {
-                Ok(Placed { at: value.at(), value: value.integer(pdos.clone())? as u16 })
-            };
-            indices.iter().map(index).collect::<Result<Vec<_>, FileError>>()
-        })
-    };
-    let mut definitions = table
-        .tables("pdo")?
-        .into_iter()
-        .map(|table| pdo(table, pdos.clone()))
-        .collect::<Result<Vec<_>, _>>()?;
-    if let Some(rows) = table.value("pdos") {
-        for row in rows.array("rows [PDO, bits]")? {
-            definitions.push(bare_pdo(&row, pdos.clone())?);
-        }
+    let of_assignment = ["access", "slots", "recommended"];
+    if let Some(key) = of_assignment.into_iter().find(|key| keys.value(key).is_some())
+        && !has_mailbox
+    {
+        let message = format!(
+            "{key} is given, but the PDO assignment of a device without mailbox is fixed; expected a table \
+             [mailbox], or no {key}"
+        );
+        return Err(keys.error_at(key, message));
     }
-    let default = list("default").unwrap_or(Ok(Vec::new()))?;
-    let recommended = list("recommended").unwrap_or_else(|| Ok(default.clone()))?;
-    let slots = match table.value("slots") {
-        Some(value) => value.integer(1..=254)? as u8,
-        None => definitions.len().max(default.len()).clamp(1, 254) as u8,
+    let list = |key| {
+        let indices = keys.items(key, "PDO indices")?.into_iter();
+        Ok(indices.map(|(place, value)| Placed { at: place.at(), value }).collect::<Vec<_>>())
     };
-    let access = match has_mailbox {
-        true => {
-            let expected = "who may write the PDO assignment, such as \"ro\"";
-            parse_access(&table.required("access", expected)?)?
-        }
-        false => Access::READ,
+    let definitions = keys.tables("pdo")?;
+    let mut definitions = definitions.iter().map(pdo).collect::<Result<Vec<_>, _>>()?;
+    for row in keys.list("pdos", "rows [PDO, bits]")? {
+        definitions.push(bare_pdo(&row, bare)?);
+    }
+    let default = list("default")?;
+    let recommended = match keys.value("recommended") {
+        Some(_) => list("recommended")?,
+        None => default.clone(),
     };
+    let usual = definitions.len().max(default.len()).clamp(1, 254) as u8;
     Ok(Area {
-        at: table.at,
+        at: keys.at(),
         sync_manager,
-        start: table.required("start", "an address")?.integer(0x1000..=0xFFFF)? as u16,
-        length: table
-            .required("length", "the most bytes of one buffer")?
-            .integer(1..=MAX_PROCESS_DATA as i64)? as u16,
-        access,
-        slots,
+        start: keys.get("start")?,
+        length: keys.get("length")?,
+        access: match has_mailbox {
+            true => parse_access(&keys.required("access")?)?,
+            false => Access::READ,
+        },
+        slots: keys.find("slots")?.unwrap_or(usual),
         default,
         recommended,
         pdos: definitions,
     })
 }
 
-fn pdo(table: Table<'_>, indices: RangeInclusive<i64>) -> Result<Pdo, FileError> {
-    table.allow(&["index", "name", "entries"])?;
-    let entries = table.required("entries", "rows [object, type, name]")?;
+fn pdo(keys: &Keys<'_>) -> Result<Pdo, FileError> {
+    let entries = keys.required("entries")?.array("rows")?;
     Ok(Pdo {
-        at: table.at,
-        index: table.required("index", "the PDO's index")?.integer(indices)? as u16,
-        name: table.required("name", "the PDO's name")?.name("the PDO's name")?.to_owned(),
-        entries: entries.array("rows")?.iter().map(pdo_entry).collect::<Result<_, _>>()?,
+        at: keys.at(),
+        index: keys.get("index")?,
+        name: keys.get("name")?,
+        entries: entries.iter().map(pdo_entry).collect::<Result<_, _>>()?,
     })
 }
 
 /// A PDO of which only the length matters: `[0x1A00, 32]`.
-fn bare_pdo(row: &Value<'_>, indices: RangeInclusive<i64>) -> Result<Pdo, FileError> {
-    let cells = row.array("a PDO and its bits")?;
-    let [index, bits] = cells[..] else { return Err(row.unexpected("a row [PDO, bits]")) };
-    let (index, mut left) = (index.integer(indices)? as u16, bits.integer(0..=16_000)?);
+fn bare_pdo(row: &Value<'_>, bare: &'static Row) -> Result<Pdo, FileError> {
+    let cells = bare.open(row)?;
+    let (index, mut left) = (cells.get("PDO")?, cells.get::<i64>("bits")?);
     let mut entries = Vec::new();
     while left > 0 {
         let bits = left.min(64) as u8;
         left -= i64::from(bits);
-        let (data_type, name) = (DataType::GAP, String::new());
-        entries.push(PdoEntry { at: row.at(), object: None, data_type, bits, name });
+        entries.push(padding(row, bits));
     }
     let direction = if index < 0x1800 { "RxPDO" } else { "TxPDO" };
     Ok(Pdo { at: row.at(), index, name: format!("{direction} 0x{index:04X}"), entries })
 }
 
+fn padding(row: &Value<'_>, bits: u8) -> PdoEntry {
+    let (data_type, name) = (DataType::GAP, String::new());
+    PdoEntry { at: row.at(), object: None, data_type, bits, name }
+}
+
 fn pdo_entry(row: &Value<'_>) -> Result<PdoEntry, FileError> {
     if row.is_table() {
-        let table = row.table()?;
-        table.allow(&["pad"])?;
-        let bits = table.required("pad", "bits of padding")?.integer(1..=64)? as u8;
-        let (data_type, name) = (DataType::GAP, String::new());
-        return Ok(PdoEntry { at: row.at(), object: None, data_type, bits, name });
+        let keys = Keys::open(row.table()?, &keys::PADDING)?;
+        return Ok(padding(row, keys.get("pad")?));
     }
-    let expected = "a row such as [\"6040:00\", \"UNSIGNED16\", \"Controlword\"] or { pad = 8 }";
-    let cells = row.array("object, type and name")?;
-    let [object, data_type, name] = cells[..] else { return Err(row.unexpected(expected)) };
+    let cells = keys::PDO_ROW.open(row)?;
+    let object = cells.value("object");
     let text = object.string("an object such as \"6040:00\"")?;
     let address = parse_object(text).ok_or_else(|| {
         object.error(format!("\"{text}\": expected an object such as \"6040:00\""))
     })?;
+    let data_type = cells.value("type");
     let kind = parse_type(&data_type)?;
     let bits = kind.bits().filter(|bits| *bits <= 64).ok_or_else(|| {
         data_type.error("a type without a fixed length can't be mapped; expected e.g. UNSIGNED16")
@@ -270,235 +199,129 @@ fn pdo_entry(row: &Value<'_>) -> Result<PdoEntry, FileError> {
         object: Some(address),
         data_type: kind,
         bits: bits as u8,
-        name: name.name("the entry's name")?.to_owned(),
+        name: cells.get("name")?,
     })
 }
 
 /// Reads `[[opmode]]`, or the short form of many: rows [name, description, assign_activate, factors].
-fn op_modes(root: Table<'_>) -> Result<Vec<OpMode>, FileError> {
-    let mut all = root.tables("opmode")?.into_iter().map(op_mode).collect::<Result<Vec<_>, _>>()?;
-    let Some(rows) = root.value("opmodes") else { return Ok(all) };
-    for row in rows.array("rows")? {
-        let cells = row.array("name, description, word and two factors")?;
-        let [name, description, word, sync0, sync1] = cells[..] else {
-            return Err(row.unexpected("[name, description, assign_activate, sync0, sync1]"));
-        };
-        let factor = |value: Value<'_>| value.integer(i64::from(i16::MIN)..=i64::from(i16::MAX));
+fn op_modes(root: &Keys<'_>) -> Result<Vec<OpMode>, FileError> {
+    let tables = root.tables("opmode")?;
+    let mut all = tables.iter().map(op_mode).collect::<Result<Vec<_>, _>>()?;
+    for row in root.list("opmodes", "rows")? {
+        let cells = keys::OP_MODE_ROW.open(&row)?;
         all.push(OpMode {
-            name: name.name("the mode's name")?.to_owned(),
-            description: description.string("a description")?.to_owned(),
-            assign_activate: word.u16()?,
-            sync0_factor: factor(sync0)? as i16,
-            sync1_factor: factor(sync1)? as i16,
+            name: cells.get("name")?,
+            description: cells.get("description")?,
+            assign_activate: cells.get("assign_activate")?,
+            sync0_factor: cells.get("sync0")?,
+            sync1_factor: cells.get("sync1")?,
         });
     }
     Ok(all)
 }
 
-fn op_mode(table: Table<'_>) -> Result<OpMode, FileError> {
-    table.allow(&["name", "description", "assign_activate", "sync0_factor", "sync1_factor"])?;
-    let factor = |key| match table.value(key) {
-        Some(value) => value.integer(i64::from(i16::MIN)..=i64::from(i16::MAX)).map(|n| n as i16),
-        None => Ok(0),
-    };
+fn op_mode(keys: &Keys<'_>) -> Result<OpMode, FileError> {
     Ok(OpMode {
-        name: table.required("name", "the mode's name")?.name("the mode's name")?.to_owned(),
-        description: match table.value("description") {
-            Some(value) => value.name("a description")?.to_owned(),
-            None => String::new(),
-        },
-        assign_activate: table
-            .required("assign_activate", "the word for registers 0x0980 and 0x0981")?
-            .u16()?,
-        sync0_factor: factor("sync0_factor")?,
-        sync1_factor: factor("sync1_factor")?,
+        name: keys.get("name")?,
+        description: keys.find("description")?.unwrap_or_default(),
+        assign_activate: keys.get("assign_activate")?,
+        sync0_factor: keys.get("sync0_factor")?,
+        sync1_factor: keys.get("sync1_factor")?,
     })
 }
 
-fn times(table: Table<'_>) -> Result<Times, FileError> {
-    table.allow(&[
-        "reaction",
-        "calc_and_copy",
-        "application",
-        "input_copy",
-        "jitter",
-        "latency",
-        "variation",
-        "overrun",
-        "timer_jitter",
-    ])?;
-    let time =
-        |key, least| table.value(key).map(|value| value.duration(least..=LONGEST_STEP)).transpose();
-    let needed = |key| {
-        let expected = "a duration with its unit, such as \"20us\"";
-        table.required(key, expected)?.duration(Nanos(1)..=LONGEST_STEP)
-    };
+fn times(keys: &Keys<'_>) -> Result<Times, FileError> {
     Ok(Times {
-        at: table.at,
-        reaction: needed("reaction")?,
-        calc_and_copy: time("calc_and_copy", Nanos(1))?,
-        application: needed("application")?,
-        input_copy: time("input_copy", Nanos(1))?,
-        jitter: time("jitter", Nanos::ZERO)?.unwrap_or(Nanos::ZERO),
+        at: keys.at(),
+        reaction: keys.get("reaction")?,
+        calc_and_copy: keys.find("calc_and_copy")?,
+        application: keys.get("application")?,
+        input_copy: keys.find("input_copy")?,
+        jitter: keys.get("jitter")?,
         unevenness: Unevenness {
-            latency: time("latency", Nanos::ZERO)?.unwrap_or(Nanos::ZERO),
-            variation: match table.value("variation") {
-                Some(value) => value.integer(0..=100)? as u8,
-                None => 0,
-            },
-            overrun: table.table("overrun")?.map(overrun).transpose()?,
-            timer_jitter: time("timer_jitter", Nanos::ZERO)?.unwrap_or(Nanos::ZERO),
+            latency: keys.get("latency")?,
+            variation: keys.get("variation")?,
+            overrun: keys.table("overrun")?.map(|keys| overrun(&keys)).transpose()?,
+            timer_jitter: keys.get("timer_jitter")?,
         },
     })
 }
 
-fn overrun(table: Table<'_>) -> Result<Overrun, FileError> {
-    table.allow(&["one_in", "by"])?;
-    let count = table.required("one_in", "in how many cycles it happens once")?;
-    let by = table.required("by", "a duration with its unit, such as \"200us\"")?;
-    Ok(Overrun {
-        one_in: count.integer(1..=i64::from(u32::MAX))? as u32,
-        by: by.duration(Nanos(1)..=LONGEST_STEP)?,
-    })
+fn overrun(keys: &Keys<'_>) -> Result<Overrun, FileError> {
+    Ok(Overrun { one_in: keys.get("one_in")?, by: keys.get("by")? })
 }
 
-fn behaviour(table: Option<Table<'_>>) -> Result<Placed<Behaviour>, FileError> {
-    let mut behaviour = Behaviour::default();
-    let Some(table) = table else { return Ok(Placed { at: 0, value: behaviour }) };
-    table.allow(&[
-        "missed_events",
-        "sync_error_limit",
-        "safeop_to_op_timeout",
-        "free_run_period",
-        "maximum_cycle_time",
-        "watchdog_must_agree",
-        "hide_unused_sync_objects",
-        "identification",
-        "polls_outputs",
-        "application_on_sync1",
-        "subordinated_sync0_cycle",
-        "cycle_granularity",
-        "loss_codes",
-        "measures",
-        "output_toggle",
-    ])?;
-    if let Some(value) = table.value("missed_events") {
-        behaviour.missed_events = value.one_of(&[
-            ("counted", MissedEvents::Counted),
-            ("slave-stack-code", MissedEvents::SlaveStackCode),
-            ("balance", MissedEvents::Balance),
-        ])?;
-    }
-    if let Some(value) = table.value("sync_error_limit") {
-        behaviour.sync_error_limit = value.integer(1..=i64::from(u16::MAX))? as u16;
-    }
-    if let Some(value) = table.value("safeop_to_op_timeout") {
-        behaviour.safeop_to_op_timeout =
-            value.duration(Nanos::millis(10)..=Nanos::millis(60_000))?;
-    }
-    if let Some(value) = table.value("free_run_period") {
-        behaviour.free_run_period = value.duration(Nanos::micros(10)..=LONGEST_STEP)?;
-    }
-    if let Some(value) = table.value("maximum_cycle_time") {
-        behaviour.maximum_cycle_time = value.duration(Nanos(1)..=Nanos::from_u32(u32::MAX))?;
-    }
-    if let Some(value) = table.value("watchdog_must_agree") {
-        behaviour.watchdog_must_agree = value.boolean()?;
-    }
-    if let Some(value) = table.value("hide_unused_sync_objects") {
-        behaviour.hide_unused_sync_objects = value.boolean()?;
-    }
-    if let Some(value) = table.value("identification") {
-        behaviour.identification = value.u16()?;
-    }
-    for (key, flag) in [
-        ("polls_outputs", &mut behaviour.polls_outputs),
-        ("application_on_sync1", &mut behaviour.application_on_sync1),
-    ] {
-        if let Some(value) = table.value(key) {
-            *flag = value.boolean()?;
-        }
-    }
-    for (key, time) in [
-        ("subordinated_sync0_cycle", &mut behaviour.subordinated_sync0_cycle),
-        ("cycle_granularity", &mut behaviour.cycle_granularity),
-    ] {
-        if let Some(value) = table.value(key) {
-            *time = value.duration(Nanos(1)..=Nanos::from_u32(u32::MAX))?;
-        }
-    }
-    if let Some(value) = table.value("loss_codes") {
-        behaviour.loss_codes = value.one_of(&[
-            ("slave-stack-code", LossCodes::SLAVE_STACK_CODE),
-            ("drive", LossCodes::DRIVE),
-        ])?;
-    }
-    if let Some(value) = table.value("measures") {
-        behaviour.measured = measured(&value)?;
-    }
-    if let Some(value) = table.value("output_toggle") {
-        let bits = 8 * MAX_PROCESS_DATA as i64;
-        behaviour.output_toggle = Some(value.integer(0..=bits - 1)? as u16);
-    }
-    Ok(Placed { at: table.at, value: behaviour })
+fn behaviour(keys: Option<Keys<'_>>) -> Result<Placed<Behaviour>, FileError> {
+    let usual = Behaviour::default();
+    let Some(keys) = keys else { return Ok(Placed { at: 0, value: usual }) };
+    let value = Behaviour {
+        missed_events: keys.choice("missed_events", &keys::MISSED_EVENTS)?,
+        sync_error_limit: keys.get("sync_error_limit")?,
+        safeop_to_op_timeout: keys.get("safeop_to_op_timeout")?,
+        free_run_period: keys.get("free_run_period")?,
+        maximum_cycle_time: keys.find("maximum_cycle_time")?.unwrap_or(usual.maximum_cycle_time),
+        watchdog_must_agree: keys.get("watchdog_must_agree")?,
+        hide_unused_sync_objects: keys.get("hide_unused_sync_objects")?,
+        identification: keys.get("identification")?,
+        polls_outputs: keys.get("polls_outputs")?,
+        application_on_sync1: keys.get("application_on_sync1")?,
+        subordinated_sync0_cycle: keys
+            .find("subordinated_sync0_cycle")?
+            .unwrap_or(usual.subordinated_sync0_cycle),
+        cycle_granularity: keys.find("cycle_granularity")?.unwrap_or(usual.cycle_granularity),
+        loss_codes: keys.choice("loss_codes", &keys::LOSS_CODES)?,
+        measured: keys.value("measures").map_or(Ok(usual.measured), |list| measured(&list))?,
+        output_toggle: keys.find("output_toggle")?,
+        ..usual
+    };
+    Ok(Placed { at: keys.at(), value })
 }
 
 fn measured(list: &Value<'_>) -> Result<Measured, FileError> {
     let mut measured = Measured::NOTHING;
     for item in list.array("quantities such as \"calc-and-copy\"")? {
-        let what: fn(&mut Measured) -> &mut bool = item.one_of(&[
-            ("cycle", (|m| &mut m.cycle) as fn(&mut Measured) -> &mut bool),
-            ("shift", |m| &mut m.shift),
-            ("minimum-cycle", |m| &mut m.minimum_cycle),
-            ("calc-and-copy", |m| &mut m.calc_and_copy),
-            ("delay", |m| &mut m.delay),
-        ])?;
-        *what(&mut measured) = true;
+        *item.one_of(&keys::MEASURED)?(&mut measured) = true;
     }
     Ok(measured)
 }
 
-fn assumed(root: Table<'_>) -> Result<Vec<Assumed>, FileError> {
+fn assumed(root: &Keys<'_>, file: Table<'_>) -> Result<Vec<Assumed>, FileError> {
     let mut all = Vec::new();
-    for table in root.tables("assumed")? {
-        table.allow(&["what", "why"])?;
-        let expected = "the reason for this value";
-        let why = table.required("why", expected)?;
-        let why = match why.string(expected)? {
-            "" => return Err(why.error(format!("why is empty; expected {expected}"))),
-            text => text,
-        };
+    for keys in root.tables("assumed")? {
+        let why: String = keys.get("why")?;
+        if why.is_empty() {
+            return Err(keys.error_at("why", "why is empty; expected the reason for this value"));
+        }
         let expected = "an object such as \"1C32:06\" or a key such as \"identity.revision\"";
-        let what = table.required("what", expected)?;
+        let what = keys.required("what")?;
         let items = match what.as_string() {
             Some(_) => vec![what],
             None => what.array("objects or keys")?,
         };
         for value in items {
             let text = value.name(expected)?;
-            let item = item(root, text).ok_or_else(|| {
+            let item = item(file, text).ok_or_else(|| {
                 value
                     .error(format!("the file has no key \"{text}\" to assume; expected {expected}"))
             })?;
             let item = Placed { at: value.at(), value: item };
-            all.push(Assumed { item, why: why.to_owned() });
+            all.push(Assumed { item, why: why.clone() });
         }
     }
     Ok(all)
 }
 
-fn deviations(root: Table<'_>) -> Result<Vec<Deviation>, FileError> {
+fn deviations(root: &Keys<'_>) -> Result<Vec<Deviation>, FileError> {
     let mut all: Vec<Deviation> = Vec::new();
-    for table in root.tables("deviation")? {
-        table.allow(&["rule", "places", "why"])?;
+    for keys in root.tables("deviation")? {
         let expected = "a rule of isocat conform, such as \"OBJ-04\"";
-        let rule = table.required("rule", expected)?;
+        let rule = keys.required("rule")?;
         let id = rule.name(expected)?;
         if all.iter().any(|other| other.rule == id) {
             return Err(rule.error(format!("rule {id} stands twice; expected one deviation of it")));
         }
         let expected = "objects or entries, such as [\"1C32:05\", \"1C33\"]";
-        let places = table.required("places", expected)?.array(expected)?;
+        let places = keys.required("places")?.array(expected)?;
         let place = |value: &Value<'_>| {
             let text = value.name(expected)?;
             match (parse_object(text), parse_hex(text, 4)) {
@@ -508,9 +331,12 @@ fn deviations(root: Table<'_>) -> Result<Vec<Deviation>, FileError> {
             }
         };
         let places = places.iter().map(place).collect::<Result<_, FileError>>()?;
-        let expected = "what the maker publishes instead";
-        let why = table.required("why", expected)?.name(expected)?.to_owned();
-        all.push(Deviation { rule: id.to_owned(), at: rule.place(), places, why });
+        all.push(Deviation {
+            rule: id.to_owned(),
+            at: rule.place(),
+            places,
+            why: keys.get("why")?,
+        });
     }
     Ok(all)
 }
@@ -536,5 +362,3 @@ fn item(root: Table<'_>, text: &str) -> Option<Item> {
     }
     root.lookup(text).map(|value| Item::Key(text.to_owned(), value))
 }
-
-const LONGEST_STEP: Nanos = Nanos::millis(1_000);

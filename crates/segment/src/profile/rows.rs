@@ -1,5 +1,6 @@
 //! The rows of an object: `[sub-index, type, access, value, name]`.
 
+use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Table, Value, name_hint};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
@@ -7,88 +8,69 @@ use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::time::Nanos;
 
 use super::draft::{Entry, Object};
+use super::keys;
 
 /// Reads every `[[object]]`.
-pub(super) fn objects(tables: Vec<Table<'_>>) -> Result<Vec<Object>, FileError> {
+pub(super) fn objects(tables: Vec<Keys<'_>>) -> Result<Vec<Object>, FileError> {
     let mut all = Vec::new();
-    for table in tables {
-        all.push(object(table, &all)?);
+    for keys in tables {
+        all.push(object(&keys, &all)?);
     }
     Ok(all)
 }
 
 /// Reads `[[object]]`; `before` are those that stand before it.
-fn object(table: Table<'_>, before: &[Object]) -> Result<Object, FileError> {
-    table.allow(&[
-        "index",
-        "name",
-        "code",
-        "type",
-        "like",
-        "without",
-        "entries",
-        "values",
-        "contradiction",
-    ])?;
-    let index = table.required("index", "the object's index")?.integer(0x1000..=0xFFFF)? as u16;
-    let like = table.value("like").map(|value| inherited(&value, before)).transpose()?;
-    let mut entries = like.as_ref().map_or(Vec::new(), |like| like.entries.clone());
-    if let Some(subs) = table.value("without") {
-        for sub in subs.array("sub-indices")? {
-            let number = sub.integer(0..=255)? as u8;
-            let Some(at) = entries.iter().position(|entry| entry.sub == number) else {
-                return Err(sub.unexpected("a sub-index of the object that this one is like"));
-            };
-            entries.remove(at);
-        }
-    }
-    let rows = match (table.value("entries"), &like) {
-        (None, Some(_)) => Vec::new(),
-        _ => {
-            let rows = table.required("entries", "rows [sub-index, type, access, value, name]")?;
-            rows.array("rows")?
-        }
-    };
-    let mut own: Vec<Entry> = Vec::new();
-    for row in rows {
-        entry(&row, index, &mut own)?;
-    }
-    if like.is_some() {
-        entries.retain(|entry| own.iter().all(|own| own.sub != entry.sub));
-        entries.extend(own);
-        entries.sort_by_key(|entry| entry.sub);
-    } else {
-        entries = own;
-    }
-    if let Some(values) = table.value("values") {
+fn object(keys: &Keys<'_>, before: &[Object]) -> Result<Object, FileError> {
+    let index = keys.get("index")?;
+    let like = keys.value("like").map(|value| inherited(&value, before)).transpose()?;
+    let mut entries = entries(keys, index, like.as_ref())?;
+    if let Some(values) = keys.value("values") {
         set_values(values.table()?, &mut entries)?;
     }
-    let code = match (table.value("code"), &like) {
-        (Some(value), _) => value.one_of(&[
-            ("var", ObjectCode::VAR),
-            ("array", ObjectCode::ARRAY),
-            ("record", ObjectCode::RECORD),
-        ])?,
+    let code = match (keys.find_choice("code", &keys::CODES)?, &like) {
+        (Some(code), _) => code,
         (None, Some(like)) => like.code,
         (None, None) if entries.len() == 1 => ObjectCode::VAR,
         (None, None) => ObjectCode::RECORD,
     };
-    let data_type = match (table.value("type"), code) {
+    let data_type = match (keys.value("type"), code) {
         (Some(value), _) => parse_type(&value)?,
         (None, ObjectCode::RECORD) if matches!(index, 0x1C32 | 0x1C33) => DataType::SYNC_PAR,
         (None, ObjectCode::RECORD) => RECORD,
         (None, _) => entries.last().map_or(DataType::GAP, |entry| entry.data_type),
     };
-    let text = |key, expected| table.required(key, expected)?.name(expected).map(str::to_owned);
-    let contradiction = match table.value("contradiction") {
-        Some(_) => Some(text("contradiction", "what the maker's table contradicts")?),
-        None => None,
-    };
-    let name = match (table.value("name"), like) {
+    let contradiction = keys.find("contradiction")?;
+    let name = match (keys.value("name"), like) {
         (None, Some(like)) => like.name,
-        _ => text("name", "the object's name")?,
+        _ => keys.get("name")?,
     };
-    Ok(Object { at: table.at, index, name, code, data_type, entries, contradiction })
+    Ok(Object { at: keys.at(), index, name, code, data_type, entries, contradiction })
+}
+
+/// `entries`, on the ground of the object that this one is like.
+fn entries(keys: &Keys<'_>, index: u16, like: Option<&Object>) -> Result<Vec<Entry>, FileError> {
+    let mut inherited = like.map_or(Vec::new(), |like| like.entries.clone());
+    for (sub, number) in keys.items::<u8>("without", "sub-indices")? {
+        let Some(at) = inherited.iter().position(|entry| entry.sub == number) else {
+            return Err(sub.unexpected("a sub-index of the object that this one is like"));
+        };
+        inherited.remove(at);
+    }
+    let rows = match keys.value("entries") {
+        None if like.is_some() => Vec::new(),
+        _ => keys.required("entries")?.array("rows")?,
+    };
+    let mut own: Vec<Entry> = Vec::new();
+    for row in rows {
+        entry(&row, index, &mut own)?;
+    }
+    if like.is_none() {
+        return Ok(own);
+    }
+    inherited.retain(|entry| own.iter().all(|own| own.sub != entry.sub));
+    inherited.extend(own);
+    inherited.sort_by_key(|entry| entry.sub);
+    Ok(inherited)
 }
 
 /// The object that `like` names: `1C32` of this file, which stands before, or `name:1C32` of the built-in
@@ -111,7 +93,8 @@ fn inherited(value: &Value<'_>, before: &[Object]) -> Result<Object, FileError> 
                 .ok_or_else(|| unknown().with_hint(name_hint(name, super::built_in_ids())))?;
             let source = Source { path: name, text };
             let document = source.parse()?;
-            there = self::objects(Table::root(source, &document).tables("object")?)?;
+            let root = Keys::open(Table::root(source, &document), &keys::FILE)?;
+            there = self::objects(root.tables("object")?)?;
             &there
         }
     };
@@ -142,63 +125,50 @@ fn set_values(table: Table<'_>, entries: &mut [Entry]) -> Result<(), FileError> 
 /// Reads one row; a row of gaps gives several entries.
 fn entry(row: &Value<'_>, index: u16, entries: &mut Vec<Entry>) -> Result<(), FileError> {
     if row.is_table() {
-        let table = row.table()?;
-        table.allow(&["gaps", "bits", "name"])?;
-        let gaps = table.required("gaps", "the first and the last sub-index, [14, 31]")?;
-        let subs = gaps.array("two sub-indices")?;
-        let [first, last] = subs[..] else {
-            return Err(gaps.unexpected("the first and the last sub-index, [14, 31]"));
-        };
-        let first = first.integer(1..=255)?;
-        let last = last.integer(first..=255)?;
-        let bits = table.required("bits", "bits of one gap")?.integer(1..=64)? as u16;
-        let name = match table.value("name") {
-            Some(value) => value.name("the gaps' name")?,
-            None => "Gap",
-        };
-        for sub in first as u8..=last as u8 {
-            entries.push(Entry {
-                at: row.at(),
-                sub,
-                name: format!("{name} {sub}"),
-                data_type: DataType::GAP,
-                bits,
-                offset: next_offset(index, sub, entries),
-                access: Access::READ,
-                default: Vec::new(),
-                written: String::new(),
-            });
-        }
-        return Ok(());
+        return gaps(row, index, entries);
     }
-    let expected = "a row [sub-index, type, access, value, name]";
-    let cells = row.array("cells")?;
-    let ([sub, data_type, access, value, name], rest) =
-        cells.split_first_chunk().ok_or_else(|| row.unexpected(expected))?;
-    let offset = match rest {
-        [] => None,
-        [more] => {
-            let table = more.table()?;
-            table.allow(&["offset"])?;
-            let bits = table.required("offset", "a bit of complete access")?;
-            Some(bits.integer(0..=i64::from(u16::MAX))? as u32)
-        }
-        _ => return Err(row.unexpected(expected)),
-    };
-    let sub = sub.integer(0..=255)? as u8;
-    let kind = parse_type(data_type)?;
-    let default = parse_value(value, kind)?;
+    let cells = keys::ROW.open(row)?;
+    let more = cells.more()?;
+    let offset = more.map(|more| more.get("offset")).transpose()?;
+    let sub = cells.get("sub-index")?;
+    let kind = parse_type(&cells.value("type"))?;
+    let value = cells.value("value");
+    let default = parse_value(&value, kind)?;
     entries.push(Entry {
         at: row.at(),
         sub,
-        name: name.name("the entry's name")?.to_owned(),
+        name: cells.get("name")?,
         data_type: kind,
         bits: kind.bits().unwrap_or(8 * default.len() as u16),
         offset: offset.unwrap_or_else(|| next_offset(index, sub, entries)),
-        access: parse_access(access)?,
+        access: parse_access(&cells.value("access"))?,
         default,
         written: value.as_string().unwrap_or(value.written()).to_owned(),
     });
+    Ok(())
+}
+
+/// `{ gaps = [14, 31], bits = 8 }`.
+fn gaps(row: &Value<'_>, index: u16, entries: &mut Vec<Entry>) -> Result<(), FileError> {
+    let keys = Keys::open(row.table()?, &keys::GAPS)?;
+    let gaps = keys.required("gaps")?;
+    let subs = keys::FIRST_AND_LAST.open(&gaps)?;
+    let first: u8 = subs.get("first")?;
+    let last = subs.value("last").integer(i64::from(first)..=255)? as u8;
+    let (bits, name) = (keys.get("bits")?, keys.get::<String>("name")?);
+    for sub in first..=last {
+        entries.push(Entry {
+            at: row.at(),
+            sub,
+            name: format!("{name} {sub}"),
+            data_type: DataType::GAP,
+            bits,
+            offset: next_offset(index, sub, entries),
+            access: Access::READ,
+            default: Vec::new(),
+            written: String::new(),
+        });
+    }
     Ok(())
 }
 
@@ -226,8 +196,10 @@ pub(super) fn next_offset(index: u16, sub: u8, before: &[Entry]) -> u32 {
 /// Reads a type's name.
 pub(super) fn parse_type(value: &Value<'_>) -> Result<DataType, FileError> {
     let text = value.string("a type such as \"UNSIGNED32\"")?;
-    DataType::from_name(text).filter(|kind| *kind != DataType::GAP).ok_or_else(|| {
-        value.error(format!("unknown type \"{text}\"")).with_hint(name_hint(text, TYPES))
+    let known = keys::TYPES.iter().find(|(name, ..)| *name == text);
+    known.map(|(.., kind)| *kind).ok_or_else(|| {
+        let usual = keys::TYPES.iter().take(USUAL_TYPES).map(|(name, ..)| *name);
+        value.error(format!("unknown type \"{text}\"")).with_hint(name_hint(text, usual))
     })
 }
 
@@ -260,8 +232,10 @@ fn parse_value(value: &Value<'_>, kind: DataType) -> Result<Vec<u8>, FileError> 
 
 /// Reads `ro`, `rw`, `wo`, `rw preop safeop`, `ro tx` and so on.
 pub(super) fn parse_access(value: &Value<'_>) -> Result<Access, FileError> {
-    let text = value.string(ACCESS)?;
-    let refuse = |why: String| value.error(format!("access \"{text}\": {why}; expected {ACCESS}"));
+    let text = value.string(keys::ACCESS_WORDS)?;
+    let refuse = |why: String| {
+        value.error(format!("access \"{text}\": {why}; expected {}", keys::ACCESS_WORDS))
+    };
     let mut words = text.split_whitespace();
     let (mut access, writable) = match words.next() {
         Some("ro") => (Access::READ, false),
@@ -316,19 +290,5 @@ pub(super) fn parse_hex(text: &str, digits: usize) -> Option<u32> {
 
 /// Type code of a RECORD of the device's own make, as the Slave Stack Code gives it.
 pub(super) const RECORD: DataType = DataType(0x002A);
-const ACCESS: &str = "\"ro\", \"rw\" or \"wo\", then for writing only in some states \"preop\", \
-                      \"safeop\", \"op\", then \"rx\", \"tx\", \"backup\", \"settings\"";
-const TYPES: [&str; 12] = [
-    "BOOLEAN",
-    "INTEGER8",
-    "INTEGER16",
-    "INTEGER32",
-    "INTEGER64",
-    "UNSIGNED8",
-    "UNSIGNED16",
-    "UNSIGNED24",
-    "UNSIGNED32",
-    "UNSIGNED64",
-    "VISIBLE_STRING",
-    "BIT2",
-];
+/// As many types as a hint lists: the first of all.
+const USUAL_TYPES: usize = 12;

@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use isocat_descriptions::document::{FileError, Source, Table, Value, name_hint};
+use isocat_descriptions::document::section::Keys;
+use isocat_descriptions::document::{FileError, Source, Value, name_hint};
 use isocat_descriptions::esi::{EsiDevice, EsiFile};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
@@ -23,7 +24,7 @@ pub(super) struct Imported {
 /// The device that a table names; what it says of the OpMode is in [`RunAs::notes`].
 pub(super) fn device(
     source: Source<'_>,
-    table: Table<'_>,
+    keys: &Keys<'_>,
     esi: &Value<'_>,
     cycle: Nanos,
     files: &mut Files,
@@ -42,14 +43,14 @@ pub(super) fn device(
             free.insert(file)
         }
     };
-    let kind = table.required("type", "the type of the device, such as type = \"EL2502-0010\"")?;
-    let revision = table.value("revision");
-    let wanted = revision.map(|value| value.u32()).transpose()?;
+    let kind = keys.required("type")?;
+    let revision = keys.value("revision");
+    let wanted = keys.find("revision")?;
     let choice = file.device(kind.name("a type of the description")?, wanted).map_err(|words| {
         let place = revision.filter(|_| words.starts_with("no revision")).unwrap_or(kind);
         place.error(words)
     })?;
-    let (op_mode, mut notes) = op_mode(choice.device, table.value("opmode"))?;
+    let (op_mode, mut notes) = op_mode(choice.device, keys.value("opmode"))?;
     notes.extend(choice.note.map(|note| format!("revision: {note}")));
     let device = choice.device;
     let told = |error: crate::profile::NotSimulated| error.error;
@@ -73,7 +74,7 @@ pub(super) fn device(
 /// Whether `mode` is one that the OpMode stands for. Where the file names both keys, another one is a mistake; where
 /// the OpMode was only the default, `mode` counts, and a note says so.
 pub(super) fn agree(
-    table: &Table<'_>,
+    keys: &Keys<'_>,
     value: &Value<'_>,
     mode: SyncMode,
     run_as: &mut RunAs,
@@ -83,7 +84,7 @@ pub(super) fn agree(
     }
     let names: Vec<_> = run_as.modes.iter().map(|mode| format!("\"{mode}\"")).collect();
     let names = names.join(" or ");
-    match table.value("opmode") {
+    match keys.value("opmode") {
         Some(op_mode) => {
             let message = format!(
                 "mode = \"{mode}\" contradicts opmode = {}, which stands for {names}; expected one of \

@@ -1,6 +1,7 @@
 //! The key `misbehave`: what a device does wrong, by name.
 
-use isocat_descriptions::document::{FileError, Table, Value, name_hint};
+use isocat_descriptions::document::section::{Keys, Words};
+use isocat_descriptions::document::{FileError, Value, name_hint};
 use isocat_descriptions::quantity;
 use isocat_subdevice::Misbehaviour;
 use isocat_wire::time::Nanos;
@@ -165,13 +166,24 @@ pub fn vocabulary() -> impl Iterator<Item = (String, &'static str)> {
     WORDS.iter().map(|(name, example, means, _)| (format!("{name} {example}"), *means))
 }
 
+/// The words of the vocabulary, for the key's declaration.
+pub(super) struct Vocabulary;
+
+impl Words for Vocabulary {
+    fn words(&self) -> Vec<(&'static str, &'static str)> {
+        WORDS.iter().map(|(name, _, means, _)| (*name, *means)).collect()
+    }
+}
+
 /// Reads the key: a list of texts, each a word and what it needs.
 pub(super) fn misbehave(
-    table: Table<'_>,
+    keys: &Keys<'_>,
     profile: &Profile,
 ) -> Result<&'static [Misbehaviour], FileError> {
-    let Some(value) = table.value("misbehave") else { return Ok(&[]) };
-    let texts = value.array("faults, such as [\"dead-sync0\", \"missed-copy 3\"]")?;
+    let texts = keys.list("misbehave", "faults, such as [\"dead-sync0\", \"missed-copy 3\"]")?;
+    if texts.is_empty() {
+        return Ok(&[]);
+    }
     let mut faults = Vec::new();
     for text in &texts {
         let fault = one(text)?;

@@ -1,6 +1,7 @@
 //! The built-in segment, defaults, and every kind of mistake with its place.
 
 use super::*;
+use crate::profile;
 
 mod count;
 mod operation;

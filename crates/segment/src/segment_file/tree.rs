@@ -3,7 +3,8 @@
 //! A file lists devices in any order in which the upstream one stands first. Everything after works in
 //! the order of positions, which is the order in which frames are processed: see [`sort`].
 
-use isocat_descriptions::document::{FileError, Table, Value, name_hint};
+use isocat_descriptions::document::section::Keys;
+use isocat_descriptions::document::{FileError, Value, name_hint};
 use isocat_sim::segment::processing_order;
 use isocat_wire::PortNumber;
 
@@ -31,15 +32,12 @@ impl Ports {
     /// Reads where the next device hangs, below the `earlier` ones: as `connect` says, or behind the last.
     pub fn place<'a>(
         &mut self,
-        table: Table<'a>,
+        keys: &Keys<'a>,
         connect: Option<Value<'a>>,
         earlier: &[SubDevice],
         profile: &Profile,
     ) -> Result<Place, FileError> {
-        let port = match table.value("port") {
-            Some(value) => own_port(&value, profile)?,
-            None => PortNumber::P0,
-        };
+        let port = own_port(keys, profile)?;
         let upstream = match (&connect, earlier.last()) {
             (Some(value), None) => {
                 return Err(value.error(
@@ -59,7 +57,7 @@ impl Ports {
         if let Some((above, port)) = upstream {
             let fail = |message: String| match &connect {
                 Some(value) => value.error(message),
-                None => table.error(message + "; expected \"connect\" to say where it hangs"),
+                None => keys.error(message + "; expected \"connect\" to say where it hangs"),
             };
             let device = &earlier[above];
             if !device.profile.esc().has_port(port) {
@@ -98,13 +96,15 @@ pub(super) fn sort(devices: Vec<SubDevice>) -> Vec<SubDevice> {
     devices.into_iter().map(moved).collect()
 }
 
-fn own_port(value: &Value<'_>, profile: &Profile) -> Result<PortNumber, FileError> {
-    let port = port_number(value.integer(0..=3)?);
-    if profile.esc().has_port(port) {
-        return Ok(port);
+fn own_port(keys: &Keys<'_>, profile: &Profile) -> Result<PortNumber, FileError> {
+    let port = port_number(keys.get("port")?);
+    match keys.value("port") {
+        Some(value) if !profile.esc().has_port(port) => {
+            let (name, chip, ports) = (&profile.name, chip(profile), ports(profile));
+            Err(value.error(format!("{name} ({chip}) has no port {port}; it has {ports}")))
+        }
+        _ => Ok(port),
     }
-    let (name, chip, ports) = (&profile.name, chip(profile), ports(profile));
-    Err(value.error(format!("{name} ({chip}) has no port {port}; it has {ports}")))
 }
 
 fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumber), FileError> {

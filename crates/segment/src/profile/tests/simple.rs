@@ -123,7 +123,8 @@ fn what_a_device_without_mailbox_cannot_have() {
         ),
         (
             SIMPLE.replace("length = 3", "length = 3\naccess = \"ro\""),
-            "13:1 unknown key \"access\" in outputs",
+            "13:10 access is given, but the PDO assignment of a device without mailbox is fixed; \
+             expected a table [mailbox], or no access",
         ),
         (
             SIMPLE.to_owned() + mailbox,

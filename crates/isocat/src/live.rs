@@ -13,5 +13,4 @@ pub mod scan;
 
 pub use exchange::{Exchange, Figures, Waiting};
 pub use job::{Job, Outcome};
-pub use judge::Finding;
 pub use recorder::Recorder;

@@ -10,6 +10,8 @@ use isocat_wire::Nanos;
 use super::run::duration;
 use super::{IN_SYNC, NOT_IN_SYNC, fail};
 use crate::metrics;
+#[cfg(target_os = "linux")]
+use crate::report::words;
 use crate::status::Status;
 use crate::watch::gate::Outcome;
 use crate::watch::source::Speed;
@@ -306,9 +308,12 @@ impl Arguments {
         let thread = std::thread::spawn(move || {
             let failure = match job.run(&stopped, &mut |_| {}) {
                 Err(error) => Some(error.to_string()),
-                Ok(outcome) => outcome.findings.first().map(|finding| match finding.device {
-                    Some(position) => format!("SubDevice {position}: {}", finding.what),
-                    None => finding.what.clone(),
+                Ok(outcome) => outcome.findings.first().map(|finding| {
+                    let what = words::what(&finding.kind, words::Family::Wire);
+                    match finding.place.device {
+                        Some(position) => format!("SubDevice {position}: {what}"),
+                        None => what,
+                    }
                 }),
             };
             own.end(failure);

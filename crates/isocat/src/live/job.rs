@@ -4,7 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use isocat_maindevice::quality::Change;
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Config, Event, RequestId, Segment};
+use isocat_maindevice::{Config, Event, RequestId, Segment, SegmentChange};
+use isocat_sim::Finding;
 use isocat_sim::motion::Axis;
 use isocat_sim::run::{Counters, Progress};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
@@ -14,7 +15,7 @@ use isocat_wire::register::{self, Register, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
-use super::judge::{self, Finding};
+use super::judge;
 use super::{Exchange, Figures, Recorder, Waiting};
 use crate::link::preflight::{self, Subject};
 use crate::link::{Histogram, LinkError, RawSocket, RealTime, Traffic, Wish, clock};
@@ -171,7 +172,7 @@ pub(super) struct Noted {
     /// SubDevices expected and found, and since when.
     pub counts: Vec<(u16, u16, Nanos)>,
     /// What became of SubDevices, and since when.
-    pub changes: Vec<(Option<usize>, String, Nanos)>,
+    pub changes: Vec<(Option<usize>, SegmentChange, Nanos)>,
     pub locks_lost: u64,
     /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
     /// operation.
@@ -459,8 +460,8 @@ impl Running<'_> {
         let judging = self.began.filter(|_| self.judged == Some(Nanos::ZERO));
         while let Some(event) = self.exchange.poll_event() {
             self.tell(&event);
-            if let (Some((device, what)), Some(began)) = (event.change(), judging) {
-                self.noted.changes.push((device, what, now - began));
+            if let (Some((device, change)), Some(began)) = (SegmentChange::of(&event), judging) {
+                self.noted.changes.push((device, change, now - began));
             }
             match (event, judging) {
                 (Event::Uploaded { request, result }, _) => {

@@ -5,7 +5,8 @@ use std::fmt::{self, Write};
 use anstyle::{AnsiColor, Style};
 use isocat_wire::time::{Nanos, Picos};
 
-use super::summary::{Cycle, JudgedSummary, SessionSummary, Summary, time};
+use super::summary::{Cycle, JudgedSummary, SessionSummary, Summary};
+use crate::report::words::time;
 use crate::report::{WIDTH, wrap};
 
 const GOOD: Style = AnsiColor::Green.on_default().bold();

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use isocat_maindevice::quality::{Alarm, Change, EntryQuality, Snapshot};
-use isocat_maindevice::{Config, DeviceConfig, Event, MainDevice, Stage};
+use isocat_maindevice::{Config, DeviceConfig, Event, MainDevice, SegmentChange, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase;
 use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
@@ -403,12 +403,8 @@ impl Note {
                 Note::Told(Some(*position), what, true)
             }
             _ => {
-                let (position, what) = event.change()?;
-                let well = matches!(
-                    event,
-                    Event::Readmitted { .. } | Event::Recovered { .. } | Event::RingHealed { .. }
-                );
-                Note::Told(position, what, !well)
+                let (position, change) = SegmentChange::of(event)?;
+                Note::Told(position, change.to_string(), !change.is_good())
             }
         })
     }
@@ -427,10 +423,7 @@ impl From<(i64, Note)> for super::Event {
                 (Some(position), bad, format!("{status}{code_words}"))
             }
             Note::Alarm(change) => {
-                let what = change.to_string();
-                let prefix = format!("SubDevice {}: ", change.position);
-                let what = what.strip_prefix(&prefix).unwrap_or(&what).to_owned();
-                (Some(change.position), change.raised, what)
+                (Some(change.position), change.raised, change.what().to_string())
             }
             Note::WorkingCounter(chunk, expected, found) => {
                 let what = format!("process data {chunk}: working counter {found}, not {expected}");

@@ -15,8 +15,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use isocat::link::{LinkError, RawSocket, RealTime, Veth, Wish, clock};
-use isocat::live::{Exchange, Waiting};
+use isocat::host::{Exchange, Waiting};
+use isocat::host::{LinkError, RawSocket, RealTime, Veth, Wish, clock};
 use isocat::{Scenario, SegmentFile};
 use isocat_maindevice::Event;
 use isocat_sim::Segment;

@@ -35,7 +35,8 @@ fn findings(report: &Report) -> String {
 fn sync0_edges_are_within_100_ns_over_10_s_and_not_too_good() {
     let report = run(&built_in(10_000));
     assert!(report.in_sync, "{}", findings(&report));
-    let synchronized: Vec<_> = report.devices.iter().filter(|d| d.mode == SyncMode::DcSync0).collect();
+    let synchronized: Vec<_> =
+        report.devices.iter().filter(|d| d.mode == SyncMode::DcSync0).collect();
     assert_eq!(synchronized.len(), 3);
     for device in &synchronized {
         let error = device.true_time.sync0_error.expect("SYNC0 runs");

@@ -131,7 +131,7 @@ fn a_device_that_is_late_is_named_with_cause_and_remedy() {
     let (causes, remedies) = (all[0].causes.join(" "), all[0].remedies.join(" "));
     let left = recorded.devices[1].cycle.as_ref().expect("it works").outputs_left.least();
     assert!((-8_000_000..0).contains(&left), "{left}");
-    let late = isocat::picture::time(-left as f64 / 1e3);
+    let late = isocat::quantity::time(-left as f64 / 1e3);
     assert!(causes.contains(&format!("up to {late} after the SYNC0")), "{causes}");
     assert!(causes.contains("took up to 178 us, but 0x1C32:06 states 20 us"), "{causes}");
     assert!(remedies.contains("0x1C32:06 = 178000 ns"), "{remedies}");

@@ -9,7 +9,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-use isocat::link::{RawSocket, clock};
+use isocat::host::{RawSocket, clock};
 use isocat_wire::Command as Access;
 use isocat_wire::datagram::{Address, datagrams};
 use isocat_wire::frame::{self, FrameWriter, MAX_LEN};

@@ -1,5 +1,10 @@
 //! A run of the simulation as a page.
 
+use isocat_descriptions::quantity::time;
+use isocat_engine::Report;
+use isocat_engine::diagnosis::{Diagnosis, diagnose};
+use isocat_engine::recording::{Recorded, RecordedDevice};
+use isocat_engine::report::Device;
 use isocat_maindevice::Segment;
 use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
@@ -12,15 +17,11 @@ use super::parts::{
     tile,
 };
 use super::{Page, compact};
-use crate::Report;
-use crate::diagnosis::{Diagnosis, diagnose};
+use crate::picture::Picture;
 use crate::picture::bars::Histogram;
 use crate::picture::cycle::{Cycle, events, ns};
 use crate::picture::series::Chart;
 use crate::picture::topology::{self, Node};
-use crate::picture::{Picture, time};
-use crate::recording::{Recorded, RecordedDevice};
-use crate::report::Device;
 
 /// A run, and what is known beside its report.
 #[derive(Clone, Copy, Debug)]

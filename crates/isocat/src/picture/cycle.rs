@@ -5,16 +5,17 @@
 //! instants; filled bars the mean of what was seen, the pale bands around them least and largest. Times count from the begin of
 //! the bus cycle by the reference clock; in Free Run from the SubDevice's own first step.
 
+use isocat_descriptions::quantity::time;
+use isocat_engine::recording::cycle::{CycleSeen, Origin};
+use isocat_engine::timeline::{Moment, Timeline};
 use isocat_maindevice::segment::Timing;
 use isocat_sim::Statistics;
 use isocat_sync::SyncMode;
 use isocat_sync::budget::{Device, Moments, Span};
 use isocat_wire::time::Nanos;
 
+use super::Picture;
 use super::frame::{Align, Frame};
-use super::{Picture, time};
-use crate::recording::cycle::{CycleSeen, Origin};
-use crate::timeline::{Moment, Timeline};
 
 /// What is drawn.
 #[derive(Clone, Copy, Debug)]
@@ -103,7 +104,7 @@ const PLANNED: [Moment; 8] = [
 ];
 
 fn planned(moments: &Moments, moment: Moment) -> Option<Span> {
-    crate::recording::cycle::planned(moments, moment)
+    isocat_engine::recording::cycle::planned(moments, moment)
 }
 
 struct Drawing<'a> {
@@ -382,7 +383,7 @@ impl Drawing<'_> {
 
     /// The pulse at which outputs act.
     fn acting(&self) -> Option<Moment> {
-        crate::recording::cycle::acting(self.device)
+        isocat_engine::recording::cycle::acting(self.device)
     }
 }
 

@@ -7,16 +7,16 @@ use isocat_descriptions::quantity::time;
 use isocat_maindevice::Segment;
 use isocat_maindevice::segment::Timing;
 use isocat_sim::{Judged, Kind};
+use isocat_sync::Moment;
 use isocat_sync::budget::{Check, Device, window};
 use isocat_sync::explain::al_codes;
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::{Nanos, Picos};
 
 use crate::Report;
-use crate::recording::cycle::{CycleSeen, acting, planned};
+use crate::recording::cycle::{CycleSeen, acting};
 use crate::recording::series::Series;
 use crate::recording::{Recorded, RecordedDevice};
-use crate::timeline::Moment;
 
 /// What is wrong with one SubDevice, or the segment.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -222,7 +222,7 @@ impl Case<'_> {
                 later.0 / 1_000
             )),
         }
-        let stored = timing.moments(self.position).and_then(|m| planned(&m, Moment::Sm2));
+        let stored = timing.moments(self.position).and_then(|moments| moments.of(Moment::Sm2));
         if let (Some(stored), Some(seen)) = (stored, cycle.of(Moment::Sm2)) {
             let beyond = seen.largest() as f64 / 1e3 - stored.latest.0 as f64;
             if beyond > 0.0 {

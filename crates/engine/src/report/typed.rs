@@ -5,6 +5,7 @@ use std::fmt;
 
 use isocat_maindevice::kind::{Figure, Figures};
 use isocat_sim::Kind;
+use isocat_sync::budget::Check;
 use isocat_wire::{AlState, AlStatus};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Serialize, Serializer};
@@ -24,6 +25,11 @@ where
         Some(value) => out.collect_str(value),
         None => out.serialize_none(),
     }
+}
+
+/// A line of the budget by its name.
+pub fn check<S: Serializer>(check: &Check, out: S) -> Result<S::Ok, S::Error> {
+    out.serialize_str(check.name())
 }
 
 /// AL status of a SubDevice, or why there is none.

@@ -15,7 +15,6 @@ use isocat_wire::time::{Host, Nanos, Time};
 
 use super::board::{Board, MOST_NOTES, Sheet};
 use super::{Counter, Device, Error, IN_OPERATION, Margin, Moment, Status, Words};
-use crate::plan::build::EVENTS;
 
 /// Writes down what a MainDevice knows.
 pub struct Scribe {
@@ -309,13 +308,12 @@ fn read(device: &mut Device, snapshot: &Snapshot<'_>) {
 fn moments(main: &MainDevice, position: usize) -> Vec<Moment> {
     let timing = main.segment().timing.as_ref();
     let planned = timing.and_then(|timing| timing.moments(position));
-    let line = |(event, pick): &crate::plan::build::Event| {
-        let span = pick(planned.as_ref()?)?;
-        let event = (*event).into();
+    let line = |event: isocat_sync::Moment| {
+        let span = planned?.of(event)?;
         let (earliest_ns, latest_ns) = (span.earliest.0, span.latest.0);
         Some(Moment { event, earliest_ns, latest_ns, seen_ns: None })
     };
-    EVENTS.iter().filter_map(line).collect()
+    isocat_sync::Moment::PLANNED.into_iter().filter_map(line).collect()
 }
 
 /// Few words for a column.

@@ -3,7 +3,8 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-use isocat::picture::{Picture, time};
+use isocat::picture::Picture;
+use isocat::quantity::time;
 use isocat::recording::cycle::Origin;
 use isocat::timeline::Moment;
 use isocat_wire::time::{Nanos, Picos};

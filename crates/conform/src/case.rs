@@ -13,8 +13,8 @@ use isocat_wire::fmmu::Fmmu;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, AlState, ObjectAddress, register};
 
+use super::evidence::Evidence;
 use super::mode::Mode;
-use super::report::Evidence;
 use super::subject::{Subject, SyncObject};
 use super::tester::{Al, Grid, LOGICAL, Tester, Trouble};
 

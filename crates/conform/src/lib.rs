@@ -8,6 +8,7 @@
 //! [`Misbehaviour`](isocat_subdevice::Misbehaviour).
 
 pub mod case;
+pub mod evidence;
 pub mod mailbox;
 pub mod mode;
 pub mod report;

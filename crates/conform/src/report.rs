@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::case::{Done, Stop};
+use super::evidence::Evidence;
 use super::mode::Mode;
 use super::rules::{Check, Rule};
 
@@ -120,20 +121,6 @@ pub struct RuleResult {
     pub notes: Vec<String>,
     /// What was looked at.
     pub evidence: Vec<Evidence>,
-}
-
-/// Something that was looked at.
-#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
-#[schemars(deny_unknown_fields)]
-pub struct Evidence {
-    /// Where: object, register, situation.
-    pub place: String,
-    /// What had to be there.
-    pub expected: String,
-    /// What was.
-    pub found: String,
-    /// Whether that is right.
-    pub right: bool,
 }
 
 impl RuleResult {

@@ -36,7 +36,7 @@ impl Plan {
     /// does not have; a line that does not fit is part of the plan.
     pub fn of(scenario: &Scenario) -> Result<Self, Error> {
         let config = Config { force: true, ..scenario.config() };
-        let mut segment = offline::segment(scenario);
+        let mut segment = offline::segment(&scenario.devices);
         isocat_maindevice::plan(&mut segment, &config)?;
         Ok(Self { segment, config })
     }

@@ -57,10 +57,10 @@ impl FakeEsc {
 
     /// Reads unless a mailbox that lies there is empty.
     fn read(&mut self, at: usize, data: &mut [u8]) -> bool {
-        if let Some(mailbox) = &mut self.mailbox {
-            if let Some(done) = mailbox.read(at, data) {
-                return done;
-            }
+        if let Some(mailbox) = &mut self.mailbox
+            && let Some(done) = mailbox.read(at, data)
+        {
+            return done;
         }
         if at == 0x0130 && self.follows_after == Some(0) {
             if let Some(asked) = self.asked.take() {
@@ -74,10 +74,10 @@ impl FakeEsc {
     }
 
     fn write(&mut self, at: usize, data: &[u8]) -> bool {
-        if let Some(mailbox) = &mut self.mailbox {
-            if let Some(done) = mailbox.write(at, data) {
-                return done;
-            }
+        if let Some(mailbox) = &mut self.mailbox
+            && let Some(done) = mailbox.write(at, data)
+        {
+            return done;
         }
         if at == 0x0120 {
             if self.locked > 0 {

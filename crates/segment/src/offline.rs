@@ -16,15 +16,14 @@ use isocat_wire::sii::{self, category};
 use isocat_wire::time::{Nanos, Picos};
 
 use crate::profile::Profile;
-use crate::scenario::Scenario;
 use crate::segment_file;
 
-/// The segment of a scenario, as far as it can be known without asking it.
-pub fn segment(scenario: &Scenario) -> Segment {
+/// The segment that these devices make in this order, as far as it can be known without asking it.
+pub fn segment(described: &[segment_file::SubDevice]) -> Segment {
     let mut devices: Vec<SubDevice> =
-        scenario.devices.iter().enumerate().map(|(i, device)| subdevice(i, device)).collect();
+        described.iter().enumerate().map(|(i, device)| subdevice(i, device)).collect();
     let reference = devices.iter().position(|device| device.dc.has_clock());
-    let ways = ways(&scenario.devices);
+    let ways = ways(described);
     let base = reference.map_or(Picos::ZERO, |at| ways[at].delay);
     for (device, way) in devices.iter_mut().zip(&ways) {
         // Half a nanosecond and more counts, as in the mean of many latches.
@@ -34,9 +33,9 @@ pub fn segment(scenario: &Scenario) -> Segment {
     Segment { devices, reference, ..Segment::default() }
 }
 
-/// What is known of one SubDevice of a scenario without asking it.
-pub fn known(scenario: &Scenario, position: usize) -> SubDevice {
-    segment(scenario).devices.swap_remove(position)
+/// What is known of one of these devices without asking it.
+pub fn known(described: &[segment_file::SubDevice], position: usize) -> SubDevice {
+    segment(described).devices.swap_remove(position)
 }
 
 /// What the cables and chips make of the propagation delays.

@@ -100,7 +100,7 @@ impl Scenario {
         config.direction = self.operation.direction;
         config.devices = self.devices.iter().map(device_config).collect();
         for (position, _) in self.devices.iter().enumerate().filter(|(_, d)| d.optional) {
-            let known = offline::known(self, position);
+            let known = offline::known(&self.devices, position);
             config.devices[position].hot_connect = Some(Box::new(known));
         }
         config

@@ -6,15 +6,22 @@
 //! [`verdict`] puts that into words. [`fault`] is what can be done to the segment meanwhile, asked for through
 //! [`control`]. [`summary`] tells it all at the end.
 //!
-//! Only `service` and `control` know sockets; the rest takes frames and host time, so that tests need neither
-//! root nor a network.
+//! Only `service` and `control` know sockets and Linux. The rest is a core for other doors and for tests: frames and instants go in,
+//! answers come out with the instant at which their last bit is back, whatever clock the instants are from. Devices may have
+//! applications of the caller's own ([`Setup::with_application`]), and the caller sees and sets their process data
+//! ([`Server::outputs`], [`Server::set_inputs`]).
+#![forbid(unsafe_code)]
 
 pub mod conduct;
+#[cfg(target_os = "linux")]
 pub mod control;
 pub mod deed;
 pub mod fault;
+mod process_data;
 pub mod server;
+#[cfg(target_os = "linux")]
 pub mod service;
+mod setup;
 pub mod status;
 pub mod summary;
 mod text;
@@ -22,4 +29,5 @@ pub mod verdict;
 
 pub use fault::Fault;
 pub use server::{Answer, Event, Server};
+pub use setup::Setup;
 pub use summary::Summary;

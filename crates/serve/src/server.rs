@@ -4,9 +4,8 @@ use std::collections::VecDeque;
 
 use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::{Event as Told, Status};
-use isocat_segment::Scenario;
 use isocat_sim::observation::Observed;
-use isocat_sim::{Connection, Passage, Served};
+use isocat_sim::{Passage, Served};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
@@ -14,6 +13,8 @@ use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 use super::conduct::{Conduct, Reference, Seen};
 use super::deed::Deed;
 use super::fault::{Fault, Faults};
+use super::process_data::Handle;
+use super::setup::Setup;
 use super::verdict::Judged;
 use crate::status::{self, INTERVAL, INTERVALS, MOST_EVENTS};
 
@@ -22,10 +23,13 @@ use crate::status::{self, INTERVAL, INTERVALS, MOST_EVENTS};
 /// - For every frame: [`frame`](Self::frame) gives its [`Answer`]; when that is on its way,
 ///   [`after`](Self::after).
 /// - While nothing comes: [`idle`](Self::idle), at [`next_timeout`](Self::next_timeout) at the latest.
+/// - Process data: [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs).
 /// - What happened: [`poll_event`](Self::poll_event); all of it at the end: [`sessions`](Self::sessions) after
 ///   [`finish`](Self::finish).
 pub struct Server {
     served: Served,
+    /// The process data of each SubDevice.
+    doors: Vec<Handle>,
     names: Vec<String>,
     sync0_limit: Picos,
     faults: Faults,
@@ -52,10 +56,15 @@ pub struct Server {
 /// What is to become of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Answer {
-    /// It goes back at once.
-    Now,
-    /// It goes back then.
-    At(Time<Host>),
+    /// It goes back.
+    Back {
+        /// When its last bit is back at the MainDevice's port, if the wire is all that takes time; a delay that was asked for is in it.
+        /// Never earlier than true time: rounded up to the ns.
+        last_bit: Time<Host>,
+        /// For a door in real time, whose own answer takes longer than the wire: the answer is held back until then. `None`: it is to
+        /// leave at once.
+        hold: Option<Time<Host>>,
+    },
     /// It does not go back.
     Lost,
 }
@@ -187,21 +196,16 @@ const MOST_REFUSED: usize = 32;
 const MOST_STRETCHES: usize = 256;
 
 impl Server {
-    /// The segment of a scenario, switched on at `now`.
-    pub fn new(scenario: &Scenario, now: Time<Host>) -> Self {
-        let setup = scenario.run().setup;
-        let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
-        Self::of(setup.segment, names, setup.seed, scenario.sync0_limit.into(), now)
-    }
-
-    fn of(
-        segment: Vec<Connection>,
-        names: Vec<String>,
-        seed: u64,
-        sync0_limit: Picos,
-        now: Time<Host>,
-    ) -> Self {
+    /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
+    pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
+        let Setup { mut segment, names, seed, sync0_limit } = setup.into();
+        let doors: Vec<Handle> = segment.iter().map(|_| Handle::default()).collect();
+        for (connection, door) in segment.iter_mut().zip(&doors) {
+            let application = std::mem::replace(&mut connection.device.application, Box::new(()));
+            connection.device.application = door.before(application);
+        }
         Self {
+            doors,
             states: vec![AlState::Init; segment.len()],
             injected: Vec::new(),
             told: VecDeque::new(),
@@ -251,12 +255,15 @@ impl Server {
         // A real wire has no more than 100 Mbit/s either.
         let held = self.served.host_time(passage.start) - arrived > LEAD;
         let delay = self.faults.delay();
-        if !held && delay == Nanos::ZERO {
-            return Answer::Now;
-        }
+        // True time has picoseconds: to the next nanosecond.
+        let last_bit = self.served.host_time(back.last_bit + Picos(999)) + delay;
         self.counts.held += u64::from(held);
-        let base = if held { self.served.host_time(back.last_bit) } else { arrived };
-        Answer::At(base + delay)
+        let hold = match (held, delay) {
+            (false, Nanos::ZERO) => None,
+            (false, delay) => Some(arrived + delay),
+            (true, _) => Some(last_bit),
+        };
+        Answer::Back { last_bit, hold }
     }
 
     /// What follows from the frame that [`frame`](Self::frame) took last, once its answer is on its way.
@@ -329,6 +336,21 @@ impl Server {
         self.injected.push((self.served.now(), fault.clone()));
         self.events.push_back(Event::Fault(fault));
         Ok(())
+    }
+
+    /// The outputs of the device at `position`, as it took them last; `None` while they are in their safe state, and where there is no
+    /// such device.
+    pub fn outputs(&self, position: usize) -> Option<Vec<u8>> {
+        self.doors.get(position)?.outputs()
+    }
+
+    /// Sets the inputs of the device at `position` from the next time on that it maps them; `None` gives them back to its application.
+    /// Bytes beyond its process image are left out; bytes that are not set stay its application's. Nothing happens where there is no
+    /// such device.
+    pub fn set_inputs(&mut self, position: usize, inputs: Option<&[u8]>) {
+        if let Some(door) = self.doors.get(position) {
+            door.set_inputs(inputs);
+        }
     }
 
     /// Takes the next event.

@@ -127,8 +127,8 @@ impl Service {
         let Some(received) = socket.receive(&mut self.buffer)? else { return Ok(false) };
         let Some(frame) = self.buffer.get_mut(..received.len) else { return Ok(true) };
         match server.frame(received.at, frame) {
-            Answer::Now => socket.send(frame)?,
-            Answer::At(due) => self.held.push_back((due, frame.to_vec())),
+            Answer::Back { hold: None, .. } => socket.send(frame)?,
+            Answer::Back { hold: Some(due), .. } => self.held.push_back((due, frame.to_vec())),
             Answer::Lost => {}
         }
         server.after(frame);

@@ -132,7 +132,7 @@ impl Drive {
                 self.worst_lag = self.worst_lag.max(actual.abs_diff(target));
             }
             self.enabled_cycles += 1;
-            let forward = (cycle / TURN) % 2 == 0;
+            let forward = (cycle / TURN).is_multiple_of(2);
             target = target.wrapping_add(if forward { SPEED } else { -SPEED });
         } else {
             target = actual;
@@ -164,7 +164,7 @@ fn byte_of(data: &ProcessData, index: u16, bits: u8) -> Option<usize> {
     let mut bit = 0usize;
     for entry in data.pdos.iter().flat_map(|pdo| &pdo.entries) {
         if entry.index == index && entry.sub == 0 {
-            return (bit % 8 == 0 && entry.bits == bits).then_some(bit / 8);
+            return (bit.is_multiple_of(8) && entry.bits == bits).then_some(bit / 8);
         }
         bit += usize::from(entry.bits);
     }

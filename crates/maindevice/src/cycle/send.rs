@@ -67,11 +67,9 @@ impl Cycle {
     /// The frame behind one that leaves in this cycle too; the number of frames if there is none.
     fn following(&self, at: usize) -> usize {
         let mut next = at + 1;
-        while self
-            .frames
-            .get(next)
-            .is_some_and(|frame| frame.every > 1 && self.slot % u64::from(frame.every) != 0)
-        {
+        while self.frames.get(next).is_some_and(|frame| {
+            frame.every > 1 && !self.slot.is_multiple_of(u64::from(frame.every))
+        }) {
             next += 1;
         }
         next

@@ -1,4 +1,4 @@
-use isocat_segment::SegmentFile;
+use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::datagram::{Address, HEADER_LEN, Header};
 
 use super::*;

@@ -182,7 +182,7 @@ fn the_built_in_segment_is_brought_into_sync_over_a_wire() {
         return;
     };
     assert_eq!(output.status.code(), Some(0), "{report:#}");
-    assert_eq!(report["format"], "isocat-interface-report/3");
+    assert_eq!(report["format"], "isocat-interface-report/4");
     assert_eq!(
         report["verdict"],
         "In sync: 3 of 4 SubDevices, 1 in Free Run as announced or asked for."

@@ -9,7 +9,8 @@ use isocat_host::{
 };
 use isocat_maindevice::quality::Change;
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Config, Event, RequestId, Segment};
+use isocat_maindevice::{Config, Event, RequestId, Segment, SegmentChange};
+use isocat_sim::Finding;
 use isocat_sim::motion::Axis;
 use isocat_sim::run::{Counters, Progress};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
@@ -19,7 +20,7 @@ use isocat_wire::register::{self, Register, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
-use super::judge::{self, Finding};
+use super::judge;
 use crate::report::quality::Quality;
 use crate::status::Scribe;
 
@@ -173,7 +174,7 @@ pub(super) struct Noted {
     /// SubDevices expected and found, and since when.
     pub counts: Vec<(u16, u16, Nanos)>,
     /// What became of SubDevices, and since when.
-    pub changes: Vec<(Option<usize>, String, Nanos)>,
+    pub changes: Vec<(Option<usize>, SegmentChange, Nanos)>,
     pub locks_lost: u64,
     /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
     /// operation.
@@ -461,8 +462,8 @@ impl Running<'_> {
         let judging = self.began.filter(|_| self.judged == Some(Nanos::ZERO));
         while let Some(event) = self.exchange.poll_event() {
             self.tell(&event);
-            if let (Some((device, what)), Some(began)) = (event.change(), judging) {
-                self.noted.changes.push((device, what, now - began));
+            if let (Some((device, change)), Some(began)) = (SegmentChange::of(&event), judging) {
+                self.noted.changes.push((device, change, now - began));
             }
             match (event, judging) {
                 (Event::Uploaded { request, result }, _) => {

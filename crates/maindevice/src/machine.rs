@@ -15,6 +15,7 @@ use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{ObjectAddress, StationAddress};
 
+use crate::application::{self, Application};
 use crate::bring_up::{self, End, Work};
 use crate::clock;
 use crate::coe;
@@ -30,7 +31,7 @@ use crate::mailbox::{Mailbox, Mailboxes};
 use crate::quality::{self, ClockQuality, Monitor, Snapshot};
 use crate::readmit::{self, Keeper, Return};
 use crate::ring::{self, Port};
-use crate::segment::{GAP, ProcessData, Segment};
+use crate::segment::{GAP, Segment};
 use crate::statistics::Statistics;
 use crate::survey;
 
@@ -48,11 +49,12 @@ use share::Share;
 ///
 /// - Input: [`handle_frame`] for every frame that came in, [`handle_timeout`] when the instant of
 ///   [`next_timeout`] is reached.
-/// - Output, to be drained after each input: [`poll_transmit`] until it gives `None`,
-///   [`poll_event`] until it gives `None`; then [`next_timeout`] anew.
+/// - Output, to be drained after each input: [`poll_cycle`], which calls the application if a cycle is complete;
+///   [`poll_event`] until it gives `None`; [`poll_transmit`] until it gives `None`; then [`next_timeout`] anew. A
+///   [`Runner`](crate::Runner) keeps this order.
 /// - A ring ([`Config::ring`]): what its second port sends comes from [`poll_secondary`], to be drained after each frame
 ///   of [`poll_transmit`], and [`handle_frame_at`] takes what came in at either port.
-/// - Process data: [`outputs_mut`] and [`inputs`], best used when the frames of a cycle came back.
+/// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`] has them in each cycle.
 /// - Wishes while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
 /// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
 ///
@@ -72,6 +74,7 @@ use share::Share;
 /// [`next_timeout`]: Self::next_timeout
 /// [`poll_transmit`]: Self::poll_transmit
 /// [`poll_event`]: Self::poll_event
+/// [`poll_cycle`]: Self::poll_cycle
 /// [`outputs_mut`]: Self::outputs_mut
 /// [`inputs`]: Self::inputs
 /// [`upload`]: Self::upload
@@ -233,7 +236,9 @@ impl MainDevice {
         if self.ring.is_some() {
             return self.handle_frame_at(Port::Primary, now, frame);
         }
-        if take(in_hand(&mut self.inner), &mut self.cycle, &self.config, now, frame) {
+        let taken = take(in_hand(&mut self.inner), &mut self.cycle, &self.config, now, frame);
+        self.close_cycle(now);
+        if taken {
             self.work();
         }
     }
@@ -248,7 +253,22 @@ impl MainDevice {
         let inner = in_hand(&mut self.inner);
         inner.now = now;
         inner.handle_timeout();
+        self.close_cycle(now);
         self.work();
+    }
+
+    /// Calls the application if the last input has completed a cycle, and gives the cycle's number: all of its frames are
+    /// back, or the next one is due and what is not back was given up. Once for each cycle, in order; the
+    /// application is not called for those without process data. To be called behind each input, before
+    /// [`poll_transmit`](Self::poll_transmit): a cycle that nobody asked for is not told any more when the next one is
+    /// over.
+    #[inline]
+    pub fn poll_cycle<A: Application + ?Sized>(&mut self, application: &mut A) -> Option<u64> {
+        let (number, has_data) = self.cycle.as_mut()?.take_closed()?;
+        if has_data {
+            application.cycle(&mut application::Cycle::new(self, number));
+        }
+        Some(number)
     }
 
     /// Writes the next frame to send at once into `buffer` and gives its length; `None` if there is
@@ -322,7 +342,7 @@ impl MainDevice {
 
     /// The outputs of the SubDevice at `position`, sent with the next cycle; empty if it has none.
     pub fn outputs_mut(&mut self, position: usize) -> &mut [u8] {
-        let range = self.segment.devices.get(position).map(|device| range(&device.outputs));
+        let range = self.segment.devices.get(position).map(|device| device.outputs.range());
         match (&mut self.cycle, range) {
             (Some(cycle), Some(range)) => cycle.outputs_mut().get_mut(range).unwrap_or_default(),
             _ => &mut [],
@@ -332,7 +352,7 @@ impl MainDevice {
     /// The inputs of the SubDevice at `position`, as they last came back complete; empty if it has
     /// none.
     pub fn inputs(&self, position: usize) -> &[u8] {
-        let range = self.segment.devices.get(position).map(|device| range(&device.inputs));
+        let range = self.segment.devices.get(position).map(|device| device.inputs.range());
         match (&self.cycle, range) {
             (Some(cycle), Some(range)) => cycle.inputs().get(range).unwrap_or_default(),
             _ => &[],
@@ -429,6 +449,24 @@ impl MainDevice {
     /// `None` before the cyclic exchange.
     pub fn system_time(&self, host: Time<Host>) -> Option<Time<Dc>> {
         self.cycle.as_ref().map(|cycle| cycle.servo().dc_at(host))
+    }
+
+    /// What the application of a cycle works on.
+    pub(crate) fn parts_mut(&mut self) -> (&Segment, Option<&mut Cycle>) {
+        (&self.segment, self.cycle.as_mut())
+    }
+
+    /// The cyclic exchange.
+    pub(crate) fn exchange(&self) -> Option<&Cycle> {
+        self.cycle.as_ref()
+    }
+
+    /// An input was taken: the cycle may be over.
+    #[inline]
+    fn close_cycle(&mut self, now: Time<Host>) {
+        if let Some(cycle) = &mut self.cycle {
+            cycle.close(now);
+        }
     }
 
     /// Lets everything go on that can.
@@ -866,12 +904,6 @@ fn in_hand(inner: &mut Option<Box<Inner>>) -> &mut Inner {
 
 /// Why the machine has it.
 const IN_HAND: &str = "procedures run inside of `lend` alone";
-
-/// Where process data are in the image.
-fn range(data: &ProcessData) -> core::ops::Range<usize> {
-    let start = data.logical as usize;
-    start..start + usize::from(data.length)
-}
 
 fn poll<T: ?Sized + Future>(future: &mut Pin<Box<T>>) -> Poll<T::Output> {
     future.as_mut().poll(&mut Context::from_waker(Waker::noop()))

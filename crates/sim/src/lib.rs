@@ -10,7 +10,7 @@
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call;
-//! [`motion`] is the MainDevice's application in it. [`served`] is a segment in host time, for frames from outside.
+//! [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
 //! frame reaches it: cost is per event, never per tick.
@@ -25,7 +25,6 @@ mod disturbance;
 mod flight;
 pub mod host;
 pub mod judge;
-pub mod motion;
 pub mod observation;
 pub mod oscillator;
 pub mod path;
@@ -44,11 +43,10 @@ pub use cpu::{CpuModel, Overrun, Unevenness};
 pub use device::DeviceSetup;
 pub use disturbance::BitError;
 pub use host::HostModel;
-pub use motion::Motion;
 pub use oscillator::ClockModel;
 pub use run::{Outcome, Run};
 pub use segment::{Connection, Lost, Returned, Segment};
 pub use served::{Passage, Served};
 pub use statistics::Statistics;
 pub use wiring::MainPort;
-pub use world::{Control, Setup, Tap, World};
+pub use world::{Setup, Tap, World};

@@ -2,15 +2,15 @@
 
 use std::fmt;
 
+use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::quality::Change;
-use isocat_maindevice::{DeviceConfig, Event, MainDevice, RequestId, Stage};
+use isocat_maindevice::{DeviceConfig, Event, MainDevice, Motion, RequestId, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, ObjectAddress};
 
 use crate::bench::{Bench, Intent};
 use crate::judge::{Grid, Sync0Error, outputs_delay};
-use crate::motion::{Axis, Drive, Motion};
 use crate::world::{Setup, Tap, World};
 
 /// A run: what it is made of, and for how long.
@@ -431,7 +431,7 @@ impl<T: Tap> Outcome<T> {
             }
         }
         let long_enough = self.world.main().statistics().cycles >= SWITCH_ON_CYCLES;
-        match self.world.control().axes().get(position) {
+        match self.world.application().axes().get(position) {
             Some(Axis::Drive(Drive { enabled_cycles: 0, .. })) if long_enough && !absent => {
                 findings.push((None, "drive never reached operation enabled".into()));
             }

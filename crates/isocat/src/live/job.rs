@@ -2,10 +2,10 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use isocat_maindevice::motion::Axis;
 use isocat_maindevice::quality::Change;
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Config, Event, RequestId, Segment};
-use isocat_sim::motion::Axis;
+use isocat_maindevice::{Config, Event, Motion, RequestId, Segment};
 use isocat_sim::run::{Counters, Progress};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase;
@@ -212,7 +212,13 @@ impl Job {
             false => Waiting::sleep(&machine.wake_ups, self.config.cycle),
         };
         let mut run = Running {
-            exchange: Exchange::new(self.config, self.socket, waiting, self.recorder),
+            exchange: Exchange::new(
+                self.config,
+                self.socket,
+                waiting,
+                self.recorder,
+                Motion::default(),
+            ),
             stop,
             progress,
             scribe: self.scribe,
@@ -266,7 +272,7 @@ impl Job {
             stall: noted.stall,
             rate_ppb,
             uncertainty,
-            axes: exchange.motion().axes().to_vec(),
+            axes: exchange.application().axes().to_vec(),
             devices,
             judged,
             end,
@@ -286,7 +292,7 @@ impl Job {
 
 /// A run in progress.
 struct Running<'a> {
-    exchange: Exchange,
+    exchange: Exchange<Motion>,
     stop: &'a AtomicBool,
     progress: &'a mut dyn FnMut(Progress),
     scribe: Option<Scribe>,

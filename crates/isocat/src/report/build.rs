@@ -1,9 +1,9 @@
 //! From the outcome of a run to the report.
 
 use isocat_maindevice::SubDevice;
+use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::statistics::Summary;
 use isocat_sim::bench::DeviceBench;
-use isocat_sim::motion::{Axis, Drive};
 use isocat_sim::{Outcome, Statistics, Tap, run};
 use isocat_sync::SyncMode;
 use isocat_sync::delay::Delay;
@@ -210,7 +210,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         true_time: true_time(&outcome.bench.devices()[position], mode),
         registers: registers(outcome, position),
         plan: budget.map_or(Vec::new(), |(_, budget)| budget.lines().map(plan_line).collect()),
-        application: application(outcome.world.control().axes().get(position)),
+        application: application(outcome.world.application().axes().get(position)),
         assumptions: wanted
             .profile
             .assumptions

@@ -8,9 +8,9 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use isocat_maindevice::Event;
+use isocat_maindevice::{Event, Motion};
 use isocat_sim::observation::Observation;
-use isocat_sim::{Motion, Segment, Tap, World, run};
+use isocat_sim::{Segment, Tap, World, run};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use crate::Scenario;

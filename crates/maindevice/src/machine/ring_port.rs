@@ -51,11 +51,15 @@ impl MainDevice {
         inner.now = now;
         let taken = inner.ring.as_mut().map(|shared| copies.take(port, now, frame, shared));
         let taken = match taken {
-            Some(Taken::Kept) => return self.look_at_ring(),
+            Some(Taken::Kept) => {
+                self.close_cycle(now);
+                return self.look_at_ring();
+            }
             Some(Taken::Merged) => take(inner, cycle, config, now, copies.merged()),
             Some(Taken::AsItIs) | None => take(inner, cycle, config, now, frame),
         };
         self.look_at_ring();
+        self.close_cycle(now);
         if taken {
             self.work();
         }

@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """The judge of foreign MainDevices, at its edges: python3 tests/interop/verdict_test.py"""
 import unittest
 

@@ -1,6 +1,7 @@
 //! How the counter of missed SM events, 0x1C32:0B, goes up and down.
 
-use isocat::picture::{Align, Frame, Picture, time};
+use isocat::picture::{Align, Frame, Picture};
+use isocat::quantity::time;
 use isocat_wire::time::Picos;
 
 use crate::run::Ran;

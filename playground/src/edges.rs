@@ -1,7 +1,8 @@
 //! Where the SYNC0 edges of all devices lie beside the ideal grid, cycle by cycle; before there are any, how far their clocks
 //! are off the reference clock.
 
-use isocat::picture::{Align, Frame, Picture, time};
+use isocat::picture::{Align, Frame, Picture};
+use isocat::quantity::time;
 use isocat_wire::time::Picos;
 
 use crate::run::Ran;

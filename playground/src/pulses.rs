@@ -3,7 +3,8 @@
 //! Nothing is drawn but what the ESC does: registers are written by frames, time passes, the local CPU acknowledges or does
 //! not, and the level of both signals is asked for at each event.
 
-use isocat::picture::{Picture, time, waves};
+use isocat::picture::{Picture, waves};
+use isocat::quantity::time;
 use isocat_esc::{Esc, EscEvent, LAN9252, PdiExt};
 use isocat_sim::storage::Storage;
 use isocat_wire::datagram::Address;

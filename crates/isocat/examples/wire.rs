@@ -29,7 +29,7 @@ mod linux {
     use std::error::Error;
 
     use isocat::Nanos;
-    use isocat::link::{RawSocket, clock};
+    use isocat::host::{RawSocket, clock};
     use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
     use isocat_wire::time::{Host, Time};
 

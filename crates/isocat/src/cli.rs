@@ -23,10 +23,9 @@ mod watch;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-
-use crate::SegmentFile;
-use crate::document::FileError;
-use crate::report::{WIDTH, wrap};
+use isocat_descriptions::columns::{WIDTH, wrap};
+use isocat_descriptions::document::FileError;
+use isocat_segment::SegmentFile;
 
 /// In sync.
 const IN_SYNC: u8 = 0;

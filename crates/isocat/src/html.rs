@@ -4,7 +4,6 @@
 //! [`run`], [`interface`], [`plan`], [`serve`] or [`conform`]; drawings from [`crate::picture`]. Without its script a page shows all
 //! the same, it cannot be zoomed then.
 
-#[cfg(feature = "conform")]
 pub mod conform;
 #[cfg(target_os = "linux")]
 pub mod interface;

@@ -13,11 +13,9 @@ mod tests;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
+use isocat_engine::status::{Device, SUBS, Status};
 use prometheus::proto::{Counter, Gauge, LabelPair, Metric, MetricFamily, MetricType};
 use prometheus::{Encoder, TextEncoder};
-
-use crate::status::{Device, SUBS, Status};
-
 pub use server::{Page, Server};
 
 /// Reads a port of this machine, or an address with its port.

@@ -17,8 +17,6 @@ pub mod waves;
 
 pub use frame::{Align, Frame};
 
-use std::fmt::Write;
-
 /// Colours and fonts of all pictures.
 pub const STYLE: &str = include_str!("picture/style.css");
 
@@ -78,32 +76,6 @@ pub fn escape(text: &str) -> String {
         }
     }
     out
-}
-
-/// A span in ns with the unit that suits it and all its digits: `438.24 us`, `-12.5 ns`, `1 ms`.
-pub fn time(ns: f64) -> String {
-    let (value, unit) = match ns.abs() {
-        size if size < 1e3 => (ns, "ns"),
-        size if size < 1e6 => (ns / 1e3, "us"),
-        size if size < 1e9 => (ns / 1e6, "ms"),
-        _ => (ns / 1e9, "s"),
-    };
-    // To the picosecond up to us; to the nanosecond above.
-    let digits = match unit {
-        "ns" => 3,
-        "us" => 3,
-        _ => 6,
-    };
-    let mut text = format!("{value:.digits$}");
-    if text.contains('.') {
-        text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
-    }
-    // What rounds to nothing has no sign.
-    if text == "-0" {
-        text = "0".into();
-    }
-    let _ = write!(text, " {unit}");
-    text
 }
 
 /// A number for SVG: two decimals are a hundredth of a pixel.

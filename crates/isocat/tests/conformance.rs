@@ -137,7 +137,7 @@ fn examine(name: &str, misbehave: &[&str]) -> DeviceReport {
         faults.join(", ")
     );
     let file = SegmentFile::parse("test.toml", &text).unwrap_or_else(|error| panic!("{error}"));
-    let hints = Hints::of(&file.subdevices[0]);
+    let hints = Hints::of(&file.subdevices[0]).expect("known rules");
     let mut wire = VirtualWire::new(Scenario::from(file));
     conform::examine(&mut wire, 0, name, &hints, |_| true, |_| ()).expect("no trouble of ours")
 }
@@ -194,10 +194,14 @@ fn a_known_deviation_is_told_apart_and_has_to_be_there() {
 fn a_deviation_names_a_rule_that_there_is() {
     let text = profile::built_in_text(TERMINAL).expect("a profile");
     let named = "\n[[deviation]]\nrule = \"OBJ-99\"\nplaces = [\"1C00\"]\nwhy = \"a test\"\n";
-    let error = profile::Profile::from_toml("some.toml", &format!("{text}{named}"));
-    let error = error.expect_err("refused").to_string();
+    let profile = profile::Profile::from_toml("some.toml", &format!("{text}{named}"));
+    let mut file = SegmentFile::parse("a test", &conform::segment_of(TERMINAL)).expect("a segment");
+    file.subdevices[0].profile = Box::leak(Box::new(profile.expect("a profile")));
+    let error = Hints::of(&file.subdevices[0]).expect_err("refused").to_string();
+    let line = text.lines().count() + 3;
     assert!(
-        error.contains("unknown rule \"OBJ-99\"; expected a rule of isocat conform"),
+        error.contains(&format!("some.toml:{line}:8"))
+            && error.contains("unknown rule \"OBJ-99\"; expected a rule of isocat conform"),
         "{error}"
     );
 }

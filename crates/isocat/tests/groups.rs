@@ -245,5 +245,5 @@ fn slow_groups_alone() {
     let report = isocat::run(&scenario);
     assert!(report.in_sync, "{:?}", report.findings);
     let modes = [SyncMode::DcSync0, SyncMode::FreeRun].map(|mode| mode.name().to_owned());
-    assert_eq!([0, 1].map(|at| report.devices[at].mode.clone()), modes);
+    assert_eq!([0, 1].map(|at| report.devices[at].mode.name()), modes);
 }

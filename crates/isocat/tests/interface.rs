@@ -15,8 +15,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use isocat::link::{LinkError, RawSocket, RealTime, Veth, Wish, clock};
-use isocat::live::{Exchange, Waiting};
+use isocat::host::{Exchange, Waiting};
+use isocat::host::{LinkError, RawSocket, RealTime, Veth, Wish, clock};
 use isocat::{Scenario, SegmentFile};
 use isocat_maindevice::Event;
 use isocat_sim::Segment;
@@ -182,7 +182,7 @@ fn the_built_in_segment_is_brought_into_sync_over_a_wire() {
         return;
     };
     assert_eq!(output.status.code(), Some(0), "{report:#}");
-    assert_eq!(report["format"], "isocat-interface-report/3");
+    assert_eq!(report["format"], "isocat-interface-report/4");
     assert_eq!(
         report["verdict"],
         "In sync: 3 of 4 SubDevices, 1 in Free Run as announced or asked for."

@@ -43,10 +43,11 @@ const BELOW: [&str; 7] = ["wire", "sync", "esc", "subdevice", "lan925x", "mainde
 const CORE: [&str; 6] = ["wire", "sync", "esc", "subdevice", "lan925x", "maindevice"];
 
 #[test]
-fn no_clock_is_read_below_the_command() {
+fn no_clock_is_read_below_the_host() {
     let clocks =
         ["Instant::now", "SystemTime::", "time::SystemTime", "time::Instant", "clock_gettime"];
-    for package in BELOW {
+    let more = ["descriptions", "segment", "recorders"];
+    for package in BELOW.into_iter().chain(more) {
         nowhere(&sources(&format!("crates/{package}")), &clocks, "`now` is an argument");
     }
 }
@@ -60,7 +61,8 @@ fn core_packages_are_no_std_and_free_of_unsafe() {
             assert!(text.contains(attribute), "{package} lacks {attribute}");
         }
     }
-    for (package, level) in [("sim", "forbid"), ("isocat", "deny")] {
+    for (package, _) in ARROWS.iter().filter(|(package, _)| !CORE.contains(package)) {
+        let level = if *package == "host" { "deny" } else { "forbid" };
         let path = root().join(format!("crates/{package}/src/lib.rs"));
         let text = fs::read_to_string(path).expect("a crate has a lib.rs");
         assert!(
@@ -68,11 +70,11 @@ fn core_packages_are_no_std_and_free_of_unsafe() {
             "{package} allows unsafe code"
         );
     }
-    let elsewhere: Vec<_> = sources("crates/isocat/src")
+    let elsewhere: Vec<_> = sources("crates/host/src")
         .into_iter()
-        .filter(|(path, _)| !path.ends_with("link/sys.rs") && !path.ends_with("isocat/src/lib.rs"))
+        .filter(|(path, _)| !path.ends_with("src/sys.rs") && !path.ends_with("src/lib.rs"))
         .collect();
-    nowhere(&elsewhere, &["unsafe_code", "unsafe {"], "what is unsafe stands in link/sys.rs");
+    nowhere(&elsewhere, &["unsafe_code", "unsafe {"], "what is unsafe stands in sys.rs");
 }
 
 /// The model of the ESC and the physics of a run must not share formulas with the planner that they
@@ -105,34 +107,101 @@ fn neither_side_knows_the_other() {
     );
 }
 
-/// The arrows of the house: what each package may depend on, tests aside.
+/// The arrows of the house, all of them, tests aside: what each package may depend on. A package that is not named here may not be.
+const ARROWS: [(&str, &[&str]); 15] = [
+    ("wire", &[]),
+    ("sync", &["wire"]),
+    ("esc", &["wire"]),
+    ("subdevice", &["wire", "sync", "esc"]),
+    ("lan925x", &["esc"]),
+    ("maindevice", &["wire", "sync"]),
+    ("host", &["wire", "maindevice"]),
+    ("sim", &["wire", "sync", "esc", "subdevice", "maindevice"]),
+    ("descriptions", &["wire"]),
+    ("segment", &["wire", "sync", "esc", "subdevice", "maindevice", "sim", "descriptions"]),
+    ("recorders", &["wire", "sync", "subdevice", "maindevice", "sim"]),
+    (
+        "engine",
+        &[
+            "wire",
+            "sync",
+            "esc",
+            "subdevice",
+            "maindevice",
+            "host",
+            "sim",
+            "descriptions",
+            "segment",
+            "recorders",
+        ],
+    ),
+    ("conform", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment"]),
+    ("serve", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment", "engine"]),
+    (
+        "isocat",
+        &[
+            "wire",
+            "sync",
+            "maindevice",
+            "host",
+            "sim",
+            "descriptions",
+            "segment",
+            "recorders",
+            "engine",
+            "conform",
+            "serve",
+        ],
+    ),
+];
+
 #[test]
 fn packages_depend_only_on_those_above() {
-    let allowed = [
-        ("wire", &[][..]),
-        ("sync", &["wire"]),
-        ("esc", &["wire"]),
-        ("subdevice", &["wire", "sync", "esc"]),
-        ("lan925x", &["esc"]),
-        ("maindevice", &["wire", "sync"]),
-        ("sim", &["wire", "sync", "esc", "subdevice", "maindevice"]),
-    ];
-    for (package, allowed) in allowed {
-        let manifest = fs::read_to_string(root().join(format!("crates/{package}/Cargo.toml")))
-            .expect("a package has a manifest");
-        let dependencies = manifest.split("[dependencies]").nth(1).unwrap_or_default();
-        let dependencies = dependencies.split("\n[").next().unwrap_or_default();
-        for line in dependencies.lines() {
-            let name = line.split(['.', ' ', '=']).next().unwrap_or_default();
+    let mut packages: Vec<String> = fs::read_dir(root().join("crates"))
+        .expect("the packages")
+        .map(|entry| entry.expect("a readable folder").file_name().to_string_lossy().into_owned())
+        .collect();
+    packages.sort();
+    let mut named: Vec<&str> = ARROWS.iter().map(|(package, _)| *package).collect();
+    named.sort_unstable();
+    assert_eq!(packages, named, "every package has its arrows");
+    for (package, allowed) in ARROWS {
+        let place = ARROWS.iter().position(|(name, _)| *name == package);
+        for above in allowed {
+            let above = ARROWS.iter().position(|(name, _)| name == above);
+            assert!(above < place, "{package} stands above {allowed:?}");
+        }
+        for name in dependencies(package) {
             if let Some(ours) = name.strip_prefix("isocat-") {
                 assert!(allowed.contains(&ours), "{package} must not depend on {ours}");
-            } else if !name.is_empty() && !name.starts_with('#') {
+            } else if BELOW.contains(&package) {
                 let chance = package == "sim" && name.starts_with("rand");
                 let bus = package == "lan925x" && name == "embedded-hal";
                 assert!(chance || bus, "{package} depends on {name}; core packages stand alone");
             }
         }
+        for above in allowed {
+            let used =
+                dependencies(package).any(|name| name.strip_prefix("isocat-") == Some(above));
+            assert!(used, "{package} may depend on {above} and does not: the arrow is not needed");
+        }
     }
+}
+
+/// What a package depends on, on whatever target; tests aside.
+fn dependencies(package: &str) -> impl Iterator<Item = String> {
+    let manifest = fs::read_to_string(root().join(format!("crates/{package}/Cargo.toml")))
+        .expect("a package has a manifest");
+    let manifest: toml::Table = manifest.parse().expect("a manifest is TOML");
+    let mut tables = vec![manifest.clone()];
+    if let Some(targets) = manifest.get("target").and_then(toml::Value::as_table) {
+        tables.extend(targets.values().filter_map(toml::Value::as_table).cloned());
+    }
+    let names = tables.into_iter().filter_map(|table| {
+        let dependencies = table.get("dependencies")?.as_table()?.keys().cloned();
+        Some(dependencies.collect::<Vec<String>>())
+    });
+    names.flatten().collect::<Vec<_>>().into_iter()
 }
 
 #[test]

@@ -53,9 +53,11 @@ extern crate alloc;
 #[cfg(test)]
 extern crate std;
 
+pub mod change;
 pub mod config;
 pub mod error;
 pub mod event;
+pub mod kind;
 pub mod plan;
 pub mod segment;
 pub mod statistics;
@@ -87,6 +89,7 @@ mod topology;
 #[cfg(test)]
 mod tests;
 
+pub use change::SegmentChange;
 pub use config::{
     AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, Readmission, Recovery, Ring,
     StartupDownload, Survey, Timeouts,

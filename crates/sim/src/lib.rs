@@ -9,8 +9,8 @@
 //! of frames that meet something on their way.
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
-//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call;
-//! [`motion`] is the MainDevice's application in it. [`served`] is a segment in host time, for frames from outside.
+//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call,
+//! what it comes to are [`finding`]s; [`motion`] is the MainDevice's application in it. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
 //! frame reaches it: cost is per event, never per tick.
@@ -22,6 +22,7 @@ pub mod cable;
 pub mod cpu;
 pub mod device;
 mod disturbance;
+pub mod finding;
 mod flight;
 pub mod host;
 pub mod judge;
@@ -43,6 +44,7 @@ pub use cable::{Cable, Direction, Phy};
 pub use cpu::{CpuModel, Overrun, Unevenness};
 pub use device::DeviceSetup;
 pub use disturbance::BitError;
+pub use finding::{Finding, Judged, Kind, Place};
 pub use host::HostModel;
 pub use motion::Motion;
 pub use oscillator::ClockModel;

@@ -5,7 +5,8 @@
 //! 1. [`SubDevice`] is called by the main loop and by interrupts, over [`isocat_esc::Pdi`];
 //! 2. its state machine answers AL control, after checking what the MainDevice has set up;
 //! 3. its mailbox takes requests from SM0 and hands them to the CoE server, which reads and writes the
-//!    dictionary: what a device has is a [`Description`], its values live in a store of the caller;
+//!    dictionary: what a device has is a [`Description`] ([`describe`] helps to write one), its values live in a store of the
+//!    caller;
 //! 4. its [`SyncEngine`] turns SM2, SYNC0, SYNC1 and the local timer into [`Steps`]: which pieces of the cycle
 //!    start, when, and what is counted when one comes too late;
 //! 5. each step does its effect at its own instant: process data between the ESC's buffers and the
@@ -25,6 +26,7 @@ pub mod application;
 mod assignment;
 mod checks;
 mod coe;
+pub mod describe;
 pub mod description;
 mod dictionary;
 pub mod drive;

@@ -3,17 +3,17 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use isocat_conform as conform;
+use isocat_conform::report::{ConformanceReport, DeviceReport, list};
+use isocat_conform::rules::{self, Rule};
+use isocat_conform::subject::Hints;
+use isocat_conform::wire::{VirtualWire, Wire};
+use isocat_segment::profile;
+use isocat_segment::segment_file::{SubDevice, vocabulary};
+use isocat_segment::{Scenario, SegmentFile};
 
 use super::run::{command, is_page, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
-use crate::conform::report::{ConformanceReport, DeviceReport, list};
-use crate::conform::rules::{self, Rule};
-use crate::conform::subject::Hints;
-use crate::conform::wire::{VirtualWire, Wire};
-use crate::conform::{self};
-use crate::profile;
-use crate::segment_file::{SubDevice, vocabulary};
-use crate::{Scenario, SegmentFile};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -119,7 +119,7 @@ impl Arguments {
     #[cfg(target_os = "linux")]
     fn examine(&self, file: Option<SegmentFile>) -> Result<(String, Vec<DeviceReport>), String> {
         let Some(interface) = &self.interface else { return self.examine_virtual(file) };
-        let socket = crate::link::RawSocket::open(interface, self.netns.as_deref())
+        let socket = isocat_host::RawSocket::open(interface, self.netns.as_deref())
             .map_err(|error| error.to_string())?;
         let mut wire = conform::wire::RawWire::new(socket);
         let found = conform::count(&mut wire)?;
@@ -164,7 +164,8 @@ impl Arguments {
         for position in 0..count {
             let device = devices.get(usize::from(position));
             let name = device.map_or(format!("SubDevice {position}"), |device| device.name.clone());
-            let hints = device.map(Hints::of).unwrap_or_default();
+            let hints = device.map(Hints::of).transpose().map_err(|error| error.to_string())?;
+            let hints = hints.unwrap_or_default();
             let wants = |rule: &Rule| self.wants(rule);
             let mut group = "";
             let report = conform::examine(wire, position, &name, &hints, wants, |rule| {

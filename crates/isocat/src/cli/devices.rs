@@ -4,10 +4,10 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use clap::Args;
+use isocat_descriptions::esi::{EsiDevice, EsiFile, Warning};
+use isocat_segment::profile::{self, Profile};
 
 use super::{fail, print};
-use crate::esi::{EsiDevice, EsiFile, Warning};
-use crate::profile::{self, Profile};
 
 /// Arguments of `devices`.
 #[derive(Args, Debug)]

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use isocat_descriptions::columns::{WIDTH, wrap};
+use isocat_descriptions::eni::Eni;
 
 use super::{NOT_IN_SYNC, fail, print};
-use crate::eni::Eni;
-use crate::report::{WIDTH, wrap};
 
 /// Arguments of `isocat eni`.
 #[derive(Args, Debug)]

@@ -3,12 +3,12 @@
 use std::fmt::Write;
 
 use clap::Args;
+use isocat_engine::explain;
 use isocat_sync::object::{self, INPUT_PARAMETER, OUTPUT_PARAMETER};
 use isocat_sync::table::{Column, Condition, Need, Rights, SUBS, lookup};
 use serde::Serialize;
 
 use super::{fail, print};
-use crate::explain;
 
 const EXAMPLES: &str = "\
 Examples:

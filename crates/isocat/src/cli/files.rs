@@ -5,21 +5,21 @@ use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use isocat_engine::recording::Recording;
 use isocat_maindevice::{Event, MainDevice, Port};
+use isocat_recorders::capture::Capture;
+use isocat_recorders::series::csv::Csv;
+use isocat_recorders::series::parquet::Parquet;
+use isocat_recorders::series::{Series, Table};
+use isocat_recorders::trace::Trace;
+use isocat_recorders::waves::Waves;
+use isocat_segment::Scenario;
 use isocat_sim::bench::{Intent, Measured};
 use isocat_sim::observation::Observation;
 use isocat_sim::{Lost, Segment, Tap};
 use isocat_wire::time::{Time, True};
 
 use super::run::{Arguments, unwritable};
-use crate::Scenario;
-use crate::capture::Capture;
-use crate::recording::Recording;
-use crate::series::csv::Csv;
-use crate::series::parquet::Parquet;
-use crate::series::{Series, Table};
-use crate::trace::Trace;
-use crate::waves::Waves;
 
 /// Arguments of `run` for its files, beside `--capture` and `--waves`.
 #[derive(Args, Debug)]

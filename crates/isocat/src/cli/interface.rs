@@ -6,7 +6,15 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::{ArgGroup, Args};
+use isocat_engine::live::job::{Job, Machine};
+use isocat_engine::live::{CaptureSink, Outcome};
+use isocat_engine::report::interface::{self, Asked, InterfaceReport};
+use isocat_engine::status::{Board, Kind, Scribe, Status};
+use isocat_host::preflight::{self, Subject};
+use isocat_host::{LinkError, RawSocket, Recorder, Wish};
 use isocat_maindevice::{Config, Fault};
+use isocat_recorders::capture::Capture;
+use isocat_segment::{Scenario, SegmentFile};
 use isocat_sim::run::Progress;
 use isocat_wire::Nanos;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -16,16 +24,8 @@ use super::run::{
     write_report,
 };
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
-use crate::capture::Capture;
 use crate::html;
-use crate::link::preflight::{self, Subject};
-use crate::link::{LinkError, RawSocket, Wish};
-use crate::live::job::{Job, Machine};
-use crate::live::{Outcome, Recorder};
 use crate::metrics;
-use crate::report::interface::{self, Asked, InterfaceReport};
-use crate::status::{Board, Kind, Scribe, Status};
-use crate::{Scenario, SegmentFile};
 
 /// Arguments of `run` for a real interface.
 #[derive(Args, Debug)]
@@ -164,7 +164,7 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     let path = arguments.capture.as_deref();
     let capture = path.map(|path| Capture::create_of_interface(path, interface)).transpose();
     let recorder = match capture {
-        Ok(capture) => capture.map(Recorder::new),
+        Ok(capture) => capture.map(|capture| Recorder::new(CaptureSink(capture))),
         Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
     };
     let (scribe, _metrics) = match arguments.metrics {

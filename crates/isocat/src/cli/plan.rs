@@ -3,12 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use isocat_descriptions::eni;
+use isocat_engine::plan::{Plan, proof, suggest};
+use isocat_segment::Scenario;
 use isocat_wire::Nanos;
 
 use super::run::{argument, command, duration, is_page, json, progress_bar, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
-use crate::plan::{Plan, proof, suggest};
-use crate::{Scenario, eni, html};
+use crate::html;
 
 /// Arguments of `plan`.
 #[derive(Args, Debug)]

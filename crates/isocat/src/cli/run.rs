@@ -6,7 +6,12 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use isocat_descriptions::quantity;
+use isocat_engine::Report;
+use isocat_engine::recording::Recording;
+use isocat_engine::report::Finding;
 use isocat_maindevice::Fault;
+use isocat_segment::{Scenario, SegmentFile};
 use isocat_sim::Outcome;
 use isocat_sim::run::Progress;
 use isocat_wire::Nanos;
@@ -15,9 +20,6 @@ use serde::Serialize;
 use super::files::Files;
 use super::{IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::html::{self, Page};
-use crate::recording::Recording;
-use crate::report::Finding;
-use crate::{Report, Scenario, SegmentFile, quantity};
 
 /// Shown below the help of `run`.
 pub const EXAMPLES: &str = "\

@@ -1,13 +1,13 @@
 //! `isocat scan`.
 
 use clap::Args;
+use isocat_engine::report::scan::{Place, ScanReport};
+use isocat_engine::scan::{Failure, Scan};
 use isocat_maindevice::Cause;
+use isocat_segment::Scenario;
 
 use super::run::{json, progress_bar};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
-use crate::Scenario;
-use crate::report::scan::{Place, ScanReport};
-use crate::scan::{Failure, Scan};
 
 /// Arguments of `scan`.
 #[derive(Args, Debug)]
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> u8 {
 #[cfg(target_os = "linux")]
 fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
     let namespace = arguments.netns.as_deref();
-    let socket = match crate::link::RawSocket::open(interface, namespace) {
+    let socket = match isocat_host::RawSocket::open(interface, namespace) {
         Ok(socket) => socket,
         Err(error) => return fail(&error.to_string()),
     };
@@ -65,11 +65,11 @@ fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
         Ok(stop) => stop,
         Err(error) => return fail(&format!("signals can't be caught: {error}")),
     };
-    let mut config = crate::scan::config(!arguments.quick);
+    let mut config = isocat_engine::scan::config(!arguments.quick);
     config.timeouts.frame = super::interface::FRAME_TIMEOUT;
     let bar = progress_bar(isocat_wire::Nanos::ZERO);
     let told = &mut |stage: isocat_maindevice::Stage| bar.set_message(stage.name());
-    let scan = crate::live::scan::scan(config, socket, &stop, told);
+    let scan = isocat_engine::live::scan::scan(config, socket, &stop, told);
     bar.finish_and_clear();
     finish(arguments, Place::Interface(interface, namespace), &scan)
 }

@@ -5,17 +5,17 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Sender, channel};
 
 use clap::Args;
+use isocat_host::{RawSocket, Veth, clock};
+use isocat_segment::Scenario;
+use isocat_serve::control::{self, Requests};
+use isocat_serve::server::{Event, Server};
+use isocat_serve::service::{self, Audience, Reply, Style};
+use isocat_serve::{Fault, Summary};
 use isocat_wire::AlState;
 use isocat_wire::time::{Host, Time};
 use serde_json::json;
 
 use super::{IN_SYNC, fail, print};
-use crate::Scenario;
-use crate::link::{RawSocket, Veth, clock};
-use crate::serve::control::{self, Requests};
-use crate::serve::server::{Event, Server};
-use crate::serve::service::{self, Audience, Reply, Style};
-use crate::serve::{Fault, Summary};
 
 /// Arguments of `serve`.
 #[derive(Args, Debug)]
@@ -329,7 +329,7 @@ fn status(server: &Server) -> serde_json::Value {
         "frames": counts.frames,
         "answered": counts.answered,
         "lost": counts.lost,
-        "in_sync": judged.as_ref().map(crate::serve::verdict::Judged::in_sync),
+        "in_sync": judged.as_ref().map(isocat_serve::verdict::Judged::in_sync),
         "devices": devices.collect::<Vec<_>>(),
     })
 }

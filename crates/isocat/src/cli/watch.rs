@@ -5,17 +5,19 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
+#[cfg(target_os = "linux")]
+use isocat_engine::report::words;
+use isocat_engine::status::Status;
+use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::Nanos;
 
 use super::run::duration;
 use super::{IN_SYNC, NOT_IN_SYNC, fail};
 use crate::metrics;
-use crate::status::Status;
 use crate::watch::gate::Outcome;
 use crate::watch::source::Speed;
 use crate::watch::terminal::{self, End};
 use crate::watch::{Gate, Source, View};
-use crate::{Scenario, SegmentFile};
 
 /// Arguments of `watch`.
 #[derive(Args, Debug)]
@@ -85,7 +87,8 @@ struct Place {
 
 /// A limit of errors: 0ns to 1s.
 fn error_limit(text: &str) -> Result<Nanos, String> {
-    let limit = crate::quantity::parse_duration(text).map_err(|error| error.to_string())?;
+    let limit =
+        isocat_descriptions::quantity::parse_duration(text).map_err(|error| error.to_string())?;
     match (Nanos::ZERO..=MOST).contains(&limit) {
         true => Ok(limit),
         false => Err(format!("expected an error from 0ns to {MOST}, found {text}")),
@@ -195,7 +198,7 @@ pub(super) fn serve_metrics_of(
 ) -> Result<metrics::Server, String> {
     let control = control.to_owned();
     let text = move |_: &metrics::Page| {
-        let answer = crate::serve::control::request(&control, "watch").ok()?;
+        let answer = isocat_serve::control::request(&control, "watch").ok()?;
         Some(metrics::text(&serde_json::from_str(&answer).ok()?))
     };
     told(address, metrics::Server::listen_with(address, metrics::Page::default(), text))
@@ -275,8 +278,8 @@ impl Arguments {
         scenario: &Scenario,
         stop: &Arc<AtomicBool>,
     ) -> Result<(Source, String), String> {
-        use crate::live::job::Job;
-        use crate::status::Scribe;
+        use isocat_engine::live::job::Job;
+        use isocat_engine::status::Scribe;
         let Place { netns, any, cycle, busy, cpu, .. } = &self.place;
         let options = super::interface::Options {
             interface: Some(interface.to_owned()),
@@ -306,9 +309,12 @@ impl Arguments {
         let thread = std::thread::spawn(move || {
             let failure = match job.run(&stopped, &mut |_| {}) {
                 Err(error) => Some(error.to_string()),
-                Ok(outcome) => outcome.findings.first().map(|finding| match finding.device {
-                    Some(position) => format!("SubDevice {position}: {}", finding.what),
-                    None => finding.what.clone(),
+                Ok(outcome) => outcome.findings.first().map(|finding| {
+                    let what = words::what(&finding.kind, words::Family::Wire);
+                    match finding.place.device {
+                        Some(position) => format!("SubDevice {position}: {what}"),
+                        None => what,
+                    }
                 }),
             };
             own.end(failure);
@@ -323,7 +329,7 @@ const FOREVER: Nanos = Nanos(3_155_760_000_000_000_000);
 
 #[cfg(target_os = "linux")]
 fn served(name: &str, stop: &Arc<AtomicBool>) -> Result<(Source, String), String> {
-    use crate::serve::control;
+    use isocat_serve::control;
     let path = control::find_served(name);
     let ask = move || {
         let answer = control::request(&path, "watch")

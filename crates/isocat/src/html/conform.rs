@@ -1,10 +1,10 @@
 //! What the conformance suite found, as a page.
 
+use isocat_conform::report::{ConformanceReport, DeviceReport, RuleResult, Verdict};
 use maud::{Markup, html};
 
 use super::parts::{table, tile};
 use super::{Page, compact};
-use crate::conform::report::{ConformanceReport, DeviceReport, RuleResult, Verdict};
 
 /// The page of a suite.
 pub fn page(report: &ConformanceReport, command: &str) -> Page {

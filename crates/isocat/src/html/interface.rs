@@ -1,5 +1,7 @@
 //! A run on a real interface as a page. No true time is known there: what is measured is the MainDevice's, or read.
 
+use isocat_descriptions::quantity::time;
+use isocat_engine::report::interface::{InterfaceReport, Series};
 use isocat_maindevice::Segment;
 use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
@@ -9,8 +11,6 @@ use super::parts::{counter_cells, figure, findings, notes, origins, range, slack
 use super::{Page, compact};
 use crate::picture::bars::Histogram;
 use crate::picture::cycle::Cycle;
-use crate::picture::time;
-use crate::report::interface::{InterfaceReport, Series};
 
 /// The page of a run; `segment` as the MainDevice found and planned it.
 pub fn page(report: &InterfaceReport, segment: &Segment, command: &str) -> Page {

@@ -1,9 +1,10 @@
 //! Parts that several pages have.
 
+use isocat_descriptions::quantity::time;
+use isocat_engine::report::{Counters, Finding, Note, Span, Spread};
 use maud::{Markup, PreEscaped, html};
 
-use crate::picture::{Picture, time};
-use crate::report::{Counters, Finding, Note, Span, Spread};
+use crate::picture::Picture;
 
 /// A drawing with its words; the script gives it its buttons.
 pub fn figure(picture: Option<&Picture>, words: &str) -> Markup {

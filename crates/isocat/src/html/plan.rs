@@ -1,14 +1,14 @@
 //! A plan as a page: what fits, with how much slack, and where everything lies in the cycle.
 
+use isocat_descriptions::quantity::time;
+use isocat_engine::plan::Plan;
+use isocat_engine::plan::report::{Device, Line, PlanReport, Term};
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
 use super::parts::{figure, note, notes, slack, table, tile};
 use super::{Page, compact};
 use crate::picture::cycle::Cycle;
-use crate::picture::time;
-use crate::plan::Plan;
-use crate::plan::report::{Device, Line, PlanReport, Term};
 
 /// The page of a plan.
 pub fn page(plan: &Plan, report: &PlanReport, command: &str) -> Page {

@@ -1,13 +1,13 @@
 //! What happened while a segment was served, as a page.
 
+use isocat_descriptions::quantity::time;
+use isocat_serve::summary::{JudgedSummary, SessionSummary, Summary};
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
 use super::parts::{error_cells, notes, origins, range, table};
 use super::{Page, compact};
 use crate::picture::cycle::ns;
-use crate::picture::time;
-use crate::serve::summary::{JudgedSummary, SessionSummary, Summary};
 
 /// The page of a service that has ended.
 pub fn page(summary: &Summary) -> Page {

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::status::Status;
+use isocat_engine::status::Status;
 
 /// Answers for Prometheus as long as the program runs.
 #[derive(Debug)]

@@ -2,13 +2,14 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
+use isocat_engine::status::{Error, Host, Kind, Margin};
+
 use super::*;
-use crate::status::{Error, Host, Kind, Margin};
 
 /// A segment of two, with figures that are easy to find again.
 fn status() -> Status {
     let mut status = Status::new("a \"b\"\\c.toml".into(), Kind::Simulated, 1_000_000, 1_000);
-    status.stage = crate::status::IN_OPERATION.into();
+    status.stage = isocat_engine::status::IN_OPERATION.into();
     (status.at_ns, status.operation_ns) = (2_500_000_000, Some(2_000_000_000));
     status.host = Host {
         phase_error_ns: Some(-1_500.0),

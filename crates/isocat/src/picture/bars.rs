@@ -2,8 +2,10 @@
 
 use std::fmt::Write;
 
+use isocat_descriptions::quantity::time;
+
 use super::frame::step;
-use super::{Picture, escape, number, time};
+use super::{Picture, escape, number};
 
 /// What is drawn.
 #[derive(Clone, Copy, Debug)]

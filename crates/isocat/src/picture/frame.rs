@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
-use super::{Picture, escape, number, time};
+use isocat_descriptions::quantity::time;
+
+use super::{Picture, escape, number};
 
 /// Width of all drawings along time.
 pub const WIDTH: f64 = 1000.0;

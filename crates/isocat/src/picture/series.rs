@@ -1,8 +1,10 @@
 //! A series over time: a band from least to largest, and the mean in it.
 
+use isocat_descriptions::quantity::time;
+use isocat_engine::recording::series::Series;
+
+use super::Picture;
 use super::frame::{Align, Frame, step};
-use super::{Picture, time};
-use crate::recording::series::Series;
 
 /// What is drawn.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +56,7 @@ impl Chart<'_> {
             frame.level("limit", y(limit));
         }
         let spans = self.series.spans();
-        let begin_and_end = |span: &crate::recording::series::SpanOfTime| {
+        let begin_and_end = |span: &isocat_engine::recording::series::SpanOfTime| {
             [span.begin.0 as f64 / 1e3, span.end.0 as f64 / 1e3]
         };
         let mut around: Vec<(f64, f64)> = Vec::with_capacity(spans.len() * 4);
@@ -66,7 +68,7 @@ impl Chart<'_> {
             around.extend([end, begin].map(|at| (at, y(span.least as f64 / 1e3))));
         }
         frame.line("area", &around, true);
-        let mean = |span: &crate::recording::series::SpanOfTime| {
+        let mean = |span: &isocat_engine::recording::series::SpanOfTime| {
             let [begin, end] = begin_and_end(span);
             ((begin + end) / 2.0, y(span.mean() / 1e3))
         };
@@ -82,7 +84,7 @@ impl Chart<'_> {
     }
 }
 
-fn values(span: &crate::recording::series::SpanOfTime) -> String {
+fn values(span: &isocat_engine::recording::series::SpanOfTime) -> String {
     let ns = |ps: i64| number_of_ps(ps as f64);
     format!(
         "{},{},{},{},{}",

@@ -1,10 +1,12 @@
 //! Pictures are well-formed, hold the figures, and keep labels apart.
 
+use isocat_engine::recording::series::Series;
+use isocat_engine::timeline::{Moment, Timeline};
 use isocat_wire::time::Picos;
 
+use isocat_descriptions::quantity::time;
+
 use super::*;
-use crate::recording::series::Series;
-use crate::timeline::{Moment, Timeline};
 
 fn well_formed(picture: &Picture) {
     for text in

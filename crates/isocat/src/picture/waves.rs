@@ -1,7 +1,9 @@
 //! Digital signals over time, as an oscilloscope shows them.
 
+use isocat_descriptions::quantity::time;
+
+use super::Picture;
 use super::frame::{Align, Frame};
-use super::{Picture, time};
 
 /// A signal.
 #[derive(Clone, PartialEq, Debug)]

@@ -1,5 +1,6 @@
 //! The cycle of one SubDevice: planned events as bars over the cycle, with what was measured.
 
+use isocat_engine::status::{Device, Kind, Moment, SUBS, Status, place};
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::Style;
@@ -9,7 +10,6 @@ use ratatui::widgets::Paragraph;
 use super::screen::Look;
 use super::view::View;
 use super::words;
-use crate::status::{Device, Kind, Moment, SUBS, Status, place};
 
 /// Columns before the bar: name, planned, seen.
 const NAME: usize = 21;
@@ -76,8 +76,8 @@ fn figures(status: &Status, device: &Device) -> String {
 }
 
 fn counters(device: &Device) -> String {
-    let of = |index: &str, all: &[crate::status::Counter; 4]| {
-        let one = |(counter, sub): (&crate::status::Counter, &str)| {
+    let of = |index: &str, all: &[isocat_engine::status::Counter; 4]| {
+        let one = |(counter, sub): (&isocat_engine::status::Counter, &str)| {
             let value = counter.value.map_or("-".to_owned(), |value| value.to_string());
             let risen =
                 if counter.risen > 0 { format!(" (+{})", counter.risen) } else { String::new() };
@@ -115,7 +115,7 @@ fn row(moment: &Moment, end: i64, bar: usize, look: &Look) -> Line<'static> {
         .seen_ns
         .is_some_and(|(from, to)| from < moment.earliest_ns as f64 || to > moment.latest_ns as f64);
     let style = if outside { look.bad() } else { Style::new() };
-    let name = words::cut(&moment.event, NAME - 1);
+    let name = words::cut(moment.event.name(), NAME - 1);
     let mut spans = vec![
         Span::raw(format!("{name:<NAME$}{planned:<FIGURES$}")),
         Span::styled(format!("{seen:<FIGURES$}"), style),

@@ -4,9 +4,8 @@
 //! limit at each edge or reading, no counter has grown, no frame was lost, no cycle skipped, and no alarm is up. The gate opens
 //! as soon as a stretch is as long as wanted.
 
+use isocat_engine::status::{Device, Kind, Status};
 use isocat_wire::Nanos;
-
-use crate::status::{Device, Kind, Status};
 
 /// Waits for a good stretch.
 #[derive(Clone, Debug)]
@@ -235,7 +234,7 @@ fn gated(status: &Status) -> impl Iterator<Item = &Device> {
 }
 
 fn place(device: &Device) -> String {
-    crate::status::place(device)
+    isocat_engine::status::place(device)
 }
 
 /// `12.345 s`

@@ -3,8 +3,9 @@
 //! Once a second of the segment's time: a line of the segment, and one for each of the SubDevices that are worst off, a few at
 //! most. What happens in between has a line at once.
 
+use isocat_engine::status::{Device, Event, Status};
+
 use super::words;
-use crate::status::{Device, Event, Status};
 
 /// SubDevices that have a line each second.
 pub const MOST: usize = 4;

@@ -1,5 +1,6 @@
 //! The screen: head, host phase, table of SubDevices, what happened, keys.
 
+use isocat_engine::status::{Device, Event, SUBS, Status};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -8,7 +9,6 @@ use ratatui::widgets::{Cell, Clear, Paragraph, Row, Table, TableState, Wrap};
 
 use super::view::{Page, Sort, View};
 use super::{cycle, words};
-use crate::status::{Device, Event, SUBS, Status};
 
 /// Draws what there is to see.
 pub fn draw(frame: &mut Frame<'_>, view: &View) {
@@ -81,7 +81,7 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     let rate = host.rate_ppm.map_or("-".to_owned(), |ppm| format!("{ppm:+.2} ppm"));
     let cycle = words::cycle(status.cycle_ns);
     let mut state = format!("cycle {cycle}  in operation {operation}  servo {servo}, {rate} [m]");
-    if status.kind == crate::status::Kind::Served {
+    if status.kind == isocat_engine::status::Kind::Served {
         state = format!("cycle {cycle}  in operation {operation}  MainDevice: somebody else's");
     }
     let counts = format!(
@@ -272,7 +272,7 @@ fn right(text: String) -> Cell<'static> {
 }
 
 /// `       0  0  0  0`, below the sub-indices in the head.
-fn counters(all: &[crate::status::Counter; SUBS.len()]) -> String {
+fn counters(all: &[isocat_engine::status::Counter; SUBS.len()]) -> String {
     let mut text = " ".repeat(6);
     for counter in all {
         let value = counter.value.map_or("-".to_owned(), |value| value.to_string());

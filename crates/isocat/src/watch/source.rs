@@ -8,15 +8,14 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use isocat_engine::status::edges::Onlooker;
+use isocat_engine::status::main_device::EVERY;
+use isocat_engine::status::{Board, Kind, Scribe, Status};
 use isocat_maindevice::Event;
+use isocat_segment::Scenario;
 use isocat_sim::observation::Observation;
 use isocat_sim::{Motion, Segment, Tap, World, run};
 use isocat_wire::time::{Nanos, Picos, Time, True};
-
-use crate::Scenario;
-use crate::status::edges::Onlooker;
-use crate::status::main_device::EVERY;
-use crate::status::{Board, Kind, Scribe, Status};
 
 /// Gives statuses, each once.
 pub struct Source {
@@ -97,7 +96,7 @@ impl Source {
                 match ask() {
                     Ok(next) => status = next,
                     Err(why) => {
-                        status.stage = crate::status::ENDED.into();
+                        status.stage = isocat_engine::status::ENDED.into();
                         status.failure = Some(why);
                         status.events.clear();
                         // Nobody listens any more: fine.

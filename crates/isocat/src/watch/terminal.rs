@@ -4,6 +4,7 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use isocat_engine::status::Status;
 use ratatui::crossterm::event::{
     self, Event as Input, KeyCode, KeyEvent, KeyEventKind, KeyModifiers,
 };
@@ -11,7 +12,6 @@ use ratatui::crossterm::event::{
 use super::gate::Outcome;
 use super::view::{Key, View};
 use super::{Gate, Source, Trend, plain, screen};
-use crate::status::Status;
 
 /// How it ended.
 #[derive(Clone, Debug)]
@@ -53,7 +53,7 @@ impl Taker<'_> {
         while let Some(status) = self.source.take() {
             (self.reader)(&status);
             let origin = *self.origin.get_or_insert(match status.kind {
-                crate::status::Kind::Served => status.at_ns,
+                isocat_engine::status::Kind::Served => status.at_ns,
                 _ => 0,
             });
             if let Some(gate) = &mut self.gate {

@@ -1,5 +1,8 @@
 //! Screens as golden texts, keys, the edges of the gate, lines.
 
+use isocat_engine::status::{
+    Counter, Device, Error, Event, IN_OPERATION, Kind, Margin, Moment, Status,
+};
 use isocat_wire::Nanos;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
@@ -9,7 +12,6 @@ use super::gate::Outcome;
 use super::source::Speed;
 use super::view::{Key, Page, Sort};
 use super::{Gate, Trend, View, plain, screen};
-use crate::status::{Counter, Device, Error, Event, IN_OPERATION, Kind, Margin, Moment, Status};
 
 /// A segment of six in operation, one of which has fallen, with figures that tell apart.
 fn segment(at_ns: i64) -> Status {
@@ -54,7 +56,7 @@ fn segment(at_ns: i64) -> Status {
         ("Outputs Valid", 523_800, 554_200, Some((550_000.0, 560_000.0))),
         ("inputs fetched", 1_000_000, 1_020_200, None),
     ] {
-        let event = event.into();
+        let event = isocat_sync::Moment::of_name(event).expect("a moment");
         let moment = Moment { event, earliest_ns, latest_ns, seen_ns };
         status.devices[1].moments.push(moment);
     }
@@ -410,7 +412,7 @@ fn without_sync_or_at_the_end_there_is_nothing_to_wait_for() {
     assert_eq!(outcome, None);
     assert!(gate.account().contains("no SubDevice works by SYNC"), "{}", gate.account());
     let mut status = good(1);
-    status.stage = crate::status::ENDED.into();
+    status.stage = isocat_engine::status::ENDED.into();
     status.failure = Some("the cable is out".into());
     let Some(Outcome::Closed(words)) = gate.take(&status) else { panic!("it closes") };
     assert!(words.ends_with("the cable is out"), "{words}");

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::status::{Event, Kind, Status};
+use isocat_engine::status::{Event, Kind, Status};
 
 /// Follows the statuses of a segment.
 #[derive(Clone, Debug, Default)]

@@ -1,6 +1,6 @@
 //! What is shown of a segment, and what keys do.
 
-use crate::status::{Device, Status};
+use isocat_engine::status::{Device, Status};
 
 use super::Trend;
 

@@ -1,8 +1,7 @@
 //! Figures as people read them.
 
+use isocat_engine::status::{Event, Status};
 use isocat_wire::Nanos;
-
-use crate::status::{Event, Status};
 
 /// Whom an event concerns, `2 axis 3: `; empty if it is the segment.
 pub fn of(status: &Status, event: &Event) -> String {

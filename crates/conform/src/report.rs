@@ -1,0 +1,407 @@
+//! What the suite found: one document, for people and for machines.
+
+use std::fmt::Write;
+
+use isocat_descriptions::columns::{WIDTH, wrap};
+use isocat_segment::profile::Deviation;
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use super::case::{Done, Stop};
+use super::evidence::Evidence;
+use super::mode::Mode;
+use super::rules::{Check, Rule};
+
+/// Version of the document; changes whenever a reader could be misled by an older schema.
+pub const FORMAT: &str = "isocat-conformance-report/1";
+
+/// JSON schema of the document, draft 2020-12.
+pub fn schema() -> serde_json::Value {
+    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<ConformanceReport>().to_value()
+}
+
+/// The whole document.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct ConformanceReport {
+    /// [`FORMAT`].
+    pub format: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The device, the segment file or the interface.
+    pub source: String,
+    /// Whether no rule failed.
+    pub passed: bool,
+    /// The SubDevices, in the order of their positions.
+    pub devices: Vec<DeviceReport>,
+}
+
+/// One SubDevice.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct DeviceReport {
+    /// Its name.
+    pub name: String,
+    /// Its position.
+    pub position: u16,
+    /// Rules that hold.
+    pub passed: usize,
+    /// Rules that do not.
+    pub failed: usize,
+    /// Rules that do not, as its profile says.
+    pub known_deviations: usize,
+    /// Rules that were not tried to the end, or do not concern it.
+    pub not_applicable: usize,
+    /// Modes that it announces.
+    pub modes: Vec<ModeResult>,
+    /// Each rule.
+    pub rules: Vec<RuleResult>,
+}
+
+/// A mode that a SubDevice announces.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct ModeResult {
+    /// Its name.
+    pub name: &'static str,
+    /// Why the suite does not try it.
+    pub untried: Option<&'static str>,
+}
+
+impl ModeResult {
+    /// Of the table of modes.
+    pub fn new(mode: &Mode) -> Self {
+        Self { name: mode.name, untried: mode.untried }
+    }
+}
+
+/// What became of a rule.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(inline)]
+pub enum Verdict {
+    /// It holds.
+    Pass,
+    /// It does not.
+    Fail,
+    /// It does not, and the device's profile says so and why.
+    KnownDeviation,
+    /// It does not concern the SubDevice, or another rule that it needs fails.
+    NotApplicable,
+}
+
+impl Verdict {
+    /// One word.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Pass => "pass",
+            Self::Fail => "FAIL",
+            Self::KnownDeviation => "dev",
+            Self::NotApplicable => "n/a",
+        }
+    }
+}
+
+/// A rule and what became of it.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct RuleResult {
+    /// Its name.
+    pub id: &'static str,
+    /// What it asks for.
+    pub what: &'static str,
+    /// Where that is written.
+    pub source: &'static str,
+    /// What became of it.
+    pub verdict: Verdict,
+    /// Why it does not apply, or could not be judged, by mode if that matters.
+    pub why: Vec<String>,
+    /// What else a reader should know, such as which of several right behaviours was found.
+    pub notes: Vec<String>,
+    /// What was looked at.
+    pub evidence: Vec<Evidence>,
+}
+
+impl RuleResult {
+    /// A rule that is not yet tried.
+    pub fn new(rule: &Rule) -> Self {
+        Self {
+            id: rule.id,
+            what: rule.what,
+            source: rule.source,
+            verdict: Verdict::NotApplicable,
+            why: Vec::new(),
+            notes: Vec::new(),
+            evidence: Vec::new(),
+        }
+    }
+
+    /// A rule that can't be tried as another one fails.
+    pub fn blocked(rule: &Rule, by: &str, why: &str) -> Self {
+        Self { why: vec![format!("needs {by}: {why}")], ..Self::new(rule) }
+    }
+
+    /// Adds what one check found, in `mode` if it is one of several.
+    pub fn add(
+        &mut self,
+        mode: Option<&str>,
+        evidence: Vec<Evidence>,
+        notes: Vec<String>,
+        done: Done,
+    ) {
+        let with_mode = |text: String| match mode {
+            Some(mode) => format!("{mode}: {text}"),
+            None => text,
+        };
+        let wrong = evidence.iter().any(|evidence| !evidence.right);
+        let mut verdict = match (evidence.is_empty(), wrong) {
+            (_, true) => Verdict::Fail,
+            (true, _) => Verdict::NotApplicable,
+            (false, false) => Verdict::Pass,
+        };
+        match done {
+            Ok(()) if evidence.is_empty() => {
+                self.why.push(with_mode("there was nothing to look at".to_owned()));
+            }
+            Ok(()) => {}
+            Err(Stop::NotApplicable(why)) => self.why.push(with_mode(why)),
+            Err(Stop::Blocked { by, why }) => {
+                self.why.push(with_mode(format!("needs {by}: {why}")));
+                // Half a check proves nothing.
+                if by != self.id && !wrong {
+                    verdict = Verdict::NotApplicable;
+                } else {
+                    verdict = Verdict::Fail;
+                }
+            }
+            Err(Stop::Trouble(trouble)) => {
+                self.why.push(with_mode(trouble.what));
+                verdict = Verdict::Fail;
+            }
+        }
+        self.verdict = match (self.verdict, verdict) {
+            (Verdict::Fail, _) | (_, Verdict::Fail) => Verdict::Fail,
+            (Verdict::Pass, _) | (_, Verdict::Pass) => Verdict::Pass,
+            _ => Verdict::NotApplicable,
+        };
+        let place = |evidence: Evidence| Evidence { place: with_mode(evidence.place), ..evidence };
+        self.evidence.extend(evidence.into_iter().map(place));
+        self.notes.extend(notes.into_iter().map(with_mode));
+    }
+
+    /// What its profile says of this rule. It must not hold, then, if it can be tried; and what is wrong
+    /// elsewhere than the profile says stays a fault.
+    pub fn deviates(&mut self, known: &Deviation) {
+        let at = |place: &str, known: &String| {
+            place.split_whitespace().any(|word| word.trim_end_matches(':') == known)
+        };
+        let wrong = || self.evidence.iter().filter(|evidence| !evidence.right);
+        let elsewhere = wrong().any(|e| !known.places.iter().any(|known| at(&e.place, known)));
+        match self.verdict {
+            Verdict::NotApplicable => return,
+            Verdict::Pass => {
+                self.verdict = Verdict::Fail;
+                self.why.push("its profile names a deviation that is not there".to_owned());
+            }
+            _ if elsewhere || wrong().next().is_none() => {}
+            _ => self.verdict = Verdict::KnownDeviation,
+        }
+        self.notes.push(format!("known of {}: {}", known.places.join(", "), known.why));
+    }
+
+    /// What is wrong, one line each.
+    fn faults(&self) -> Vec<String> {
+        let wrong = self.evidence.iter().filter(|evidence| !evidence.right);
+        let mut lines: Vec<_> = wrong
+            .map(|e| format!("{}: expected {}, found {}", e.place, e.expected, e.found))
+            .collect();
+        // Modes that it does not apply in are no fault.
+        if lines.is_empty() {
+            lines.extend(self.why.iter().cloned());
+        }
+        lines
+    }
+}
+
+impl DeviceReport {
+    /// Counts.
+    pub fn new(name: &str, position: u16, modes: Vec<ModeResult>, rules: Vec<RuleResult>) -> Self {
+        let count = |verdict| rules.iter().filter(|rule| rule.verdict == verdict).count();
+        Self {
+            name: name.to_owned(),
+            position,
+            passed: count(Verdict::Pass),
+            failed: count(Verdict::Fail),
+            known_deviations: count(Verdict::KnownDeviation),
+            not_applicable: count(Verdict::NotApplicable),
+            modes,
+            rules,
+        }
+    }
+}
+
+impl ConformanceReport {
+    /// Of some SubDevices.
+    pub fn new(source: &str, devices: Vec<DeviceReport>) -> Self {
+        Self {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION"),
+            source: source.to_owned(),
+            passed: devices.iter().all(|device| device.failed == 0),
+            devices,
+        }
+    }
+
+    /// For people: a table by rule, what is wrong below each.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        for device in &self.devices {
+            // Writing to a String cannot fail.
+            let _ = write_device(&mut text, device);
+        }
+        text
+    }
+
+    /// As JUnit has it, for build servers: a suite for each SubDevice, a case for each rule.
+    pub fn junit(&self) -> String {
+        let mut text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned();
+        let count = |of: fn(&DeviceReport) -> usize| self.devices.iter().map(of).sum::<usize>();
+        let _ = writeln!(
+            text,
+            "<testsuites name=\"isocat conform\" tests=\"{}\" failures=\"{}\" skipped=\"{}\">",
+            count(|device| device.rules.len()),
+            count(|device| device.failed),
+            count(|device| device.not_applicable + device.known_deviations)
+        );
+        for device in &self.devices {
+            let _ = junit_suite(&mut text, device);
+        }
+        text + "</testsuites>\n"
+    }
+}
+
+/// The rules, without trying them.
+pub fn list<'r>(rules: impl Iterator<Item = &'r Rule>) -> String {
+    let mut text = String::new();
+    for rule in rules {
+        let each = matches!(rule.check, Check::EachMode(_));
+        let _ = writeln!(text, "{:<8} {}", rule.id, rule.what);
+        let _ = writeln!(text, "         source:  {}", rule.source);
+        let scope = if each { "in each mode; " } else { "" };
+        let _ = writeln!(text, "         applies: {scope}{}", rule.applies);
+    }
+    text
+}
+
+fn write_device(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
+    let style = if device.failed == 0 { GOOD } else { BAD };
+    writeln!(
+        out,
+        "{style}{} at position {}: {} rules hold, {} fail, {}{} do not apply{style:#}",
+        device.name,
+        device.position,
+        device.passed,
+        device.failed,
+        match device.known_deviations {
+            0 => String::new(),
+            1 => "1 deviates as known, ".to_owned(),
+            n => format!("{n} deviate as known, "),
+        },
+        device.not_applicable
+    )?;
+    for mode in &device.modes {
+        if let Some(why) = mode.untried {
+            writeln!(out, "  mode {} is announced and not tried: {why}", mode.name)?;
+        }
+    }
+    for rule in &device.rules {
+        let style = match rule.verdict {
+            Verdict::Pass => GOOD,
+            Verdict::Fail => BAD,
+            Verdict::KnownDeviation => KNOWN,
+            Verdict::NotApplicable => QUIET,
+        };
+        let mut lines = wrap(rule.what, WIDTH - 17);
+        let first = if lines.is_empty() { String::new() } else { lines.remove(0) };
+        writeln!(out, "  {style}{:<4}{style:#}  {:<8} {first}", rule.verdict.word(), rule.id)?;
+        for line in lines {
+            writeln!(out, "                 {line}")?;
+        }
+        let faults = rule.faults();
+        let more = faults.len().saturating_sub(MOST_FAULTS);
+        let mut below: Vec<String> = match rule.verdict {
+            Verdict::Pass => Vec::new(),
+            _ => faults.into_iter().take(MOST_FAULTS).collect(),
+        };
+        if more > 0 && rule.verdict != Verdict::Pass {
+            below.push(format!("... and {more} more"));
+        }
+        if matches!(rule.verdict, Verdict::Fail | Verdict::KnownDeviation) {
+            below.push(format!("source: {}", rule.source));
+        }
+        below.extend(rule.notes.iter().cloned());
+        for line in below.iter().flat_map(|line| wrap(line, WIDTH - 19)) {
+            writeln!(out, "                   {QUIET}{line}{QUIET:#}")?;
+        }
+    }
+    Ok(())
+}
+
+fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
+    let name = escaped(&format!("{} at position {}", device.name, device.position));
+    writeln!(
+        out,
+        "  <testsuite name=\"{name}\" tests=\"{}\" failures=\"{}\" skipped=\"{}\">",
+        device.rules.len(),
+        device.failed,
+        device.not_applicable + device.known_deviations
+    )?;
+    for rule in &device.rules {
+        let (id, what) = (rule.id, escaped(rule.what));
+        let group = id.split('-').next().unwrap_or(id);
+        write!(out, "    <testcase classname=\"{group}\" name=\"{id} {what}\"")?;
+        let mut faults = rule.faults();
+        if rule.verdict == Verdict::KnownDeviation {
+            faults.extend(rule.notes.iter().cloned());
+        }
+        let text = escaped(&faults.join("\n"));
+        let source = escaped(rule.source);
+        match rule.verdict {
+            Verdict::Pass => writeln!(out, "/>")?,
+            Verdict::Fail => writeln!(
+                out,
+                ">\n      <failure message=\"{source}\">{text}</failure>\n    </testcase>"
+            )?,
+            // JUnit has no word for it.
+            Verdict::NotApplicable | Verdict::KnownDeviation => {
+                writeln!(out, ">\n      <skipped message=\"{text}\"/>\n    </testcase>")?;
+            }
+        }
+    }
+    writeln!(out, "  </testsuite>")
+}
+
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            '\n' => escaped.push_str("&#10;"),
+            // XML has no way to write them.
+            control if control.is_control() => escaped.push('?'),
+            other => escaped.push(other),
+        }
+    }
+    escaped
+}
+
+/// What is wrong with one rule, as far as a reader wants to see it.
+const MOST_FAULTS: usize = 8;
+const GOOD: anstyle::Style = anstyle::AnsiColor::Green.on_default().bold();
+const BAD: anstyle::Style = anstyle::AnsiColor::Red.on_default().bold();
+const KNOWN: anstyle::Style = anstyle::AnsiColor::Yellow.on_default();
+const QUIET: anstyle::Style = anstyle::Style::new().dimmed();

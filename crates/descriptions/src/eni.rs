@@ -1,0 +1,174 @@
+//! ENI: what a configuration tool wrote for a MainDevice (ETG.2100), read into a [`StartUp`] list and written
+//! from one.
+//!
+//! Bytes become a tree (`tree`), the tree an [`Eni`] (`read`, `slave`): the list, what the list has no place for
+//! (PDOs with their entries), and every doubt as a [`Warning`] of a fixed name with its place. What is broken is a
+//! [`FileError`] with line and column. A file that is well-formed may still be nothing that a MainDevice can run:
+//! [`Eni::runnable`] says why. [`write`](fn@write) makes an ENI of a list; what ENI can't say stands in comments.
+//!
+//! Two things in every ENI are not to be taken literally: the start time (0x0990) is a placeholder, which the
+//! MainDevice replaces by an instant ahead; and delays and offsets (0x0920, 0x0928) are never there, it measures them.
+
+mod read;
+mod slave;
+mod tree;
+mod warning;
+mod write;
+
+use std::path::Path;
+
+use serde::Serialize;
+pub use warning::{Warning, WarningKind};
+pub use write::write;
+
+use crate::document::FileError;
+use crate::start_up::StartUp;
+
+/// Version of the JSON document.
+pub const FORMAT: &str = "isocat-eni/1";
+
+/// An ENI, read.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Eni {
+    /// The file, as errors name it.
+    pub path: String,
+    /// EtherCATConfig@Version; empty if it is missing.
+    pub version: String,
+    /// What is written at start and in each cycle. Its cycle is 0 if the file does not tell it.
+    pub start_up: StartUp,
+    /// Of each SubDevice what the list has no place for, by position.
+    pub slaves: Vec<EniSlave>,
+    /// The cycle of each `Cyclic`, ns; `None` where it is missing.
+    pub cycles_ns: Vec<Option<i64>>,
+    /// Every doubt, in the order of the file.
+    pub warnings: Vec<Warning>,
+}
+
+/// What an ENI says of a SubDevice besides its part of the list.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct EniSlave {
+    /// Auto-increment address, as the file has it; `None` if it is missing.
+    pub auto_increment: Option<u16>,
+    /// PDOs with their entries, whether they are assigned or not, outputs and inputs in the order of the file.
+    pub pdos: Vec<EniPdo>,
+    /// Mailbox protocols: `CoE`, `FoE` …
+    pub protocols: Vec<String>,
+    /// It belongs to a group that may be missing.
+    pub hot_connect: bool,
+}
+
+/// A PDO of a SubDevice.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct EniPdo {
+    /// Its index.
+    pub index: u16,
+    /// The MainDevice writes it (`RxPdo`).
+    pub outputs: bool,
+    /// Its name.
+    pub name: String,
+    /// Its entries.
+    pub entries: Vec<EniEntry>,
+}
+
+/// An entry of a PDO.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct EniEntry {
+    /// Index of the object; 0 is padding.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Bits.
+    pub bits: u16,
+}
+
+impl Eni {
+    /// Reads a file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, FileError> {
+        let path = path.as_ref();
+        let name = path.display().to_string();
+        let bytes = std::fs::read(path).map_err(|error| FileError::unreadable(&name, &error))?;
+        Self::from_bytes(&name, &bytes)
+    }
+
+    /// Reads the bytes of a file that errors call `path`.
+    pub fn from_bytes(path: &str, bytes: &[u8]) -> Result<Self, FileError> {
+        read::read(path, bytes)
+    }
+
+    /// What was read, for programs: the list, the doubts, and what keeps a MainDevice from running it.
+    pub fn json(&self) -> String {
+        let document = Document {
+            format: FORMAT,
+            start_up: &self.start_up,
+            warnings: &self.warnings,
+            not_runnable: self.runnable().err().unwrap_or_default(),
+        };
+        let json = serde_json::to_string_pretty(&document);
+        json.expect("texts and numbers can be written as JSON") + "\n"
+    }
+
+    /// The list, or everything that keeps a MainDevice from running it.
+    pub fn runnable(&self) -> Result<&StartUp, Vec<String>> {
+        let mut reasons = Vec::new();
+        let list = &self.start_up;
+        let registers = |device: &crate::start_up::DeviceStartUp| !device.registers.is_empty();
+        if list.devices.is_empty() {
+            reasons.push("it names no SubDevice".to_owned());
+        } else if !list.devices.iter().any(registers)
+            && list.before.is_empty()
+            && list.frames.is_empty()
+        {
+            let why = "it has neither register commands (InitCmds) nor cyclic frames: a list of SubDevices, no more";
+            reasons.push(why.to_owned());
+        } else if list.frames.iter().all(|frame| frame.datagrams.is_empty()) {
+            reasons.push(
+                "it has no cyclic frames (Cyclic/Frame/Cmd): no process data would run".into(),
+            );
+        }
+        if list.cycle_ns == 0 {
+            let why = "it tells no cycle time: neither Cyclic/CycleTime nor DC/CycleTime0 is there";
+            reasons.push(why.to_owned());
+        }
+        let mut cycles: Vec<i64> = self.cycles_ns.iter().copied().flatten().collect();
+        cycles.sort_unstable();
+        cycles.dedup();
+        if let [shortest, slower @ ..] = &cycles[..] {
+            for odd in slower.iter().filter(|cycle| *cycle % shortest != 0) {
+                reasons.push(format!(
+                    "it has cycle times of {shortest} ns and {odd} ns; expected multiples of the shortest"
+                ));
+            }
+        }
+        for (position, device) in list.devices.iter().enumerate() {
+            let same =
+                list.devices[..position].iter().position(|one| one.station == device.station);
+            if device.station == 0 {
+                reasons.push(format!("SubDevice {position} has no station address (PhysAddr)"));
+            } else if let Some(other) = same {
+                let station = device.station;
+                reasons.push(format!(
+                    "SubDevices {other} and {position} have one station address, 0x{station:04X}"
+                ));
+            }
+        }
+        for (position, slave) in self.slaves.iter().enumerate() {
+            if slave.hot_connect {
+                reasons.push(format!(
+                    "SubDevice {position} belongs to a HotConnect group; fixed segments are supported"
+                ));
+            }
+        }
+        if reasons.is_empty() { Ok(list) } else { Err(reasons) }
+    }
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    format: &'static str,
+    start_up: &'a StartUp,
+    warnings: &'a [Warning],
+    not_runnable: Vec<String>,
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,406 @@
+//! ESI: device descriptions of makers (ETG.2000), read into plain values.
+//!
+//! Bytes become text (`decode`), text a tree (`tree`, which bounds what a file may ask for), the tree
+//! an [`EsiFile`] of [`EsiDevice`]s. Every value keeps the byte at which it stands, so that whoever uses it later can
+//! still say where. Three kinds of trouble are told apart:
+//!
+//! * A file that is not well-formed, or asks for too much, is refused as a whole: a [`FileError`] with line and
+//!   column. Nothing of it is imported.
+//! * A device that can't be read (a broken number, say) is refused with its place; its neighbours stay:
+//!   [`EsiFile::refused`].
+//! * What can be read in more than one way is taken in one way, and a [`Warning`] of a fixed name says
+//!   which.
+//!
+//! ```
+//! use isocat::esi::EsiFile;
+//! let text = br##"<EtherCATInfo><Vendor><Id>#x1</Id><Name>Nobody</Name></Vendor><Descriptions><Groups/>
+//!     <Devices><Device Physics="YY"><Type ProductCode="#x2" RevisionNo="3">Box</Type></Device></Devices>
+//!     </Descriptions></EtherCATInfo>"##;
+//! let file = EsiFile::from_bytes("box.xml", text).unwrap();
+//! assert_eq!(file.devices[0].product_code, Some(2));
+//! assert!(file.warnings().any(|(_, warning)| warning.kind.name() == "group-unknown"));
+//! ```
+
+use std::borrow::Cow;
+use std::collections::{HashMap, HashSet};
+use std::hash::{Hash, Hasher};
+use std::path::Path;
+use std::sync::OnceLock;
+
+use crate::document::{FileError, Source, name_hint};
+
+mod dc;
+mod decode;
+mod device;
+mod dictionary;
+mod eeprom;
+mod image;
+mod mailbox;
+mod modules;
+mod numbers;
+mod pdo;
+mod read;
+mod sync_manager;
+mod tree;
+mod warning;
+
+pub use dc::{CycleTime, EsiDc, EsiOpMode, OpModeAssignment, ShiftTime};
+pub use decode::Encoding;
+pub use device::EsiDevice;
+pub use dictionary::{EsiEntry, EsiObject, EsiProfile};
+pub use eeprom::{EsiEeprom, EsiTimeouts};
+pub use image::Image;
+pub use mailbox::{EsiCoe, EsiMailbox, InitCommand};
+pub use modules::{EsiModule, EsiSlot, EsiSlots};
+pub use pdo::{Direction, EsiPdo, EsiPdoEntry};
+pub use sync_manager::{EsiSyncManager, Purpose};
+use tree::{Element, Malformed, Problem};
+use warning::Warnings;
+pub use warning::{Warning, WarningKind};
+
+/// A description, read.
+#[derive(Clone, Debug)]
+pub struct EsiFile {
+    /// The file, as errors name it.
+    pub path: String,
+    /// How its bytes were read.
+    pub encoding: Encoding,
+    /// `Vendor/Id`; 0 for a file of modules, which may have none.
+    pub vendor_id: u32,
+    /// `Vendor/Name`.
+    pub vendor: String,
+    /// Devices in the order of the file.
+    pub devices: Vec<EsiDevice>,
+    /// Modules in the order of the file.
+    pub modules: Vec<EsiModule>,
+    /// Devices and modules that could not be read, each with its place.
+    pub refused: Vec<FileError>,
+    /// Doubts about the file as a whole.
+    pub file_warnings: Vec<Warning>,
+    text: String,
+    /// Byte at which each line begins; made when the first place is asked for.
+    lines: OnceLock<Vec<usize>>,
+}
+
+/// A place in a file: line and column, both from 1.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub struct Place {
+    /// Line.
+    pub line: usize,
+    /// Column in characters.
+    pub column: usize,
+}
+
+impl EsiFile {
+    /// Reads a file from disk. One above 64 MB is refused before it is read.
+    pub fn read(path: &str) -> Result<Self, FileError> {
+        let unreadable = |error| FileError::unreadable(path, &error);
+        let length = std::fs::metadata(Path::new(path)).map_err(unreadable)?.len();
+        if length > LONGEST_FILE as u64 {
+            return Err(too_long(path, length));
+        }
+        Self::from_bytes(path, &std::fs::read(path).map_err(unreadable)?)
+    }
+
+    /// Reads the bytes of a file; `path` names it in errors.
+    pub fn from_bytes(path: &str, bytes: &[u8]) -> Result<Self, FileError> {
+        if bytes.len() > LONGEST_FILE {
+            return Err(too_long(path, bytes.len() as u64));
+        }
+        let decoded = decode::decode(bytes).map_err(|error| FileError {
+            path: path.to_owned(),
+            line: error.line,
+            column: error.column,
+            message: error.message,
+            hint: None,
+        })?;
+        // XML has one line end. Places do not move, and the parser is faster where it need not look for it.
+        let text = match decoded.text.contains('\r') {
+            true => Cow::Owned(decoded.text.replace("\r\n", "\n")),
+            false => decoded.text,
+        };
+        let source = Source { path, text: &text };
+        let document = tree::parse(&text).map_err(|error| match error {
+            Malformed::At(Problem { at, message }) => source.error(at, message),
+            Malformed::Place(line, column, message) => {
+                FileError { path: path.to_owned(), line, column, message, hint: None }
+            }
+        })?;
+        let mut warnings = Warnings::default();
+        match decoded.doubt {
+            Some(decode::Doubt::Name(name)) => {
+                warnings.add(WarningKind::EncodingName, 0, || {
+                    format!(
+                        "\"{name}\" is no registered name; {} is taken",
+                        decoded.encoding.name()
+                    )
+                });
+            }
+            Some(decode::Doubt::Contradiction(what)) => {
+                warnings.add(WarningKind::EncodingMismatch, 0, || what);
+            }
+            None => {}
+        }
+        let mut file = Self {
+            path: path.to_owned(),
+            encoding: decoded.encoding,
+            vendor_id: 0,
+            vendor: String::new(),
+            devices: Vec::new(),
+            modules: Vec::new(),
+            refused: Vec::new(),
+            file_warnings: Vec::new(),
+            text: String::new(),
+            lines: OnceLock::new(),
+        };
+        let mut refused = Vec::new();
+        let content = file.content(Element::root(&document), &mut warnings, &mut refused);
+        drop(document);
+        content.map_err(|Problem { at, message }| source.error(at, message))?;
+        file.text = text.into_owned();
+        file.refused =
+            refused.into_iter().map(|problem| file.error(problem.at, problem.message)).collect();
+        file.file_warnings = warnings.0;
+        Ok(file)
+    }
+
+    fn content(
+        &mut self,
+        root: Element<'_>,
+        warnings: &mut Warnings,
+        refused: &mut Vec<Problem>,
+    ) -> Result<(), Problem> {
+        // A file of modules has its list at the top.
+        let (is_module_file, descriptions) = match root.name() {
+            "EtherCATInfo" => (false, root.child("Descriptions")),
+            "EtherCATModule" => (true, Some(root.child("Descriptions").unwrap_or(root))),
+            other => {
+                let message = format!("the root is <{other}>; expected <EtherCATInfo>");
+                return Err(Problem::new(root.at(), message));
+            }
+        };
+        let vendor = root.child("Vendor");
+        match vendor {
+            Some(vendor) => {
+                self.vendor_id = read::required(vendor, "Id", read::U32, warnings)? as u32;
+                self.vendor = read::name(vendor);
+                if self.vendor.is_empty() {
+                    warnings.add(WarningKind::VendorNameMissing, vendor.at(), || {
+                        format!("vendor {:#x} has no name", self.vendor_id)
+                    });
+                }
+            }
+            None if !is_module_file => {
+                return Err(Problem::new(root.at(), "the file lacks <Vendor>; expected its Id"));
+            }
+            None => {}
+        }
+        for reference in root.children("InfoReference") {
+            warnings.add(WarningKind::ReferencedFileNotRead, reference.at(), || {
+                format!("\"{}\"", read::cut(&reference.text()))
+            });
+        }
+        let Some(descriptions) = descriptions else {
+            let message = "the file lacks <Descriptions>; expected devices or modules in it";
+            return Err(Problem::new(root.at(), message));
+        };
+        if let Some(list) = descriptions.child("Modules") {
+            self.modules = modules::modules(list, warnings, refused);
+        }
+        let groups: HashSet<String> = descriptions
+            .child("Groups")
+            .iter()
+            .flat_map(|groups| groups.children("Group"))
+            .map(|group| group.child_text("Type").into_owned())
+            .collect();
+        let definitions = pdo::Definitions::of(descriptions);
+        let list = descriptions.child("Devices");
+        let mut left = MOST_ENTRIES;
+        for element in list.iter().flat_map(|list| list.children("Device")) {
+            if self.devices.len() == MOST_DEVICES {
+                let message = format!("more than {MOST_DEVICES} devices; the rest is not read");
+                refused.push(Problem::new(element.at(), message));
+                break;
+            }
+            match device::read(element, &groups, &definitions, &self.modules, &mut left) {
+                Ok(device) => self.devices.push(device),
+                Err(problem) => refused.push(problem),
+            }
+        }
+        self.compare(list);
+        Ok(())
+    }
+
+    /// What only all devices together tell: who is hidden, who stands twice.
+    fn compare(&mut self, list: Option<Element<'_>>) {
+        let mut hidden = HashSet::new();
+        for element in list.iter().flat_map(|list| list.children("Device")) {
+            for hide in element.children("HideType") {
+                let mut ignored = Warnings::default();
+                let mut number =
+                    |name| read::attribute(hide, name, read::U32, &mut ignored).ok()?;
+                if let Some(revision) = number("RevisionNo") {
+                    let product = number("ProductCode").map(|code| code as u32);
+                    hidden.insert((hide.text().into_owned(), product, revision as u32));
+                }
+            }
+        }
+        let mut first: HashMap<(u32, Option<u32>), usize> = HashMap::new();
+        for (place, device) in self.devices.iter_mut().enumerate() {
+            let key = |product| (device.type_name.clone(), product, device.revision.unwrap_or(0));
+            device.hidden =
+                hidden.contains(&key(None)) || hidden.contains(&key(device.product_code));
+            let Some(product) = device.product_code else { continue };
+            if first.insert((product, device.revision), place).is_some() {
+                let mut warnings = Warnings(std::mem::take(&mut device.warnings));
+                warnings.add(WarningKind::IdentityRepeated, device.at, || {
+                    format!("product {product:#x} with this revision stands before, too")
+                });
+                device.warnings = warnings.0;
+            }
+        }
+    }
+
+    /// The device of a type: that of a revision, or the newest.
+    ///
+    /// Without a wish it is the highest revision. With one it must be that revision, or else the newest that is not
+    /// newer than the wish.
+    pub fn device(&self, type_name: &str, revision: Option<u32>) -> Result<Choice<'_>, String> {
+        let type_name = type_name.trim();
+        let of_type = |device: &&EsiDevice| device.type_name == type_name;
+        let known = || self.devices.iter().filter(|device| device.product_code.is_some());
+        let mut candidates: Vec<&EsiDevice> = known().filter(of_type).collect();
+        if candidates.is_empty() {
+            let placeholder = self.devices.iter().any(|device| device.type_name == type_name);
+            let mut names: Vec<&str> = known().map(|device| device.type_name.as_str()).collect();
+            names.dedup();
+            let message = match (placeholder, names.is_empty()) {
+                (true, _) => format!("\"{type_name}\" has no product code: it is a placeholder"),
+                (false, true) => "the file has no device that can be chosen".to_owned(),
+                (false, false) => {
+                    format!("no type \"{type_name}\" in the file; {}", name_hint(type_name, names))
+                }
+            };
+            return Err(message);
+        }
+        candidates.sort_by_key(|device| device.revision.unwrap_or(0));
+        let number = |device: &EsiDevice| device.revision.unwrap_or(0);
+        let newest = |found: &&&EsiDevice| revision.is_none_or(|wanted| number(found) <= wanted);
+        let Some(device) = candidates.iter().rev().find(newest).copied() else {
+            let all: Vec<_> =
+                candidates.iter().map(|device| format!("{:#010x}", number(device))).collect();
+            let (wanted, all) = (revision.unwrap_or(0), all.join(", "));
+            return Err(format!("no revision {wanted:#010x} or older in the file; it has: {all}"));
+        };
+        let mut notes = Vec::new();
+        let found = number(device);
+        match revision {
+            Some(wanted) if wanted != found => notes.push(format!(
+                "no revision {wanted:#010x} in the file; {found:#010x}, the newest below, is taken"
+            )),
+            None if candidates.len() > 1 => {
+                let all = candidates.len();
+                notes.push(format!("the newest of {all} revisions, {found:#010x}, is taken"));
+            }
+            _ => {}
+        }
+        // Types are names for people: some files give one to several products.
+        let same = candidates.iter().filter(|other| number(other) == found).count();
+        if same > 1 {
+            notes.push(format!("{same} devices have this type and revision; the last is taken"));
+        }
+        Ok(Choice { device, note: (!notes.is_empty()).then(|| notes.join("; ")) })
+    }
+
+    /// The process data of a device, by default or in one of its OpModes.
+    pub fn image(&self, device: &EsiDevice, mode: Option<&EsiOpMode>) -> image::Image {
+        // The doubts were noted when the device was read.
+        image::default(device, &self.modules, mode, &mut Warnings::default())
+    }
+
+    /// The InitCmds of a device and of the modules that stand in its slots by default.
+    pub fn commands(&self, device: &EsiDevice, coe: Option<&EsiCoe>) -> Vec<InitCommand> {
+        let mut all: Vec<InitCommand> = coe.map_or(Vec::new(), |coe| coe.commands.clone());
+        let Some(slots) = &device.slots else { return all };
+        let places = modules::default_modules(slots, &self.modules, &mut Warnings::default());
+        for (place, module) in places.into_iter().enumerate() {
+            for command in module.iter().flat_map(|module| &module.commands) {
+                let mut command = command.clone();
+                if command.depends_on_slot {
+                    let step = (place as u16).wrapping_mul(slots.index_increment);
+                    command.object.index = command.object.index.wrapping_add(step);
+                }
+                all.push(command);
+            }
+        }
+        all
+    }
+
+    /// The text, decoded.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Tells texts of one path apart.
+    pub fn fingerprint(&self) -> u64 {
+        let mut hasher = std::hash::DefaultHasher::new();
+        self.text.hash(&mut hasher);
+        hasher.finish()
+    }
+
+    /// Line and column of a byte of the text.
+    pub fn place(&self, at: usize) -> Place {
+        let lines = self.lines.get_or_init(|| line_starts(&self.text));
+        let line = lines.partition_point(|start| *start <= at);
+        let start = lines.get(line.wrapping_sub(1)).copied().unwrap_or(0);
+        let before = self.text.get(start..at).unwrap_or_default();
+        Place { line: line.max(1), column: before.chars().count() + 1 }
+    }
+
+    /// An error about something at a byte of the text.
+    pub fn error(&self, at: usize, message: impl Into<String>) -> FileError {
+        let Place { line, column } = self.place(at);
+        FileError { path: self.path.clone(), line, column, message: message.into(), hint: None }
+    }
+
+    /// All warnings: those of the file, then those of each device.
+    pub fn warnings(&self) -> impl Iterator<Item = (Option<&EsiDevice>, &Warning)> {
+        let of_file = self.file_warnings.iter().map(|warning| (None, warning));
+        let of_devices = self
+            .devices
+            .iter()
+            .flat_map(|device| device.warnings.iter().map(move |warning| (Some(device), warning)));
+        of_file.chain(of_devices)
+    }
+}
+
+/// The code of a data type as PDOs name it; a name that is unknown or does not fit counts by its bits.
+pub fn data_type(name: &str, bits: u32) -> isocat_wire::coe::DataType {
+    dictionary::by_name(name, bits).unwrap_or_else(|| dictionary::by_bits(bits))
+}
+
+/// A device of a file, and what should be known about its choice.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Choice<'f> {
+    /// The device.
+    pub device: &'f EsiDevice,
+    /// Why this one, where there were others.
+    pub note: Option<String>,
+}
+
+fn too_long(path: &str, length: u64) -> FileError {
+    let message = format!("{length} bytes; expected a description of at most {LONGEST_FILE} bytes");
+    FileError { path: path.to_owned(), line: 0, column: 0, message, hint: None }
+}
+
+fn line_starts(text: &str) -> Vec<usize> {
+    let newlines = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
+    std::iter::once(0).chain(newlines.map(|(at, _)| at + 1)).collect()
+}
+
+/// The richest file that is known has 147.
+const MOST_DEVICES: usize = 10_000;
+/// Entries of all dictionaries together: some 100 MB.
+const MOST_ENTRIES: usize = 1_000_000;
+/// The longest that is known has 4 MB.
+const LONGEST_FILE: usize = 64 << 20;

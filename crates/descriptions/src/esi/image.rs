@@ -1,0 +1,161 @@
+//! The process data that a device has by default, or in one of its OpModes.
+
+use std::collections::HashSet;
+
+use super::dc::EsiOpMode;
+use super::device::EsiDevice;
+use super::modules::{self, EsiModule};
+use super::pdo::{Direction, EsiPdo};
+use super::sync_manager::Purpose;
+use super::warning::{WarningKind, Warnings};
+
+/// The process data of a device: PDOs by SyncManager, ascending, each list in the order of the process data.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Image {
+    /// By SyncManager number: what the MainDevice sends.
+    pub outputs: Vec<(u8, Vec<EsiPdo>)>,
+    /// By SyncManager number: what the device sends.
+    pub inputs: Vec<(u8, Vec<EsiPdo>)>,
+}
+
+impl Image {
+    /// Whether there are no process data at all.
+    pub fn is_empty(&self) -> bool {
+        self.all().next().is_none()
+    }
+
+    /// All PDOs: outputs first, each by SyncManager.
+    pub fn all(&self) -> impl Iterator<Item = &EsiPdo> {
+        self.outputs.iter().chain(&self.inputs).flat_map(|(_, pdos)| pdos)
+    }
+
+    fn of(&mut self, direction: Direction) -> &mut Vec<(u8, Vec<EsiPdo>)> {
+        match direction {
+            Direction::Outputs => &mut self.outputs,
+            Direction::Inputs => &mut self.inputs,
+        }
+    }
+
+    fn push(&mut self, direction: Direction, number: u8, pdo: EsiPdo) {
+        let list = self.of(direction);
+        match list.iter_mut().find(|(known, _)| *known == number) {
+            Some((_, pdos)) => pdos.push(pdo),
+            None => {
+                list.push((number, vec![pdo]));
+                list.sort_by_key(|(number, _)| *number);
+            }
+        }
+    }
+}
+
+/// The default image; `mode` replaces the assignment of the SyncManagers that it names.
+pub(super) fn default(
+    device: &EsiDevice,
+    all_modules: &[EsiModule],
+    mode: Option<&EsiOpMode>,
+    w: &mut Warnings,
+) -> Image {
+    let mut image = Image::default();
+    let known = every_pdo(device, all_modules, w);
+    for pdo in &known {
+        let Some(number) = pdo.sync_manager else { continue };
+        match direction(device, number) {
+            Some(right) if right == pdo.direction => image.push(right, number, pdo.clone()),
+            found => w.add(WarningKind::PdoSyncManager, pdo.at, || {
+                let what = match found {
+                    Some(direction) => format!("which has {direction:?}"),
+                    None => "which has no process data".to_owned(),
+                };
+                format!(
+                    "PDO 0x{:04X} ({:?}) names SyncManager {number}, {what}; it is not assigned",
+                    pdo.index, pdo.direction
+                )
+            }),
+        }
+    }
+    for assignment in mode.iter().flat_map(|mode| &mode.assignments) {
+        let number = assignment.sync_manager;
+        let Some(direction) = direction(device, number) else { continue };
+        image.of(direction).retain(|(known, _)| *known != number);
+        for (index, factor) in &assignment.pdos {
+            match known.iter().find(|pdo| pdo.index == *index && pdo.direction == direction) {
+                Some(pdo) => {
+                    let factor = factor.unwrap_or(pdo.oversampling);
+                    image.push(direction, number, oversampled(pdo, factor));
+                }
+                None => w.add(WarningKind::PdoSyncManager, mode.map_or(0, |mode| mode.at), || {
+                    format!("SyncManager {number} gets PDO 0x{index:04X}, which does not exist")
+                }),
+            }
+        }
+    }
+    image
+}
+
+/// The device's own PDOs and those of its modules, with the indices of their slots.
+fn every_pdo(device: &EsiDevice, all_modules: &[EsiModule], w: &mut Warnings) -> Vec<EsiPdo> {
+    let mut known: Vec<EsiPdo> =
+        device.pdos.iter().map(|pdo| oversampled(pdo, pdo.oversampling)).collect();
+    let Some(slots) = &device.slots else { return known };
+    let mut taken: HashSet<u16> = known.iter().map(|pdo| pdo.index).collect();
+    let mut entries = 0;
+    for (place, module) in modules::default_modules(slots, all_modules, w).into_iter().enumerate() {
+        let step = |increment: u16| (place as u16).wrapping_mul(increment);
+        for pdo in module.iter().flat_map(|module| &module.pdos) {
+            let shift = if pdo.depends_on_slot { step(slots.pdo_increment) } else { 0 };
+            let index = pdo.index.wrapping_add(shift);
+            entries += pdo.entries.len();
+            if entries > MOST_ENTRIES {
+                w.add(WarningKind::PdoLeftOut, pdo.at, || {
+                    format!("the modules have more than {MOST_ENTRIES} entries of process data")
+                });
+                return known;
+            }
+            if !taken.insert(index) {
+                continue;
+            }
+            let mut pdo = EsiPdo { index, ..pdo.clone() };
+            for entry in pdo.entries.iter_mut().filter(|entry| entry.depends_on_slot) {
+                if let Some(object) = &mut entry.object {
+                    object.index = object.index.wrapping_add(step(slots.index_increment));
+                }
+            }
+            known.push(pdo);
+        }
+    }
+    known
+}
+
+/// A PDO whose entries repeat `factor` times, each with its own index.
+fn oversampled(pdo: &EsiPdo, factor: u16) -> EsiPdo {
+    let mut pdo = pdo.clone();
+    if factor > 1 {
+        let one = std::mem::take(&mut pdo.entries);
+        for number in 0..factor {
+            // What does not fit into any mapping is refused by its count; more need not be counted.
+            if pdo.entries.len() > MOST_ENTRIES {
+                break;
+            }
+            for entry in &one {
+                let mut entry = entry.clone();
+                if let Some(object) = &mut entry.object {
+                    let step = number.wrapping_mul(pdo.oversampling_step);
+                    object.index = object.index.wrapping_add(step);
+                }
+                pdo.entries.push(entry);
+            }
+        }
+    }
+    pdo
+}
+
+fn direction(device: &EsiDevice, number: u8) -> Option<Direction> {
+    match device.sync_managers.get(usize::from(number))?.purpose {
+        Purpose::Outputs => Some(Direction::Outputs),
+        Purpose::Inputs => Some(Direction::Inputs),
+        _ => None,
+    }
+}
+
+/// Far above what the 254 sub-indices of a mapping can hold.
+const MOST_ENTRIES: usize = 4_096;

@@ -1,0 +1,334 @@
+//! Why a SubDevice is not in sync, and what to do about it: from what a run showed, next to what was planned.
+//!
+//! Each cause is told with the figures that show it. What is not shown by figures is not told: then the meaning of the AL status
+//! code is all there is.
+
+use isocat_descriptions::quantity::time;
+use isocat_maindevice::Segment;
+use isocat_maindevice::segment::Timing;
+use isocat_sim::{Judged, Kind};
+use isocat_sync::Moment;
+use isocat_sync::budget::{Check, Device, window};
+use isocat_sync::explain::al_codes;
+use isocat_wire::AlStatusCode;
+use isocat_wire::time::{Nanos, Picos};
+
+use crate::Report;
+use crate::recording::cycle::{CycleSeen, acting};
+use crate::recording::series::Series;
+use crate::recording::{Recorded, RecordedDevice};
+
+/// What is wrong with one SubDevice, or the segment.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Diagnosis {
+    /// The SubDevice; `None`: the segment.
+    pub position: Option<usize>,
+    /// Its name; `the segment`.
+    pub who: String,
+    /// What is wrong, in one sentence with its figures.
+    pub what: String,
+    /// Why, as far as figures show it.
+    pub causes: Vec<String>,
+    /// What to do, the surest first.
+    pub remedies: Vec<String>,
+}
+
+/// All that is wrong; empty for a segment in sync. `limit` is the largest SYNC0 error that the judges allowed.
+pub fn diagnose(
+    report: &Report,
+    recorded: &Recorded,
+    segment: &Segment,
+    limit: Nanos,
+) -> Vec<Diagnosis> {
+    if report.in_sync {
+        return Vec::new();
+    }
+    let mut all: Vec<Diagnosis> = Vec::new();
+    for device in &report.devices {
+        let position = device.position;
+        let found = report.findings.iter().find(|finding| finding.position == Some(position));
+        let none = RecordedDevice::default();
+        let seen = recorded.devices.get(position).unwrap_or(&none);
+        if found.is_none() && seen.missed_count == 0 {
+            continue;
+        }
+        let mut case = Case {
+            report,
+            timing: segment.timing.as_ref(),
+            device: segment.timing.as_ref().and_then(|t| t.devices.get(position)).map(|(d, _)| d),
+            position,
+            seen,
+            leads: segment.reference == Some(position),
+            limit: limit.into(),
+            causes: Vec::new(),
+            remedies: Vec::new(),
+        };
+        case.outputs();
+        case.consequence();
+        case.frames();
+        case.clock();
+        case.code(device.registers.al_status_code);
+        all.push(Diagnosis {
+            position: Some(position),
+            who: format!("SubDevice {position} ({})", device.name),
+            what: found.map_or_else(
+                || format!("{} SM events missed", seen.missed_count),
+                |finding| finding.what.clone(),
+            ),
+            causes: case.causes,
+            remedies: case.remedies,
+        });
+    }
+    all.extend(report.findings.iter().filter(|f| f.position.is_none()).map(of_segment));
+    // Those with a cause first: the others may follow from them.
+    all.sort_by_key(|diagnosis| diagnosis.causes.is_empty());
+    all
+}
+
+fn of_segment(finding: &crate::report::Finding) -> Diagnosis {
+    let (causes, remedies): (&[&str], &[&str]) = match &finding.kind {
+        Kind::Judged(Judged::CyclesSkipped { .. }) => (
+            &["The machine that the MainDevice runs on came later than a whole cycle."],
+            &["isocat run --preflight tells what on a machine harms punctuality", "a longer cycle"],
+        ),
+        Kind::Judged(Judged::FramesLost { .. }) => (
+            &["Frames were lost on the wire: a bad cable or connector, a SubDevice without power."],
+            &[
+                "isocat scan counts errors at each port (0x0300 on): the first port that counts is next to the fault",
+            ],
+        ),
+        Kind::Judged(Judged::WorkingCounter { .. }) => (
+            &[
+                "A SubDevice did not take or give its process data: it left SAFEOP or OP, or was not reached.",
+            ],
+            &["look for a SubDevice in this report that left OP first"],
+        ),
+        _ => (&[], &[]),
+    };
+    Diagnosis {
+        position: None,
+        who: "The segment".into(),
+        what: finding.what.clone(),
+        causes: causes.iter().map(|cause| (*cause).to_owned()).collect(),
+        remedies: remedies.iter().map(|remedy| (*remedy).to_owned()).collect(),
+    }
+}
+
+/// One SubDevice that is looked at.
+struct Case<'a> {
+    report: &'a Report,
+    timing: Option<&'a Timing>,
+    device: Option<&'a Device>,
+    position: usize,
+    seen: &'a RecordedDevice,
+    leads: bool,
+    /// The largest SYNC0 error allowed.
+    limit: Picos,
+    causes: Vec<String>,
+    remedies: Vec<String>,
+}
+
+impl Case<'_> {
+    /// Outputs that are not ready when their pulse comes.
+    fn outputs(&mut self) {
+        let (Some(timing), Some(device), Some(cycle)) =
+            (self.timing, self.device, self.seen.cycle.as_ref())
+        else {
+            return;
+        };
+        let left = cycle.outputs_left;
+        if left.count() == 0 || left.least() >= 0 {
+            return;
+        }
+        let pulse = if acting(device) == Some(Moment::Sync1) { "SYNC1" } else { "SYNC0" };
+        let late = -left.least() as f64 / 1e3;
+        let how_often = match left.largest() < 0 {
+            true => "in every cycle that was seen".to_owned(),
+            false => "in some cycles".to_owned(),
+        };
+        self.causes.push(format!(
+            "Outputs were ready up to {} after the {pulse} that wants them, {how_often}.",
+            time(late)
+        ));
+        let stated = device.output_calc_and_copy;
+        let took = cycle.outputs_took;
+        let over = took.largest() as f64 / 1e3 - stated.0 as f64;
+        // A tick of its clock and what clocks may differ is no fault of its own.
+        if took.count() > 0 && over > 100.0 {
+            self.causes.push(format!(
+                "Copying and calculating took up to {}, but 0x1C32:06 states {stated}: {} more than planned with.",
+                time(took.largest() as f64 / 1e3),
+                time(over)
+            ));
+            let true_time = Nanos((took.largest() + 999) / 1_000);
+            // With the time that it really needs the plan asks for a later pulse.
+            let line = timing.demand(self.position, Check::OutputsBeforeSync0).map(|d| d.line());
+            let short = line.map_or(Nanos::ZERO, |line| Nanos(over.ceil() as i64) - line.slack());
+            let also = match timing.sync0.filter(|_| short > Nanos::ZERO) {
+                Some(shift) => format!(
+                    ", and with it let the pulse come later: shift = \"{}us\", or no shift in the file, then the plan chooses one (now \
+                     {shift})",
+                    (shift + short).0.div_euclid(1_000) + 1
+                ),
+                None => String::new(),
+            };
+            self.remedies.push(format!(
+                "State the time that it really needs, 0x1C32:06 = {} ns (its maker does; in a segment file calc_copy = \"{} ns\"){also}.",
+                true_time.0, true_time.0
+            ));
+            self.remedies.push(format!(
+                "Or make its program faster from the SM2 event until outputs are copied, by {} at least.",
+                time(late)
+            ));
+        }
+        self.later(cycle, device, timing, late);
+        if let Some(short) = self.short_line() {
+            self.causes.push(short);
+            self.remedies.push(
+                "isocat plan FILE --suggest tells the phase and the smallest cycle that fit."
+                    .into(),
+            );
+        }
+    }
+
+    /// What came of it.
+    fn consequence(&mut self) {
+        let device = &self.report.devices[self.position];
+        let (missed, highest) =
+            (device.true_time.missed_events, device.true_time.highest_missed_counter);
+        if missed > 0 && device.registers.al_status.is_op() {
+            self.causes.push(format!(
+                "It stayed in OP all the same: its counter 0x1C32:0B, which goes down again between two misses, reached {highest}. At \
+                 each of these {missed} pulses it acted on the outputs of the cycle before.",
+            ));
+        }
+    }
+
+    /// A later pulse: how much later, and whether there is room for it.
+    fn later(&mut self, cycle: &CycleSeen, device: &Device, timing: &Timing, late: f64) {
+        let Some(shift) = timing.sync0 else { return };
+        // What the plan keeps free beside what was seen.
+        let needed =
+            Nanos(late.ceil() as i64) + timing.cycle.clock_error + timing.cycle.clock_error;
+        let later = Nanos((shift + needed).0.div_euclid(1_000) * 1_000 + 1_000);
+        let latest = window(&timing.cycle, device).latest;
+        match latest {
+            Some(latest) if later > latest => self.remedies.push(format!(
+                "A later pulse alone does not help: the latest that its inputs allow is {latest}, needed are {later}. A longer cycle \
+                 does."
+            )),
+            _ => self.remedies.push(format!(
+                "Or place the pulse later: shift = \"{}us\" in the segment file (now {shift}). That covers what was seen here, and no more.",
+                later.0 / 1_000
+            )),
+        }
+        let stored = timing.moments(self.position).and_then(|moments| moments.of(Moment::Sm2));
+        if let (Some(stored), Some(seen)) = (stored, cycle.of(Moment::Sm2)) {
+            let beyond = seen.largest() as f64 / 1e3 - stored.latest.0 as f64;
+            if beyond > 0.0 {
+                self.causes.push(format!(
+                    "Frames came up to {} later than was planned with ([host] jitter {}).",
+                    time(beyond),
+                    timing.cycle.jitter
+                ));
+                self.remedies.push(
+                    "Plan with what the host really does: a larger [host] jitter; isocat run --preflight tells what makes it late."
+                        .into(),
+                );
+            }
+        }
+    }
+
+    /// The line of the plan that does not fit, where it was run all the same.
+    fn short_line(&self) -> Option<String> {
+        let lines = &self.report.devices[self.position].plan;
+        let line =
+            lines.iter().filter(|line| line.slack_ns < 0).min_by_key(|line| line.slack_ns)?;
+        let slack = Nanos(line.slack_ns);
+        Some(format!("The plan had said so: {}: {}: slack {slack}.", line.object, line.demand))
+    }
+
+    /// Outputs that did not come at all.
+    fn frames(&mut self) {
+        if self.seen.missed_count == 0 || !self.causes.is_empty() {
+            return;
+        }
+        let frames = |kind: &Kind| {
+            matches!(kind, Kind::Judged(Judged::FramesLost { .. } | Judged::CyclesSkipped { .. }))
+        };
+        let mut of_segment =
+            self.report.findings.iter().filter(|finding| finding.position.is_none());
+        let lost = of_segment.find(|finding| frames(&finding.kind));
+        match lost {
+            Some(finding) => self.causes.push(format!(
+                "It had no outputs to act on since frames did not come: {}.",
+                finding.what
+            )),
+            None => self.causes.push(format!(
+                "{} pulses found no outputs, though its program was not late: no frame with them came in time.",
+                self.seen.missed_count
+            )),
+        }
+        self.remedies.push("See what became of the frames: isocat run --capture run.pcapng has a comment at each such instant.".into());
+    }
+
+    /// A clock that is not where it should be.
+    fn clock(&mut self) {
+        let series = &self.seen.sync0;
+        let Some((least, largest)) = series.range() else { return };
+        if least.abs().max(largest.abs()) <= self.limit.0 || self.leads {
+            return;
+        }
+        let slope = slope_ppm(series);
+        if slope.abs() >= 0.05 {
+            self.causes.push(format!(
+                "Its SYNC0 runs away by {slope:+.2} us each second ({slope:+.2} ppm): its clock is not led by the reference clock."
+            ));
+            self.remedies.push(
+                "Send a drift frame each cycle (FRMW of 0x0910 at the reference clock): drift_compensation = true under [host], \
+                 which is the default; without --no-drift-compensation."
+                    .into(),
+            );
+        } else {
+            self.causes.push(format!(
+                "Its SYNC0 lies off the grid by {} on average, and stays there: its offset (0x0920), its delay (0x0928) or its start \
+                 time (0x0990) is wrong.",
+                time(series.mean().unwrap_or_default() / 1e3)
+            ));
+            self.remedies.push(
+                "isocat scan measures delays with their errors; compare 0x0928 with what this report says of it.".into(),
+            );
+        }
+    }
+
+    /// What its AL status code means.
+    fn code(&mut self, code: u16) {
+        if code == 0 {
+            return;
+        }
+        let Some(entry) = al_codes::explain(AlStatusCode(code)) else { return };
+        self.causes.push(format!("AL status code 0x{code:04X}: {}", entry.means));
+        if self.remedies.is_empty() {
+            self.remedies.extend(entry.change.iter().map(|change| (*change).to_owned()));
+        } else {
+            self.remedies.push(format!("isocat explain 0x{code:04X} tells more of this code."));
+        }
+    }
+}
+
+/// How fast a series in ps moves, in us each second, which is ppm: from its first to its last tenth.
+fn slope_ppm(series: &Series) -> f64 {
+    let spans = series.spans();
+    let tenth = (spans.len() / 10).max(1);
+    let mean = |spans: &[crate::recording::series::SpanOfTime]| {
+        let count = spans.len().max(1) as f64;
+        let at = spans.iter().map(|span| (span.begin.0 + span.end.0) as f64 / 2.0).sum::<f64>();
+        let value = spans.iter().map(|span| span.mean()).sum::<f64>();
+        (at / count, value / count)
+    };
+    if spans.len() < 2 {
+        return 0.0;
+    }
+    let (begin, end) = (mean(&spans[..tenth]), mean(&spans[spans.len() - tenth..]));
+    if end.0 > begin.0 { (end.1 - begin.1) / (end.0 - begin.0) * 1e6 } else { 0.0 }
+}

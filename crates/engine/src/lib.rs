@@ -1,0 +1,40 @@
+//! Plans a segment, runs it, and says how good it was.
+//!
+//! Data's way: what a [`Scenario`]'s timing will be, [`plan`] tells before anything is sent, and [`plan::proof`] holds that against
+//! true time. A run in virtual time ([`run`]) ends in a [`report`]; [`recording`] keeps what pictures are drawn of, [`timeline`] the
+//! cycles of one SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a segment is before any cycle. While a segment
+//! runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs on a real interface. [`explain`] gives codes, objects and
+//! registers their meaning.
+#![forbid(unsafe_code)]
+
+pub mod diagnosis;
+pub mod explain;
+#[cfg(target_os = "linux")]
+pub mod live;
+pub mod moment;
+pub mod plan;
+pub mod recording;
+pub mod report;
+pub mod scan;
+pub mod status;
+pub mod timeline;
+
+use isocat_segment::Scenario;
+pub use report::Report;
+pub use scan::Scan;
+
+/// Runs a scenario in virtual time and reports on it.
+pub fn run(scenario: &Scenario) -> Report {
+    let outcome = scenario.run().execute(None::<NoTap>, &mut |_| {});
+    Report::new(scenario, &outcome)
+}
+
+/// A tap for runs that nobody watches. It has no values, so its calls cost nothing.
+#[derive(Debug)]
+pub enum NoTap {}
+
+impl isocat_sim::Tap for NoTap {
+    fn frame(&mut self, _: isocat_wire::Time<isocat_wire::time::True>, _: bool, _: &[u8]) {
+        match *self {}
+    }
+}

@@ -1,0 +1,224 @@
+//! What the field falls into: settings that are allowed, and that fail on a real wire.
+
+use isocat_maindevice::SubDevice;
+use isocat_maindevice::segment::Timing;
+use isocat_segment::Scenario;
+use isocat_sim::judge::outputs_delay;
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SupportedTypes, SyncType, sub};
+use isocat_sync::{SyncMode, budget};
+use isocat_wire::coe::info::Access;
+use isocat_wire::dc::AssignActivate;
+use isocat_wire::time::Nanos;
+use isocat_wire::{ObjectAddress, datagram, frame};
+
+use super::Plan;
+use super::report::Note;
+
+/// All warnings of a plan, by position.
+pub(super) fn all(plan: &Plan, scenario: &Scenario) -> Vec<Note> {
+    let timing = plan.timing();
+    let mut notes = Vec::new();
+    for (position, (planned, _)) in timing.devices.iter().enumerate() {
+        let found = &plan.segment.devices[position];
+        let name = &scenario.devices[position].name;
+        let mut note = |kind, what: Option<String>| {
+            let device = Some(name.clone());
+            notes.extend(what.map(|what| Note { position: Some(position), device, kind, what }));
+        };
+        note("sync0-in-frame", sync0_in_frame(&timing.cycle, timing.sync0, planned));
+        note("free-run-by-sm", free_run_by_sm(found));
+        note("uneven-outputs", uneven_outputs(planned));
+        note("mailbox-no-room", mailbox_no_room(found, timing));
+        note("two-phases", two_phases(found, planned));
+        note("type-read-only", read_only_types(found));
+        for (object, _) in types(found) {
+            note("type-not-announced", type_against_announcement(found, object));
+        }
+        note("types-disagree", types_disagree(found));
+        note("opmode-sync-off", opmode_leaves_sync_off(found));
+        note("first-opmode-dc-off", first_opmode_is_off(found));
+    }
+    notes
+}
+
+/// A SYNC0 that comes while the frame passes: devices at the end of the line see old outputs, those at the
+/// front new ones.
+fn sync0_in_frame(
+    cycle: &budget::Cycle,
+    shift: Option<Nanos>,
+    device: &budget::Device,
+) -> Option<String> {
+    let by_sm2 = [SyncMode::DcSync0, SyncMode::DcShiftSync1, SyncMode::DcSync1];
+    let shift = shift.filter(|_| by_sm2.contains(&device.mode))?;
+    let begin = device.inputs_fetched.or(Some(device.delay))?;
+    let end = device.outputs_arrival.or(device.inputs_read)?;
+    let sync0 = device.sync0_phase(shift);
+    let (from, to) = (cycle.send + begin, cycle.send + end + cycle.jitter);
+    let inside = |phase: Nanos| from <= phase && phase <= to;
+    (inside(sync0) || inside(sync0 + device.exchange(cycle))).then(|| {
+        format!(
+            "SYNC0 at {sync0} of the cycle lies inside the frame, which may pass from {from} to {to}"
+        )
+    })
+}
+
+/// Outputs that follow their pulse with a spread that the judges of a run do not let pass.
+fn uneven_outputs(device: &budget::Device) -> Option<String> {
+    let (spread, limit) = (device.pulse_jitter, UNEVEN);
+    let acts = device.mode.uses_dc() && device.outputs_arrival.is_some();
+    (acts && spread > limit).then(|| {
+        format!(
+            "its outputs follow their pulse with a spread of up to {spread}; a run with more than {limit} counts as not in sync"
+        )
+    })
+}
+
+/// A mailbox whose frame is longer than what a cycle has to spare.
+fn mailbox_no_room(found: &SubDevice, timing: &Timing) -> Option<String> {
+    let needed = mailbox_frame(found)?;
+    let spare = timing.cycle.cycle - timing.frames_on_wire() - timing.cycle.jitter;
+    (needed > spare).then(|| {
+        format!(
+            "a frame for its mailbox takes {needed}, and a cycle has {spare} to spare: SDO transfers while the cycle runs \
+             make the next cycle late"
+        )
+    })
+}
+
+/// How long a frame is on the wire that carries the longest mailbox message.
+pub(super) fn mailbox_frame(found: &SubDevice) -> Option<Nanos> {
+    let header = &found.sii.header;
+    let length = usize::from(header.receive.length.max(header.send.length));
+    let bytes = frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN + DATAGRAM + length;
+    let on_wire = bytes.max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
+    found.has_mailbox().then_some(Nanos(on_wire as i64 * frame::BYTE_TIME_NS as i64))
+}
+
+/// Header and working counter.
+const DATAGRAM: usize = datagram::HEADER_LEN + datagram::WKC_LEN;
+/// Spread of outputs behind their pulse that the judges let pass.
+const UNEVEN: Nanos = Nanos(outputs_delay::LIMIT.0 / 1_000);
+
+/// It can't be told to be in Free Run, and would choose SM for itself.
+fn free_run_by_sm(found: &SubDevice) -> Option<String> {
+    isocat_maindevice::takes_sm_mode(found).then(|| {
+        "wanted in Free Run, but 0x1C32:01 can't be written and 0x1C32:04 announces SM: it will work by the SM event,          with its minimum cycle"
+            .to_owned()
+    })
+}
+
+/// A base cycle of several SYNC0 pulses may begin at any of them.
+fn two_phases(found: &SubDevice, planned: &budget::Device) -> Option<String> {
+    let stated = found.output_sync.as_ref()?.values.sync0_cycle_time?;
+    let sync0 = planned.pulses.sync0_cycle;
+    let alone = planned.mode.uses_dc() && !planned.mode.uses_sync1();
+    let count = stated.0.checked_div(sync0.0).filter(|_| stated.0 % sync0.0.max(1) == 0)?;
+    (alone && count > 1).then(|| {
+        format!(
+            "its base cycle (0x1C32:0A) is {stated}, SYNC0 comes every {sync0}: it may begin at any of {count} \
+             pulses, so {count} phases are possible, and each start may take another"
+        )
+    })
+}
+
+/// The objects of the directions in use, with the type that the mode gives them.
+fn types(found: &SubDevice) -> Vec<(u16, SyncType)> {
+    let has_outputs = found.outputs.length > 0;
+    let outputs = has_outputs.then(|| (OUTPUT_PARAMETER, found.mode.output_type()));
+    let inputs =
+        (found.inputs.length > 0).then(|| (INPUT_PARAMETER, found.mode.input_type(has_outputs)));
+    outputs.into_iter().chain(inputs).collect()
+}
+
+fn sync_object(found: &SubDevice, index: u16) -> Option<&isocat_maindevice::segment::SyncObject> {
+    match index {
+        OUTPUT_PARAMETER => found.output_sync.as_ref(),
+        _ => found.input_sync.as_ref(),
+    }
+}
+
+/// Types that can't be written: they are fixed on the way from PREOP to SAFEOP, by the SYNC unit as it then is.
+fn read_only_types(found: &SubDevice) -> Option<String> {
+    let fixed = |(index, wanted): (u16, SyncType)| {
+        let entry = sync_object(found, index)?.entry(sub::SYNC_TYPE)?;
+        let (description, _) = entry.description.as_ref()?;
+        let shown = entry.number()?;
+        let fixed = !description.access.has(Access::WRITE_PREOP) && shown != u32::from(wanted.0);
+        let object = ObjectAddress::new(index, sub::SYNC_TYPE);
+        fixed.then(|| format!("{object} ({} instead of {wanted})", SyncType(shown as u16)))
+    };
+    let all: Vec<_> = types(found).into_iter().filter_map(fixed).collect();
+    (!all.is_empty() && found.mode != SyncMode::FreeRun).then(|| {
+        format!(
+            "read-only in PREOP, and different there: {}. The types follow from the SYNC unit on the way to SAFEOP, \
+             so its registers must be final before SAFEOP is asked for",
+            all.join(", ")
+        )
+    })
+}
+
+/// Sub-index 01 shows a type that sub-index 04 does not announce.
+fn type_against_announcement(found: &SubDevice, index: u16) -> Option<String> {
+    let values = &sync_object(found, index)?.values;
+    let (shown, announced) = (values.sync_type?, values.supported?);
+    let supported = match shown {
+        SyncType::FREE_RUN => return None,
+        SyncType::SM | SyncType::INPUTS_ON_SM2 => announced.sm_synchronous(),
+        SyncType::DC_SYNC0 => announced.dc_sync0(),
+        SyncType::DC_SYNC1 => announced.dc_sync1(),
+        _ => false,
+    };
+    let types = ObjectAddress::new(index, sub::SUPPORTED_TYPES);
+    let object = ObjectAddress::new(index, sub::SYNC_TYPE);
+    (!supported).then(|| {
+        format!("{object} shows {shown}, which {types} = {announced} does not announce; {types} is believed")
+    })
+}
+
+/// Both objects announce different modes.
+fn types_disagree(found: &SubDevice) -> Option<String> {
+    let types = |index| sync_object(found, index)?.values.supported;
+    let (outputs, inputs) = (types(OUTPUT_PARAMETER)?, types(INPUT_PARAMETER)?);
+    // Shift and measurement may differ by direction; the types may not.
+    let modes = |types: SupportedTypes| types.0 & 0x001F;
+    let both = found.outputs.length > 0 && found.inputs.length > 0;
+    (both && modes(outputs) != modes(inputs)).then(|| {
+        format!("0x1C32:04 = {outputs}, but 0x1C33:04 = {inputs}; only what both announce is used")
+    })
+}
+
+/// All choices of the device leave SYNC off, and it is to run by SYNC.
+fn opmode_leaves_sync_off(found: &SubDevice) -> Option<String> {
+    let modes = &found.sii.operation_modes;
+    let dc = found.mode.uses_dc();
+    if !dc || modes.is_empty() || modes.iter().any(|mode| makes_pulses(mode.assign_activate)) {
+        return None;
+    }
+    let word = modes[0].assign_activate;
+    Some(format!(
+        "mode {} needs SYNC, but each OpMode of the device leaves it off (AssignActivate 0x{word:04X}); a \
+         MainDevice that follows its ESI never starts SYNC",
+        found.mode
+    ))
+}
+
+/// The first choice, which many MainDevices take, switches DC off.
+fn first_opmode_is_off(found: &SubDevice) -> Option<String> {
+    let modes = &found.sii.operation_modes;
+    let first = modes.first()?.assign_activate;
+    let other = modes.iter().position(|mode| makes_pulses(mode.assign_activate))?;
+    let pulse =
+        if AssignActivate(modes[other].assign_activate).makes_sync0() { "SYNC0" } else { "SYNC1" };
+    (found.mode.uses_dc() && !makes_pulses(first)).then(|| {
+        format!(
+            "its first OpMode switches DC off (AssignActivate 0x{first:04X}); a MainDevice that takes the first \
+             one leaves it without SYNC. OpMode {other}, counted from 0, is the one with {pulse}"
+        )
+    })
+}
+
+/// SYNC0 or SYNC1 runs with this AssignActivate.
+const fn makes_pulses(word: u16) -> bool {
+    let word = AssignActivate(word);
+    word.makes_sync0() || word.makes_sync1()
+}

@@ -1,0 +1,342 @@
+//! What a run says of itself: one document, for people and for machines.
+//!
+//! Every figure says where it comes from: `true_time` was measured by the simulation's judges in true
+//! time, `registers` was read from the SubDevice over the wire, `main_device` is what the MainDevice
+//! measured or counted with its own clock, `plan` was computed before the run.
+
+mod build;
+#[cfg(target_os = "linux")]
+pub mod interface;
+pub mod quality;
+pub mod scan;
+mod text;
+pub mod typed;
+pub mod words;
+
+#[cfg(target_os = "linux")]
+pub use build::{span, spread};
+use isocat_maindevice::Stage;
+use isocat_sim::Kind;
+use isocat_sync::SyncMode;
+use isocat_wire::AlState;
+use schemars::JsonSchema;
+use serde::Serialize;
+pub(crate) use text::{BAD, GOOD, QUIET};
+
+use typed::{KindDocument, StateRead};
+
+/// Version of the document; changes whenever a reader could be misled by an older schema.
+pub const FORMAT: &str = "isocat-run-report/4";
+
+/// JSON schema of the document, draft 2020-12.
+pub fn schema() -> serde_json::Value {
+    schema_of::<Report>()
+}
+
+pub(crate) fn schema_of<T: JsonSchema>() -> serde_json::Value {
+    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<T>().to_value()
+}
+
+/// The whole document. All times are nanoseconds unless their name says otherwise.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Report {
+    /// [`FORMAT`].
+    pub format: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// Where the segment was described.
+    pub segment_file: String,
+    /// Seed of all randomness: with it the run repeats.
+    pub seed: u64,
+    /// Whether every SubDevice ran as it was asked to.
+    pub in_sync: bool,
+    /// One sentence for people.
+    pub verdict: String,
+    /// Why not, in the order of time; what has no time of its own comes last.
+    pub findings: Vec<Finding>,
+    /// How SubDevices that may be absent came and went; nothing against the segment.
+    pub visits: Vec<Finding>,
+    /// Bus cycle.
+    pub cycle_ns: i64,
+    /// Virtual time that was judged, from the moment when all SubDevices were in OP.
+    pub judged_ns: i64,
+    /// Figures of the segment.
+    pub segment: Segment,
+    /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
+    pub quality: Option<quality::Quality>,
+    /// Figures of each SubDevice, by position.
+    pub devices: Vec<Device>,
+}
+
+/// Something worth knowing, as plans and scans tell it.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Note {
+    /// Position of the SubDevice; null concerns the segment.
+    pub position: Option<usize>,
+    /// Its name.
+    pub device: Option<String>,
+    /// Short name of the kind, for programs.
+    pub kind: &'static str,
+    /// What, with the figures.
+    pub what: String,
+}
+
+/// Something that keeps the segment from being in sync.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Finding {
+    /// Position of the SubDevice; null concerns the segment.
+    pub position: Option<usize>,
+    /// Its name.
+    pub device: Option<String>,
+    /// Stage of the way up at which it happened; null in operation.
+    #[serde(serialize_with = "typed::some_text")]
+    #[schemars(with = "Option<String>")]
+    pub stage: Option<Stage>,
+    /// Since when, from the beginning of the judged time; null from its beginning.
+    pub since_ns: Option<i64>,
+    /// What, with the figures: a sentence for people, which may change.
+    pub what: String,
+    /// What, for programs.
+    #[serde(flatten, serialize_with = "typed::kind")]
+    #[schemars(with = "KindDocument")]
+    pub kind: Kind,
+}
+
+/// Figures of the segment.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Segment {
+    /// Measured by the judges.
+    pub true_time: SegmentTrueTime,
+    /// Counted or measured by the MainDevice.
+    pub main_device: SegmentMainDevice,
+    /// Computed before the run; null if the run did not come so far.
+    pub plan: Option<SegmentPlan>,
+}
+
+/// The segment in true time.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct SegmentTrueTime {
+    /// From power-on until all SubDevices were in OP and SYNC0 on its grid; null if it never was.
+    pub time_to_synchronization_ns: Option<i64>,
+    /// When cyclic frames reached the reference clock, less when they should have.
+    pub host_phase_error: Option<Spread>,
+    /// From the first to the last SubDevice in DC mode whose outputs became valid, cycle by cycle; null with fewer than two.
+    pub outputs_valid_spread: Option<Span>,
+}
+
+/// The segment as the MainDevice sees it.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct SegmentMainDevice {
+    /// Position of the SubDevice whose clock leads; null without clocks.
+    pub reference: Option<usize>,
+    /// Frames until all SubDevices were in OP, or until the way up failed.
+    pub bring_up_frames: u64,
+    /// Of these, frames that distributed the system time to make the clocks converge.
+    pub drift_frames: u64,
+    /// All frames sent.
+    pub frames_sent: u64,
+    /// Frames that did not come back.
+    pub frames_lost: u64,
+    /// Process data cycles.
+    pub cycles: u64,
+    /// Datagrams of process data with a wrong working counter.
+    pub working_counter_errors: u64,
+    /// Phase error of the servo, by the time stamps in the frames.
+    pub host_phase_error: Option<Spread>,
+    /// How much faster the reference clock runs than the host's, parts per billion.
+    pub reference_rate_ppb: Option<i64>,
+    /// Standard error of that rate, from what the samples are off the servo's line; rounded up.
+    pub reference_rate_error_ppb: Option<i64>,
+    /// Standard error of the phase at which the servo takes the reference clock to be; rounded up. What no sample
+    /// shows is not in it: the constant time from stamp to wire.
+    pub reference_phase_error_ns: Option<i64>,
+}
+
+/// What the plan says of the segment.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct SegmentPlan {
+    /// Phase of the frame in the system-time cycle.
+    pub send_phase_ns: i64,
+    /// Phase of SYNC0; null if no SubDevice uses it.
+    pub sync0_phase_ns: Option<i64>,
+    /// Worst lateness of a frame that was planned with.
+    pub jitter_ns: i64,
+}
+
+/// Figures of one SubDevice.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Device {
+    /// Place in processing order, from 0.
+    pub position: usize,
+    /// Name in the segment file.
+    pub name: String,
+    /// Profile.
+    pub profile: String,
+    /// Synchronization mode: free-run, sm, dc-sync0.
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub mode: SyncMode,
+    /// Why not a higher mode; empty if this is the one asked for or the highest.
+    pub mode_reason: String,
+    /// Cycle in which it works: SYNC0, bus or its own timer; null if nothing states it.
+    pub cycle_ns: Option<i64>,
+    /// Measured by the judges.
+    pub true_time: DeviceTrueTime,
+    /// Read over the wire.
+    pub registers: DeviceRegisters,
+    /// Lines of the timing budget.
+    pub plan: Vec<PlanLine>,
+    /// Its process data, as the MainDevice's application sees them.
+    pub application: String,
+    /// Values that its maker does not publish.
+    pub assumptions: Vec<Assumption>,
+}
+
+/// One SubDevice in true time.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct DeviceTrueTime {
+    /// SYNC0 edges against the ideal grid of the reference clock; null without SYNC0.
+    pub sync0_error: Option<Spread>,
+    /// From the SM2 event to SYNC0.
+    pub sm2_to_sync0: Option<Span>,
+    /// From the end of copying and calculating to SYNC0: what was left; negative where SYNC0 came first.
+    pub sync0_margin: Option<Span>,
+    /// From SYNC0 to valid outputs.
+    pub outputs_delay: Option<Span>,
+    /// SYNC0 edges that found no outputs ready.
+    pub missed_events: u64,
+    /// Highest value that 0x1C32:0B took.
+    pub highest_missed_counter: u16,
+    /// State at the end of the judged time.
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub state: AlState,
+}
+
+/// One SubDevice as its registers and objects show it.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct DeviceRegisters {
+    /// AL status, 0x0130.
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub al_status: StateRead,
+    /// AL status code, 0x0134.
+    pub al_status_code: u16,
+    /// Propagation delay, 0x0928; null without clock.
+    pub delay_ns: Option<i64>,
+    /// Half the width of the interval around it that holds the true delay with a confidence of 95 %, whole ns:
+    /// quantization and noise of the measurement, and what is not known of the chips' own delays; null where it
+    /// was not measured.
+    pub delay_error_ns: Option<i64>,
+    /// Why the delay can't be known from the receive times, though there is a clock; 0x0928 then holds the
+    /// middle of what is possible. Null otherwise.
+    pub delay_unknown: Option<String>,
+    /// System time difference, 0x092C, at the end of the drift phase; null without clock.
+    pub system_time_difference_ns: Option<i64>,
+    /// 0x1C32:01; null without the object.
+    pub output_sync_type: Option<u16>,
+    /// 0x1C33:01; null without the object.
+    pub input_sync_type: Option<u16>,
+    /// Counters of 0x1C32.
+    pub output_counters: Counters,
+    /// Counters of 0x1C33.
+    pub input_counters: Counters,
+}
+
+/// Sub-indices 0B, 0C, 0D and 20; null where the SubDevice does not have them.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Counters {
+    /// 0B.
+    pub sm_event_missed: Option<u32>,
+    /// 0C.
+    pub cycle_time_too_small: Option<u32>,
+    /// 0D.
+    pub shift_time_too_short: Option<u32>,
+    /// 20.
+    pub sync_error: Option<u32>,
+}
+
+/// A series of spans in ns, rounded to the picosecond.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Span {
+    /// Values.
+    pub count: u64,
+    /// Mean.
+    pub mean_ns: f64,
+    /// Standard deviation.
+    pub standard_deviation_ns: f64,
+    /// Least.
+    pub min_ns: f64,
+    /// Largest.
+    pub max_ns: f64,
+}
+
+/// A series of errors in ns, which ought to be zero, rounded to the picosecond.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Spread {
+    /// Values.
+    pub count: u64,
+    /// Mean.
+    pub mean_ns: f64,
+    /// Standard deviation.
+    pub standard_deviation_ns: f64,
+    /// Least.
+    pub min_ns: f64,
+    /// Largest.
+    pub max_ns: f64,
+    /// Furthest from zero, without its sign.
+    pub worst_ns: f64,
+}
+
+impl Spread {
+    /// The same series without the judgement that it ought to be zero.
+    pub fn span(&self) -> Span {
+        let Spread { count, mean_ns, standard_deviation_ns, min_ns, max_ns, .. } = *self;
+        Span { count, mean_ns, standard_deviation_ns, min_ns, max_ns }
+    }
+}
+
+/// One line of a SubDevice's timing budget.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct PlanLine {
+    /// The object that states the demand.
+    pub object: String,
+    /// The demand in words.
+    pub demand: String,
+    /// Time needed.
+    pub needed_ns: i64,
+    /// Time there is.
+    pub available_ns: i64,
+    /// What is left.
+    pub slack_ns: i64,
+}
+
+/// How items of [`Assumption`] begin that are doubts about a maker's description.
+const DOUBT: &str = "description: ";
+
+/// A value that a device's maker does not publish, or a doubt about its description (ESI).
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Assumption {
+    /// Object or key.
+    pub item: String,
+    /// Value taken.
+    pub value: String,
+    /// Why.
+    pub why: String,
+}

@@ -1,0 +1,212 @@
+//! A scan for people: a hundred columns, verdict first, then the tree, then SubDevice by SubDevice.
+
+mod device;
+
+use std::fmt::{self, Write};
+
+use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
+
+use super::{Delay, Device, Note, ScanReport};
+use crate::report::{BAD, GOOD, QUIET};
+
+/// SubDevices that are told one by one without being asked for.
+const MOST_IN_FULL: usize = 6;
+/// Rows of a table, and notes, that a reader wants to see.
+const MOST_ROWS: usize = 64;
+const MOST_NOTES: usize = 16;
+/// Columns for tree and name.
+const TREE: usize = 46;
+/// Deeper branches are not indented further.
+const DEEPEST: usize = 8;
+
+impl ScanReport {
+    /// The report as text, with ANSI styles; print it through a stream that strips them where they are not
+    /// wanted.
+    /// With `only`, all details of that SubDevice and nothing else.
+    pub fn text(&self, only: Option<usize>) -> String {
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        let _ = self.write(&mut text, only);
+        text
+    }
+
+    fn write(&self, out: &mut String, only: Option<usize>) -> fmt::Result {
+        if let Some(device) = only.and_then(|only| self.devices.get(only)) {
+            self.write_device(out, device, true)?;
+            return self.write_notes(out, only);
+        }
+        let style = if self.consistent { GOOD } else { BAD };
+        for line in wrap(&self.verdict, WIDTH) {
+            writeln!(out, "{style}{line}{style:#}")?;
+        }
+        let objects = if self.objects_read { "objects read by SDO" } else { "objects not read" };
+        let run =
+            format!(": {objects}, {} frames sent, {} lost", self.frames_sent, self.frames_lost);
+        let place = self.segment_file.as_ref().or(self.interface.as_ref());
+        let place = cut_front(place.map_or("", |place| place), WIDTH - run.chars().count());
+        writeln!(out, "{QUIET}{place}{run}{QUIET:#}")?;
+        self.write_notes(out, None)?;
+        if self.devices.is_empty() {
+            return Ok(());
+        }
+        self.write_tree(out)?;
+        self.write_table(out)?;
+        if self.devices.len() <= MOST_IN_FULL {
+            for device in &self.devices {
+                writeln!(out)?;
+                self.write_device(out, device, false)?;
+            }
+        }
+        writeln!(out, "\n {QUIET}--device N tells all of one SubDevice, --json of all{QUIET:#}")
+    }
+
+    fn write_notes(&self, out: &mut String, only: Option<usize>) -> fmt::Result {
+        for (title, notes) in [("Faults", &self.findings), ("Open questions", &self.doubts)] {
+            let of = |note: &&Note| only.is_none_or(|only| note.position == Some(only));
+            let notes: Vec<&Note> = notes.iter().filter(of).collect();
+            // The verdict has told a single one.
+            if notes.is_empty() || only.is_none() && title == "Faults" && notes.len() == 1 {
+                continue;
+            }
+            writeln!(out, "\n{title}")?;
+            let shown = if only.is_some() { notes.len() } else { MOST_NOTES };
+            for note in notes.iter().take(shown) {
+                for (i, line) in wrap(&note.sentence(), WIDTH - 4).iter().enumerate() {
+                    writeln!(out, " {} {line}", if i == 0 { "-" } else { " " })?;
+                }
+            }
+            if notes.len() > shown {
+                writeln!(out, " - and {} more; --json lists them all", notes.len() - shown)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn write_tree(&self, out: &mut String) -> fmt::Result {
+        writeln!(
+            out,
+            "\n {:<TREE$} {:>18} {:>10} {:>9} {:>8}",
+            "topology", "delay, ns", "from above", "ppm", "0x092C"
+        )?;
+        writeln!(out, " MainDevice")?;
+        let mut rows = Vec::new();
+        match self.devices.iter().position(|device| device.parent.is_none()) {
+            Some(first) if self.tree_known => self.branch(first, &mut Vec::new(), &mut rows),
+            _ => rows.extend((0..self.devices.len()).map(|at| ("? ".to_owned(), at))),
+        }
+        for (lead, at) in rows.iter().take(MOST_ROWS) {
+            let device = &self.devices[*at];
+            let name = format!("{lead}{at} {}", device.name);
+            let clock = &device.clock;
+            let reference = self.reference == Some(*at);
+            writeln!(
+                out,
+                " {:<TREE$} {:>18} {:>10} {:>9} {:>8}",
+                cut(&name, TREE),
+                if reference { "reference".to_owned() } else { short_delay(&device.delay) },
+                device.delay.from_parent_ns.map_or("-".to_owned(), |ns| format!("{ns:+.1}")),
+                match clock.speed_ppm {
+                    Some(_) if reference => "0".to_owned(),
+                    Some(ppm) => format!("{ppm:+.2}"),
+                    None => "-".to_owned(),
+                },
+                clock.system_time_difference_ns.map_or("-".to_owned(), |ns| format!("{ns} ns")),
+            )?;
+        }
+        if rows.len() > MOST_ROWS {
+            writeln!(out, " … and {} more; --json lists them all", rows.len() - MOST_ROWS)?;
+        }
+        let legend = match self.tree_known {
+            true => {
+                "[1>0]: from port 1 of the SubDevice above into port 0. Delays from the \
+                    reference clock, \u{b1} with a \
+                 confidence of 95 %, from above with the branches that frames visit before. ppm: speed of the clock \
+                 when nobody leads it, against the reference clock, by two latches of 0x0900"
+            }
+            false => "Who hangs on whom is not known: SubDevices stand in processing order",
+        };
+        for line in wrap(legend, WIDTH - 1) {
+            writeln!(out, " {QUIET}{line}{QUIET:#}")?;
+        }
+        Ok(())
+    }
+
+    /// The rows of a SubDevice and all behind it. The last branch goes on in the same column, so that a line stays
+    /// a line; the others are indented.
+    fn branch(&self, first: usize, columns: &mut Vec<bool>, rows: &mut Vec<(String, usize)>) {
+        let mut at = Some(first);
+        while let Some(here) = at {
+            let device = &self.devices[here];
+            let mut below = self.below(device);
+            at = below.pop();
+            let indent: String = columns
+                .iter()
+                .take(DEEPEST)
+                .map(|more| if *more { "│  " } else { "   " })
+                .collect();
+            let deeper = if columns.len() > DEEPEST { "…" } else { "" };
+            let knee = if at.is_some() { '├' } else { '└' };
+            let above = device.parent_port.map_or(String::new(), |port| port.to_string());
+            let entry = device.ports.iter().find(|port| port.entry).map_or(0, |port| port.port);
+            rows.push((format!("{indent}{deeper}{knee}─[{above}>{entry}] "), here));
+            for branch in below {
+                columns.push(at.is_some());
+                self.branch(branch, columns, rows);
+                columns.pop();
+            }
+        }
+    }
+
+    /// What hangs on a SubDevice, in the order in which frames visit its ports.
+    fn below(&self, device: &Device) -> Vec<usize> {
+        let entry = device.ports.iter().find(|port| port.entry).map_or(0, |port| port.port);
+        let first = ORDER.iter().position(|port| *port == entry).unwrap_or(0);
+        let round = (1..4).map(|i| ORDER[(first + i) % 4]);
+        round.filter_map(|port| device.ports.get(port)?.leads_to).collect()
+    }
+
+    fn write_table(&self, out: &mut String) -> fmt::Result {
+        writeln!(
+            out,
+            "\n {:<3} {:<7} {:<32} {:<8} {:<9} {:<13} {:<6} state",
+            "#", "address", "vendor:product revision", "alias", "ESC", "FMMU/SM/RAM", "DC"
+        )?;
+        for device in self.devices.iter().take(MOST_ROWS) {
+            let esc = &device.esc;
+            let resources = format!("{}/{}/{} KiB", esc.fmmus, esc.sync_managers, esc.ram_kib);
+            let identity = format!(
+                "{:#010x}:{:#010x} {:#010x}",
+                device.vendor_id, device.product_code, device.revision
+            );
+            writeln!(
+                out,
+                " {:<3} {:#06x}  {identity:<32} {:<8} {:<9} {resources:<13} {:<6} {}",
+                device.position,
+                device.station_address,
+                device.alias.map_or("-".to_owned(), |alias| alias.to_string()),
+                cut(&esc.kind_name, 9),
+                match esc.dc.as_str() {
+                    "receive-times" => "times",
+                    other => other,
+                },
+                device.state.al_status,
+            )?;
+        }
+        if self.devices.len() > MOST_ROWS {
+            writeln!(out, " …")?;
+        }
+        Ok(())
+    }
+}
+
+fn short_delay(delay: &Delay) -> String {
+    match (delay.ns, delay.error_ns, delay.least_ns, delay.most_ns) {
+        (Some(ns), Some(error), ..) => format!("{ns:.1} \u{b1}{error:.1}"),
+        (_, _, Some(least), Some(most)) => format!("{least:.0} to {most:.0} ?"),
+        _ if delay.unknown.is_some() => "unknown".to_owned(),
+        _ => "-".to_owned(),
+    }
+}
+
+/// Frames pass the ports in this order.
+const ORDER: [usize; 4] = [0, 3, 1, 2];

@@ -1,0 +1,322 @@
+//! What is known of a segment that runs, now.
+//!
+//! One document for all who look: the live view, the lines that it prints without a terminal, the metrics, and
+//! the answer of `isocat serve` to the request `watch`. [`main_device`] fills it from a MainDevice, [`edges`] puts true
+//! time over it where there is one, `served` makes it of a served segment; [`board`] hands it from the loop that keeps a
+//! cycle to whoever looks, without the loop waiting for anybody.
+//!
+//! Each figure says where it is from: `[t]` measured in true time by the judges of the simulation, `[r]` read from a register
+//! or an object, `[m]` the MainDevice's clock and counts. [`Kind::source`] tells which of them errors and margins are.
+
+use std::borrow::Cow;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub mod board;
+pub mod edges;
+pub mod main_device;
+mod names;
+#[cfg(target_os = "linux")]
+#[cfg(test)]
+mod tests;
+mod verdict;
+
+pub use board::Board;
+pub use main_device::Scribe;
+pub use verdict::{Verdict, place};
+
+/// Words, mostly fixed ones: setting them takes no memory.
+pub type Words = Cow<'static, str>;
+
+/// What is known of a segment now.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Status {
+    /// Format of this document.
+    pub format: u32,
+    /// Version of isocat that wrote it.
+    pub version: Words,
+    /// The segment: a segment file, or what else it is.
+    pub segment: String,
+    /// What kind of segment it is, which decides what can be known.
+    pub kind: Kind,
+    /// Where it is on its way up, "in operation", or "ended".
+    pub stage: Words,
+    /// Why it ended or does not come up.
+    pub failure: Option<String>,
+    /// Now, from the beginning: of virtual time in a simulation, else of host time.
+    pub at_ns: i64,
+    /// From here to now reach the figures called `recent`.
+    pub since_ns: i64,
+    /// Time in operation; null before.
+    pub operation_ns: Option<i64>,
+    /// Bus cycle; 0 before it is known.
+    pub cycle_ns: i64,
+    /// SYNC errors beyond this are told as such in the verdict.
+    pub limit_ns: i64,
+    /// The MainDevice.
+    pub host: Host,
+    /// Each SubDevice, by position.
+    pub devices: Vec<Device>,
+    /// What happened since the last status that was taken, oldest first; some hundred at most.
+    pub events: Vec<Event>,
+}
+
+/// What kind of segment it is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+#[schemars(inline)]
+pub enum Kind {
+    /// A simulation with its MainDevice: true time is known.
+    Simulated,
+    /// A real wire: what is read from it.
+    Wire,
+    /// A virtual segment for somebody else's MainDevice, of which nothing but its frames is known.
+    Served,
+}
+
+impl Kind {
+    /// Where SYNC errors and margins are from: `t` or `r`, and of margins on a wire `m`.
+    pub const fn source(self) -> char {
+        match self {
+            Kind::Simulated | Kind::Served => 't',
+            Kind::Wire => 'r',
+        }
+    }
+
+    /// The same of margins.
+    pub const fn margin_source(self) -> char {
+        match self {
+            Kind::Simulated | Kind::Served => 't',
+            Kind::Wire => 'm',
+        }
+    }
+
+    /// The word for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Kind::Simulated => "simulated",
+            Kind::Wire => "wire",
+            Kind::Served => "served",
+        }
+    }
+}
+
+/// The MainDevice's side. Of a served segment only `frames_sent` and `frames_lost` are known.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Host {
+    /// How late frames of the cycle find the reference clock against their phase, negative is early: `[t]` the last frame in a
+    /// simulation, `[r]` the latest of about a hundred cycles on a wire; null before operation or without clocks.
+    pub phase_error_ns: Option<f64>,
+    /// The largest size of it in operation, `[t]` or `[m]`.
+    pub phase_error_worst_ns: Option<f64>,
+    /// Servo on the reference clock `[m]`: "free", "acquiring", "locked", "holdover"; empty without clocks.
+    pub servo: Words,
+    /// How much faster the reference clock runs than the host's, ppm `[m]`.
+    pub rate_ppm: Option<f64>,
+    /// Cycles begun `[m]`.
+    pub cycles: u64,
+    /// Frames sent `[m]`; of a served segment: that came in.
+    pub frames_sent: u64,
+    /// Frames that did not come back in time `[m]`.
+    pub frames_lost: u64,
+    /// Cyclic datagrams with a wrong working counter `[m]`.
+    pub working_counter_errors: u64,
+    /// Send instants that were let pass `[m]`.
+    pub cycles_skipped: u64,
+    /// How often the servo lost its lock in operation `[m]`.
+    pub locks_lost: u64,
+    /// Cycles since all clocks last took the reference's time, if more than is put up with `[m]`; 0x092C tells nothing then.
+    pub unled_cycles: Option<u64>,
+}
+
+/// One SubDevice.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Device {
+    /// Place in processing order, from 0.
+    pub position: usize,
+    /// Its name.
+    pub name: String,
+    /// Its mode, as segment files name it; empty before it is known.
+    pub mode: Words,
+    /// It works by SYNC pulses.
+    pub has_sync: bool,
+    /// Its clock leads.
+    pub is_reference: bool,
+    /// It is asked to be in OP: false for one that may be absent and is.
+    pub asked: bool,
+    /// AL state `[r]` (0x0130): INIT, PREOP, BOOT, SAFEOP, OP.
+    pub al_state: Words,
+    /// Error flag of the AL status `[r]`.
+    pub al_error: bool,
+    /// AL status code `[r]` (0x0134).
+    pub al_code: u16,
+    /// SYNC error: `[t]` SYNC0 edges against the grid that was asked for, else `[r]` 0x092C; null without SYNC, before the
+    /// first, and of the reference clock on a wire.
+    pub error: Option<Error>,
+    /// What is left before SYNC0 when outputs are ready, `[t]` by the judges, else `[m]` by the times that the SubDevice states.
+    pub margin: Option<Margin>,
+    /// How much faster its own oscillator runs than the reference's, ppm `[r]`: what the drift loop takes off (0x0930,
+    /// 0x0932) with its sign turned. Null at the reference and before the first reading.
+    pub clock_ppm: Option<f64>,
+    /// Entries 0B, 0C, 0D, 20 of 0x1C32 `[r]`.
+    pub outputs: [Counter; 4],
+    /// The same of 0x1C33.
+    pub inputs: [Counter; 4],
+    /// Alarms that are up.
+    pub alarms: Vec<Words>,
+    /// When what happens in its cycle, as planned; empty where no plan is known.
+    pub moments: Vec<Moment>,
+}
+
+/// Errors of a SubDevice's SYNC.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Error {
+    /// The last one, ns.
+    pub now_ns: f64,
+    /// The largest size since the last status, ns; null if nothing was measured meanwhile.
+    pub recent_ns: Option<f64>,
+    /// The largest size in operation, ns.
+    pub worst_ns: f64,
+    /// Edges or readings in operation.
+    pub count: u64,
+}
+
+/// Time left before SYNC0.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Margin {
+    /// The least of late, ns.
+    pub now_ns: f64,
+    /// The least in operation, ns.
+    pub least_ns: f64,
+}
+
+/// A counter of 0x1C32 or 0x1C33.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Counter {
+    /// As last read; null where it is not read.
+    pub value: Option<u32>,
+    /// How much it has risen in operation, as far as was seen.
+    pub risen: u64,
+}
+
+/// An event of a SubDevice's cycle, counted from the begin of the bus cycle.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Moment {
+    /// Which.
+    #[serde(with = "names::moment")]
+    #[schemars(with = "String")]
+    pub event: isocat_sync::Moment,
+    /// Not before, as planned, ns.
+    pub earliest_ns: i64,
+    /// Not after, as planned, ns.
+    pub latest_ns: i64,
+    /// Earliest and latest of late, `[t]`, ns; null where nobody sees it.
+    pub seen_ns: Option<(f64, f64)>,
+}
+
+/// Something that happened.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Event {
+    /// When, as `at_ns`.
+    pub at_ns: i64,
+    /// The SubDevice; null concerns the segment.
+    pub position: Option<usize>,
+    /// Whether it is bad news.
+    pub bad: bool,
+    /// An alarm that came or went.
+    pub alarm: bool,
+    /// What.
+    pub what: String,
+}
+
+/// The format.
+pub const FORMAT: u32 = 1;
+/// What the stage is called when all SubDevices that were asked for are in OP.
+pub const IN_OPERATION: &str = "in operation";
+/// What it is called when nothing more comes.
+pub const ENDED: &str = "ended";
+/// Sub-indices of the counters.
+pub const SUBS: [&str; 4] = ["0B", "0C", "0D", "20"];
+
+impl Status {
+    /// Before anything is known.
+    pub fn new(segment: String, kind: Kind, cycle_ns: i64, limit_ns: i64) -> Self {
+        Self {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION").into(),
+            segment,
+            kind,
+            stage: "begin".into(),
+            failure: None,
+            at_ns: 0,
+            since_ns: 0,
+            operation_ns: None,
+            cycle_ns,
+            limit_ns,
+            host: Host::default(),
+            devices: Vec::new(),
+            events: Vec::new(),
+        }
+    }
+
+    /// Whether it is in operation.
+    pub fn in_operation(&self) -> bool {
+        self.stage == IN_OPERATION
+    }
+
+    /// Whether nothing more comes.
+    pub fn has_ended(&self) -> bool {
+        self.stage == ENDED
+    }
+}
+
+impl Device {
+    /// Of which nothing but its place is known.
+    pub fn new(position: usize, name: String) -> Self {
+        Self {
+            position,
+            name,
+            mode: "".into(),
+            has_sync: false,
+            is_reference: false,
+            asked: true,
+            al_state: "INIT".into(),
+            al_error: false,
+            al_code: 0,
+            error: None,
+            margin: None,
+            clock_ppm: None,
+            outputs: Default::default(),
+            inputs: Default::default(),
+            alarms: Vec::with_capacity(MOST_ALARMS),
+            moments: Vec::new(),
+        }
+    }
+
+    /// `OP`, `SAFEOP+ERR`.
+    pub fn state(&self) -> String {
+        format!("{}{}", self.al_state, if self.al_error { "+ERR" } else { "" })
+    }
+
+    /// How much its counters have risen in operation.
+    pub fn risen(&self) -> u64 {
+        self.outputs.iter().chain(&self.inputs).map(|counter| counter.risen).sum()
+    }
+}
+
+/// The schema of a status.
+pub fn schema() -> serde_json::Value {
+    crate::report::schema_of::<Status>()
+}
+
+/// Kinds of alarms that a SubDevice can have.
+const MOST_ALARMS: usize = 8;

@@ -1,0 +1,31 @@
+//! A MainDevice on a network interface: raw Ethernet, the host's clock, the real-time loop, and what a machine can do for it.
+//!
+//! [`Exchange`] is the loop: it drives a MainDevice with a [`RawSocket`], as punctually as the machine lets it, and counts how punctual
+//! that was. [`clock`] is the one host clock. [`RealTime`] asks for what a loop wants of the machine, [`preflight`] looks at what harms
+//! it, [`recorder`] hands frames to a file without the loop waiting for it. [`Veth`] is a pair of interfaces in a network namespace of
+//! its own, for trying things on one machine.
+//!
+//! All of it is Linux; elsewhere the crate is empty. What is unsafe stands in `sys`.
+#![cfg(target_os = "linux")]
+#![deny(unsafe_code)]
+
+pub mod clock;
+mod error;
+pub mod exchange;
+mod histogram;
+mod namespace;
+pub mod preflight;
+mod realtime;
+pub mod recorder;
+mod socket;
+mod sys;
+mod traffic;
+
+pub use error::LinkError;
+pub use exchange::{Exchange, Figures, Waiting};
+pub use histogram::Histogram;
+pub use namespace::Veth;
+pub use realtime::{RealTime, Wish};
+pub use recorder::Recorder;
+pub use socket::{RawSocket, Received};
+pub use traffic::Traffic;

@@ -1,0 +1,85 @@
+//! Frames into a capture file, without the loop waiting for the disk.
+
+use std::io;
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use isocat_maindevice::FRAME_LEN;
+use isocat_wire::time::{Host, Time};
+
+use crate::clock;
+
+/// A file of frames. Its calls come from a thread of their own and may take their time.
+pub trait Sink: Send + 'static {
+    /// Takes a frame whose first bit left (`sent`) or came in at `at`, wall time since 1970. An error is kept until the end.
+    fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]);
+
+    /// Writes what is left; gives the first error.
+    fn finish(self: Box<Self>) -> io::Result<()>;
+}
+
+/// Hands frames to a thread that writes them. What that thread has no room for is dropped and counted.
+#[derive(Debug)]
+pub struct Recorder {
+    records: SyncSender<Record>,
+    writer: JoinHandle<Box<dyn Sink>>,
+    /// Wall time less host time, ns, as of the beginning.
+    wall: i64,
+    dropped: u64,
+}
+
+/// One frame; whole, so that none is allocated.
+struct Record {
+    at: Duration,
+    sent: bool,
+    len: usize,
+    bytes: [u8; FRAME_LEN],
+}
+
+impl Recorder {
+    /// Begins a thread that writes into `sink`. To be made before the caller asks for real time, which
+    /// threads inherit.
+    pub fn new(sink: impl Sink) -> Self {
+        let (records, incoming) = sync_channel(ROOM);
+        let writer = std::thread::spawn(move || write(Box::new(sink), &incoming));
+        Self { records, writer, wall: clock::wall_offset(), dropped: 0 }
+    }
+
+    /// Takes a frame that left or came at `at`. Who is `patient` waits for room; else a frame without room
+    /// is dropped.
+    pub fn frame(&mut self, at: Time<Host>, sent: bool, bytes: &[u8], patient: bool) {
+        let len = bytes.len().min(FRAME_LEN);
+        let ns = at.count().saturating_add_signed(self.wall);
+        let mut record = Record { at: Duration::from_nanos(ns), sent, len, bytes: [0; FRAME_LEN] };
+        record.bytes[..len].copy_from_slice(&bytes[..len]);
+        let taken = match self.records.try_send(record) {
+            Ok(()) => true,
+            Err(TrySendError::Full(record)) if patient => self.records.send(record).is_ok(),
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => false,
+        };
+        self.dropped += u64::from(!taken);
+    }
+
+    /// Writes what is left; gives how many frames were dropped, or the first error of the file.
+    pub fn finish(self) -> io::Result<u64> {
+        drop(self.records);
+        let sink = self.writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        sink.finish().map(|()| self.dropped)
+    }
+}
+
+/// Looks now and then: a thread that waits would have to be woken by the loop, with a system call.
+fn write(mut sink: Box<dyn Sink>, incoming: &Receiver<Record>) -> Box<dyn Sink> {
+    loop {
+        match incoming.try_recv() {
+            Ok(record) => sink.frame(record.at, record.sent, &record.bytes[..record.len]),
+            Err(TryRecvError::Empty) => std::thread::sleep(PAUSE),
+            Err(TryRecvError::Disconnected) => return sink,
+        }
+    }
+}
+
+/// Frames that may wait, 25 MB: a tenth of a second of the densest traffic at 100 Mbit/s.
+const ROOM: usize = 16_384;
+const PAUSE: Duration = Duration::from_millis(2);

@@ -1,0 +1,141 @@
+//! A raw Ethernet socket for EtherCAT frames.
+
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+use isocat_wire::time::{Host, Nanos, Time};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::net::SendFlags;
+
+use super::clock::{self, Stamps};
+use super::namespace;
+use super::{LinkError, sys};
+
+/// An open network interface: EtherCAT frames (EtherType 0x88A4) and nothing else go through it, whole
+/// Ethernet frames without their FCS. Own frames do not come back.
+#[derive(Debug)]
+pub struct RawSocket {
+    socket: OwnedFd,
+    interface: String,
+    stamps: Stamps,
+}
+
+/// A frame that came in.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Received {
+    /// Its length, bytes. Longer than the buffer: it was cut.
+    pub len: usize,
+    /// When the kernel took it from the driver.
+    pub at: Time<Host>,
+}
+
+impl RawSocket {
+    /// Opens an interface of the present network namespace, or of the named one (as `ip netns` names
+    /// them). Needs `CAP_NET_RAW`; another namespace needs `CAP_SYS_ADMIN` too.
+    pub fn open(interface: &str, namespace: Option<&str>) -> Result<Self, LinkError> {
+        match namespace {
+            None => Self::open_here(interface),
+            Some(namespace) => namespace::inside(namespace, || Self::open_here(interface))?,
+        }
+    }
+
+    fn open_here(interface: &str) -> Result<Self, LinkError> {
+        let failed = |what| move |error| LinkError::os(what, interface, error);
+        let socket = sys::packet_socket().map_err(failed("opening a raw socket for"))?;
+        let index = rustix::net::netdevice::name_to_index(&socket, interface)
+            .map_err(|_| LinkError::unknown_interface(interface))?;
+        let fd = socket.as_fd();
+        // What is only for speed, or for more frames under way than anybody has, may fail.
+        for (level, name, value) in [
+            (libc::SOL_SOCKET, libc::SO_RCVBUFFORCE, BUFFER),
+            (libc::SOL_SOCKET, libc::SO_SNDBUFFORCE, BUFFER),
+            (libc::SOL_PACKET, libc::PACKET_QDISC_BYPASS, 1),
+        ] {
+            let _ = sys::set_option(fd, level, name, value);
+        }
+        sys::set_option(fd, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS, 1)
+            .map_err(failed("asking for receive time stamps of"))?;
+        sys::bind(fd, index).map_err(failed("binding a raw socket to"))?;
+        match rustix::net::sockopt::socket_error(fd) {
+            Ok(Ok(())) => {}
+            Ok(Err(Errno::NETDOWN)) => return Err(LinkError::Down(interface.to_owned())),
+            Ok(Err(error)) | Err(error) => {
+                return Err(failed("binding a raw socket to")(error.into()));
+            }
+        }
+        Ok(Self { socket, interface: interface.to_owned(), stamps: Stamps::new() })
+    }
+
+    /// The interface.
+    pub fn interface(&self) -> &str {
+        &self.interface
+    }
+
+    /// Whether the interface is up and its cable has a signal; `None` if the system does not tell.
+    pub fn has_carrier(&self) -> Option<bool> {
+        sys::has_carrier(self.socket.as_fd(), &self.interface).ok()
+    }
+
+    /// How the interface gathers arrivals; `None` if its driver does not tell.
+    pub(super) fn coalescing(&self) -> Option<sys::Coalescing> {
+        sys::coalescing(self.socket.as_fd(), &self.interface).ok()
+    }
+
+    /// Sends a frame. One system call.
+    pub fn send(&self, frame: &[u8]) -> Result<(), LinkError> {
+        loop {
+            let error = match rustix::net::send(&self.socket, frame, SendFlags::DONTWAIT) {
+                Ok(_) => return Ok(()),
+                Err(Errno::INTR) => continue,
+                Err(error) => error,
+            };
+            return match error {
+                // The port has no room, or its other end is not up: a frame that is lost, as on a wire.
+                Errno::AGAIN | Errno::NOBUFS => Ok(()),
+                Errno::NETDOWN | Errno::NODEV | Errno::NXIO => {
+                    Err(LinkError::Down(self.interface.clone()))
+                }
+                error => Err(LinkError::os("sending on", &self.interface, error.into())),
+            };
+        }
+    }
+
+    /// Takes the next frame, if one is there. One system call.
+    pub fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Received>, LinkError> {
+        match sys::receive(self.socket.as_fd(), buffer) {
+            Ok((len, stamp)) => Ok(Some(Received { len, at: self.stamps.instant(stamp) })),
+            Err(error) => match Errno::from_io_error(&error) {
+                Some(Errno::AGAIN | Errno::INTR) => Ok(None),
+                Some(Errno::NETDOWN | Errno::NODEV) => Err(LinkError::Down(self.interface.clone())),
+                _ => Err(LinkError::os("receiving on", &self.interface, error)),
+            },
+        }
+    }
+
+    /// Sleeps until a frame is there, `until` is reached or a signal comes; tells whether a frame may be
+    /// there. One system call.
+    pub fn wait(&self, until: Option<Time<Host>>) -> Result<bool, LinkError> {
+        let timeout = until.map(|until| timespec(until - clock::now()));
+        let mut fds = [PollFd::new(&self.socket, PollFlags::IN)];
+        match poll(&mut fds, timeout.as_ref()) {
+            Ok(ready) => Ok(ready > 0),
+            Err(Errno::INTR) => Ok(false),
+            Err(error) => Err(LinkError::os("waiting on", &self.interface, error.into())),
+        }
+    }
+}
+
+impl AsFd for RawSocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
+    }
+}
+
+/// A span as `poll` wants it; nothing if it is over.
+fn timespec(span: Nanos) -> Timespec {
+    let ns = span.0.max(0);
+    Timespec { tv_sec: ns / 1_000_000_000, tv_nsec: ns % 1_000_000_000 }
+}
+
+/// Bytes of frames that may wait in the kernel: a burst of a thousand full ones.
+const BUFFER: i32 = 4 << 20;

@@ -1,0 +1,317 @@
+//! The series of a run as a table: one row for each SubDevice and cycle, as CSV or Parquet, for statistics of one's own.
+//!
+//! A cycle of the table ends when its inputs are in the MainDevice's hands; what happened at a SubDevice since the row
+//! before stands in its row. Rows begin with the judged time and end with it, so their figures are those of the report.
+//! They are written as the run goes: a few cycles are held back, as SubDevices are told of late. Where no frame came back
+//! for some cycles, their rows divide the time evenly; what a SubDevice did while no frame reached it is in the row in
+//! which one did again.
+
+pub mod csv;
+pub mod parquet;
+
+use std::collections::VecDeque;
+use std::io;
+
+use isocat_maindevice::{MainDevice, segment};
+use isocat_sim::bench::{Intent, Measured};
+use isocat_sim::{Segment, Tap};
+use isocat_wire::register;
+use isocat_wire::time::{Nanos, Picos, Time, True};
+
+/// A column of the table.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Column {
+    /// Its name; the unit stands last.
+    pub name: &'static str,
+    /// What stands in it.
+    pub kind: Kind,
+    /// What it means.
+    pub meaning: &'static str,
+}
+
+/// What stands in a column.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Kind {
+    /// A 64-bit integer with its sign, in every row.
+    Integer,
+    /// The same, or nothing.
+    Optional,
+    /// A text, in every row.
+    Text,
+}
+
+/// A value of a row.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Value<'a> {
+    /// Nothing, in a column that is [`Kind::Optional`].
+    Null,
+    /// A number.
+    Integer(i64),
+    /// A text.
+    Text(&'a str),
+}
+
+/// All columns, in their order.
+pub const COLUMNS: [Column; 14] = {
+    const fn column(name: &'static str, kind: Kind, meaning: &'static str) -> Column {
+        Column { name, kind, meaning }
+    }
+    use Kind::{Integer, Optional, Text};
+    [
+        column(
+            "true_time_ns",
+            Integer,
+            "end of the cycle: its inputs are in the MainDevice's hands",
+        ),
+        column("cycle", Integer, "number of the cycle, as the MainDevice counts"),
+        column("position", Integer, "place of the SubDevice in processing order, from 0"),
+        column("name", Text, "its name in the segment file"),
+        column("sync0_pulses", Integer, "SYNC0 edges since the row before"),
+        column(
+            "sync0_error_ps",
+            Optional,
+            "SYNC0 edge against the reference clock's ideal grid; of several the furthest off",
+        ),
+        column(
+            "margin_ns",
+            Optional,
+            "from ready outputs to the pulse at which they act; of several the least",
+        ),
+        column("system_time_difference_ns", Optional, "register 0x092C; null without clock"),
+        column("al_state", Text, "INIT, PREOP, SAFEOP, OP or BOOT"),
+        column("al_status_code", Integer, "0 if nothing is wrong"),
+        column(
+            "sm_event_missed",
+            Optional,
+            "counter 0x1C32:0B (0x1C33:0B without outputs); null without these objects",
+        ),
+        column(
+            "host_phase_error_ns",
+            Optional,
+            "phase error of the MainDevice's servo; null where no frame gave one",
+        ),
+        column(
+            "frames_lost",
+            Integer,
+            "frames that the MainDevice lost so far, from the beginning of the run",
+        ),
+        column(
+            "working_counter_errors",
+            Integer,
+            "wrong working counters so far, from the beginning of the run",
+        ),
+    ]
+};
+
+/// What a table is written to.
+pub trait Table {
+    /// One row, its values in the order of [`COLUMNS`].
+    fn row(&mut self, values: &[Value<'_>; COLUMNS.len()]) -> io::Result<()>;
+
+    /// Ends it.
+    fn finish(&mut self) -> io::Result<()>;
+}
+
+/// Collects what happens, and writes it row by row.
+pub struct Series {
+    table: Box<dyn Table>,
+    failed: Option<io::Error>,
+    names: Vec<String>,
+    /// It is judged.
+    judging: bool,
+    /// The end of the last cycle.
+    end: Time<True>,
+    number: Option<u64>,
+    phase_errors: u64,
+    /// Cycles whose rows are not written yet.
+    held: VecDeque<Cycle>,
+    /// What was measured after the end of the last cycle.
+    open: Vec<(Time<True>, usize, Measured)>,
+}
+
+/// One cycle.
+struct Cycle {
+    end: Time<True>,
+    number: u64,
+    host_phase_error: Option<Nanos>,
+    frames_lost: u64,
+    working_counter_errors: u64,
+    cells: Vec<Cell>,
+}
+
+/// One SubDevice in one cycle.
+#[derive(Clone)]
+struct Cell {
+    pulses: i64,
+    error: Option<Picos>,
+    margin: Option<Nanos>,
+    difference: Option<Nanos>,
+    state: &'static str,
+    code: u16,
+    missed: Option<u16>,
+}
+
+/// Cycles that are held back: SubDevices are told of when the next frame that concerns them passes.
+const HELD: usize = 16;
+
+impl Series {
+    /// Writes to `table`. `names`: of the SubDevices, by position.
+    pub fn new(table: Box<dyn Table>, names: Vec<String>) -> Self {
+        Self {
+            table,
+            failed: None,
+            names,
+            judging: false,
+            end: Time::ZERO,
+            number: None,
+            phase_errors: 0,
+            held: VecDeque::new(),
+            open: Vec::new(),
+        }
+    }
+
+    /// Ends the table; gives the first error there was.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.release(0);
+        match self.failed {
+            Some(error) => Err(error),
+            None => self.table.finish(),
+        }
+    }
+
+    /// Cycles up to `number` have ended, the last one at `end`.
+    fn close(&mut self, end: Time<True>, number: u64, main: &MainDevice, segment: &Segment) {
+        let counts = main.statistics();
+        let is_new = counts.phase_error.count != self.phase_errors;
+        self.phase_errors = counts.phase_error.count;
+        let cells = cells(main, segment);
+        let first = self.number.map_or(number, |last| last + 1).min(number);
+        let (began, cycles) = (self.end, (number - first + 1) as i64);
+        for each in first..=number {
+            let part = i128::from((end - began).0) * i128::from(each - first + 1);
+            let passed = Picos((part / i128::from(cycles)) as i64);
+            self.held.push_back(Cycle {
+                end: began + passed,
+                number: each,
+                host_phase_error: (is_new && each == number).then_some(counts.phase_error.last),
+                frames_lost: counts.frames_lost,
+                working_counter_errors: counts.working_counter_errors,
+                cells: cells.clone(),
+            });
+            let open = std::mem::take(&mut self.open);
+            for (at, device, measured) in open {
+                self.take(at, device, measured);
+            }
+            self.release(HELD);
+        }
+        (self.number, self.end) = (Some(number), end);
+    }
+
+    /// Puts into its row what was measured.
+    fn take(&mut self, at: Time<True>, device: usize, measured: Measured) {
+        let Some(cycle) = self.held.iter_mut().find(|cycle| at <= cycle.end) else {
+            self.open.push((at, device, measured));
+            return;
+        };
+        let Some(cell) = cycle.cells.get_mut(device) else { return };
+        if let Some(error) = measured.sync0_error {
+            cell.pulses += 1;
+            let worse = cell.error.is_none_or(|known| error.abs() > known.abs());
+            cell.error = if worse { Some(error) } else { cell.error };
+        }
+        let margins = [cell.margin, measured.margin];
+        cell.margin = margins.into_iter().flatten().min();
+    }
+
+    /// Writes the oldest cycles until so many are held.
+    fn release(&mut self, most: usize) {
+        while self.held.len() > most {
+            let Some(cycle) = self.held.pop_front() else { return };
+            for (position, (cell, name)) in cycle.cells.iter().zip(&self.names).enumerate() {
+                if self.failed.is_none() {
+                    self.failed = self.table.row(&values(&cycle, position, cell, name)).err();
+                }
+            }
+        }
+    }
+}
+
+fn values<'a>(
+    cycle: &Cycle,
+    position: usize,
+    cell: &Cell,
+    name: &'a str,
+) -> [Value<'a>; COLUMNS.len()] {
+    let optional = |value: Option<i64>| value.map_or(Value::Null, Value::Integer);
+    [
+        Value::Integer(cycle.end.as_nanos() as i64),
+        Value::Integer(cycle.number as i64),
+        Value::Integer(position as i64),
+        Value::Text(name),
+        Value::Integer(cell.pulses),
+        optional(cell.error.map(|error| error.0)),
+        optional(cell.margin.map(|margin| margin.0)),
+        optional(cell.difference.map(|difference| difference.0)),
+        Value::Text(cell.state),
+        Value::Integer(cell.code.into()),
+        optional(cell.missed.map(i64::from)),
+        optional(cycle.host_phase_error.map(|error| error.0)),
+        Value::Integer(cycle.frames_lost as i64),
+        Value::Integer(cycle.working_counter_errors as i64),
+    ]
+}
+
+/// How the SubDevices stand.
+fn cells(main: &MainDevice, segment: &Segment) -> Vec<Cell> {
+    let found = main.segment().devices.iter().map(Some).chain(std::iter::repeat(None));
+    let cell = |(device, found): (_, Option<&segment::SubDevice>)| {
+        let device: &isocat_sim::device::Device = device;
+        let has_clock = found.is_some_and(|found| found.dc.has_clock());
+        let counts = |f: &segment::SubDevice| f.output_sync.is_some() || f.input_sync.is_some();
+        let difference = device.esc.register(register::SYSTEM_TIME_DIFFERENCE).nanos();
+        Cell {
+            pulses: 0,
+            error: None,
+            margin: None,
+            difference: has_clock.then_some(difference),
+            state: device.stack.state().name(),
+            code: device.stack.status_code().0,
+            missed: found.is_some_and(counts).then(|| device.stack.sync().sm_event_missed()),
+        }
+    };
+    segment.devices().iter().zip(found).map(cell).collect()
+}
+
+impl Tap for Series {
+    fn frame(&mut self, _: Time<True>, _: bool, _: &[u8]) {}
+
+    fn judging_begins(&mut self, at: Time<True>, _: &Intent) {
+        (self.judging, self.end) = (true, at);
+    }
+
+    fn measured(&mut self, at: Time<True>, device: usize, measured: &Measured) {
+        if self.judging {
+            self.take(at, device, *measured);
+        }
+    }
+
+    fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+        if self.judging {
+            self.close(at, main.statistics().cycles, main, segment);
+        } else {
+            // The phase errors that rows tell are those of their cycles.
+            self.phase_errors = main.statistics().phase_error.count;
+        }
+    }
+
+    fn judging_ends(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
+        // What is left belongs to a cycle that has begun, or to those since the last frame came back.
+        let begun = main.statistics().cycles;
+        let next = self.number.map_or(begun, |last| last + 1);
+        if self.judging && (begun > next || !self.open.is_empty()) {
+            self.close(at, begun.max(next), main, segment);
+        }
+        self.judging = false;
+        self.release(0);
+    }
+}

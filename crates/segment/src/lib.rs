@@ -1,0 +1,17 @@
+//! A segment as its users write it down, and what a run is made of.
+//!
+//! Data's way: a [`segment_file`] names devices by their [`profile`], or by a maker's description of which a profile is made; both
+//! become a [`scenario`]: simulated devices, a host, and the configuration of the MainDevice. [`offline`] tells of a scenario what a
+//! scan would find, before anything is sent.
+//!
+//! The keys of both files are declared in tables: [`keys`] has them all, and makes schemas and pages of them.
+#![forbid(unsafe_code)]
+
+pub mod keys;
+pub mod offline;
+pub mod profile;
+pub mod scenario;
+pub mod segment_file;
+
+pub use scenario::Scenario;
+pub use segment_file::SegmentFile;

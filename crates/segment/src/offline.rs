@@ -1,0 +1,207 @@
+//! The segment as its devices' profiles and its cables have it: what a scan and the objects would tell.
+
+use isocat_esc::chip::{Chip, DcUnits};
+use isocat_maindevice::segment::{
+    DcCapability, EscInformation, Identity, OperationMode, Pdo, PdoEntry, Sii, SyncEntry,
+    SyncObject,
+};
+use isocat_maindevice::{Segment, SubDevice};
+use isocat_subdevice::description::Description;
+use isocat_sync::object::{INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER};
+use isocat_sync::way::{Cabled, Way, propagation};
+use isocat_wire::StationAddress;
+use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
+use isocat_wire::register::features;
+use isocat_wire::sii::{self, category};
+use isocat_wire::time::{Nanos, Picos};
+
+use crate::profile::Profile;
+use crate::segment_file;
+
+/// The segment that these devices make in this order, as far as it can be known without asking it.
+pub fn segment(described: &[segment_file::SubDevice]) -> Segment {
+    let mut devices: Vec<SubDevice> =
+        described.iter().enumerate().map(|(i, device)| subdevice(i, device)).collect();
+    let reference = devices.iter().position(|device| device.dc.has_clock());
+    let ways = ways(described);
+    let base = reference.map_or(Picos::ZERO, |at| ways[at].delay);
+    for (device, way) in devices.iter_mut().zip(&ways) {
+        // Half a nanosecond and more counts, as in the mean of many latches.
+        let ps = (way.delay - base).0;
+        device.delay = Some(Nanos((ps + 500).div_euclid(1_000)));
+    }
+    Segment { devices, reference, ..Segment::default() }
+}
+
+/// What is known of one of these devices without asking it.
+pub fn known(described: &[segment_file::SubDevice], position: usize) -> SubDevice {
+    segment(described).devices.swap_remove(position)
+}
+
+/// What the cables and chips make of the propagation delays.
+pub fn ways(devices: &[segment_file::SubDevice]) -> Vec<Way> {
+    let chip = |device: &segment_file::SubDevice| device.profile.esc();
+    let cabled: Vec<Cabled> = devices
+        .iter()
+        .map(|device| {
+            let own = chip(device).port_delay(device.place.port);
+            let above = device.place.upstream;
+            let phys =
+                own + above.map_or(Picos::ZERO, |(at, port)| chip(&devices[at]).port_delay(port));
+            // mm times ps a metre.
+            let mean = device.cable.0 * device.cable_delay.0 / 1_000;
+            let more = Picos::from(device.cable_asymmetry).0;
+            Cabled {
+                parent: above,
+                entry: device.place.port,
+                out: phys + Picos(mean + more / 2),
+                back: phys + Picos(mean + more / 2 - more),
+                processing: chip(device).processing_delay,
+                forwarding: chip(device).forwarding_delay,
+            }
+        })
+        .collect();
+    let mut ways = vec![Way::default(); cabled.len()];
+    propagation(&cabled, &mut ways);
+    ways
+}
+
+fn subdevice(position: usize, file: &segment_file::SubDevice) -> SubDevice {
+    let profile = file.profile;
+    let chip = profile.esc();
+    let station = StationAddress(FIRST_STATION.wrapping_add(position as u16));
+    let header = sii::Header::parse(&profile.sii).unwrap_or_default();
+    let description = profile.description;
+    let mut device = SubDevice::new(position, station);
+    device.name.clone_from(&file.name);
+    device.esc = EscInformation {
+        kind: chip.kind,
+        revision: chip.revision,
+        build: chip.build,
+        fmmus: chip.fmmu_count,
+        sync_managers: chip.sm_count,
+        ram: chip.ram_kib,
+        ports: chip.port_descriptor,
+        features: chip.features,
+        configuration: header.configuration[1],
+    };
+    device.identity = Identity {
+        vendor: header.vendor_id,
+        product: header.product_code,
+        revision: header.revision,
+        serial: header.serial,
+    };
+    device.dc = clock(chip, header.configuration[1]);
+    device.parent = file.place.upstream;
+    device.entry = file.place.port;
+    device.sii = Sii {
+        header,
+        name: profile.name.clone(),
+        operation_modes: profile
+            .op_modes
+            .iter()
+            .map(|mode| OperationMode {
+                cycle_time_0: 0,
+                shift_time_0: 0,
+                shift_time_1: 0,
+                sync1_factor: mode.sync1_factor,
+                assign_activate: mode.assign_activate,
+                sync0_factor: mode.sync0_factor,
+            })
+            .collect(),
+        ..Sii::default()
+    };
+    let used = [category::SYNC_MANAGER, category::RX_PDO, category::TX_PDO];
+    for found in sii::categories(&profile.sii).flatten() {
+        if used.contains(&found.kind) {
+            device.sii.take(found.kind, found.data);
+        }
+    }
+    let outputs = &profile.assignment.outputs;
+    let inputs = &profile.assignment.inputs;
+    if device.has_coe() {
+        device.outputs.pdos = pdos(profile, OUTPUT_ASSIGNMENT, outputs);
+        device.inputs.pdos = pdos(profile, INPUT_ASSIGNMENT, inputs);
+        device.output_sync = sync_object(description, OUTPUT_PARAMETER);
+        device.input_sync = sync_object(description, INPUT_PARAMETER);
+    }
+    device
+}
+
+/// Whether there is a system time: the feature, and the units that the EEPROM switches on.
+fn clock(chip: &Chip, configuration: u8) -> DcCapability {
+    let has = chip.has(features::DC)
+        && match chip.dc_units {
+            DcUnits::Always => true,
+            DcUnits::ByEeprom => configuration & (DC_SYNC | DC_LATCH) != 0,
+        };
+    match (has, chip.counts_64_bit()) {
+        (true, true) => DcCapability::Clock64,
+        (true, false) => DcCapability::Clock32,
+        (false, _) if chip.has(features::DC) => DcCapability::ReceiveTimes,
+        (false, _) => DcCapability::None,
+    }
+}
+
+/// The PDOs that will be assigned, with what is mapped into them; those of power-on where none are wanted.
+fn pdos(profile: &Profile, assignment: u16, wanted: &[u16]) -> Vec<Pdo> {
+    let assigned = match wanted {
+        [] => list(profile, assignment).into_iter().map(|pdo| pdo as u16).collect(),
+        wanted => wanted.to_vec(),
+    };
+    let entry = |value: u32| PdoEntry {
+        index: (value >> 16) as u16,
+        sub: (value >> 8) as u8,
+        bits: value as u8,
+    };
+    let pdo = |index| Pdo { index, entries: list(profile, index).into_iter().map(entry).collect() };
+    assigned.into_iter().filter(|pdo| *pdo != 0).map(pdo).collect()
+}
+
+/// The values of a list object: as many as its sub-index 0 says.
+pub fn list(profile: &Profile, index: u16) -> Vec<u32> {
+    let value = |sub| profile.value(isocat_wire::ObjectAddress::new(index, sub));
+    let count = value(0).unwrap_or(0).min(254) as u8;
+    (1..=count).filter_map(|sub| Some(value(sub)? as u32)).collect()
+}
+
+fn sync_object(description: &Description, index: u16) -> Option<SyncObject> {
+    let found = description.object(index)?;
+    let head = ObjectDescription {
+        index,
+        data_type: found.data_type.0,
+        max_sub: found.max_sub(),
+        code: found.code,
+    };
+    let mut object =
+        SyncObject { description: Some((head, found.name.into())), ..SyncObject::default() };
+    for entry in found.entries.iter().filter(|entry| !entry.is_gap() && !entry.is_empty()) {
+        let head = EntryDescription {
+            index,
+            sub: entry.sub,
+            value_info: 0,
+            data_type: entry.data_type.0,
+            bits: entry.bits,
+            access: entry.access,
+        };
+        let mut value = entry.default.to_vec();
+        value.resize(entry.len(), 0);
+        let entry = SyncEntry {
+            sub: entry.sub,
+            description: Some((head, entry.name.into())),
+            value: Ok(value),
+        };
+        if let Some(number) = entry.number() {
+            object.values.set(entry.sub, number);
+        }
+        object.entries.push(entry);
+    }
+    Some(object)
+}
+
+/// As the scan gives them.
+const FIRST_STATION: u16 = 0x1001;
+/// Register 0x0141: SYNC-out unit on.
+const DC_SYNC: u8 = 1 << 2;
+/// Register 0x0141: latch-in unit on.
+const DC_LATCH: u8 = 1 << 3;

@@ -1,0 +1,477 @@
+//! Device profiles: everything a virtual SubDevice is made of, from one TOML file.
+//!
+//! A profile says what a device's maker would: identity, ESC, mailbox, PDOs, objects with their
+//! access and values, the times its CPU needs. [`Profile::from_toml`] goes three ways with it:
+//!
+//! 1. `parse` (and `rows` for the objects) reads the file into a `draft`, `dictionary` adds the objects that follow from short
+//!    fields (0x1000, 0x1008, 0x1018, PDO mapping and assignment, the objects of a CiA 402 drive);
+//! 2. `check` refuses contradictions, naming file, line and what was expected;
+//! 3. from the draft come the [`Description`] that the SubDevice stack runs on and, by `sii`, the
+//!    EEPROM image that a MainDevice reads.
+//!
+//! The least a file needs; everything else has a default or follows from this:
+//!
+//! ```toml
+//! id = "minimal"                # what segment files call it
+//! name = "Minimal"              # object 0x1008
+//! vendor = "Nobody"
+//! application = "io"            # or "drive"
+//! identity = { vendor_id = 1, product_code = 2, revision = 3, device_type = 0 }
+//! esc = { chip = "ET1100", sync_unit = false }
+//! times = { reaction = "50us", calc_and_copy = "10us", application = "20us", input_copy = "10us" }
+//!
+//! [mailbox]
+//! receive = { start = 0x1000, length = 128 }
+//! send = { start = 0x1080, length = 128 }
+//!
+//! [outputs]                     # and [inputs] the same way
+//! start = 0x1100
+//! length = 16                   # most bytes of one of the three buffers
+//! access = "ro"                 # of 0x1C12: fixed, or "rw preop"
+//! default = [0x1600]            # assigned at power-on; `recommended`: what should be assigned
+//!
+//! [[outputs.pdo]]
+//! index = 0x1600
+//! name = "Outputs"
+//! entries = [["7000:01", "UNSIGNED16", "Value"], { pad = 8 }]
+//!
+//! [[object]]                    # any object; a time may be written with its unit
+//! index = 0x1C32
+//! name = "SM output parameter"
+//! entries = [
+//!   # sub   type         access  value    name
+//!   [0x00, "UNSIGNED8",  "ro",   32,      "Highest sub-index supported"],
+//!   [0x01, "UNSIGNED16", "ro",   0,       "Synchronization type"],
+//!   [0x04, "UNSIGNED16", "ro",   0x0001,  "Synchronization types supported"],
+//!   [0x05, "UNSIGNED32", "ro",   "100us", "Minimum cycle time"],
+//!   { gaps = [6, 31], bits = 8 },
+//!   [0x20, "BOOLEAN",    "ro tx", 0,      "Sync error", { offset = 480 }],
+//! ]
+//!
+//! [[assumed]]                   # objects or keys whose values are not published
+//! what = ["identity.revision", "1C32:05"]
+//! why = "not published; ..."
+//! ```
+//!
+//! Complete access has the entries of 0x1C32 and 0x1C33 where ETG.1020 has them, and those of other
+//! objects one behind the other, unless `offset` says otherwise. An object that is written out takes
+//! the place of the one that would be generated.
+//!
+//! Short forms. `pdos = [[0x1A00, 32]]` in `[inputs]` or `[outputs]` defines PDOs of which only the bits matter.
+//! `opmodes = [["DC", "DC SYNC0", 0x0300, 1, 0]]`, before the tables, lists choices as rows of name, description,
+//! AssignActivate and the factors of SYNC0 and SYNC1. An object may be like one that stands before in the file
+//! (`like = "1C32"`) or in a built-in profile (`like = "beckhoff_el2212:1C32"`); then `without = [0x0A]` leaves
+//! sub-indices out, `entries` replaces or adds rows, and `values = { 05 = "1ms" }` sets values alone.
+//!
+//! Makers' tables do not always have what they should: `[[deviation]]` with `rule`, `places` and `why` names a
+//! rule of `isocat conform` that the device is known to break, and the objects where it does. Nor are they always free of contradictions. Where 0x1C32:01 or 0x1C33:01 presets a type that
+//! sub-index 04 does not announce, `contradiction = "..."` in the object says that it is no slip of ours.
+//!
+//! A simple device has no `[mailbox]`. Then it has no objects at all, its areas have exactly the `length` of
+//! the PDOs in `default`, and `modes = ["sm"]` says what it works by, since 0x1C32:04 can't.
+//!
+//! What the maker does not publish is filled in, but never silently: each such value is listed in
+//! [`Profile::assumptions`] with its reason, and reports print it.
+
+use std::collections::HashMap;
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+use isocat_descriptions::document::section::Words;
+use isocat_esc::chip::Chip;
+use isocat_sim::Unevenness;
+use isocat_subdevice::{Description, Misbehaviour};
+use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
+use isocat_wire::ObjectAddress;
+use isocat_wire::time::Nanos;
+
+mod check;
+mod dictionary;
+mod draft;
+mod esi;
+mod keys;
+mod parse;
+mod rows;
+mod sii;
+#[cfg(test)]
+mod tests;
+
+pub use esi::{NotSimulated, Obstacle, RunAs};
+pub use isocat_descriptions::document::{FileError, FilePlace, name_hint};
+pub use keys::FILE;
+pub(crate) use keys::MODES;
+
+/// A device, ready to be simulated and to be compared with what is found on a wire.
+///
+/// Profiles live as long as the program: the stack's [`Description`] is static data, so that it runs
+/// without allocation on a microcontroller, and a profile is interned by its text, so that ten
+/// thousand devices of one kind share one. What leaks is one profile per distinct text.
+#[derive(Clone, Debug)]
+pub struct Profile {
+    /// Name in segment files: the file's `id`.
+    pub id: String,
+    /// Product name, object 0x1008.
+    pub name: String,
+    /// Maker.
+    pub vendor: String,
+    /// Object 0x1018.
+    pub identity: Identity,
+    /// Dictionary, mailbox, process data areas and behaviour for the SubDevice stack.
+    pub description: &'static Description,
+    /// EEPROM image, as long as the EEPROM; unused bytes are 0xFF.
+    pub sii: Vec<u8>,
+    /// Which ESC it has: a name that `[esc] chip` takes; the ports and the memory of an imported device are its own.
+    pub chip: &'static str,
+    /// What its CPU really needs.
+    pub times: CpuTimes,
+    /// What it does with its process data.
+    pub application: ApplicationKind,
+    /// PDOs to be assigned: written where 0x1C12 and 0x1C13 are writable, expected where they are not.
+    pub assignment: Assignment,
+    /// Synchronization choices as the ESI lists them; the first is the default.
+    pub op_modes: Vec<OpMode>,
+    /// Downloads at start that the description asks for.
+    pub startup: Vec<Startup>,
+    /// Values that are not published.
+    pub assumptions: Vec<Assumption>,
+    /// Where its maker's tables break a rule of `isocat conform`.
+    pub deviations: Vec<Deviation>,
+    /// The file gives the time itself, so it does not follow 0x1C32:06.
+    calc_and_copy_given: bool,
+    esc: &'static Chip,
+}
+
+/// A rule of `isocat conform` that a device is known to break.
+#[derive(Clone, PartialEq, Eq, Hash, Debug)]
+pub struct Deviation {
+    /// The rule. `isocat-conform` knows the rules, and refuses a name that is none.
+    pub rule: String,
+    /// Where the file names it.
+    pub at: FilePlace,
+    /// Where: objects and entries, such as "0x1C32:05". What is wrong elsewhere is not known.
+    pub places: Vec<String>,
+    /// What its maker publishes instead.
+    pub why: String,
+}
+
+/// Object 0x1018, and words 0x08 to 0x0F of the SII.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct Identity {
+    /// Sub-index 1.
+    pub vendor_id: u32,
+    /// Sub-index 2.
+    pub product_code: u32,
+    /// Sub-index 3.
+    pub revision: u32,
+    /// Sub-index 4; 0 for a device without serial number.
+    pub serial: u32,
+}
+
+/// How long the device's CPU takes for the steps of a cycle. What it *states* is in the dictionary; a
+/// device may need more than it states, and that is a fault worth simulating.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct CpuTimes {
+    /// From a request to the main loop's answer: state changes and mailbox.
+    pub reaction: Nanos,
+    /// From the SM2 event to mapped outputs: interrupt latency and the longest copying and calculating
+    /// together. The figure that 0x1C32:06 should state; equal to it unless said otherwise.
+    pub calc_and_copy: Nanos,
+    /// The application's own work in a cycle.
+    pub application: Nanos,
+    /// From Input Latch until the inputs stand in the SM3 buffer. The figure that 0x1C33:06 should
+    /// state; equal to it unless said otherwise.
+    pub input_copy: Nanos,
+    /// Peak-to-peak spread of the steps that follow a SYNC0 event. The copy time of the outputs is the
+    /// longest one: nothing is added to it.
+    pub jitter: Nanos,
+    /// How uneven they are: `latency`, `variation` in percent, `overrun = { one_in, by }`, `timer_jitter`.
+    pub unevenness: Unevenness,
+}
+
+/// What a device does with its process data.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum ApplicationKind {
+    /// A CiA 402 drive that follows target positions.
+    Drive,
+    /// The same drive in process data of another layout.
+    DriveAt(DriveLayout),
+    /// Inputs show the outputs.
+    Io,
+}
+
+/// Where a drive's process data lie: the first byte of each in its direction.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub struct DriveLayout {
+    /// 0x6040, 16 bits.
+    pub control: u8,
+    /// 0x607A, 32 bits.
+    pub target: u8,
+    /// 0x6060, 8 bits; without it the mode is cyclic synchronous position.
+    pub mode: Option<u8>,
+    /// 0x6041, 16 bits.
+    pub status: u8,
+    /// 0x6064, 32 bits.
+    pub position: u8,
+    /// 0x6061, 8 bits.
+    pub mode_display: Option<u8>,
+}
+
+/// PDOs assigned to SM2 and SM3, in order.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Assignment {
+    /// Entries of 0x1C12.
+    pub outputs: Vec<u16>,
+    /// Entries of 0x1C13.
+    pub inputs: Vec<u16>,
+}
+
+/// A synchronization choice of the ESI (`Dc/OpMode`) and of SII category 60.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct OpMode {
+    /// Short name.
+    pub name: String,
+    /// Description.
+    pub description: String,
+    /// Low byte for register 0x0980, high byte for 0x0981.
+    pub assign_activate: u16,
+    /// SYNC0 cycle as a multiple of the bus cycle; 0 for none.
+    pub sync0_factor: i16,
+    /// SYNC1 cycle as a multiple of the SYNC0 cycle; 0 for none.
+    pub sync1_factor: i16,
+}
+
+/// A download in PREOP, before the synchronization is set.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Startup {
+    /// The entry.
+    pub object: ObjectAddress,
+    /// Bytes in the order of the wire.
+    pub data: Vec<u8>,
+    /// The whole object is written.
+    pub complete_access: bool,
+}
+
+/// A value that the maker does not publish.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Assumption {
+    /// An object (`0x1C32:06`, `0x1C32:0A-0D`, `0x1C33:03 access`) or a key of the file
+    /// (`identity.product_code`).
+    pub item: String,
+    /// The value taken, as the file writes it.
+    pub value: String,
+    /// Why this value.
+    pub why: String,
+}
+
+/// What a segment file may say differently for one of its devices.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub struct Overrides {
+    /// What the device states in 0x1C32:06.
+    pub stated_calc_and_copy: Option<Nanos>,
+    /// What the device states in 0x1C32:09.
+    pub stated_delay: Option<Nanos>,
+    /// [`CpuTimes::calc_and_copy`].
+    pub calc_and_copy: Option<Nanos>,
+    /// [`CpuTimes::jitter`].
+    pub jitter: Option<Nanos>,
+    /// What the device does wrong.
+    pub misbehaviour: &'static [Misbehaviour],
+}
+
+impl Profile {
+    /// Reads a profile; `path` names the file in errors. Equal texts give the same profile.
+    pub fn from_toml(path: &str, text: &str) -> Result<&'static Profile, FileError> {
+        static INTERNED: LazyLock<Mutex<HashMap<String, &'static Profile>>> =
+            LazyLock::new(Mutex::default);
+        // A panic in another thread can't leave the map half changed.
+        let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(text).copied();
+        if let Some(profile) = known {
+            return Ok(profile);
+        }
+        let source = isocat_descriptions::document::Source { path, text };
+        let mut draft = parse::parse(source)?;
+        dictionary::complete(&mut draft);
+        check::check(&draft)?;
+        let profile = draft.finish()?;
+        let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(interned.entry(text.to_owned()).or_insert_with(|| Box::leak(Box::new(profile))))
+    }
+
+    /// This device with other times. Fails with the entry that it would have to state but does not
+    /// have. Equal overrides give the same profile.
+    pub fn with(&'static self, overrides: Overrides) -> Result<&'static Profile, ObjectAddress> {
+        type Key = (usize, Overrides);
+        static INTERNED: LazyLock<Mutex<HashMap<Key, &'static Profile>>> =
+            LazyLock::new(Mutex::default);
+        if overrides == Overrides::default() {
+            return Ok(self);
+        }
+        // Profiles are never freed, so the address identifies this one.
+        let key = (std::ptr::from_ref(self) as usize, overrides);
+        let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(profile) = interned.get(&key) {
+            return Ok(profile);
+        }
+        let mut profile = self.clone();
+        for (sub, stated) in [
+            (object::sub::CALC_AND_COPY_TIME, overrides.stated_calc_and_copy),
+            (object::sub::DELAY_TIME, overrides.stated_delay),
+        ] {
+            let Some(time) = stated else { continue };
+            let entry = ObjectAddress::new(object::OUTPUT_PARAMETER, sub);
+            profile.description =
+                dictionary::with_value(profile.description, entry, time).ok_or(entry)?;
+            profile.assumptions.retain(|assumption| assumption.item != entry.to_string());
+        }
+        if let Some(stated) = overrides.stated_calc_and_copy
+            && !self.calc_and_copy_given
+        {
+            profile.times.calc_and_copy = stated;
+        }
+        if let Some(needed) = overrides.calc_and_copy {
+            profile.times.calc_and_copy = needed;
+        }
+        if let Some(jitter) = overrides.jitter {
+            profile.times.jitter = jitter;
+        }
+        if !overrides.misbehaviour.is_empty() {
+            let mut description = profile.description.clone();
+            description.behaviour.misbehaviour = overrides.misbehaviour;
+            profile.description = Box::leak(Box::new(description));
+        }
+        let profile = Box::leak(Box::new(profile));
+        interned.insert(key, profile);
+        Ok(profile)
+    }
+
+    /// The ESC named by [`Profile::chip`].
+    pub fn esc(&self) -> &'static Chip {
+        self.esc
+    }
+
+    /// The default value of an entry as an unsigned number; `None` if the device does not have it or
+    /// it is longer than 64 bits.
+    pub fn value(&self, entry: ObjectAddress) -> Option<u64> {
+        let object = self.description.objects.iter().find(|object| object.index == entry.index)?;
+        let entry = object.entries.iter().find(|candidate| candidate.sub == entry.sub)?;
+        if entry.len() > 8 {
+            return None;
+        }
+        let mut bytes = [0; 8];
+        bytes[..entry.default.len()].copy_from_slice(entry.default);
+        Some(u64::from_le_bytes(bytes))
+    }
+
+    /// What the device states in 0x1C32 or 0x1C33 at power-on; `None` if it does not have the object.
+    pub fn sync_parameters(&self, index: u16) -> Option<SyncParameters> {
+        let object = self.description.objects.iter().find(|object| object.index == index)?;
+        let mut parameters = SyncParameters::default();
+        for entry in object.entries {
+            if entry.data_type != isocat_wire::coe::DataType::GAP
+                && let Some(value) = self.value(ObjectAddress::new(index, entry.sub))
+            {
+                parameters.set(entry.sub, value as u32);
+            }
+        }
+        Some(parameters)
+    }
+
+    /// What 0x1C32:04 announces, or 0x1C33:04 for a device without outputs; Free Run for a device
+    /// that has neither. What the file says for a device without mailbox.
+    pub fn supported_types(&self) -> SupportedTypes {
+        [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER]
+            .into_iter()
+            .find_map(|index| self.sync_parameters(index)?.supported)
+            .unwrap_or(match self.has_mailbox() {
+                true => SupportedTypes(1),
+                false => self.description.behaviour.undeclared_types,
+            })
+    }
+
+    /// Whether the device says by what it can be synchronized.
+    pub fn states_modes(&self) -> bool {
+        let of = |index| self.sync_parameters(index).and_then(|object| object.supported);
+        let stated = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER].into_iter().filter_map(of);
+        !self.has_mailbox() || stated.into_iter().next().is_some()
+    }
+
+    /// Whether the device can be asked for objects. Without a mailbox this profile is all that can be
+    /// known about it, beside its SII.
+    pub fn has_mailbox(&self) -> bool {
+        self.description.mailbox.is_some()
+    }
+
+    /// The synchronization modes that the device announces.
+    pub fn modes(&self) -> impl Iterator<Item = SyncMode> {
+        let types = self.supported_types();
+        SyncMode::ALL.into_iter().filter(move |mode| mode.is_supported(types))
+    }
+
+    /// The mode in which it runs where nobody asks for another.
+    pub fn preferred_mode(&self) -> Option<SyncMode> {
+        let types = self.supported_types();
+        SyncMode::PREFERRED.into_iter().find(|mode| mode.is_supported(types))
+    }
+}
+
+/// The built-in profile with this id.
+pub fn built_in(id: &str) -> Option<&'static Profile> {
+    let (name, text) = BUILT_IN.iter().find(|(name, _)| *name == id)?;
+    let profile = Profile::from_toml(&format!("built-in profile {name}"), text);
+    Some(profile.unwrap_or_else(|error| panic!("a test reads every built-in profile: {error}")))
+}
+
+/// The ids of all built-in profiles.
+pub fn built_in_ids() -> impl Iterator<Item = &'static str> {
+    BUILT_IN.iter().map(|(name, _)| *name)
+}
+
+/// The ids of all built-in profiles, for the declaration of a key.
+pub(crate) struct BuiltInIds;
+
+impl Words for BuiltInIds {
+    fn words(&self) -> Vec<(&'static str, &'static str)> {
+        built_in_ids().map(|id| (id, "")).collect()
+    }
+}
+
+/// The text of a built-in profile, as a start for one's own.
+pub fn built_in_text(id: &str) -> Option<&'static str> {
+    BUILT_IN.iter().find(|(name, _)| *name == id).map(|(_, text)| *text)
+}
+
+/// Those that people know first, then by name; devices of our own last.
+const BUILT_IN: [(&str, &str); 33] = [
+    ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
+    ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
+    ("hpmicro_ecat_cia402_ssc", include_str!("../profiles/hpmicro_ecat_cia402_ssc.toml")),
+    ("beckhoff_ax8640", include_str!("../profiles/beckhoff_ax8640.toml")),
+    ("beckhoff_ej3108", include_str!("../profiles/beckhoff_ej3108.toml")),
+    ("beckhoff_ej6224", include_str!("../profiles/beckhoff_ej6224.toml")),
+    ("beckhoff_ej7047", include_str!("../profiles/beckhoff_ej7047.toml")),
+    ("beckhoff_el1258", include_str!("../profiles/beckhoff_el1258.toml")),
+    ("beckhoff_el2212", include_str!("../profiles/beckhoff_el2212.toml")),
+    ("beckhoff_el3632", include_str!("../profiles/beckhoff_el3632.toml")),
+    ("beckhoff_el6692", include_str!("../profiles/beckhoff_el6692.toml")),
+    ("beckhoff_el6731", include_str!("../profiles/beckhoff_el6731.toml")),
+    ("beckhoff_elm3704-0000", include_str!("../profiles/beckhoff_elm3704-0000.toml")),
+    ("beckhoff_ep2316-0003", include_str!("../profiles/beckhoff_ep2316-0003.toml")),
+    ("beckhoff_ep4374-0002", include_str!("../profiles/beckhoff_ep4374-0002.toml")),
+    ("beckhoff_ep6224-2022", include_str!("../profiles/beckhoff_ep6224-2022.toml")),
+    ("beckhoff_ep9214-0023", include_str!("../profiles/beckhoff_ep9214-0023.toml")),
+    ("beckhoff_epp2316-0003", include_str!("../profiles/beckhoff_epp2316-0003.toml")),
+    ("beckhoff_er3174-0002", include_str!("../profiles/beckhoff_er3174-0002.toml")),
+    ("festo_cpx-ap-i-ec-m12", include_str!("../profiles/festo_cpx-ap-i-ec-m12.toml")),
+    ("infineon_xmc4300_ssc", include_str!("../profiles/infineon_xmc4300_ssc.toml")),
+    ("microchip_samd51_lan9252_ssc", include_str!("../profiles/microchip_samd51_lan9252_ssc.toml")),
+    ("microepsilon_ims5400", include_str!("../profiles/microepsilon_ims5400.toml")),
+    ("mks_392", include_str!("../profiles/mks_392.toml")),
+    ("nanotec_np5", include_str!("../profiles/nanotec_np5.toml")),
+    ("rtlabs_soes_xmc4_dynpdo", include_str!("../profiles/rtlabs_soes_xmc4_dynpdo.toml")),
+    ("synapticon_somanet_cia402", include_str!("../profiles/synapticon_somanet_cia402.toml")),
+    ("vipa_im053-1ec01", include_str!("../profiles/vipa_im053-1ec01.toml")),
+    ("weidmueller_ur20-fbc-ec", include_str!("../profiles/weidmueller_ur20-fbc-ec.toml")),
+    ("yaskawa_sgd7s-a0", include_str!("../profiles/yaskawa_sgd7s-a0.toml")),
+    ("simple_io16", include_str!("../profiles/simple_io16.toml")),
+    ("simple_io4", include_str!("../profiles/simple_io4.toml")),
+    ("model_every_mode", include_str!("../profiles/model_every_mode.toml")),
+];

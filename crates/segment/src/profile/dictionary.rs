@@ -1,0 +1,495 @@
+//! The object dictionary: objects that follow from short fields, then the static form of all.
+
+use isocat_descriptions::document::FileError;
+use isocat_subdevice::description::{Behaviour, ProcessDataArea};
+use isocat_subdevice::{Description, Entry, Object};
+use isocat_sync::SupportedTypes;
+use isocat_sync::object::{self, ShiftBy};
+use isocat_wire::ObjectAddress;
+use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::sii::Header;
+use isocat_wire::time::Nanos;
+
+use super::draft::{self, Area, Draft, Item, Pdo, Property};
+use super::{ApplicationKind, Assignment, Assumption, CpuTimes, Profile, rows, sii};
+
+/// Adds the objects that every device has or that follow from other parts of the file. An object that
+/// the file writes out itself stays as it is.
+pub(super) fn complete(draft: &mut Draft<'_>) {
+    let speaks_coe = draft.eeprom.as_ref().is_none_or(|eeprom| eeprom.protocols & Header::COE != 0);
+    if draft.mailbox.is_none() || !speaks_coe {
+        // Nobody could read them.
+        return;
+    }
+    let at = 0;
+    let text = |index, name: &str, value: &str| {
+        let row = Row { sub: 0, name, data_type: DataType::VISIBLE_STRING, access: Access::READ };
+        var(at, index, row, value.as_bytes().to_vec())
+    };
+    let identity = draft.identity;
+    let device_type = row(0, "Device type", DataType::UNSIGNED32, Access::READ);
+    let mut generated = vec![
+        var(at, 0x1000, device_type, draft.device_type.to_le_bytes().to_vec()),
+        text(0x1008, "Device name", &draft.name),
+        text(0x1009, "Manufacturer hardware version", &draft.hardware_version),
+        text(0x100A, "Manufacturer software version", &draft.software_version),
+        Group::new(at, 0x1018, "Identity", ObjectCode::RECORD, DataType::IDENTITY)
+            .u32(1, "Vendor ID", identity.vendor_id)
+            .u32(2, "Product code", identity.product_code)
+            .u32(3, "Revision number", identity.revision)
+            .u32(4, "Serial number", identity.serial)
+            .finish(Access::READ, 4),
+    ];
+
+    let uses =
+        [1, 2, draft.outputs.as_ref().map_or(0, |_| 3), draft.inputs.as_ref().map_or(0, |_| 4)];
+    let mut types = Group::new(
+        at,
+        object::SM_COMMUNICATION_TYPE,
+        "SyncManager communication type",
+        ObjectCode::ARRAY,
+        DataType::UNSIGNED8,
+    );
+    for (sm, value) in (0u8..).zip(uses) {
+        let name = format!("SyncManager {sm}");
+        types = types.entry(row(sm + 1, &name, DataType::UNSIGNED8, Access::READ), vec![value]);
+    }
+    generated.push(types.finish(Access::READ, 4));
+
+    for (area, index, name) in [
+        (&draft.outputs, object::OUTPUT_ASSIGNMENT, "RxPDO assign"),
+        (&draft.inputs, object::INPUT_ASSIGNMENT, "TxPDO assign"),
+    ] {
+        if let Some(area) = area {
+            generated.push(assignment(area, index, name));
+            generated.extend(area.pdos.iter().map(mapping));
+        }
+    }
+    add_missing(&mut draft.objects, generated);
+    if draft.application == ApplicationKind::Drive {
+        add_missing(
+            &mut draft.objects,
+            DRIVE.map(|(index, name, data_type, access, value)| {
+                let bytes = usize::from(data_type.bits().unwrap_or(32).div_ceil(8));
+                let value = value.to_le_bytes()[..bytes].to_vec();
+                var(at, index, row(0, name, data_type, access), value)
+            }),
+        );
+    }
+    let outputs = draft.outputs.iter().map(|area| (area, Access::RX_MAPPABLE.with(Access::WRITE)));
+    let inputs = draft.inputs.iter().map(|area| (area, Access::TX_MAPPABLE));
+    let mapped = outputs.chain(inputs).flat_map(|(area, access)| mapped_objects(area, access));
+    let mapped: Vec<_> = mapped.collect();
+    add_missing(&mut draft.objects, mapped);
+    draft.objects.sort_by_key(|object| object.index);
+}
+
+/// The same dictionary with another time as default of one entry of 32 bits; `None` if there is none.
+pub(super) fn with_value(
+    description: &'static Description,
+    address: ObjectAddress,
+    time: Nanos,
+) -> Option<&'static Description> {
+    let bytes = time.to_u32()?.to_le_bytes();
+    let mut objects = description.objects.to_vec();
+    let object = objects.iter_mut().find(|object| object.index == address.index)?;
+    let mut entries = object.entries.to_vec();
+    let entry = entries.iter_mut().find(|entry| entry.sub == address.sub && entry.bits == 32)?;
+    entry.default = leak(bytes.to_vec());
+    object.entries = leak(entries);
+    Some(Box::leak(Box::new(Description { objects: leak(objects), ..description.clone() })))
+}
+
+impl Draft<'_> {
+    /// The profile. The draft has passed `check`.
+    pub(super) fn finish(self) -> Result<Profile, FileError> {
+        let sii = sii::image(&self)?;
+        let assumptions = self.assumptions()?;
+        let stated = |index, sub| self.value(index, sub).map(|ns| Nanos::from_u32(ns as u32));
+        let follow = |given: Option<Nanos>, index, key: &str| {
+            given
+                .or_else(|| stated(index, object::sub::CALC_AND_COPY_TIME).filter(|t| t.0 > 0))
+                .ok_or_else(|| {
+                    self.source.error(
+                        self.times.at,
+                        format!(
+                            "times.{key} is missing; expected a duration, since {} states none to \
+                             follow",
+                            ObjectAddress::new(index, object::sub::CALC_AND_COPY_TIME)
+                        ),
+                    )
+                })
+        };
+        let times = CpuTimes {
+            reaction: self.times.reaction,
+            calc_and_copy: follow(
+                self.times.calc_and_copy,
+                object::OUTPUT_PARAMETER,
+                "calc_and_copy",
+            )?,
+            application: self.times.application,
+            input_copy: follow(self.times.input_copy, object::INPUT_PARAMETER, "input_copy")?,
+            jitter: self.times.jitter,
+            unevenness: self.times.unevenness,
+        };
+        let shifts_by = |index, by| {
+            self.value(index, object::sub::SUPPORTED_TYPES)
+                .is_some_and(|types| SupportedTypes(types as u16).shift() == by)
+        };
+        let local_timer = |index| shifts_by(index, ShiftBy::LocalTimer);
+        let area = |area: &Option<Area>, other: &Option<Area>, usual: u8| match area {
+            Some(Area { sync_manager, start, length, .. }) => {
+                ProcessDataArea { sync_manager: *sync_manager, start: *start, max_length: *length }
+            }
+            // One that the other direction does not have.
+            None => {
+                let taken = other.as_ref().is_some_and(|other| other.sync_manager == usual);
+                let sync_manager = if taken { usual ^ 1 } else { usual };
+                ProcessDataArea { sync_manager, start: 0, max_length: 0 }
+            }
+        };
+        let recommended = |area: &Option<Area>| {
+            area.iter().flat_map(|area| &area.recommended).map(|pdo| pdo.value).collect()
+        };
+        let description = Description {
+            objects: store(&self.objects),
+            mailbox: self.mailbox.map(|mailbox| mailbox.value),
+            outputs: area(&self.outputs, &self.inputs, 2),
+            inputs: area(&self.inputs, &self.outputs, 3),
+            behaviour: Behaviour {
+                shift_outputs: local_timer(object::OUTPUT_PARAMETER),
+                shift_inputs: local_timer(object::INPUT_PARAMETER),
+                outputs_on_sync1: shifts_by(object::OUTPUT_PARAMETER, ShiftBy::Sync1),
+                undeclared_types: match self.modes {
+                    Some(modes) => modes.value,
+                    None => self.behaviour.value.undeclared_types,
+                },
+                ..self.behaviour.value
+            },
+        };
+        Ok(Profile {
+            identity: self.identity,
+            description: Box::leak(Box::new(description)),
+            sii,
+            chip: self.esc.chip.0,
+            esc: self.esc.chip.1,
+            times,
+            application: self.application,
+            assignment: Assignment {
+                outputs: recommended(&self.outputs),
+                inputs: recommended(&self.inputs),
+            },
+            assumptions,
+            deviations: self.deviations,
+            calc_and_copy_given: self.times.calc_and_copy.is_some(),
+            id: self.id,
+            name: self.name,
+            vendor: self.vendor,
+            op_modes: self.op_modes,
+            startup: Vec::new(),
+        })
+    }
+
+    /// The default value of an entry.
+    pub(super) fn value(&self, index: u16, sub: u8) -> Option<u64> {
+        let object = self.objects.iter().find(|object| object.index == index)?;
+        let entry = object.entries.iter().find(|entry| entry.sub == sub)?;
+        let mut bytes = [0; 8];
+        bytes.get_mut(..entry.default.len())?.copy_from_slice(&entry.default);
+        Some(u64::from_le_bytes(bytes))
+    }
+
+    /// `[[assumed]]` with the values filled in from where they stand.
+    fn assumptions(&self) -> Result<Vec<Assumption>, FileError> {
+        let finish = |assumed: &draft::Assumed| {
+            let (item, value) = match &assumed.item.value {
+                Item::Key(key, value) => (key.clone(), value.clone()),
+                Item::Object(index) => (format!("0x{index:04X}"), self.object_in_words(*index)),
+                Item::Entries { index, first, last, property } => {
+                    let object = self.objects.iter().find(|object| object.index == *index);
+                    let entries = object.iter().flat_map(|object| &object.entries);
+                    let mut values = entries
+                        .filter(|entry| (*first..=*last).contains(&entry.sub))
+                        .map(|entry| match property {
+                            Property::Value => entry.written.clone(),
+                            Property::Access => in_words(entry.access),
+                            Property::Offset => format!("bit {}", entry.offset),
+                        });
+                    let value = values.next().unwrap_or_default();
+                    let same = values.all(|other| other == value);
+                    let mut item = ObjectAddress::new(*index, *first).to_string();
+                    if first != last {
+                        item += &format!("-{last:02X}");
+                    }
+                    item += match property {
+                        Property::Value => "",
+                        Property::Access => " access",
+                        Property::Offset => " offset",
+                    };
+                    (item, if same { value } else { "as listed".to_owned() })
+                }
+            };
+            if value.is_empty() {
+                let error = self.source.error(
+                    assumed.item.at,
+                    format!(
+                        "{item} is assumed, but the device does not have it; expected an entry \
+                             of its dictionary"
+                    ),
+                );
+                return Err(error);
+            }
+            Ok(Assumption { item, value, why: assumed.why.clone() })
+        };
+        self.assumed.iter().map(finish).collect()
+    }
+
+    /// What a PDO maps, or how many entries another object has; empty if there is no such object.
+    fn object_in_words(&self, index: u16) -> String {
+        let areas = self.outputs.iter().chain(&self.inputs);
+        if let Some(pdo) = areas.flat_map(|area| &area.pdos).find(|pdo| pdo.index == index) {
+            let entry = |entry: &draft::PdoEntry| match entry.object {
+                Some(ObjectAddress { index, sub }) => {
+                    format!("{index:04X}:{sub:02X}/{}", entry.bits)
+                }
+                None => format!("gap/{}", entry.bits),
+            };
+            return pdo.entries.iter().map(entry).collect::<Vec<_>>().join(", ");
+        }
+        match self.objects.iter().find(|object| object.index == index) {
+            Some(object) => format!("{} entries", object.entries.len()),
+            None => String::new(),
+        }
+    }
+}
+
+/// The static form of all objects, with a place in the value store for every entry.
+fn store(objects: &[draft::Object]) -> &'static [Object] {
+    let mut at = 0;
+    let mut place = |entry: &draft::Entry| {
+        let store = at;
+        at += entry.bits.div_ceil(8);
+        Entry {
+            sub: entry.sub,
+            name: leak_text(&entry.name),
+            data_type: entry.data_type,
+            bits: entry.bits,
+            complete_access_offset: entry.offset,
+            access: entry.access,
+            store,
+            default: leak(entry.default.clone()),
+        }
+    };
+    let object = |object: &draft::Object| Object {
+        index: object.index,
+        name: leak_text(&object.name),
+        code: object.code,
+        data_type: object.data_type,
+        entries: leak(object.entries.iter().map(&mut place).collect()),
+    };
+    leak(objects.iter().map(object).collect())
+}
+
+fn leak<T>(items: Vec<T>) -> &'static [T] {
+    Box::leak(items.into_boxed_slice())
+}
+
+fn leak_text(text: &str) -> &'static str {
+    Box::leak(text.to_owned().into_boxed_str())
+}
+
+fn in_words(access: Access) -> String {
+    let mut words = vec![match (access.has(Access::READ), access.has_any(Access::WRITE)) {
+        (true, true) => "rw",
+        (true, false) => "ro",
+        (false, _) => "wo",
+    }];
+    if access.has_any(Access::WRITE) && !access.has(Access::WRITE) {
+        for (right, word) in [
+            (Access::WRITE_PREOP, "preop"),
+            (Access::WRITE_SAFEOP, "safeop"),
+            (Access::WRITE_OP, "op"),
+        ] {
+            words.extend(access.has(right).then_some(word));
+        }
+    }
+    for (right, word) in [(Access::RX_MAPPABLE, "rx"), (Access::TX_MAPPABLE, "tx")] {
+        words.extend(access.has(right).then_some(word));
+    }
+    words.join(" ")
+}
+
+fn add_missing(
+    objects: &mut Vec<draft::Object>,
+    generated: impl IntoIterator<Item = draft::Object>,
+) {
+    for object in generated {
+        if objects.iter().all(|present| present.index != object.index) {
+            objects.push(object);
+        }
+    }
+}
+
+/// 0x1C12 or 0x1C13.
+fn assignment(area: &Area, index: u16, name: &str) -> draft::Object {
+    let mut group = Group::new(area.at, index, name, ObjectCode::ARRAY, DataType::UNSIGNED16);
+    for slot in 0..area.slots {
+        let pdo = area.default.get(usize::from(slot)).map_or(0, |pdo| pdo.value);
+        let name = format!("SubIndex {:03}", slot + 1);
+        let row = row(slot + 1, &name, DataType::UNSIGNED16, area.access);
+        group = group.entry(row, pdo.to_le_bytes().to_vec());
+    }
+    // More PDOs than slots are refused by `check`.
+    group.finish(area.access, area.default.len().min(255) as u8)
+}
+
+/// A PDO's mapping object. Its contents are fixed.
+fn mapping(pdo: &Pdo) -> draft::Object {
+    let (code, kind) = (ObjectCode::RECORD, DataType::PDO_MAPPING);
+    let mut group = Group::new(pdo.at, pdo.index, &pdo.name, code, kind);
+    for (number, entry) in (1u8..=254).zip(&pdo.entries) {
+        let object = entry.object.unwrap_or(ObjectAddress::new(0, 0));
+        let value =
+            u32::from(object.index) << 16 | u32::from(object.sub) << 8 | u32::from(entry.bits);
+        group = group.u32(number, &format!("SubIndex {number:03}"), value);
+    }
+    group.finish(Access::READ, pdo.entries.len().min(254) as u8)
+}
+
+/// The objects that an area's PDOs map.
+fn mapped_objects(area: &Area, access: Access) -> Vec<draft::Object> {
+    let access = Access::READ.with(access);
+    let mut mapped: Vec<(ObjectAddress, &draft::PdoEntry)> = area
+        .pdos
+        .iter()
+        .flat_map(|pdo| &pdo.entries)
+        .filter_map(|entry| Some((entry.object?, entry)))
+        .collect();
+    mapped.sort_by_key(|(object, _)| *object);
+    mapped.dedup_by_key(|(object, _)| *object);
+    let objects = mapped.chunk_by(|(one, _), (other, _)| one.index == other.index);
+    let object = |entries: &[(ObjectAddress, &draft::PdoEntry)]| {
+        let (first, entry) = entries[0];
+        let zeros = |entry: &draft::PdoEntry| vec![0; usize::from(entry.bits.div_ceil(8))];
+        if first.sub == 0 {
+            let row = row(0, &entry.name, entry.data_type, access);
+            return var(entry.at, first.index, row, zeros(entry));
+        }
+        let name = format!("Object {:04X}", first.index);
+        let code = ObjectCode::RECORD;
+        let mut group = Group::new(entry.at, first.index, &name, code, rows::RECORD);
+        let mut highest = 0;
+        for (object, entry) in entries {
+            highest = object.sub;
+            group =
+                group.entry(row(object.sub, &entry.name, entry.data_type, access), zeros(entry));
+        }
+        group.finish(Access::READ, highest)
+    };
+    objects.map(object).collect()
+}
+
+struct Row<'a> {
+    sub: u8,
+    name: &'a str,
+    data_type: DataType,
+    access: Access,
+}
+
+fn row(sub: u8, name: &str, data_type: DataType, access: Access) -> Row<'_> {
+    Row { sub, name, data_type, access }
+}
+
+/// A single value.
+fn var(at: usize, index: u16, row: Row<'_>, value: Vec<u8>) -> draft::Object {
+    let (code, data_type, name) = (ObjectCode::VAR, row.data_type, row.name.to_owned());
+    let entries = vec![entry(at, index, row, value, &[])];
+    draft::Object { at, index, name, code, data_type, entries, contradiction: None }
+}
+
+fn entry(
+    at: usize,
+    index: u16,
+    row: Row<'_>,
+    value: Vec<u8>,
+    before: &[draft::Entry],
+) -> draft::Entry {
+    let number = value.iter().take(8).rev().fold(0u64, |sum, byte| sum << 8 | u64::from(*byte));
+    draft::Entry {
+        at,
+        sub: row.sub,
+        name: row.name.to_owned(),
+        data_type: row.data_type,
+        bits: row.data_type.bits().unwrap_or(8 * value.len() as u16),
+        offset: rows::next_offset(index, row.sub, before),
+        access: row.access,
+        written: match row.data_type {
+            DataType::VISIBLE_STRING => String::from_utf8_lossy(&value).into_owned(),
+            _ => format!("{number:#x}"),
+        },
+        default: value,
+    }
+}
+
+/// An ARRAY or RECORD in the making; sub-index 0 comes with [`Group::finish`].
+struct Group {
+    object: draft::Object,
+}
+
+impl Group {
+    fn new(at: usize, index: u16, name: &str, code: ObjectCode, data_type: DataType) -> Self {
+        let (name, entries) = (name.to_owned(), Vec::new());
+        let mut group = Self {
+            object: draft::Object {
+                at,
+                index,
+                name,
+                code,
+                data_type,
+                entries,
+                contradiction: None,
+            },
+        };
+        let count = row(0, "Highest sub-index supported", DataType::UNSIGNED8, Access::READ);
+        group = group.entry(count, vec![0]);
+        group
+    }
+
+    fn entry(mut self, row: Row<'_>, value: Vec<u8>) -> Self {
+        let draft::Object { at, index, ref entries, .. } = self.object;
+        let entry = entry(at, index, row, value, entries);
+        self.object.entries.push(entry);
+        self
+    }
+
+    fn u32(self, sub: u8, name: &str, value: u32) -> Self {
+        let row = row(sub, name, DataType::UNSIGNED32, Access::READ);
+        self.entry(row, value.to_le_bytes().to_vec())
+    }
+
+    fn finish(mut self, access: Access, count: u8) -> draft::Object {
+        let first = &mut self.object.entries[0];
+        first.access = access;
+        first.default = vec![count];
+        first.written = count.to_string();
+        self.object
+    }
+}
+
+/// Objects of a CiA 402 drive for cyclic synchronous position mode.
+const DRIVE: [(u16, &str, DataType, Access, u32); 8] = {
+    const COMMAND: Access = Access::READ.with(Access::WRITE).with(Access::RX_MAPPABLE);
+    const STATUS: Access = Access::READ.with(Access::TX_MAPPABLE);
+    [
+        (0x603F, "Error code", DataType::UNSIGNED16, STATUS, 0),
+        (0x6040, "Controlword", DataType::UNSIGNED16, COMMAND, 0),
+        (0x6041, "Statusword", DataType::UNSIGNED16, STATUS, 0),
+        (0x6060, "Modes of operation", DataType::INTEGER8, COMMAND, 0),
+        (0x6061, "Modes of operation display", DataType::INTEGER8, STATUS, 0),
+        (0x6064, "Position actual value", DataType::INTEGER32, STATUS, 0),
+        (0x607A, "Target position", DataType::INTEGER32, COMMAND, 0),
+        // Bit 7: cyclic synchronous position.
+        (0x6502, "Supported drive modes", DataType::UNSIGNED32, Access::READ, 1 << 7),
+    ]
+};

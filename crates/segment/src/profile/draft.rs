@@ -1,0 +1,194 @@
+//! A profile between its file and its finished form: every value typed and in range, with the place it
+//! came from.
+
+use isocat_descriptions::document::Source;
+use isocat_esc::chip::Chip;
+use isocat_sim::Unevenness;
+use isocat_subdevice::description::{Behaviour, Mailbox};
+use isocat_sync::SupportedTypes;
+use isocat_wire::ObjectAddress;
+use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::sii::{MailboxArea, SmRecord};
+use isocat_wire::time::Nanos;
+
+use super::{ApplicationKind, Deviation, Identity, OpMode};
+
+/// A profile as its file gives it, with generated objects added by `dictionary`.
+#[derive(Debug)]
+pub(super) struct Draft<'a> {
+    pub source: Source<'a>,
+    pub id: String,
+    pub name: String,
+    pub vendor: String,
+    pub application: ApplicationKind,
+    pub identity: Identity,
+    pub device_type: u32,
+    pub hardware_version: String,
+    pub software_version: String,
+    pub esc: Esc,
+    /// None: no object dictionary either.
+    pub mailbox: Option<Placed<Mailbox>>,
+    /// What a device without mailbox works by.
+    pub modes: Option<Placed<SupportedTypes>>,
+    pub outputs: Option<Area>,
+    pub inputs: Option<Area>,
+    pub objects: Vec<Object>,
+    pub op_modes: Vec<OpMode>,
+    pub times: Times,
+    pub behaviour: Placed<Behaviour>,
+    pub assumed: Vec<Assumed>,
+    pub deviations: Vec<Deviation>,
+    /// What an imported description says about the EEPROM; a profile's follows from the rest.
+    pub eeprom: Option<Eeprom>,
+}
+
+/// The EEPROM of an imported device, where it says more than a profile.
+#[derive(Debug)]
+pub(super) struct Eeprom {
+    /// Words 0 to 6.
+    pub configuration: [u8; 14],
+    /// Mailboxes in BOOT.
+    pub boot: (MailboxArea, MailboxArea),
+    /// Protocols of the mailbox, word 0x1C.
+    pub protocols: u16,
+    /// What its CoE can do, byte 5 of the general category.
+    pub coe_details: u8,
+    /// Kind of each port, four bits each.
+    pub ports: u16,
+    /// Use of each FMMU.
+    pub fmmus: Vec<u8>,
+    pub sync_managers: Vec<SmRecord>,
+    /// Each OpMode: name, description, record.
+    pub op_modes: Vec<(String, String, [u8; 24])>,
+    /// Order number: the type.
+    pub order: String,
+    /// Least bytes of the memory.
+    pub size: usize,
+}
+
+/// A value and the byte of the file it stands at.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placed<T> {
+    pub at: usize,
+    pub value: T,
+}
+
+/// `[esc]`.
+#[derive(Debug)]
+pub(super) struct Esc {
+    pub at: usize,
+    pub chip: (&'static str, &'static Chip),
+    pub sync_unit: bool,
+    pub pulse: Nanos,
+    pub alias: u16,
+}
+
+/// `[outputs]` or `[inputs]`: a process data SyncManager and its PDOs.
+#[derive(Debug)]
+pub(super) struct Area {
+    pub at: usize,
+    pub sync_manager: u8,
+    pub start: u16,
+    pub length: u16,
+    pub access: Access,
+    pub slots: u8,
+    pub default: Vec<Placed<u16>>,
+    pub recommended: Vec<Placed<u16>>,
+    pub pdos: Vec<Pdo>,
+}
+
+/// `[[outputs.pdo]]`.
+#[derive(Debug)]
+pub(super) struct Pdo {
+    pub at: usize,
+    pub index: u16,
+    pub name: String,
+    pub entries: Vec<PdoEntry>,
+}
+
+impl Pdo {
+    /// Bits of all entries.
+    pub fn bits(&self) -> u32 {
+        self.entries.iter().map(|entry| u32::from(entry.bits)).sum()
+    }
+}
+
+/// A row of a PDO; no object for padding.
+#[derive(Debug)]
+pub(super) struct PdoEntry {
+    pub at: usize,
+    pub object: Option<ObjectAddress>,
+    pub data_type: DataType,
+    pub bits: u8,
+    pub name: String,
+}
+
+/// `[[object]]`.
+#[derive(Clone, Debug)]
+pub(super) struct Object {
+    pub at: usize,
+    pub index: u16,
+    pub name: String,
+    pub code: ObjectCode,
+    pub data_type: DataType,
+    pub entries: Vec<Entry>,
+    /// Why the object says what can't be true together: its maker has published it so.
+    pub contradiction: Option<String>,
+}
+
+/// A row of an object.
+#[derive(Clone, Debug)]
+pub(super) struct Entry {
+    pub at: usize,
+    pub sub: u8,
+    pub name: String,
+    pub data_type: DataType,
+    pub bits: u16,
+    pub offset: u32,
+    pub access: Access,
+    pub default: Vec<u8>,
+    /// The value as the file writes it.
+    pub written: String,
+}
+
+/// `[times]`; what is not given follows the objects.
+#[derive(Debug)]
+pub(super) struct Times {
+    pub at: usize,
+    pub reaction: Nanos,
+    pub calc_and_copy: Option<Nanos>,
+    pub application: Nanos,
+    pub input_copy: Option<Nanos>,
+    pub jitter: Nanos,
+    pub unevenness: Unevenness,
+}
+
+/// One item of `[[assumed]]`.
+#[derive(Debug)]
+pub(super) struct Assumed {
+    pub item: Placed<Item>,
+    pub why: String,
+}
+
+/// What is assumed.
+#[derive(Clone, Debug)]
+pub(super) enum Item {
+    /// Entries of the dictionary, from one sub-index to another, or one property of them.
+    Entries { index: u16, first: u8, last: u8, property: Property },
+    /// A whole object.
+    Object(u16),
+    /// A key of the file and its value as written.
+    Key(String, String),
+}
+
+/// Which property of an entry is assumed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Property {
+    /// Its value.
+    Value,
+    /// Who may read and write it.
+    Access,
+    /// Where complete access has it.
+    Offset,
+}

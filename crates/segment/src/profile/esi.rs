@@ -1,0 +1,559 @@
+//! Virtual SubDevices from descriptions of makers.
+//!
+//! A device of an [`EsiFile`] in one of its OpModes becomes the same draft that a profile file becomes, so that
+//! stack and simulator need not know where a device came from. What the description leaves open is filled in
+//! and listed in [`Profile::assumptions`]; what the virtual device can't do is an [`Obstacle`], by name.
+
+use std::collections::HashMap;
+use std::fmt;
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+use isocat_descriptions::document::{FileError, Source};
+use isocat_descriptions::esi::{
+    Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, Purpose, data_type,
+};
+use isocat_esc::chip::{Chip, DcUnits, ET1100};
+use isocat_subdevice::description::{Behaviour, Mailbox};
+use isocat_subdevice::{MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX};
+use isocat_sync::{SupportedTypes, object};
+use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::Access;
+use isocat_wire::register::features;
+use isocat_wire::sii::MailboxArea;
+use isocat_wire::time::Nanos;
+
+use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Times};
+use super::{ApplicationKind, DriveLayout, Identity, OpMode, Profile, check, dictionary};
+
+mod eeprom;
+mod objects;
+mod op_mode;
+mod startup;
+
+pub use op_mode::RunAs;
+
+/// Why a device of a description can't be a virtual SubDevice.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Obstacle {
+    /// It has no product code.
+    Placeholder,
+    /// Process data of one direction are in more than one SyncManager.
+    SeveralSyncManagers,
+    /// A direction has more process data than the stack's buffers.
+    ProcessDataTooLong,
+    /// Process data are not in the process RAM but in registers, as digital outputs of an ESC are.
+    ProcessDataInRegisters,
+    /// A PDO has more entries than a mapping object.
+    TooManyEntries,
+    /// The mailbox is too short or too long for the stack, or not in SyncManagers 0 and 1.
+    MailboxArea,
+    /// Areas in the memory of the ESC overlap.
+    MemoryOverlap,
+    /// The dictionary or the EEPROM have no room for all of it.
+    TooLarge,
+    /// The pulses of an OpMode do not fit the bus cycle, or the ESC's step of 10 ns.
+    Sync0Cycle,
+    /// The device itself sets up the SYNC unit in this OpMode.
+    SyncUnitAtPdi,
+}
+
+impl Obstacle {
+    /// The name, in words joined by dashes.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Placeholder => "placeholder",
+            Self::SeveralSyncManagers => "several-sync-managers",
+            Self::ProcessDataTooLong => "process-data-too-long",
+            Self::ProcessDataInRegisters => "process-data-in-registers",
+            Self::TooManyEntries => "too-many-entries",
+            Self::MailboxArea => "mailbox-area",
+            Self::MemoryOverlap => "memory-overlap",
+            Self::TooLarge => "too-large",
+            Self::Sync0Cycle => "sync0-cycle",
+            Self::SyncUnitAtPdi => "sync-unit-at-pdi",
+        }
+    }
+}
+
+/// An obstacle and where the description has it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct NotSimulated {
+    /// Which.
+    pub obstacle: Obstacle,
+    /// Place and words.
+    pub error: FileError,
+}
+
+impl fmt::Display for NotSimulated {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.error.fmt(f)
+    }
+}
+
+impl std::error::Error for NotSimulated {}
+
+impl Profile {
+    /// The virtual SubDevice of a device in one of its OpModes, by its number; `None` for a device without.
+    /// Equal devices of equal texts give the same profile.
+    pub fn from_esi(
+        file: &EsiFile,
+        device: &EsiDevice,
+        op_mode: Option<usize>,
+    ) -> Result<&'static Profile, NotSimulated> {
+        type Key = (String, u64, usize, Option<usize>);
+        static INTERNED: LazyLock<Mutex<HashMap<Key, &'static Profile>>> =
+            LazyLock::new(Mutex::default);
+        let key = (file.path.clone(), file.fingerprint(), device.at, op_mode);
+        let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(&key).copied();
+        if let Some(profile) = known {
+            return Ok(profile);
+        }
+        let import = Import {
+            file,
+            device,
+            mode: op_mode.and_then(|number| device.op_modes().get(number)),
+            assumed: Vec::new(),
+        };
+        let profile = import.profile()?;
+        let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(interned.entry(key).or_insert_with(|| Box::leak(Box::new(profile))))
+    }
+}
+
+struct Import<'f> {
+    file: &'f EsiFile,
+    device: &'f EsiDevice,
+    mode: Option<&'f EsiOpMode>,
+    assumed: Vec<Assumed>,
+}
+
+impl Import<'_> {
+    fn profile(mut self) -> Result<Profile, NotSimulated> {
+        let device = self.device;
+        let Some(product_code) = device.product_code else {
+            return Err(self.stopped(Obstacle::Placeholder, device.at, "it has no product code"));
+        };
+        let identity = Identity {
+            vendor_id: self.file.vendor_id,
+            product_code,
+            revision: device.revision.unwrap_or(0),
+            serial: device.serial,
+        };
+        let mailbox = self.mailbox()?;
+        let image = self.file.image(device, self.mode);
+        let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
+        let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
+        shorten(&mut outputs, &inputs, mailbox.map(|mailbox| mailbox.value));
+        shorten(&mut inputs, &outputs, mailbox.map(|mailbox| mailbox.value));
+        let coe = device.mailbox.as_ref().is_some_and(|mailbox| mailbox.coe.is_some());
+        let objects = match mailbox.filter(|_| coe) {
+            Some(_) => self.objects([&outputs, &inputs]),
+            None => Vec::new(),
+        };
+        let chip = self.chip(mailbox.map(|mailbox| mailbox.value), [&outputs, &inputs]);
+        let times = self.times(&objects);
+        let eeprom = self.eeprom([&outputs, &inputs], mailbox.map(|mailbox| mailbox.value));
+        let name = |text: &str, other: &str| {
+            let text = if text.is_empty() { other } else { text };
+            super::sii::cut(text).to_owned()
+        };
+        let mut draft = Draft {
+            source: Source { path: &self.file.path, text: self.file.text() },
+            id: name(&device.type_name, "device"),
+            name: name(&device.name, &device.type_name),
+            vendor: name(&self.file.vendor, "unknown"),
+            application: application(&outputs, &inputs),
+            identity,
+            device_type: device.profile.number.unwrap_or(0).into(),
+            hardware_version: "1.0".to_owned(),
+            software_version: "1.0".to_owned(),
+            esc: Esc {
+                at: device.at,
+                chip: ("ET1100", chip),
+                sync_unit: device.dc.is_some(),
+                pulse: Nanos::micros(10),
+                alias: 0,
+            },
+            mailbox,
+            modes: mailbox.is_none().then(|| Placed { at: device.at, value: self.modes() }),
+            outputs,
+            inputs,
+            objects,
+            op_modes: device.op_modes().iter().map(op_mode).collect(),
+            times,
+            behaviour: Placed { at: device.at, value: self.behaviour() },
+            assumed: std::mem::take(&mut self.assumed),
+            deviations: Vec::new(),
+            eeprom: Some(eeprom),
+        };
+        dictionary::complete(&mut draft);
+        self.open_mapping(&mut draft);
+        let of = |obstacle| move |error| NotSimulated { obstacle, error };
+        check::memory(&draft).map_err(of(Obstacle::MemoryOverlap))?;
+        check::stored(&draft).map_err(of(Obstacle::TooLarge))?;
+        let startup = self.startup(&draft);
+        draft.assumed.append(&mut self.assumed);
+        let mut profile = draft.finish().map_err(of(Obstacle::TooLarge))?;
+        profile.startup = startup;
+        Ok(profile)
+    }
+
+    fn stopped(&self, obstacle: Obstacle, at: usize, message: impl Into<String>) -> NotSimulated {
+        let name = &self.device.type_name;
+        let message =
+            format!("{name} can't be simulated ({}): {}", obstacle.name(), message.into());
+        NotSimulated { obstacle, error: self.file.error(at, message) }
+    }
+
+    fn assume(&mut self, item: &str, value: impl Into<String>, why: &str) {
+        let item = Placed { at: self.device.at, value: Item::Key(item.to_owned(), value.into()) };
+        self.assumed.push(Assumed { item, why: why.to_owned() });
+    }
+
+    fn mailbox(&mut self) -> Result<Option<Placed<Mailbox>>, NotSimulated> {
+        let find = |purpose| self.device.sync_managers.iter().position(|sm| sm.purpose == purpose);
+        let (Some(out), Some(back)) = (find(Purpose::MailboxOut), find(Purpose::MailboxIn)) else {
+            return Ok(None);
+        };
+        if self.device.mailbox.is_none() {
+            return Ok(None);
+        }
+        let at = self.device.sync_managers[out].at;
+        if (out, back) != (0, 1) {
+            let message =
+                format!("its mailbox is in SyncManagers {out} and {back}; expected 0 and 1");
+            return Err(self.stopped(Obstacle::MailboxArea, at, message));
+        }
+        let area = |number: usize| {
+            let sm = &self.device.sync_managers[number];
+            MailboxArea { start: sm.start, length: sm.default_size }
+        };
+        let (receive, send) = (area(out), area(back));
+        for MailboxArea { start, length } in [receive, send] {
+            if !(MIN_MAILBOX..=MAX_MAILBOX).contains(&usize::from(length)) || start < 0x1000 {
+                let message = format!(
+                    "a mailbox of {length} bytes at 0x{start:04X}; expected {MIN_MAILBOX} to \
+                     {MAX_MAILBOX} in the process RAM"
+                );
+                return Err(self.stopped(Obstacle::MailboxArea, at, message));
+            }
+        }
+        Ok(Some(Placed { at, value: Mailbox { receive, send } }))
+    }
+
+    /// The area of a direction: the one SyncManager that has PDOs, and all PDOs that could be assigned to it.
+    fn area(
+        &mut self,
+        direction: Direction,
+        assigned: &[(u8, Vec<EsiPdo>)],
+        has_mailbox: bool,
+    ) -> Result<Option<Area>, NotSimulated> {
+        let purpose = match direction {
+            Direction::Outputs => Purpose::Outputs,
+            Direction::Inputs => Purpose::Inputs,
+        };
+        let device = self.device;
+        let with_data: Vec<_> = assigned
+            .iter()
+            .filter(|(_, pdos)| pdos.iter().any(|pdo| pdo.bits() > 0))
+            .map(|(number, pdos)| (usize::from(*number), &pdos[..]))
+            .collect();
+        let (number, pdos) = match with_data[..] {
+            [one] => one,
+            [] => match device.sync_managers.iter().position(|sm| sm.purpose == purpose) {
+                Some(number) if has_mailbox => (number, &[][..]),
+                _ => return Ok(None),
+            },
+            [_, (second, _), ..] => {
+                let at = device.sync_managers[second].at;
+                let message = format!(
+                    "its {} are in {} SyncManagers; expected one",
+                    word(direction),
+                    with_data.len()
+                );
+                return Err(self.stopped(Obstacle::SeveralSyncManagers, at, message));
+            }
+        };
+        let sm = &device.sync_managers[number];
+        let bits: u32 = pdos.iter().map(EsiPdo::bits).sum();
+        let bytes = bits.div_ceil(8) as usize;
+        if bytes > MAX_PROCESS_DATA {
+            let message = format!(
+                "{bytes} bytes of {}; expected at most {MAX_PROCESS_DATA}",
+                word(direction)
+            );
+            return Err(self.stopped(Obstacle::ProcessDataTooLong, sm.at, message));
+        }
+        if sm.start < 0x1000 {
+            let message = format!(
+                "its {} lie in registers, at 0x{:04X}; expected 0x1000 or more",
+                word(direction),
+                sm.start
+            );
+            return Err(self.stopped(Obstacle::ProcessDataInRegisters, sm.at, message));
+        }
+        let mut all: Vec<Pdo> = Vec::new();
+        // A device without mailbox has no other assignment.
+        let others = device.pdos.iter().filter(|pdo| has_mailbox && pdo.direction == direction);
+        for pdo in pdos.iter().chain(others) {
+            if all.iter().all(|known| known.index != pdo.index) {
+                all.push(self.pdo(pdo)?);
+            }
+        }
+        let default: Vec<_> =
+            pdos.iter().map(|pdo| Placed { at: pdo.at, value: pdo.index }).collect();
+        let assignable = device
+            .mailbox
+            .as_ref()
+            .and_then(|mailbox| mailbox.coe.as_ref())
+            .is_some_and(|coe| coe.pdo_assign);
+        let most = sm.max_size.unwrap_or(0).max(sm.default_size);
+        let longest = if has_mailbox { bytes.max(most.into()) } else { bytes };
+        Ok(Some(Area {
+            at: sm.at,
+            sync_manager: number as u8,
+            start: sm.start,
+            length: longest.min(MAX_PROCESS_DATA) as u16,
+            access: match assignable {
+                true => Access::READ.with(Access::WRITE_PREOP),
+                false => Access::READ,
+            },
+            slots: all.len().max(default.len()).clamp(1, 254) as u8,
+            recommended: default.clone(),
+            default,
+            pdos: all,
+        }))
+    }
+
+    fn pdo(&self, pdo: &EsiPdo) -> Result<Pdo, NotSimulated> {
+        let mut entries = Vec::new();
+        for entry in &pdo.entries {
+            let mut left = entry.bits;
+            // A mapping entry has 8 bits for the length; what is longer maps nothing but its room.
+            let object = entry.object.filter(|_| left <= 255);
+            while left > 0 {
+                let bits = left.min(255) as u8;
+                left -= u16::from(bits);
+                let data_type = match object {
+                    Some(_) => data_type(&entry.data_type, bits.into()),
+                    None => DataType::GAP,
+                };
+                let name = super::sii::cut(&entry.name).to_owned();
+                entries.push(PdoEntry { at: entry.at, object, data_type, bits, name });
+            }
+        }
+        if entries.len() > MOST_ENTRIES {
+            let message = format!(
+                "PDO 0x{:04X} has {} entries; expected at most {MOST_ENTRIES}",
+                pdo.index,
+                entries.len()
+            );
+            return Err(self.stopped(Obstacle::TooManyEntries, pdo.at, message));
+        }
+        let name = match pdo.name.as_str() {
+            "" => format!("PDO 0x{:04X}", pdo.index),
+            name => super::sii::cut(name).to_owned(),
+        };
+        Ok(Pdo { at: pdo.at, index: pdo.index, name, entries })
+    }
+
+    /// What a device without mailbox works by: its OpModes are all that tells.
+    fn modes(&self) -> SupportedTypes {
+        let mut types = FREE_RUN_AND_SM;
+        for mode in self.device.op_modes() {
+            if mode.sync0() || mode.sync1() {
+                types |= DC_SYNC0;
+            }
+            if mode.sync1() {
+                types |= DC_SYNC1 | DC_SUBORDINATED;
+            }
+        }
+        SupportedTypes(types)
+    }
+
+    fn behaviour(&mut self) -> Behaviour {
+        let given = self.device.timeouts.safeop_op;
+        let timeout = given.map_or(9_000, i64::from).clamp(10, 60_000);
+        if given.is_none() {
+            self.assume("Info/SafeopOpTimeout", "9s", "the description states none; the usual one");
+        }
+        Behaviour {
+            safeop_to_op_timeout: Nanos::millis(timeout),
+            watchdog_must_agree: false,
+            // Several SYNC0 in a cycle take and give samples; the rest is done once.
+            application_on_sync1: true,
+            ..Behaviour::default()
+        }
+    }
+
+    /// What the CPU needs. Where the dictionary states a time it is that one.
+    fn times(&mut self, objects: &[super::draft::Object]) -> Times {
+        let stated = |index, sub| {
+            let object = objects.iter().find(|object| object.index == index)?;
+            let entry = object.entries.iter().find(|entry| entry.sub == sub)?;
+            let bytes = entry.default.iter().take(4).rev();
+            Some(bytes.fold(0_i64, |sum, byte| sum << 8 | i64::from(*byte))).filter(|ns| *ns > 0)
+        };
+        let minimum = stated(object::OUTPUT_PARAMETER, object::sub::MINIMUM_CYCLE_TIME);
+        // Small against any cycle that the device can do.
+        let cycle = self.mode.and_then(|mode| mode.cycle_time_sync0).map(|cycle| cycle.value.0);
+        let shortest = minimum.into_iter().chain(cycle.filter(|ns| *ns > 0)).min();
+        let small = shortest.map_or(10_000, |cycle| (cycle / 8).clamp(1, 10_000));
+        let mut time = |index, what: &str| {
+            let sub = object::sub::CALC_AND_COPY_TIME;
+            stated(index, sub).map(Nanos).unwrap_or_else(|| {
+                let value = Nanos(small);
+                let why = "the description states none; short against the cycle";
+                let item = Item::Key(format!("0x{index:04X}:{sub:02X}"), format!("{value} {what}"));
+                let item = Placed { at: self.device.at, value: item };
+                self.assumed.push(Assumed { item, why: why.to_owned() });
+                value
+            })
+        };
+        let calc_and_copy = time(object::OUTPUT_PARAMETER, "for the CPU");
+        let input_copy = time(object::INPUT_PARAMETER, "for the CPU");
+        for (sub, what) in [
+            (object::sub::MINIMUM_CYCLE_TIME, "nothing stated: any cycle fits"),
+            (object::sub::DELAY_TIME, "nothing stated: 0 is planned with"),
+        ] {
+            if stated(object::OUTPUT_PARAMETER, sub).is_none() {
+                let item = format!("0x{:04X}:{sub:02X}", object::OUTPUT_PARAMETER);
+                self.assume(&item, what, "the description states none");
+            }
+        }
+        Times {
+            at: self.device.at,
+            reaction: Nanos::micros(50),
+            calc_and_copy: Some(calc_and_copy),
+            application: Nanos(small),
+            input_copy: Some(input_copy),
+            jitter: Nanos::ZERO,
+            unevenness: Default::default(),
+        }
+    }
+
+    /// An ESC with the ports of `Physics` and memory for all areas.
+    fn chip(&mut self, mailbox: Option<Mailbox>, areas: [&Option<Area>; 2]) -> &'static Chip {
+        static KNOWN: Mutex<Vec<&'static Chip>> = Mutex::new(Vec::new());
+        let (mut ports, mut used) = (0, false);
+        for (port, letter) in
+            self.device.physics.as_deref().unwrap_or("YY").chars().take(4).enumerate()
+        {
+            let kind = match letter {
+                ' ' => 0,
+                'K' | 'B' => PORT_EBUS,
+                _ => PORT_MII,
+            };
+            used |= kind != 0;
+            ports |= kind << (2 * port);
+        }
+        if !used {
+            ports = PORT_MII | PORT_MII << 2;
+        }
+        let ends = areas
+            .into_iter()
+            .flatten()
+            .map(|area| u32::from(area.start) + 3 * u32::from(area.length));
+        let mailboxes = mailbox.iter().flat_map(|mailbox| [mailbox.receive, mailbox.send]);
+        let ends = ends.chain(mailboxes.map(|area| u32::from(area.start) + u32::from(area.length)));
+        let needed = ends.max().unwrap_or(0).saturating_sub(0x1000).div_ceil(1024) as u8;
+        let narrow = self.device.dc.as_ref().is_some_and(|dc| dc.unknown_64_bit);
+        let chip = Chip {
+            port_descriptor: ports,
+            ram_kib: needed.clamp(ET1100.ram_kib, 60),
+            sm_count: 16,
+            features: match narrow {
+                true => ET1100.features & !features::DC_64_BIT,
+                false => ET1100.features,
+            },
+            // With a Dc part it has the units, whatever the words for the EEPROM say.
+            dc_units: match self.device.dc {
+                Some(_) => DcUnits::Always,
+                None => DcUnits::ByEeprom,
+            },
+            ..ET1100
+        };
+        let why = "the description names no chip; its ports and its memory are the description's";
+        self.assume("ESC", "ET1100", why);
+        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(same) = known.iter().find(|known| ***known == chip) {
+            return same;
+        }
+        let chip: &'static Chip = Box::leak(Box::new(chip));
+        known.push(chip);
+        chip
+    }
+}
+
+/// Three buffers of the most that a file allows often reach into the next area: an area is as long as there is
+/// room before that, and never shorter than what it has by default.
+fn shorten(area: &mut Option<Area>, other: &Option<Area>, mailbox: Option<Mailbox>) {
+    let Some(area) = area else { return };
+    let mailboxes = mailbox.iter().flat_map(|mailbox| [mailbox.receive.start, mailbox.send.start]);
+    let starts = mailboxes.chain(other.iter().map(|other| other.start));
+    let Some(next) = starts.filter(|start| *start > area.start).min() else { return };
+    let least = area.bits(&area.default).div_ceil(8) as u16;
+    area.length = area.length.min((next - area.start) / 3).max(least);
+}
+
+/// A drive, if it has control and status word, target and actual position.
+fn application(outputs: &Option<Area>, inputs: &Option<Area>) -> ApplicationKind {
+    let layout = || {
+        Some(DriveLayout {
+            control: byte_of(outputs, 0x6040, 16)?,
+            target: byte_of(outputs, 0x607A, 32)?,
+            mode: byte_of(outputs, 0x6060, 8),
+            status: byte_of(inputs, 0x6041, 16)?,
+            position: byte_of(inputs, 0x6064, 32)?,
+            mode_display: byte_of(inputs, 0x6061, 8),
+        })
+    };
+    layout().map_or(ApplicationKind::Io, ApplicationKind::DriveAt)
+}
+
+/// The byte at which the assigned PDOs have an object of so many bits.
+fn byte_of(area: &Option<Area>, index: u16, bits: u8) -> Option<u8> {
+    let area = area.as_ref()?;
+    let assigned =
+        area.default.iter().filter_map(|pdo| area.pdos.iter().find(|p| p.index == pdo.value));
+    let mut at = 0;
+    for entry in assigned.flat_map(|pdo| &pdo.entries) {
+        if entry.object.is_some_and(|object| object.index == index) && entry.bits == bits {
+            return u8::try_from(at / 8).ok().filter(|_| at % 8 == 0);
+        }
+        at += u32::from(entry.bits);
+    }
+    None
+}
+
+fn op_mode(mode: &EsiOpMode) -> OpMode {
+    let factor = |cycle: Option<isocat_descriptions::esi::CycleTime>| {
+        let factor = cycle.and_then(|cycle| cycle.factor).unwrap_or(0);
+        factor.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+    };
+    OpMode {
+        name: super::sii::cut(&mode.name).to_owned(),
+        description: super::sii::cut(&mode.description).to_owned(),
+        assign_activate: mode.assign_activate,
+        sync0_factor: factor(mode.cycle_time_sync0),
+        sync1_factor: factor(mode.cycle_time_sync1),
+    }
+}
+
+const fn word(direction: Direction) -> &'static str {
+    match direction {
+        Direction::Outputs => "outputs",
+        Direction::Inputs => "inputs",
+    }
+}
+
+/// Sub-indices of a mapping object.
+const MOST_ENTRIES: usize = 254;
+/// Bits of 0x1C32:04.
+const FREE_RUN_AND_SM: u16 = 0x0003;
+const DC_SYNC0: u16 = 0x0004;
+const DC_SYNC1: u16 = 0x0008;
+const DC_SUBORDINATED: u16 = 0x0010;
+/// Two bits a port, register 0x0007.
+const PORT_EBUS: u8 = 2;
+const PORT_MII: u8 = 3;

@@ -1,0 +1,181 @@
+//! The dictionary of an imported device: what the description has, made fit for the stack.
+
+use isocat_descriptions::esi::{EsiObject, Purpose};
+use isocat_subdevice::MAX_TRANSFER;
+use isocat_sync::object;
+use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::sii::sm_type;
+
+use super::super::draft::{self, Area, Draft};
+use super::{DC_SUBORDINATED, DC_SYNC0, DC_SYNC1, Import};
+
+impl Import<'_> {
+    /// The objects of the file, but for those that follow from its PDOs and SyncManagers: their defaults
+    /// in files are mostly those of before the firmware has filled them in.
+    pub(super) fn objects(&mut self, areas: [&Option<Area>; 2]) -> Vec<draft::Object> {
+        let pdos = |index| {
+            areas.into_iter().flatten().flat_map(|area| &area.pdos).any(|pdo| pdo.index == index)
+        };
+        let mut all = Vec::new();
+        let mut unfit = Vec::new();
+        for object in &self.device.profile.objects {
+            let follows = matches!(
+                object.index,
+                object::SM_COMMUNICATION_TYPE
+                    | object::OUTPUT_ASSIGNMENT
+                    | object::INPUT_ASSIGNMENT
+                    | 0x1018
+            );
+            let empty = matches!(object.index, 0x1000 | 0x1008..=0x100A)
+                && object.entries.iter().all(|entry| entry.default.is_empty());
+            if follows || empty || pdos(object.index) {
+                continue;
+            }
+            match fit(object) {
+                Some(object) => all.push(object),
+                None => unfit.push(format!("0x{:04X}", object.index)),
+            }
+        }
+        if !unfit.is_empty() {
+            let why = "longer than an SDO of the stack can carry, or without sub-index 0";
+            self.assume("objects left out", unfit.join(" "), why);
+        }
+        all.push(self.sync_manager_types());
+        self.announce(&mut all);
+        all
+    }
+
+    /// 0x1C00 by the purpose of each SyncManager.
+    fn sync_manager_types(&self) -> draft::Object {
+        let at = self.device.at;
+        let count = self.device.sync_managers.len();
+        let mut entries = vec![entry(at, 0, "Number of SyncManagers", 0, vec![count as u8])];
+        for (number, sm) in (1..).zip(&self.device.sync_managers) {
+            let kind = match sm.purpose {
+                Purpose::MailboxOut => sm_type::MAILBOX_OUT,
+                Purpose::MailboxIn => sm_type::MAILBOX_IN,
+                Purpose::Outputs => sm_type::OUTPUTS,
+                Purpose::Inputs => sm_type::INPUTS,
+                Purpose::Window => sm_type::UNUSED,
+            };
+            let name = format!("SyncManager {}", number - 1);
+            entries.push(entry(at, number, &name, 8 + 8 * u32::from(number), vec![kind]));
+        }
+        draft::Object {
+            at,
+            index: object::SM_COMMUNICATION_TYPE,
+            name: "SyncManager communication type".to_owned(),
+            code: ObjectCode::ARRAY,
+            data_type: DataType::UNSIGNED8,
+            entries,
+            contradiction: None,
+        }
+    }
+
+    /// 0x1C32:04 and 0x1C33:04 have what the chosen OpMode needs. Where the file's defaults lack it the OpMode
+    /// is believed: firmware fills such defaults in.
+    fn announce(&mut self, objects: &mut [draft::Object]) {
+        let Some(mode) = self.mode else { return };
+        let needed = match (mode.sync0(), mode.sync1()) {
+            (false, false) => return,
+            (true, false) => DC_SYNC0,
+            (_, true) => DC_SYNC0 | DC_SYNC1 | DC_SUBORDINATED,
+        };
+        for index in [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER] {
+            let Some(object) = objects.iter_mut().find(|object| object.index == index) else {
+                continue;
+            };
+            let sub = object::sub::SUPPORTED_TYPES;
+            let Some(entry) = object.entries.iter_mut().find(|entry| entry.sub == sub) else {
+                continue;
+            };
+            let [low, high] = entry.default[..] else { continue };
+            let stated = u16::from_le_bytes([low, high]);
+            // 0 states nothing.
+            if stated == 0 || stated & needed == needed {
+                continue;
+            }
+            entry.default = (stated | needed).to_le_bytes().to_vec();
+            let item = format!("0x{index:04X}:{sub:02X}");
+            let value = format!("{:#06x}", stated | needed);
+            let why = format!("{stated:#06x} in the description lacks what its OpMode needs");
+            self.assume(&item, value, &why);
+        }
+    }
+
+    /// Where the file says that mappings can be written, their entries can.
+    pub(super) fn open_mapping(&self, draft: &mut Draft<'_>) {
+        let coe = self.device.mailbox.as_ref().and_then(|mailbox| mailbox.coe.as_ref());
+        if !coe.is_some_and(|coe| coe.pdo_config) {
+            return;
+        }
+        for pdo in self.device.pdos.iter().filter(|pdo| !pdo.fixed) {
+            let found = draft.objects.iter_mut().find(|object| object.index == pdo.index);
+            for entry in found.into_iter().flat_map(|object| &mut object.entries) {
+                entry.access = entry.access.with(Access::WRITE_PREOP);
+            }
+        }
+    }
+}
+
+/// An object as the stack can hold it; `None` if it can't.
+fn fit(object: &EsiObject) -> Option<draft::Object> {
+    let mut entries: Vec<draft::Entry> = Vec::new();
+    let single = object.entries.len() == 1;
+    let mut free = 0;
+    for found in object.entries.iter().filter(|entry| entry.bits > 0) {
+        let count = found.sub == 0 && !single;
+        if count && found.bits != 8 {
+            return None;
+        }
+        // Offsets that overlap are no layout; then one follows the other.
+        let offset = found.offset.max(free);
+        let bits = if found.sub == 0 { found.bits.max(16) } else { found.bits };
+        free = offset + u32::from(bits);
+        entries.push(draft::Entry {
+            at: object.at,
+            sub: found.sub,
+            name: super::super::sii::cut(&found.name).to_owned(),
+            data_type: if count { DataType::UNSIGNED8 } else { found.data_type },
+            bits: found.bits,
+            offset,
+            access: found.access,
+            written: written(&found.default),
+            default: found.default.clone(),
+        });
+    }
+    let first = entries.first()?;
+    let long = entries.iter().any(|entry| usize::from(entry.bits.div_ceil(8)) > MAX_TRANSFER);
+    if first.sub != 0 || long || free.div_ceil(8) as usize > MAX_TRANSFER {
+        return None;
+    }
+    Some(draft::Object {
+        at: object.at,
+        index: object.index,
+        name: super::super::sii::cut(&object.name).to_owned(),
+        code: object.code,
+        data_type: object.data_type,
+        entries,
+        contradiction: None,
+    })
+}
+
+fn written(bytes: &[u8]) -> String {
+    let number = bytes.iter().take(8).rev().fold(0u64, |sum, byte| sum << 8 | u64::from(*byte));
+    format!("{number:#x}")
+}
+
+fn entry(at: usize, sub: u8, name: &str, offset: u32, default: Vec<u8>) -> draft::Entry {
+    draft::Entry {
+        at,
+        sub,
+        name: name.to_owned(),
+        data_type: DataType::UNSIGNED8,
+        bits: 8,
+        offset,
+        access: Access::READ,
+        written: written(&default),
+        default,
+    }
+}

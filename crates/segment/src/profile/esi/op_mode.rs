@@ -1,0 +1,159 @@
+//! In which mode a device runs by one of its OpModes, at one bus cycle.
+
+use isocat_descriptions::esi::{CycleTime, EsiDevice, EsiFile, EsiOpMode, ShiftTime};
+use isocat_sync::SyncMode;
+use isocat_sync::opmode::{self, Unit, Warning};
+use isocat_wire::dc::AssignActivate;
+use isocat_wire::time::Nanos;
+
+use super::super::Profile;
+use super::{NotSimulated, Obstacle};
+
+/// What a MainDevice is asked for so that a device runs as its OpMode says.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct RunAs {
+    /// Mode.
+    pub mode: SyncMode,
+    /// Every mode that the OpMode may stand for, the likeliest first: its registers say no more.
+    pub modes: &'static [SyncMode],
+    /// From SYNC0 to SYNC1, where the mode has it behind SYNC0; `None` there: what the device needs.
+    pub sync1: Option<Nanos>,
+    /// Cycle of SYNC0, where it is a part of the bus cycle.
+    pub sync0_cycle: Option<Nanos>,
+    /// What is doubtful, or not done as the file says: `name: words`.
+    pub notes: Vec<String>,
+}
+
+impl RunAs {
+    /// By an OpMode, `None` for a device without; at a bus cycle.
+    pub fn new(
+        file: &EsiFile,
+        device: &EsiDevice,
+        op_mode: Option<usize>,
+        profile: &Profile,
+        bus: Nanos,
+    ) -> Result<Self, NotSimulated> {
+        let Some(mode) = op_mode.and_then(|number| device.op_modes().get(number)) else {
+            return Ok(Self::without_sync(profile, Vec::new()));
+        };
+        let stopped = |obstacle: Obstacle, words: String| {
+            let message =
+                format!("OpMode \"{}\" can't be run ({}): {words}", mode.name, obstacle.name());
+            NotSimulated { obstacle, error: file.error(mode.at, message) }
+        };
+        let clock_only = device.dc.as_ref().is_some_and(|dc| dc.time_loop_control_only);
+        let unit = Unit { clock_only, ..Unit::default() };
+        let registers = raw(mode)
+            .registers(bus, &unit)
+            .map_err(|problem| stopped(Obstacle::Sync0Cycle, problem.to_string()))?;
+        let found: Vec<Warning> = registers.warnings.iter().collect();
+        let mut notes: Vec<String> =
+            found.iter().map(|warning| format!("{}: {warning}", warning.name())).collect();
+        if registers.count == 0 {
+            return Ok(Self::without_sync(profile, notes));
+        }
+        if found.contains(&Warning::UnitAtPdi) {
+            let words =
+                "the device sets up its SYNC unit itself; a virtual one does not".to_owned();
+            return Err(stopped(Obstacle::SyncUnitAtPdi, words));
+        }
+        let sync0 = Nanos(registers.sync0_cycle.into());
+        if registers.period() != bus {
+            let words = format!(
+                "its pulses repeat every {}, the bus cycle is {bus}; expected the same",
+                registers.period()
+            );
+            return Err(stopped(Obstacle::Sync0Cycle, words));
+        }
+        let types = profile.supported_types();
+        let stated = types.0 & ANY_MODE != 0;
+        let candidates = registers.modes();
+        let supported = candidates.iter().find(|mode| mode.is_supported(types) || !stated);
+        let chosen = *supported.unwrap_or(&candidates[0]);
+        if registers.phase() != Nanos::ZERO {
+            let from = if registers.input_based { "inputs" } else { "outputs" };
+            notes.push(format!(
+                "shift-time-sync0: {} behind the reference point of the {from}; the phase is the plan's",
+                registers.phase()
+            ));
+        }
+        let word = AssignActivate(mode.assign_activate);
+        if word.0 & LATCH_AT_PDI != 0 {
+            notes
+                .push(format!("latch-units: {word} leaves latch units to the device; not written"));
+        }
+        // SYNC0 is what SYNC1 is counted from and what these modes copy outputs by.
+        let sync1_alone = word.makes_sync1() && !word.makes_sync0();
+        if sync1_alone {
+            let written = AssignActivate::SYNC0_AND_SYNC1;
+            notes.push(format!(
+                "sync0-added: {word} has no SYNC0, which mode {chosen} needs; {written} is written"
+            ));
+        }
+        let behind = registers.behind_sync0();
+        if chosen == SyncMode::DcSubordinated && behind != Nanos::ZERO {
+            notes.push(format!(
+                "shift-time-sync1: SYNC1 should come {behind} behind a SYNC0; it comes with it"
+            ));
+        }
+        Ok(Self {
+            mode: chosen,
+            modes: candidates,
+            sync1: match chosen {
+                // No distance is given, and none is no answer: what the device needs.
+                SyncMode::DcSync1 if sync1_alone && registers.sync1 == 0 => None,
+                SyncMode::DcShiftSync1 | SyncMode::DcSync1 => Some(Nanos(registers.sync1.into())),
+                _ => None,
+            },
+            sync0_cycle: (chosen == SyncMode::DcSubordinated).then_some(sync0),
+            notes,
+        })
+    }
+
+    /// SYNC off: SM-synchronous, unless the device announces something else.
+    fn without_sync(profile: &Profile, mut notes: Vec<String>) -> Self {
+        let types = profile.supported_types();
+        let mode = match (profile.states_modes(), types.sm_synchronous()) {
+            // Where nothing is announced, Free Run is what nobody can refuse.
+            (true, false) => SyncMode::FreeRun,
+            (true, true) => SyncMode::SmSynchronous,
+            (false, _) => {
+                notes.push(
+                    "sync-mode-not-stated: the description does not say by what the device works without \
+                     SYNC; SM-synchronous is taken"
+                        .to_owned(),
+                );
+                SyncMode::SmSynchronous
+            }
+        };
+        let modes = &[SyncMode::SmSynchronous, SyncMode::FreeRun];
+        Self { mode, modes, sync1: None, sync0_cycle: None, notes }
+    }
+}
+
+/// The OpMode for the arithmetic of the SYNC unit.
+fn raw(mode: &EsiOpMode) -> opmode::OpMode {
+    let cycle = |time: Option<CycleTime>| {
+        time.map_or_else(Default::default, |time| opmode::CycleTime {
+            value: time.value.0,
+            factor: time.factor,
+        })
+    };
+    let shift = |time: ShiftTime| opmode::ShiftTime {
+        value: time.value.0,
+        factor: time.factor,
+        input: time.input,
+    };
+    opmode::OpMode {
+        assign_activate: AssignActivate(mode.assign_activate),
+        sync0: cycle(mode.cycle_time_sync0),
+        shift0: mode.shift_time_sync0.map(shift).unwrap_or_default(),
+        sync1: cycle(mode.cycle_time_sync1),
+        shift1: mode.shift_time_sync1.map_or(0, |shift| shift.value.0),
+    }
+}
+
+/// Bits of 0x1C32:04 that announce a mode.
+const ANY_MODE: u16 = 0x001F;
+/// Bits of register 0x0980.
+const LATCH_AT_PDI: u16 = 0x0030;

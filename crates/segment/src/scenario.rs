@@ -1,0 +1,204 @@
+//! From a segment file to a run: devices with ESC, stack and application, a host, and the intent that
+//! the MainDevice is given.
+
+use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, StartupDownload};
+use isocat_sim::random::Stream;
+use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
+use isocat_subdevice::Application;
+use isocat_subdevice::drive::Drive;
+use isocat_subdevice::io::Io;
+use isocat_wire::time::{Nanos, Time};
+
+use crate::offline;
+use crate::profile::{self, ApplicationKind, Profile};
+use crate::segment_file::{Operation, SegmentFile, SubDevice};
+
+mod laid_out;
+
+use laid_out::LaidOutDrive;
+
+/// A run, described: what [`Scenario::run`] makes a simulation of.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// Where the segment was described.
+    pub source: String,
+    /// Seed of all randomness.
+    pub seed: u64,
+    /// Bus cycle.
+    pub cycle: Nanos,
+    /// How long the run is judged.
+    pub duration: Nanos,
+    /// Largest SYNC0 error with which a SubDevice counts as synchronized. Default 1 us: what the field
+    /// calls synchronous; a healthy segment is far below.
+    pub sync0_limit: Nanos,
+    /// Wanted phase of SYNC0; `None`: the plan chooses.
+    pub shift: Option<Nanos>,
+    /// The MainDevice's machine.
+    pub host: HostModel,
+    /// Whether the clocks are kept together.
+    pub drift_compensation: bool,
+    /// How much two clocks may differ, for the plan; `None`: as the MainDevice has it.
+    pub clock_error: Option<Nanos>,
+    /// Watchdog of the process data; `None`: as the chips have it.
+    pub watchdog: Option<Nanos>,
+    /// What the MainDevice does beside the exchange while the segment runs.
+    pub operation: Operation,
+    /// Run although the plan says that it does not fit.
+    pub force: bool,
+    /// The devices, in the order of the line.
+    pub devices: Vec<SubDevice>,
+}
+
+impl From<SegmentFile> for Scenario {
+    fn from(file: SegmentFile) -> Self {
+        let host = HostModel {
+            clock_ppb: file.host.clock.0,
+            jitter: file.host.jitter,
+            ..HostModel::default()
+        };
+        Self {
+            source: file.path,
+            seed: file.seed,
+            cycle: file.cycle,
+            duration: file.duration,
+            sync0_limit: Nanos(1_000),
+            shift: file.shift,
+            host,
+            drift_compensation: file.host.drift_compensation,
+            clock_error: None,
+            watchdog: file.watchdog,
+            operation: file.operation,
+            force: false,
+            devices: file.subdevices,
+        }
+    }
+}
+
+impl Scenario {
+    /// The simulation of it.
+    pub fn run(&self) -> Run {
+        let segment = self.devices.iter().enumerate().map(|(i, d)| self.connection(i, d)).collect();
+        Run {
+            setup: Setup { seed: self.seed, config: self.config(), host: self.host, segment },
+            duration: self.duration,
+            sync0_limit: self.sync0_limit,
+        }
+    }
+
+    /// What the MainDevice is asked for.
+    pub fn config(&self) -> Config {
+        let mut config = Config::new(self.cycle);
+        config.host_jitter = self.host.jitter;
+        config.shift = self.shift;
+        config.drift_compensation = self.drift_compensation;
+        config.clock_error = self.clock_error;
+        config.watchdog = self.watchdog;
+        config.force = self.force;
+        config.quality = self.operation.quality;
+        config.delay_watch = self.operation.delay_watch;
+        config.recovery = self.operation.recovery;
+        config.direction = self.operation.direction;
+        config.devices = self.devices.iter().map(device_config).collect();
+        for (position, _) in self.devices.iter().enumerate().filter(|(_, d)| d.optional) {
+            let known = offline::known(&self.devices, position);
+            config.devices[position].hot_connect = Some(Box::new(known));
+        }
+        config
+    }
+
+    fn connection(&self, position: usize, device: &SubDevice) -> Connection {
+        let profile = device.profile;
+        // Counters start anywhere, as devices that were switched on at different times have them.
+        let local_time = Stream::new(self.seed, "power-on", position as u64).up_to(MOST_LOCAL_TIME);
+        Connection {
+            parent: device.place.upstream,
+            port: device.place.port,
+            cable: Cable::with_speed(device.cable.0 as u64, device.cable_delay.0)
+                .with_asymmetry(device.cable_asymmetry.into()),
+            phys: None,
+            power_on: Time::ZERO + device.arrives.into(),
+            device: DeviceSetup {
+                chip: profile.esc(),
+                sii: profile.sii.clone().into(),
+                description: profile.description,
+                application: application(profile),
+                cpu: cpu(profile),
+                clock: ClockModel { deviation_ppb: device.clock.0, ..device.clock_shape },
+                local_time: Time::new(local_time),
+            },
+        }
+    }
+}
+
+/// Four months in ns.
+const MOST_LOCAL_TIME: u64 = 10_000_000_000_000_000;
+
+fn device_config(device: &SubDevice) -> DeviceConfig {
+    let profile = device.profile;
+    let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
+    // A device without mailbox states nothing over the wire: the user's file speaks for it.
+    let silent = (!profile.has_mailbox()).then_some(profile);
+    // How punctual its CPU is, no device can tell.
+    let jitter = profile.times.jitter + profile.times.unevenness.timer_jitter;
+    // What it states as 0, and needs all the same.
+    let times = &profile.times;
+    let copy_inputs = times.input_copy.max(times.application);
+    let assumed = AssumedTimes {
+        // One step behind the other, as its CPU takes them.
+        minimum_cycle: Some(times.calc_and_copy + times.application + times.input_copy + jitter),
+        pulse_jitter: Some(jitter),
+        outputs_calc_and_copy: Some(times.calc_and_copy),
+        // Outputs that nothing delays act behind the application.
+        outputs_delay: Some(times.application),
+        inputs_calc_and_copy: Some(copy_inputs),
+        ..AssumedTimes::default()
+    };
+    let assumed = silent.map_or(assumed, |profile| AssumedTimes {
+        outputs_calc_and_copy: Some(profile.times.calc_and_copy),
+        inputs_calc_and_copy: Some(profile.times.application + profile.times.input_copy),
+        ..assumed
+    });
+    DeviceConfig {
+        name: device.name.clone(),
+        identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
+        mode: device.mode.or_else(|| silent?.preferred_mode()),
+        outputs: list(&profile.assignment.outputs),
+        inputs: list(&profile.assignment.inputs),
+        shift_outputs: device.shift,
+        shift_inputs: device.input_shift,
+        cycle: device.cycle,
+        sync1: device.sync1,
+        sync0_cycle: device.sync0_cycle,
+        assumed,
+        startup: profile.startup.iter().map(startup).collect(),
+        hot_connect: None,
+    }
+}
+
+fn startup(download: &profile::Startup) -> StartupDownload {
+    StartupDownload {
+        object: download.object,
+        data: download.data.clone(),
+        complete: download.complete_access,
+    }
+}
+
+fn application(profile: &Profile) -> Box<dyn Application + Send> {
+    match profile.application {
+        ApplicationKind::Drive => Box::new(Drive::default()),
+        ApplicationKind::DriveAt(layout) => Box::new(LaidOutDrive::new(layout)),
+        ApplicationKind::Io => Box::new(Io::default()),
+    }
+}
+
+fn cpu(profile: &Profile) -> CpuModel {
+    let times = &profile.times;
+    CpuModel {
+        reaction: times.reaction,
+        copy_outputs: times.calc_and_copy,
+        application: times.application,
+        copy_inputs: times.input_copy,
+        jitter: times.jitter,
+        unevenness: times.unevenness,
+    }
+}

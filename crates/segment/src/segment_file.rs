@@ -1,0 +1,278 @@
+//! Segment files: which devices stand on the wire, how they are synchronized, for how long.
+//!
+//! ```toml
+//! cycle = "1ms"
+//!
+//! [[subdevice]]
+//! device = "kollmorgen_akd2g"   # a built-in profile, or the path of a profile file
+//! mode = "dc-sync0"             # default: the best that the device and the cycle allow
+//! cable = "10m"
+//! clock = "-35ppm"
+//!
+//! [[subdevice]]                 # behind the one above, unless it says otherwise
+//! device = "kollmorgen_akd2g"
+//! connect = "1:1"               # a device above, by name or place, and its port
+//! clock_ramp = { by = "+5ppm", from = "2s", over = "60s" }
+//! ```
+//!
+//! Any device of a maker's description (ESI) can stand in a segment:
+//!
+//! ```toml
+//! [[subdevice]]
+//! esi = "vendor.xml"            # relative to the segment file
+//! type = "EL2502-0010"
+//! revision = 0x0011_0000        # default: the newest
+//! opmode = "DC"                 # by name, or by number from 0; default: the first, for drives the first with SYNC0
+//! ```
+//!
+//! With `count = 50` a table stands for fifty equal devices in a line.
+//!
+//! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
+//! known name.
+
+use std::collections::HashMap;
+
+use isocat_descriptions::document::section::Keys;
+use isocat_descriptions::document::{Source, Table};
+use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
+use isocat_sim::ClockModel;
+use isocat_sync::SyncMode;
+use isocat_wire::time::Nanos;
+
+use crate::profile::Profile;
+
+mod clock;
+mod esi;
+mod keys;
+mod misbehave;
+mod operation;
+mod subdevice;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+pub use isocat_descriptions::document::{FileError, name_hint};
+pub use keys::FILE;
+pub use misbehave::vocabulary;
+pub use operation::Operation;
+pub use tree::Place;
+
+use keys::MOST_DEVICES;
+
+/// A segment, checked: every device exists, every number is in range.
+#[derive(Clone, Debug)]
+pub struct SegmentFile {
+    /// The file, as errors name it.
+    pub path: String,
+    /// Bus cycle. Key `cycle`, needed; 10 us to 1 s.
+    pub cycle: Nanos,
+    /// How long to run once the segment is in operation. Key `for`, one cycle to 24 h; default 10 s.
+    pub duration: Nanos,
+    /// Seed of everything random in the simulation. Key `seed`; default 1.
+    pub seed: u64,
+    /// Wanted position of SYNC0 after the start of the cycle. Key `shift`, below one cycle; default:
+    /// the plan chooses.
+    pub shift: Option<Nanos>,
+    /// Watchdog of the process data, register 0x0420. Key `watchdog`, whole 100 us up to 6.5535 s; `None`: as the chips
+    /// have it, 100 ms.
+    pub watchdog: Option<Nanos>,
+    /// What the MainDevice does beside the exchange while the segment runs.
+    pub operation: Operation,
+    /// The MainDevice's machine.
+    pub host: Host,
+    /// The devices in the order of their positions: the one in which frames are processed.
+    pub subdevices: Vec<SubDevice>,
+}
+
+/// `[host]`: the machine that the MainDevice runs on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Host {
+    /// How fast its clock runs. Key `clock`, within 1000 ppm; default +12 ppm, an ordinary crystal.
+    pub clock: Ppb,
+    /// Peak-to-peak lateness of its wake-ups. Key `jitter`, up to 10 ms and below half a cycle; default
+    /// 20 us, a tuned PC.
+    pub jitter: Nanos,
+    /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`; default
+    /// true. Without it a simulation shows how clocks run apart.
+    pub drift_compensation: bool,
+}
+
+/// `[[subdevice]]`: one device.
+#[derive(Clone, Debug)]
+pub struct SubDevice {
+    /// What reports call it. Key `name`; default: the device's id and its
+    /// place in the file from 0. With `count = N`, N equal devices stand one behind the other in the place of
+    /// one; the name of each then ends in its number among them, from 0.
+    pub name: String,
+    /// The device, with what the file says differently already in it. Keys `device`, needed;
+    /// `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay`
+    /// (what it states in 0x1C32:09), `jitter` (of its CPU), `misbehave` (what it does wrong, by name).
+    pub profile: &'static Profile,
+    /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
+    pub mode: Option<SyncMode>,
+    /// Where it hangs. Keys `connect` and `port`; default: behind the device above it.
+    pub place: Place,
+    /// Cable that leads to it. Key `cable`, 10 mm to 2 km; default 10 m.
+    pub cable: Length,
+    /// How long signals take on that cable. Key `cable_delay`, 3.3 to 10 ns/m; default 5 ns/m.
+    pub cable_delay: DelayPerMetre,
+    /// How much longer the way out takes on that cable than the way back; the mean stays. Key
+    /// `cable_asymmetry`, up to twice the cable's delay; default 0 ns.
+    pub cable_asymmetry: Nanos,
+    /// How fast its clock runs. Key `clock`, within 1000 ppm; default 0 ppm.
+    pub clock: Ppb,
+    /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`; default:
+    /// not at all. Its constant part is [`SubDevice::clock`].
+    pub clock_shape: ClockModel,
+    /// Its own cycle, for a device slower than the bus: SYNC0 comes and process data travel so often. Key `cycle`, a
+    /// whole multiple of the bus cycle; `None`: the bus cycle.
+    pub cycle: Option<Nanos>,
+    /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
+    /// device's own.
+    pub shift: Option<Nanos>,
+    /// Wanted shift of its Input Latch, 0x1C33:03. Key `input_shift`, below one cycle; `None` leaves the
+    /// device's own.
+    pub input_shift: Option<Nanos>,
+    /// From SYNC0 to SYNC1. Key `sync1`, below one cycle; for the modes "dc-shift-sync1" and "dc-sync1". `None`:
+    /// a quarter of the cycle, and for "dc-sync1" what the device needs.
+    pub sync1: Option<Nanos>,
+    /// Cycle of SYNC0. Key `sync0_cycle`, a part of the cycle; for the mode "dc-subordinated". `None`: what the
+    /// device states in 0x1C32:0A.
+    pub sync0_cycle: Option<Nanos>,
+    /// It may be absent, and come while the segment runs (hot connect). Key `optional`; default: it must be there.
+    pub optional: bool,
+    /// When an optional one gets its power, from the start of the simulation. Key `arrives`, up to 24 h; default:
+    /// it is there from the start.
+    pub arrives: Nanos,
+    /// What is doubtful about a device from a maker's description: `name: words`.
+    pub notes: Vec<String>,
+    /// Line of the file at which it begins, for messages.
+    pub line: usize,
+}
+
+impl SegmentFile {
+    /// Reads a segment file; `path` names it in errors, and paths of profile files are relative to
+    /// its folder.
+    pub fn parse(path: &str, text: &str) -> Result<Self, FileError> {
+        let source = Source { path, text };
+        let document = source.parse()?;
+        let root = Keys::open(Table::root(source, &document), &keys::FILE)?;
+        let cycle = root.get("cycle")?;
+        let root = root.by(cycle);
+        let duration = root.get("for")?;
+        let seed = root.get("seed")?;
+        let shift = root.find("shift")?;
+        let watchdog = root.find("watchdog")?;
+        let operation = operation::operation(&root)?;
+        let host = host(root.table("host")?, cycle)?;
+        let tables = root.tables("subdevice")?;
+        if tables.is_empty() {
+            return Err(root.error(keys::no_device()));
+        }
+        let mut devices = Devices::default();
+        let mut files = esi::Files::default();
+        for table in &tables {
+            devices.add(table, subdevice::subdevice(source, table, cycle, &mut files)?)?;
+        }
+        let subdevices = tree::sort(devices.subdevices);
+        let path = path.to_owned();
+        Ok(Self { path, cycle, duration, seed, shift, watchdog, operation, host, subdevices })
+    }
+
+    /// Reads a segment file from disk.
+    pub fn read(path: &str) -> Result<Self, FileError> {
+        Self::parse(path, &read(path)?)
+    }
+
+    /// The segment that `isocat run` shows without a file.
+    pub fn built_in() -> Self {
+        Self::parse("built-in segment", BUILT_IN)
+            .unwrap_or_else(|error| panic!("a test reads the built-in segment: {error}"))
+    }
+
+    /// Its text, as a start for one's own.
+    pub const fn built_in_text() -> &'static str {
+        BUILT_IN
+    }
+}
+
+/// The devices of the file so far.
+#[derive(Default)]
+struct Devices {
+    subdevices: Vec<SubDevice>,
+    ports: tree::Ports,
+    /// The line in which each name was given.
+    names: HashMap<String, usize>,
+}
+
+impl Devices {
+    /// Adds what a table describes: one device, or `count` equal ones, one behind the other.
+    fn add(&mut self, keys: &Keys<'_>, device: SubDevice) -> Result<(), FileError> {
+        let count: usize = keys.get("count")?;
+        let all = self.subdevices.len() + count;
+        if all > MOST_DEVICES {
+            return Err(
+                keys.error_at("count", format!("{all} devices; expected at most {MOST_DEVICES}"))
+            );
+        }
+        for number in 0..count {
+            let name = match keys.value("name") {
+                Some(_) if count > 1 => format!("{} {number}", device.name),
+                Some(_) => device.name.clone(),
+                None => format!("{} {}", device.profile.id, self.subdevices.len()),
+            };
+            if let Some(line) = self.names.insert(name.clone(), device.line) {
+                let message = format!(
+                    "the name \"{name}\" is already taken in line {line}; expected another"
+                );
+                return Err(keys.error_at("name", message));
+            }
+            // Only the first can hang elsewhere.
+            let connect = keys.value("connect").filter(|_| number == 0);
+            let place = self.ports.place(keys, connect, &self.subdevices, device.profile)?;
+            may_be_absent(keys, &device, place, &self.subdevices)?;
+            self.subdevices.push(SubDevice { name, place, ..device.clone() });
+        }
+        Ok(())
+    }
+}
+
+/// All others are behind the first; and who is behind one that is absent, is absent with it.
+fn may_be_absent(
+    keys: &Keys<'_>,
+    device: &SubDevice,
+    place: Place,
+    earlier: &[SubDevice],
+) -> Result<(), FileError> {
+    let error = |message: String| Err(keys.error_at("optional", message));
+    match place.upstream.map(|(above, _)| &earlier[above]) {
+        None if device.optional => error(
+            "the first device is optional, and all others are behind it; expected it to be there"
+                .into(),
+        ),
+        Some(above) if above.optional && !device.optional => error(format!(
+            "it is behind \"{}\", which is optional; expected optional = true here too",
+            above.name
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn host(keys: Option<Keys<'_>>, cycle: Nanos) -> Result<Host, FileError> {
+    // A short cycle would not leave the usual jitter its place.
+    let usual = Nanos::micros(20).min(Nanos(cycle.0 / 10));
+    let Some(keys) = keys else {
+        return Ok(Host { clock: Ppb::ppm(12), jitter: usual, drift_compensation: true });
+    };
+    Ok(Host {
+        clock: keys.get("clock")?,
+        jitter: keys.find("jitter")?.unwrap_or(usual),
+        drift_compensation: keys.get("drift_compensation")?,
+    })
+}
+
+fn read(path: &str) -> Result<String, FileError> {
+    std::fs::read_to_string(path).map_err(|error| FileError::unreadable(path, &error))
+}
+
+const BUILT_IN: &str = include_str!("../segments/built_in.toml");

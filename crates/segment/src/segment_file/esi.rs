@@ -1,0 +1,164 @@
+//! Devices from descriptions of makers: the keys `esi`, `type`, `revision` and `opmode`.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use isocat_descriptions::document::section::Keys;
+use isocat_descriptions::document::{FileError, Source, Value, name_hint};
+use isocat_descriptions::esi::{EsiDevice, EsiFile};
+use isocat_sync::SyncMode;
+use isocat_wire::time::Nanos;
+
+use crate::profile::{ApplicationKind, Profile, RunAs};
+
+/// Descriptions that were read for this segment, by path.
+#[derive(Default)]
+pub(super) struct Files(HashMap<String, EsiFile>);
+
+/// A device of a description.
+pub(super) struct Imported {
+    pub profile: &'static Profile,
+    pub run_as: RunAs,
+}
+
+/// The device that a table names; what it says of the OpMode is in [`RunAs::notes`].
+pub(super) fn device(
+    source: Source<'_>,
+    keys: &Keys<'_>,
+    esi: &Value<'_>,
+    cycle: Nanos,
+    files: &mut Files,
+) -> Result<Imported, FileError> {
+    let name = esi.name("the path of a device description, such as esi = \"vendor.xml\"")?;
+    let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
+    let path = folder.join(name).display().to_string();
+    let file = match files.0.entry(path) {
+        std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
+        std::collections::hash_map::Entry::Vacant(free) => {
+            let file = EsiFile::read(free.key()).map_err(|error| match error.line {
+                // It could not be read at all: the segment file is to blame.
+                0 => esi.error(error.to_string()),
+                _ => error,
+            })?;
+            free.insert(file)
+        }
+    };
+    let kind = keys.required("type")?;
+    let revision = keys.value("revision");
+    let wanted = keys.find("revision")?;
+    let choice = file.device(kind.name("a type of the description")?, wanted).map_err(|words| {
+        let place = revision.filter(|_| words.starts_with("no revision")).unwrap_or(kind);
+        place.error(words)
+    })?;
+    let (op_mode, mut notes) = op_mode(choice.device, keys.value("opmode"))?;
+    notes.extend(choice.note.map(|note| format!("revision: {note}")));
+    let device = choice.device;
+    let told = |error: crate::profile::NotSimulated| error.error;
+    let profile = Profile::from_esi(file, device, op_mode).map_err(told)?;
+    let mut run_as = RunAs::new(file, device, op_mode, profile, cycle).map_err(told)?;
+    notes.append(&mut run_as.notes);
+    for warning in &device.warnings {
+        // What was said of this OpMode at this cycle is more than what the file alone tells.
+        let name = format!("{}: ", warning.kind);
+        if !notes.iter().any(|note| note.starts_with(&name)) {
+            notes.push(name + &warning.message);
+        }
+    }
+    if device.profile.is_drive() && profile.application == ApplicationKind::Io {
+        notes.push(not_enabled(file, device, op_mode));
+    }
+    run_as.notes = notes;
+    Ok(Imported { profile, run_as })
+}
+
+/// Whether `mode` is one that the OpMode stands for. Where the file names both keys, another one is a mistake; where
+/// the OpMode was only the default, `mode` counts, and a note says so.
+pub(super) fn agree(
+    keys: &Keys<'_>,
+    value: &Value<'_>,
+    mode: SyncMode,
+    run_as: &mut RunAs,
+) -> Result<(), FileError> {
+    if run_as.modes.contains(&mode) {
+        return Ok(());
+    }
+    let names: Vec<_> = run_as.modes.iter().map(|mode| format!("\"{mode}\"")).collect();
+    let names = names.join(" or ");
+    match keys.value("opmode") {
+        Some(op_mode) => {
+            let message = format!(
+                "mode = \"{mode}\" contradicts opmode = {}, which stands for {names}; expected one of \
+                 these modes, or only one of both keys",
+                op_mode.written()
+            );
+            Err(value.error(message))
+        }
+        None => {
+            let words = format!(
+                "mode: \"{mode}\" as asked for; the OpMode that is taken stands for {names}, its times are not used"
+            );
+            run_as.notes.insert(0, words);
+            Ok(())
+        }
+    }
+}
+
+/// The OpMode that the key names or numbers; without it the first, but for a drive the first with SYNC0.
+fn op_mode(
+    device: &EsiDevice,
+    value: Option<Value<'_>>,
+) -> Result<(Option<usize>, Vec<String>), FileError> {
+    let modes = device.op_modes();
+    let names = || modes.iter().map(|mode| mode.name.as_str());
+    let Some(value) = value else {
+        let first_with_sync = modes.iter().position(|mode| mode.sync0());
+        let drive = device.profile.is_drive();
+        let number = first_with_sync.filter(|_| drive).or((!modes.is_empty()).then_some(0));
+        let note = match number {
+            Some(number) if modes.len() > 1 => {
+                let why = if drive { "the first with SYNC0, as for drives" } else { "the first" };
+                vec![format!("opmode: \"{}\" is taken, {why}", modes[number].name)]
+            }
+            _ => Vec::new(),
+        };
+        return Ok((number, note));
+    };
+    if modes.is_empty() {
+        let message = format!("opmode is given, but {} has none", device.type_name);
+        return Err(value.error(message));
+    }
+    if value.as_integer().is_some() {
+        return Ok((Some(value.integer(0..=modes.len() as i64 - 1)? as usize), Vec::new()));
+    }
+    let name = value.name("the name of an OpMode, or its number in the file from 0")?;
+    let Some(number) = names().position(|known| known == name) else {
+        let message = format!("no OpMode \"{name}\" in {}", device.type_name);
+        return Err(value.error(message).with_hint(name_hint(name, names())));
+    };
+    let same = names().filter(|known| *known == name).count();
+    let note = (same > 1)
+        .then(|| format!("opmode: {same} are called \"{name}\"; number {number} is taken"));
+    Ok((Some(number), note.into_iter().collect()))
+}
+
+/// Why a drive is treated as inputs and outputs.
+fn not_enabled(file: &EsiFile, device: &EsiDevice, op_mode: Option<usize>) -> String {
+    let image = file.image(device, op_mode.and_then(|number| device.op_modes().get(number)));
+    let has = |index: u16, bits: u16| {
+        let mut entries = image.all().flat_map(|pdo| &pdo.entries);
+        entries.any(|entry| entry.object.is_some_and(|o| o.index == index) && entry.bits == bits)
+    };
+    let lacking: Vec<_> = DRIVE_OBJECTS
+        .iter()
+        .filter(|(index, bits)| !has(*index, *bits))
+        .map(|(index, bits)| format!("0x{index:04X} of {bits} bits"))
+        .collect();
+    let why = match lacking.is_empty() {
+        true => "its process data do not begin at whole bytes".to_owned(),
+        false => format!("its process data lack {}", lacking.join(", ")),
+    };
+    format!("drive-not-enabled: a drive (CiA 402), but {why}: it is not enabled and does not move")
+}
+
+/// Objects that a drive which follows positions has in its process data, with their bits.
+const DRIVE_OBJECTS: [(u16, u16); 4] = [(0x6040, 16), (0x607A, 32), (0x6041, 16), (0x6064, 32)];

@@ -1,0 +1,430 @@
+//! Every key of a segment file, declared: name, values, what holds without it, what it does, where it goes.
+//!
+//! The parser reads by these tables, and `isocat explain`, `docs/segment-file.md` and `docs/segment-file.schema.json` are made
+//! of them. A new key is added here and read in `segment_file.rs`; a test refuses a key that has only one of both.
+
+mod clock;
+mod operation;
+
+use clock::LONGEST_RUN;
+pub(super) use operation::{DIRECTIONS, MARGIN, RECOVERY};
+
+use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Rule, Section};
+use isocat_wire::time::Nanos;
+
+use super::misbehave;
+use crate::profile;
+
+/// The whole file.
+pub static FILE: Section = Section {
+    head: "",
+    means: "A segment: which devices stand on the wire, how they are synchronized, for how long.",
+    keys: &[
+        Key {
+            name: "cycle",
+            kind: Kind::duration(SHORTEST_CYCLE, LONGEST_CYCLE),
+            need: Need::Required("the bus cycle, such as cycle = \"1ms\""),
+            means: "Bus cycle: the time from one exchange of process data to the next.",
+            goes: "Config::cycle; register 0x09A0 in DC modes, object 0x1C32:02",
+            example: r#""1ms""#,
+        },
+        Key {
+            name: "for",
+            kind: Kind::Duration { least: CYCLE, most: Limit::At(LONGEST_RUN.0), whole: 1 },
+            need: Need::Default(r#""10s""#),
+            means: "How long the run is judged once all devices are in OP.",
+            goes: "the run; --for of the command goes before it",
+            example: r#""2s""#,
+        },
+        Key {
+            name: "seed",
+            kind: Kind::Integer { least: 0, most: i64::MAX },
+            need: Need::Default("1"),
+            means: "Seed of everything random in the simulation. The same seed gives the same run.",
+            goes: "the simulation; --seed of the command goes before it",
+            example: "42",
+        },
+        Key {
+            name: "shift",
+            kind: BELOW_CYCLE,
+            need: Need::Without("the plan takes the phase that leaves all devices most slack"),
+            means: "Wanted phase of SYNC0: from the start of the bus cycle to the pulse.",
+            goes: "Config::shift; register 0x0990",
+            example: r#""120us""#,
+        },
+        Key {
+            name: "watchdog",
+            kind: Kind::Duration {
+                least: Limit::At(WATCHDOG_STEP),
+                most: Limit::At(WATCHDOG_STEP * u16::MAX as i64),
+                whole: WATCHDOG_STEP,
+            },
+            need: Need::Without("as the chips have it, 100 ms"),
+            means: "Watchdog of the process data: a device leaves OP if its outputs stay away for \
+                    longer.",
+            goes: "Config::watchdog; register 0x0420 in steps of 100 us",
+            example: r#""500ms""#,
+        },
+        Key {
+            name: "host",
+            kind: Kind::Table(&HOST),
+            need: Need::Without("an ordinary, tuned PC"),
+            means: "The machine that the MainDevice runs on.",
+            goes: "the simulated host; its jitter also into the plan",
+            example: r#"{ clock = "-3ppm" }"#,
+        },
+        Key {
+            name: "subdevice",
+            kind: Kind::Tables(&SUBDEVICE),
+            need: Need::Required(
+                "at least one device, such as [[subdevice]] device = \"kollmorgen_akd2g\"",
+            ),
+            means: "The devices. Each stands behind the one above it in the file unless `connect` \
+                    says otherwise.",
+            goes: "the segment",
+            example: r#"[{ device = "kollmorgen_akd2g" }]"#,
+        },
+        operation::QUALITY_KEY,
+        operation::DELAY_WATCH_KEY,
+        operation::RECOVERY_KEY,
+        operation::DIRECTION_KEY,
+    ],
+    rules: &[],
+};
+
+static HOST: Section = Section {
+    head: "[host]",
+    means: "The machine that the MainDevice runs on.",
+    keys: &[
+        Key {
+            name: "clock",
+            kind: clock::DEVIATION,
+            need: Need::Default(r#""+12ppm""#),
+            means: "How much faster than true time the host's clock runs. The default is an \
+                    ordinary crystal.",
+            goes: "the simulated host's oscillator",
+            example: r#""-3ppm""#,
+        },
+        Key {
+            name: "jitter",
+            kind: Kind::Duration {
+                least: Limit::At(0),
+                most: Limit::From("10 ms, below half a bus cycle", |cycle| {
+                    MOST_JITTER.0.min((cycle - 1) / 2)
+                }),
+                whole: 1,
+            },
+            need: Need::Without("20 us, a tuned PC; a tenth of the bus cycle if that is less"),
+            means: "How late a frame leaves at worst: peak-to-peak spread of the host's wake-ups. \
+                    The plan keeps it free.",
+            goes: "Config::host_jitter and the simulated host",
+            example: r#""20us""#,
+        },
+        Key {
+            name: "drift_compensation",
+            kind: Kind::Boolean,
+            need: Need::Default("true"),
+            means: "Whether the reference clock's time is distributed. Without it a simulation \
+                    shows how clocks run apart.",
+            goes: "Config::drift_compensation; writes to register 0x0910",
+            example: "false",
+        },
+    ],
+    rules: &[],
+};
+
+static SUBDEVICE: Section = Section {
+    head: "[[subdevice]]",
+    means: "One device, or with `count` several equal ones.",
+    keys: &[
+        Key {
+            name: "device",
+            kind: Kind::Either(&[
+                Kind::Choice(Choice(&profile::BuiltInIds)),
+                Kind::Pattern {
+                    expected: "the path of a profile file, relative to the segment file: it has a \
+                               slash or ends in .toml",
+                    pattern: r"(/|\.toml$)",
+                },
+            ]),
+            need: Need::Sometimes(
+                "unless `esi` is given",
+                "a profile's name, such as device = \"kollmorgen_akd2g\"",
+            ),
+            means: "What it is: a built-in profile or a profile file. Either this or `esi` is \
+                    needed, not both.",
+            goes: "the device's chip, dictionary, EEPROM and CPU times",
+            example: r#""kollmorgen_akd2g""#,
+        },
+        Key {
+            name: "esi",
+            kind: Kind::Name("the path of a device description, such as esi = \"vendor.xml\""),
+            need: Need::Without("`device` says what it is"),
+            means: "A maker's description (ESI), relative to the segment file. `type` says which \
+                    device of it.",
+            goes: "the device's chip, dictionary, EEPROM and OpModes",
+            example: r#""vendor.xml""#,
+        },
+        Key {
+            name: "type",
+            kind: Kind::Name("a type of the description"),
+            need: Need::Sometimes(
+                "beside `esi`",
+                "the type of the device, such as type = \"EL2502-0010\"",
+            ),
+            means: "The device of the description, by its type, as `isocat devices vendor.xml` \
+                    lists it. Needed beside `esi`.",
+            goes: "the choice of the device in the ESI file",
+            example: r#""EL2502-0010""#,
+        },
+        Key {
+            name: "revision",
+            kind: Kind::Hex { least: 0, most: u32::MAX as i64 },
+            need: Need::Without("the newest that the description has"),
+            means: "The revision of the device. Only beside `esi`.",
+            goes: "the choice of the device in the ESI file; object 0x1018:03",
+            example: "0x0011_0000",
+        },
+        Key {
+            name: "opmode",
+            kind: Kind::Either(&[
+                Kind::Name("the name of an OpMode, or its number in the file from 0"),
+                Kind::Integer { least: 0, most: i64::MAX },
+            ]),
+            need: Need::Without("the first; for drives the first with SYNC0"),
+            means: "The OpMode of the description, by its name or by its number in the file from \
+                    0. Only beside `esi`.",
+            goes: "mode, SYNC0 and SYNC1 times of the device: registers 0x0980, 0x09A0, 0x09A4",
+            example: r#""DC""#,
+        },
+        Key {
+            name: "count",
+            kind: Kind::Integer { least: 1, most: MOST_DEVICES as i64 },
+            need: Need::Default("1"),
+            means: "Number of equal devices, one behind the other. Their names end in their number \
+                    from 0. All devices of the file are at most 65535.",
+            goes: "the segment",
+            example: "50",
+        },
+        Key {
+            name: "name",
+            kind: Kind::Name("a name in quotes"),
+            need: Need::Without("the profile's id and the device's place in the file from 0"),
+            means: "What reports call it. Each name is given once.",
+            goes: "DeviceConfig::name; reports, captures and `connect`",
+            example: r#""axis 2""#,
+        },
+        Key {
+            name: "mode",
+            kind: Kind::Choice(Choice(&profile::MODES)),
+            need: Need::Without("the best that the device and the cycle allow"),
+            means: "How it is synchronized. The device must announce the mode in 0x1C32:04.",
+            goes: "DeviceConfig::mode; objects 0x1C32:01 and 0x1C33:01, registers 0x0980 and \
+                   0x0981",
+            example: r#""dc-sync0""#,
+        },
+        Key {
+            name: "cycle",
+            kind: Kind::Duration { least: CYCLE, most: Limit::At(LONGEST_CYCLE.0), whole: 1 },
+            need: Need::Without("the bus cycle"),
+            means: "Cycle of a device slower than the bus: a whole multiple of the bus cycle. \
+                    SYNC0 comes and process data travel once in it.",
+            goes: "DeviceConfig::cycle; register 0x09A0, object 0x1C32:02",
+            example: r#""4ms""#,
+        },
+        Key {
+            name: "connect",
+            kind: Kind::Pattern {
+                expected: "a device above and its port, such as \"axis 1:3\"",
+                pattern: r"^.+:\s*[0-3]\s*$",
+            },
+            need: Need::Without(
+                "the device above, port 1; port 0 if that one's port 1 leads upstream",
+            ),
+            means: "Where its cable leads: the name of a device above in the file, or its place \
+                    from 0, and the port there.",
+            goes: "the topology",
+            example: r#""axis 1:2""#,
+        },
+        Key {
+            name: "port",
+            kind: Kind::Integer { least: 0, most: 3 },
+            need: Need::Default("0"),
+            means: "The device's own port that the cable upstream is plugged into. Any other than \
+                    0 is a swapped cable.",
+            goes: "the topology",
+            example: "1",
+        },
+        Key {
+            name: "cable",
+            kind: Kind::Length { least: 10, most: 2_000_000 },
+            need: Need::Default(r#""10m""#),
+            means: "Length of the cable that leads to the device.",
+            goes: "the simulated cable; propagation delay, register 0x0928",
+            example: r#""25m""#,
+        },
+        Key {
+            name: "cable_delay",
+            kind: Kind::DelayPerMetre { least: LEAST_DELAY, most: 10_000 },
+            need: Need::Default(r#""5ns/m""#),
+            means: "How long a signal takes on that cable. The least is the speed of light.",
+            goes: "the simulated cable; propagation delay, register 0x0928",
+            example: r#""5.3ns/m""#,
+        },
+        Key {
+            name: "cable_asymmetry",
+            kind: Kind::Duration {
+                least: Limit::From("minus twice the cable's delay", |twice| -twice),
+                most: Limit::From("twice the cable's delay", |twice| twice),
+                whole: 1,
+            },
+            need: Need::Default(r#""0ns""#),
+            means: "How much longer the way out takes on that cable than the way back. The mean \
+                    stays.",
+            goes: "the simulated cable; an error of the measured delay that no MainDevice can see",
+            example: r#""4ns""#,
+        },
+        Key {
+            name: "clock",
+            kind: clock::DEVIATION,
+            need: Need::Default(r#""0ppm""#),
+            means: "How much faster than true time its clock runs.",
+            goes: "the simulated ESC's oscillator",
+            example: r#""-35ppm""#,
+        },
+        clock::RAMP_KEY,
+        clock::STEP_KEY,
+        clock::WALK_KEY,
+        Key {
+            name: "shift",
+            kind: BELOW_CYCLE,
+            need: Need::Without("the device's own"),
+            means: "Wanted shift of Outputs Valid, from the pulse to valid outputs. For a device \
+                    with shift by local timer.",
+            goes: "DeviceConfig::shift_outputs; object 0x1C32:03",
+            example: r#""40us""#,
+        },
+        Key {
+            name: "input_shift",
+            kind: BELOW_CYCLE,
+            need: Need::Without("the device's own"),
+            means: "Wanted shift of Input Latch, from the pulse or the SM event to the latch. For \
+                    a device with shift by local timer.",
+            goes: "DeviceConfig::shift_inputs; object 0x1C33:03",
+            example: r#""30us""#,
+        },
+        Key {
+            name: "sync1",
+            kind: BELOW_CYCLE,
+            need: Need::Without("a quarter of the cycle; for \"dc-sync1\" what the device needs"),
+            means: "From SYNC0 to SYNC1. For the modes \"dc-shift-sync1\" and \"dc-sync1\".",
+            goes: "DeviceConfig::sync1; register 0x09A4",
+            example: r#""250us""#,
+        },
+        Key {
+            name: "sync0_cycle",
+            kind: Kind::Duration { least: Limit::At(10), most: BELOW, whole: 1 },
+            need: Need::Without("what the device states in 0x1C32:0A"),
+            means: "Cycle of SYNC0: a whole part of the bus cycle. For the mode \
+                    \"dc-subordinated\".",
+            goes: "DeviceConfig::sync0_cycle; register 0x09A0, object 0x1C32:0A",
+            example: r#""250us""#,
+        },
+        Key {
+            name: "calc_copy",
+            kind: Kind::duration(Nanos(1), LONGEST_CYCLE),
+            need: Need::Without("the device's own"),
+            means: "Calc and copy time that the device states, and that the plan believes.",
+            goes: "object 0x1C32:06 of the simulated device",
+            example: r#""70us""#,
+        },
+        Key {
+            name: "copy_time",
+            kind: Kind::duration(Nanos(1), LONGEST_CYCLE),
+            need: Need::Without("that of its profile, as a rule what 0x1C32:06 states"),
+            means: "Time that its CPU really needs from the SM2 event to mapped outputs. Above the \
+                    stated time it eats the slack.",
+            goes: "the simulated CPU's calc and copy time",
+            example: r#""90us""#,
+        },
+        Key {
+            name: "delay",
+            kind: Kind::duration(Nanos::ZERO, LONGEST_CYCLE),
+            need: Need::Without("the device's own"),
+            means: "Delay time that the device states: from the pulse to valid outputs, by its \
+                    hardware.",
+            goes: "object 0x1C32:09 of the simulated device",
+            example: r#""12.5us""#,
+        },
+        Key {
+            name: "jitter",
+            kind: Kind::duration(Nanos::ZERO, MOST_JITTER),
+            need: Need::Without("that of its profile"),
+            means: "How late the steps that follow SYNC0 begin at worst: peak-to-peak spread of \
+                    its CPU.",
+            goes: "the simulated CPU's jitter and the plan",
+            example: r#""2us""#,
+        },
+        Key {
+            name: "misbehave",
+            kind: Kind::List(&Kind::Command {
+                expected: "a fault, such as \"missed-copy 3\"",
+                words: Choice(&misbehave::Vocabulary),
+            }),
+            need: Need::Without("it behaves"),
+            means: "What it does wrong, by name. `isocat conform --faults` lists all words.",
+            goes: "the simulated device's stack",
+            example: r#"["missed-copy 3"]"#,
+        },
+        Key {
+            name: "optional",
+            kind: Kind::Boolean,
+            need: Need::Default("false"),
+            means: "It may be absent, and come while the segment runs (hot connect). All devices \
+                    behind it must be optional too, and the first device can't be.",
+            goes: "DeviceConfig::hot_connect",
+            example: "true",
+        },
+        Key {
+            name: "arrives",
+            kind: Kind::duration(Nanos::ZERO, LONGEST_RUN),
+            need: Need::Default(r#""0s""#),
+            means: "When an optional device gets its power, from the start of the simulation. Only \
+                    beside `optional = true`.",
+            goes: "the simulated device's power",
+            example: r#""3s""#,
+        },
+    ],
+    rules: &[
+        Rule::Either("device", "esi"),
+        Rule::Needs("esi", "type"),
+        Rule::Needs("type", "esi"),
+        Rule::Needs("revision", "esi"),
+        Rule::Needs("opmode", "esi"),
+        Rule::Needs("arrives", "optional"),
+    ],
+};
+
+/// What is wrong with a file that lists no device.
+pub(super) fn no_device() -> String {
+    let Some(Need::Required(expected)) = FILE.key("subdevice").map(|key| key.need) else {
+        unreachable!("the devices are declared as needed");
+    };
+    format!("the segment has no [[subdevice]]; expected {expected}")
+}
+
+/// The bus cycle is the base of this table's limits.
+const CYCLE: Limit = Limit::From("the bus cycle", |cycle| cycle);
+const BELOW: Limit = Limit::From("1 ns below the bus cycle", |cycle| cycle - 1);
+const BELOW_CYCLE: Kind = Kind::Duration { least: Limit::At(0), most: BELOW, whole: 1 };
+
+/// A frame of minimum length with four devices takes about 10 us.
+const SHORTEST_CYCLE: Nanos = Nanos::micros(10);
+pub(super) const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);
+/// Register 0x0420 counts in steps of 100 us.
+const WATCHDOG_STEP: i64 = Nanos::micros(100).0;
+/// Nothing is faster than light, ps/m.
+const LEAST_DELAY: i64 = 3_300;
+const MOST_JITTER: Nanos = Nanos::millis(10);
+/// Station addresses are 16 bits.
+pub(super) const MOST_DEVICES: usize = 65_535;

@@ -1,0 +1,182 @@
+//! What the MainDevice does beside the exchange: `[quality]`, `[delay_watch]`, `recovery`, `direction`.
+
+use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Section, Word};
+use isocat_wire::time::Nanos;
+
+use super::{CYCLE, LONGEST_CYCLE, LONGEST_RUN};
+
+pub(super) const QUALITY_KEY: Key = Key {
+    name: "quality",
+    kind: Kind::Table(&QUALITY),
+    need: Need::Without("nothing is read in the background"),
+    means: "Clocks, error counters and distances are read in the background and reported. An empty \
+            table takes the defaults.",
+    goes: "Config::quality",
+    example: "{ share_permille = 5 }",
+};
+
+static QUALITY: Section = Section {
+    head: "[quality]",
+    means: "What is read in the background while the segment runs.",
+    keys: &[
+        Key {
+            name: "share_permille",
+            kind: Kind::Integer { least: 1, most: 200 },
+            need: Need::Default("10"),
+            means: "Share of the wire's time that the reads may take, in permille.",
+            goes: "QualityWatch::share_permille",
+            example: "5",
+        },
+        Key {
+            name: "history",
+            kind: Kind::Integer { least: 16, most: 100_000 },
+            need: Need::Default("256"),
+            means: "Number of readings that are kept of each clock.",
+            goes: "QualityWatch::history",
+            example: "1000",
+        },
+        Key {
+            name: "unled_cycles",
+            kind: Kind::Integer { least: 1, most: u32::MAX as i64 },
+            need: Need::Default("100"),
+            means: "Number of cycles without a drift frame that all clocks took, after which an \
+                    alarm is raised.",
+            goes: "QualityWatch::unled_cycles",
+            example: "50",
+        },
+        Key {
+            name: "difference_limit",
+            kind: Kind::duration(Nanos(1), Nanos::millis(1)),
+            need: Need::Default(r#""200ns""#),
+            means: "A difference of the system time in 0x092C above this raises an alarm; half of \
+                    it ends the alarm.",
+            goes: "QualityWatch::difference_limit",
+            example: r#""150ns""#,
+        },
+        Key {
+            name: "margin_limit",
+            kind: Kind::Either(&[MARGIN, Kind::Choice(Choice(&OFF))]),
+            need: Need::Default(r#""0ns""#),
+            means: "Less time than this left before SYNC0 raises an alarm; \"off\" raises none.",
+            goes: "QualityWatch::margin_limit",
+            example: r#""20us""#,
+        },
+        Key {
+            name: "objects",
+            kind: Kind::Boolean,
+            need: Need::Default("true"),
+            means: "Whether the error counters and distances of 0x1C32 and 0x1C33 are read as \
+                    well.",
+            goes: "QualityWatch::objects",
+            example: "false",
+        },
+    ],
+    rules: &[],
+};
+
+/// A limit of margins that is one.
+pub(in super::super) const MARGIN: Kind = Kind::duration(Nanos(-LONGEST_CYCLE.0), LONGEST_CYCLE);
+static OFF: [Word<()>; 1] = [("off", "margins are kept and raise no alarm", ())];
+
+pub(super) const DELAY_WATCH_KEY: Key = Key {
+    name: "delay_watch",
+    kind: Kind::Table(&DELAY_WATCH),
+    need: Need::Without("delays are measured at the start alone"),
+    means: "Propagation delays are measured on while the segment runs. An empty table takes the \
+            defaults.",
+    goes: "Config::delay_watch",
+    example: "{ latches = 8 }",
+};
+
+static DELAY_WATCH: Section = Section {
+    head: "[delay_watch]",
+    means: "How propagation delays are measured on while the segment runs.",
+    keys: &[
+        Key {
+            name: "every",
+            kind: Kind::Duration { least: CYCLE, most: Limit::At(LONGEST_RUN.0), whole: 1 },
+            need: Need::Default(r#""1s""#),
+            means: "Time from one latch of the receive times to the next.",
+            goes: "DelayWatch::every; writes to register 0x0900",
+            example: r#""500ms""#,
+        },
+        Key {
+            name: "latches",
+            kind: Kind::Integer { least: 2, most: 10_000 },
+            need: Need::Default("16"),
+            means: "Number of latches that make one estimate.",
+            goes: "DelayWatch::latches",
+            example: "8",
+        },
+        Key {
+            name: "rewrite",
+            kind: Kind::Boolean,
+            need: Need::Default("false"),
+            means: "Whether a delay that has changed is written to the device. Its clock and its \
+                    pulses then move.",
+            goes: "DelayWatch::rewrite; register 0x0928",
+            example: "true",
+        },
+    ],
+    rules: &[],
+};
+
+pub(super) const RECOVERY_KEY: Key = Key {
+    name: "recovery",
+    kind: Kind::Either(&[Kind::Choice(Choice(&RECOVERIES)), Kind::Table(&RECOVERY)]),
+    need: Need::Default(r#""never""#),
+    means: "What becomes of devices that leave OP by themselves: nothing, one attempt to bring \
+            them back, or attempts after pauses that grow.",
+    goes: "Config::recovery",
+    example: r#"{ first = "1s", longest = "30s" }"#,
+};
+
+static RECOVERIES: [Word<()>; 2] = [
+    ("never", "a device that leaves OP stays where it is", ()),
+    ("once", "one attempt for each device in the whole run", ()),
+];
+
+/// Pauses that grow.
+pub(in super::super) static RECOVERY: Section = Section {
+    head: "recovery",
+    means: "Attempts to bring a device back to OP after pauses that grow.",
+    keys: &[
+        Key {
+            name: "first",
+            kind: Kind::duration(Nanos::millis(1), LONGEST_RUN),
+            need: Need::Required("a pause, such as \"1s\""),
+            means: "From the fall to the first attempt. Each pause after a failure is twice as \
+                    long as the one before.",
+            goes: "Recovery::BackOff",
+            example: r#""1s""#,
+        },
+        Key {
+            name: "longest",
+            kind: Kind::Duration {
+                least: Limit::From("the first pause", |first| first),
+                most: Limit::At(LONGEST_RUN.0),
+                whole: 1,
+            },
+            need: Need::Required("a pause, such as \"1s\""),
+            means: "Longest pause.",
+            goes: "Recovery::BackOff",
+            example: r#""30s""#,
+        },
+    ],
+    rules: &[],
+};
+
+pub(super) const DIRECTION_KEY: Key = Key {
+    name: "direction",
+    kind: Kind::Choice(Choice(&DIRECTIONS)),
+    need: Need::Default(r#""follow-reference""#),
+    means: "Which clock leads the segment. \"drive-reference\" needs a bus cycle of at most 4 ms.",
+    goes: "Config::direction; writes to register 0x0910",
+    example: r#""drive-reference""#,
+};
+
+/// Who leads; whether it is the host.
+pub(in super::super) static DIRECTIONS: [Word<bool>; 2] = [
+    ("follow-reference", "the reference clock leads, the host follows", false),
+    ("drive-reference", "the host's clock leads, the reference clock follows", true),
+];

@@ -1,0 +1,270 @@
+//! One `[[subdevice]]`: from its keys to a device, each value checked against what the device can do.
+
+use std::path::Path;
+
+use isocat_descriptions::document::section::Keys;
+use isocat_descriptions::document::{FileError, Source, Value, name_hint};
+use isocat_descriptions::quantity::{DelayPerMetre, Length};
+use isocat_sync::{SyncMode, object};
+use isocat_wire::time::Nanos;
+use isocat_wire::{ObjectAddress, PortNumber};
+
+use super::{Place, SubDevice, clock, esi, misbehave};
+use crate::profile::{self, Overrides, Profile, RunAs};
+
+/// Reads a table. Its name and place are still those that the table alone tells.
+pub(super) fn subdevice(
+    source: Source<'_>,
+    keys: &Keys<'_>,
+    bus: Nanos,
+    files: &mut esi::Files,
+) -> Result<SubDevice, FileError> {
+    let cycle = own_cycle(keys, bus)?;
+    let (profile, run_as) = device(source, keys, cycle.unwrap_or(bus), files)?;
+    let profile = with_times(keys, profile)?;
+    let (mode, run_as) = mode(keys, profile, run_as, cycle, bus)?;
+    let (shift, input_shift) = shifts(keys, profile)?;
+    let pulses = pulses(keys, mode, bus)?;
+    let (cable, cable_delay) = (keys.get("cable")?, keys.get("cable_delay")?);
+    let optional = keys.get("optional")?;
+    if let (Some(value), false) = (keys.value("arrives"), optional) {
+        return Err(value.error("arrives is given without optional = true beside it"));
+    }
+    Ok(SubDevice {
+        // Without the key, only the device's position can tell.
+        name: keys.find("name")?.unwrap_or_default(),
+        profile,
+        mode,
+        // Only the devices above can tell.
+        place: Place { upstream: None, port: PortNumber::P0 },
+        cable,
+        cable_delay,
+        cable_asymmetry: keys.by(twice(cable, cable_delay)).get("cable_asymmetry")?,
+        clock: keys.get("clock")?,
+        clock_shape: clock::shape(keys)?,
+        cycle,
+        shift,
+        input_shift,
+        sync1: pulses.sync1.or(run_as.sync1),
+        sync0_cycle: pulses.sync0_cycle.or(run_as.sync0_cycle),
+        optional,
+        arrives: keys.get("arrives")?,
+        notes: run_as.notes,
+        line: keys.error("").line,
+    })
+}
+
+/// `cycle`: one slower than that of the bus.
+fn own_cycle(keys: &Keys<'_>, bus: Nanos) -> Result<Option<Nanos>, FileError> {
+    match keys.find::<Nanos>("cycle")? {
+        Some(own) if own.0 % bus.0 != 0 => Err(keys.error_at("cycle", format!(
+            "cycle = {own} is no whole multiple of the bus cycle of {bus}; expected one, or for a device faster \
+             than the bus mode = \"dc-subordinated\" with a sync0_cycle"
+        ))),
+        own => Ok(own),
+    }
+}
+
+/// `device`, or `esi` and what belongs to it.
+fn device(
+    source: Source<'_>,
+    keys: &Keys<'_>,
+    cycle: Nanos,
+    files: &mut esi::Files,
+) -> Result<(&'static Profile, Option<RunAs>), FileError> {
+    if let Some(esi) = keys.value("esi") {
+        if let Some(device) = keys.value("device") {
+            return Err(device.error("device is given beside esi; expected one of them"));
+        }
+        let imported = esi::device(source, keys, &esi, cycle, files)?;
+        return Ok((imported.profile, Some(imported.run_as)));
+    }
+    let device = keys.required("device")?;
+    if let Some(value) = ["type", "revision", "opmode"].into_iter().find_map(|key| keys.value(key))
+    {
+        return Err(value.error("given without esi; expected esi = \"vendor.xml\" beside it"));
+    }
+    Ok((device_profile(source, &device)?, None))
+}
+
+/// A built-in profile by its id, or a profile file by its path: a name that ends in `.toml` or has a
+/// slash in it.
+fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Profile, FileError> {
+    let name = device.name("a profile's name, or the path of a profile file")?;
+    if !name.ends_with(".toml") && !name.contains('/') {
+        return profile::built_in(name).ok_or_else(|| {
+            device
+                .error(format!("unknown device \"{name}\""))
+                .with_hint(name_hint(name, profile::built_in_ids()))
+        });
+    }
+    let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
+    let path = folder.join(name).display().to_string();
+    let text = std::fs::read_to_string(&path).map_err(|error| {
+        device.error(format!("device \"{name}\": the profile file {path} can't be read: {error}"))
+    })?;
+    Profile::from_toml(&path, &text)
+}
+
+/// `calc_copy`, `delay`, `copy_time`, `jitter`, `misbehave`: the device with what it says and does differently.
+fn with_times(keys: &Keys<'_>, profile: &'static Profile) -> Result<&'static Profile, FileError> {
+    let overrides = Overrides {
+        stated_calc_and_copy: keys.find("calc_copy")?,
+        stated_delay: keys.find("delay")?,
+        calc_and_copy: keys.find("copy_time")?,
+        jitter: keys.find("jitter")?,
+        misbehaviour: misbehave::misbehave(keys, profile)?,
+    };
+    profile.with(overrides).map_err(|entry| {
+        let key = if entry.sub == object::sub::DELAY_TIME { "delay" } else { "calc_copy" };
+        let name = &profile.name;
+        keys.error_at(key, format!("{key} is given, but {name} has no object {entry} to state it"))
+    })
+}
+
+/// What an OpMode says of the pulses, and what is doubtful about it.
+#[derive(Default)]
+struct OpMode {
+    sync1: Option<Nanos>,
+    sync0_cycle: Option<Nanos>,
+    notes: Vec<String>,
+}
+
+/// `mode`, held against the device and its OpMode. A mode that differs from that of the OpMode has pulses of its own.
+fn mode(
+    keys: &Keys<'_>,
+    profile: &Profile,
+    run_as: Option<RunAs>,
+    own: Option<Nanos>,
+    bus: Nanos,
+) -> Result<(Option<SyncMode>, OpMode), FileError> {
+    let asked = keys.find_choice("mode", &profile::MODES)?;
+    if let (Some(mode), Some(value)) = (asked, keys.value("mode")) {
+        possible(mode, &value, profile, own.unwrap_or(bus))?;
+    }
+    let (mode, op_mode) = match (run_as, asked, keys.value("mode")) {
+        (None, asked, _) => (asked, OpMode::default()),
+        (Some(mut run_as), Some(mode), Some(value)) => {
+            esi::agree(keys, &value, mode, &mut run_as)?;
+            (Some(mode), of_op_mode(run_as, mode))
+        }
+        (Some(run_as), ..) => {
+            let mode = run_as.mode;
+            (Some(mode), of_op_mode(run_as, mode))
+        }
+    };
+    if own.is_some() && mode == Some(SyncMode::DcSubordinated) {
+        return Err(keys.error_at(
+            "cycle",
+            "a cycle slower than the bus is given in the mode that is faster; expected any other mode \
+             than \"dc-subordinated\"",
+        ));
+    }
+    Ok((mode, op_mode))
+}
+
+fn of_op_mode(run_as: RunAs, mode: SyncMode) -> OpMode {
+    let RunAs { sync1, sync0_cycle, notes, .. } = run_as;
+    match run_as.mode == mode {
+        true => OpMode { sync1, sync0_cycle, notes },
+        false => OpMode { notes, ..OpMode::default() },
+    }
+}
+
+/// The device announces the mode and can do it in this cycle.
+fn possible(
+    mode: SyncMode,
+    value: &Value<'_>,
+    profile: &Profile,
+    cycle: Nanos,
+) -> Result<(), FileError> {
+    let entry = |sub| ObjectAddress::new(object::OUTPUT_PARAMETER, sub);
+    let types = profile.supported_types();
+    if !mode.is_supported(types) {
+        let announced: Vec<_> = profile.modes().map(SyncMode::name).collect();
+        let what = if profile.has_mailbox() {
+            format!("{} = {types}", entry(object::sub::SUPPORTED_TYPES))
+        } else {
+            "it has no mailbox, and its profile does not list it".to_owned()
+        };
+        return Err(value
+            .error(format!("mode \"{mode}\" is not possible with {}: {what}", profile.name))
+            .with_hint(format!("it announces: {}", announced.join(", "))));
+    }
+    let stated = profile.sync_parameters(object::OUTPUT_PARAMETER);
+    let minimum = stated.and_then(|stated| stated.minimum_cycle_time).unwrap_or(Nanos::ZERO);
+    if mode != SyncMode::FreeRun && cycle < minimum {
+        return Err(value.error(format!(
+            "a cycle of {cycle} is too short for {} in mode \"{mode}\": {} = {minimum}; expected a \
+             cycle of {minimum} or more",
+            profile.name,
+            entry(object::sub::MINIMUM_CYCLE_TIME)
+        )));
+    }
+    Ok(())
+}
+
+/// `shift` and `input_shift`, for a device that can be shifted.
+fn shifts(keys: &Keys<'_>, profile: &Profile) -> Result<(Option<Nanos>, Option<Nanos>), FileError> {
+    let behaviour = &profile.description.behaviour;
+    let shift = |key, index, able: bool| {
+        let shift = keys.find(key)?;
+        if shift.is_some() && !able {
+            return Err(keys.error_at(key, format!(
+                "{key} is given, but {} states {} = {}; expected a device with shift by local timer",
+                profile.name,
+                ObjectAddress::new(index, object::sub::SUPPORTED_TYPES),
+                profile.supported_types()
+            )));
+        }
+        Ok(shift)
+    };
+    Ok((
+        shift("shift", object::OUTPUT_PARAMETER, behaviour.shift_outputs)?,
+        shift("input_shift", object::INPUT_PARAMETER, behaviour.shift_inputs)?,
+    ))
+}
+
+/// What the file says of the pulses.
+struct Pulses {
+    sync1: Option<Nanos>,
+    sync0_cycle: Option<Nanos>,
+}
+
+/// `sync1` and `sync0_cycle`, in modes that have them.
+fn pulses(keys: &Keys<'_>, mode: Option<SyncMode>, bus: Nanos) -> Result<Pulses, FileError> {
+    let sync1 = keys.find("sync1")?;
+    only_in(keys, "sync1", mode, &[SyncMode::DcShiftSync1, SyncMode::DcSync1])?;
+    let sync0_cycle = keys.find::<Nanos>("sync0_cycle")?;
+    only_in(keys, "sync0_cycle", mode, &[SyncMode::DcSubordinated])?;
+    match sync0_cycle {
+        Some(own) if bus.0 % own.0 != 0 => Err(keys.error_at("sync0_cycle", format!(
+            "sync0_cycle = {own} does not divide the cycle of {bus}; expected a whole part of it"
+        ))),
+        sync0_cycle => Ok(Pulses { sync1, sync0_cycle }),
+    }
+}
+
+/// A key that has a meaning in some modes only.
+fn only_in(
+    keys: &Keys<'_>,
+    key: &'static str,
+    mode: Option<SyncMode>,
+    modes: &[SyncMode],
+) -> Result<(), FileError> {
+    match keys.value(key) {
+        Some(value) if !mode.is_some_and(|mode| modes.contains(&mode)) => {
+            let names: Vec<_> = modes.iter().map(|mode| format!("mode = \"{mode}\"")).collect();
+            Err(value.error(format!(
+                "{key} is given without a mode that has it; expected {}",
+                names.join(" or ")
+            )))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Twice the cable's delay: what the ways out and back take together.
+fn twice(cable: Length, delay: DelayPerMetre) -> Nanos {
+    Nanos(2 * cable.0 * delay.0 / 1_000_000)
+}

@@ -1,0 +1,156 @@
+//! Where devices hang: the keys `connect` and `port`.
+//!
+//! A file lists devices in any order in which the upstream one stands first. Everything after works in
+//! the order of positions, which is the order in which frames are processed: see [`sort`].
+
+use isocat_descriptions::document::section::Keys;
+use isocat_descriptions::document::{FileError, Value, name_hint};
+use isocat_sim::segment::processing_order;
+use isocat_wire::PortNumber;
+
+use super::SubDevice;
+use crate::profile::Profile;
+
+/// Where a device hangs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Place {
+    /// The device upstream, by its index in the file's list of devices, and its port; `None`: the
+    /// MainDevice. Key `connect`, such as `connect = "axis 1:3"`: the name of a device above, or its
+    /// place in the file counted from 0 (each of a `count` counts), and the port there. Default: the device above, port 1 (port 0
+    /// if that one's port 1 leads upstream).
+    pub upstream: Option<(usize, PortNumber)>,
+    /// The device's own port that the cable upstream is plugged into. Key `port`; default 0, any other
+    /// is a swapped cable.
+    pub port: PortNumber,
+}
+
+/// Which ports of the devices so far have a cable.
+#[derive(Default)]
+pub(super) struct Ports(Vec<[bool; 4]>);
+
+impl Ports {
+    /// Reads where the next device hangs, below the `earlier` ones: as `connect` says, or behind the last.
+    pub fn place<'a>(
+        &mut self,
+        keys: &Keys<'a>,
+        connect: Option<Value<'a>>,
+        earlier: &[SubDevice],
+        profile: &Profile,
+    ) -> Result<Place, FileError> {
+        let port = own_port(keys, profile)?;
+        let upstream = match (&connect, earlier.last()) {
+            (Some(value), None) => {
+                return Err(value.error(
+                    "the first device hangs on the MainDevice; expected no \"connect\" here",
+                ));
+            }
+            (Some(value), Some(_)) => Some(upstream(value, earlier)?),
+            (None, None) => None,
+            (None, Some(last)) => {
+                let port =
+                    if last.place.port == PortNumber::P1 { PortNumber::P0 } else { PortNumber::P1 };
+                Some((earlier.len() - 1, port))
+            }
+        };
+        let mut own = [false; 4];
+        own[port.index()] = true;
+        if let Some((above, port)) = upstream {
+            let fail = |message: String| match &connect {
+                Some(value) => value.error(message),
+                None => keys.error(message + "; expected \"connect\" to say where it hangs"),
+            };
+            let device = &earlier[above];
+            if !device.profile.esc().has_port(port) {
+                let (name, chip) = (&device.name, chip(device.profile));
+                let ports = ports(device.profile);
+                return Err(fail(format!(
+                    "\"{name}\" ({chip}) has no port {port}; it has {ports}"
+                )));
+            }
+            if std::mem::replace(&mut self.0[above][port.index()], true) {
+                let other = (earlier.iter()).find(|d| d.place.upstream == Some((above, port)));
+                let what =
+                    other.map_or("its own cable upstream".into(), |d| format!("\"{}\"", d.name));
+                return Err(fail(format!("port {port} of \"{}\" is taken by {what}", device.name)));
+            }
+        }
+        self.0.push(own);
+        Ok(Place { upstream, port })
+    }
+}
+
+/// Brings devices into the order of their positions.
+pub(super) fn sort(devices: Vec<SubDevice>) -> Vec<SubDevice> {
+    let links: Vec<_> = devices.iter().map(|d| (d.place.upstream, d.place.port)).collect();
+    let order = processing_order(&links);
+    let mut position = vec![0; order.len()];
+    for (new, old) in order.iter().enumerate() {
+        position[*old] = new;
+    }
+    let mut devices: Vec<_> = devices.into_iter().zip(&position).collect();
+    devices.sort_by_key(|(_, position)| **position);
+    let moved = |(mut device, _): (SubDevice, _)| {
+        device.place.upstream = device.place.upstream.map(|(above, port)| (position[above], port));
+        device
+    };
+    devices.into_iter().map(moved).collect()
+}
+
+fn own_port(keys: &Keys<'_>, profile: &Profile) -> Result<PortNumber, FileError> {
+    let port = port_number(keys.get("port")?);
+    match keys.value("port") {
+        Some(value) if !profile.esc().has_port(port) => {
+            let (name, chip, ports) = (&profile.name, chip(profile), ports(profile));
+            Err(value.error(format!("{name} ({chip}) has no port {port}; it has {ports}")))
+        }
+        _ => Ok(port),
+    }
+}
+
+fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumber), FileError> {
+    let expected = "a device above and its port, such as \"axis 1:3\"";
+    let text = value.name(expected)?;
+    let (name, port) = text.rsplit_once(':').ok_or_else(|| {
+        value.error(format!("connect = \"{text}\" names no port; expected {expected}"))
+    })?;
+    let (name, port) = (name.trim(), port.trim());
+    let port = match port.parse() {
+        Ok(number @ 0..=3) => port_number(number),
+        _ => {
+            let message = format!("connect: \"{port}\" is no port; expected 0 to 3");
+            return Err(value.error(message));
+        }
+    };
+    let by_place = || {
+        let place: usize = name.parse().ok()?;
+        (place < earlier.len()).then_some(place)
+    };
+    let above = earlier.iter().position(|device| device.name == name).or_else(by_place);
+    let above = above.ok_or_else(|| {
+        let first = format!("{name} 0");
+        if earlier.iter().any(|device| device.name == first) {
+            let message = format!(
+                "connect: \"{name}\" are several devices; expected one of them, such as \"{first}:1\""
+            );
+            return value.error(message);
+        }
+        value
+            .error(format!("connect: no device \"{name}\" above; expected {expected}"))
+            .with_hint(name_hint(name, earlier.iter().map(|device| device.name.as_str())))
+    })?;
+    Ok((above, port))
+}
+
+fn port_number(number: i64) -> PortNumber {
+    PortNumber::ALL[number as usize & 3]
+}
+
+fn chip(profile: &Profile) -> &'static str {
+    profile.esc().name
+}
+
+/// The ports that a device has: `0, 1`. A chip may have more of them than its device uses.
+fn ports(profile: &Profile) -> String {
+    let has = PortNumber::ALL.into_iter().filter(|port| profile.esc().has_port(*port));
+    has.map(|port| port.to_string()).collect::<Vec<_>>().join(", ")
+}

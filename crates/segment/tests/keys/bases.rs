@@ -1,0 +1,212 @@
+//! A valid file around every table, with a place for the key that is looked at.
+
+use isocat_segment::keys::Place;
+
+/// A file with this line (`None`: an empty one) for the key of a place; what it needs beside it is there.
+pub fn file(place: &Place, line: Option<&str>) -> String {
+    let (name, head) = (place.key.name, place.section.head);
+    let Base { before, lines, after, inline } = base(place.file.name, head, name);
+    let (without, with) = beside(head, name);
+    let own = lines.iter().filter(|(key, _)| *key != name && !without.contains(key));
+    let mut lines: Vec<String> = own.map(|(key, value)| format!("{key} = {value}")).collect();
+    lines.extend(with.iter().map(|line| (*line).to_owned()));
+    if !inline || line.is_some() {
+        lines.push(line.unwrap_or_default().to_owned());
+    }
+    format!("{before}{}{after}", lines.join(if inline { ", " } else { "\n" }))
+}
+
+struct Base {
+    before: String,
+    lines: &'static [(&'static str, &'static str)],
+    after: &'static str,
+    inline: bool,
+}
+
+/// What must go and what must come beside a key.
+fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'static str]) {
+    match (head, name) {
+        ("[[subdevice]]", "esi") => (&["device"], &["type = \"EL2502-0010\""]),
+        ("[[subdevice]]", "type") => (&["device"], &["esi = \"vendor.xml\""]),
+        ("[[subdevice]]", "revision" | "opmode") => {
+            (&["device"], &["esi = \"vendor.xml\"", "type = \"EL2502-0010\""])
+        }
+        ("[[subdevice]]", "sync1") => (&[], &["mode = \"dc-sync1\""]),
+        ("[[subdevice]]", "sync0_cycle") => (&[], &["mode = \"dc-subordinated\""]),
+        ("[[subdevice]]", "arrives") => (&[], &["optional = true"]),
+        ("", "modes") => (&["mailbox"], &[]),
+        ("[outputs]" | "[inputs]", "pdo") => (&["pdos"], &[]),
+        ("[[object]]", "like") => (&["entries"], &[]),
+        ("[[object]]", "without") => (&["entries"], &["like = \"kollmorgen_akd2g:1C32\""]),
+        _ => (&[], &[]),
+    }
+}
+
+fn base(file: &str, head: &str, name: &str) -> Base {
+    match file {
+        "segment-file" => segment(head),
+        _ => profile(head, name),
+    }
+}
+
+const DEVICES: &str = "cycle = \"1ms\"\n[[subdevice]]\nname = \"axis 1\"\ndevice = \"kollmorgen_akd2g\"\n\
+                       [[subdevice]]\nname = \"x\"\n";
+const DEVICE: (&str, &str) = ("device", "\"model_every_mode\"");
+
+fn segment(head: &str) -> Base {
+    let of_root = |head: &str| {
+        format!("cycle = \"1ms\"\nsubdevice = [{{ device = \"simple_io4\" }}]\n{head}\n")
+    };
+    let of_device = |head: &str| format!("{DEVICES}device = \"simple_io4\"\n{head}\n");
+    let (before, lines): (_, &[(&str, &str)]) = match head {
+        "" => (
+            String::new(),
+            &[("cycle", "\"1ms\""), ("subdevice", "[{ device = \"kollmorgen_akd2g\" }]")],
+        ),
+        "[host]" | "[quality]" | "[delay_watch]" => (of_root(head), &[]),
+        "recovery" => (of_root("[recovery]"), &[("first", "\"1s\""), ("longest", "\"30s\"")]),
+        "[[subdevice]]" => (DEVICES.replace("name = \"x\"\n", ""), &[DEVICE]),
+        "clock_ramp" => {
+            (of_device("[subdevice.clock_ramp]"), &[("by", "\"1ppm\""), ("over", "\"1s\"")])
+        }
+        "clock_step" => {
+            (of_device("[subdevice.clock_step]"), &[("by", "\"1ppm\""), ("at", "\"1s\"")])
+        }
+        "clock_walk" => (
+            of_device("[subdevice.clock_walk]"),
+            &[("step", "\"1ppm\""), ("every", "\"1s\""), ("within", "\"2ppm\"")],
+        ),
+        other => panic!("no segment file around {other}"),
+    };
+    Base { before, lines, after: "\n", inline: false }
+}
+
+/// The top level of a profile.
+const ROOT: [(&str, &str); 8] = [
+    ("id", "\"minimal\""),
+    ("name", "\"Minimal\""),
+    ("vendor", "\"Nobody\""),
+    ("application", "\"io\""),
+    ("identity", "{ vendor_id = 1, product_code = 2, revision = 3, device_type = 0 }"),
+    ("esc", "{ chip = \"ET1100\", sync_unit = true }"),
+    (
+        "mailbox",
+        "{ receive = { start = 0x1000, length = 128 }, send = { start = 0x1080, length = 128 } }",
+    ),
+    (
+        "times",
+        "{ reaction = \"50us\", application = \"20us\", calc_and_copy = \"10us\", input_copy = \"10us\" }",
+    ),
+];
+
+fn profile(head: &str, name: &str) -> Base {
+    let root = |without: &str, more: &str| {
+        let lines = ROOT.iter().filter(|(key, _)| *key != without);
+        let lines: String = lines.map(|(key, value)| format!("{key} = {value}\n")).collect();
+        format!("{lines}{more}\n")
+    };
+    const AREA: &str = "[outputs]\nstart = 0x1100\nlength = 16\naccess = \"ro\"\n";
+    const OBJECT: &str = "[[object]]\nindex = 0x2000\nname = \"x\"\n";
+    let mut after = "\n";
+    let (before, lines): (_, &[(&str, &str)]) = match head {
+        "" => (String::new(), &ROOT),
+        "[identity]" => (
+            root("identity", head),
+            &[("vendor_id", "1"), ("product_code", "2"), ("revision", "3"), ("device_type", "0")],
+        ),
+        "[esc]" => (root("esc", head), &[("chip", "\"ET1100\""), ("sync_unit", "true")]),
+        "[mailbox]" => (
+            root("mailbox", head),
+            &[
+                ("receive", "{ start = 0x1000, length = 128 }"),
+                ("send", "{ start = 0x1080, length = 128 }"),
+            ],
+        ),
+        "mailbox.receive" => (
+            root(
+                "mailbox",
+                "[mailbox]\nsend = { start = 0x1F00, length = 128 }\n[mailbox.receive]",
+            ),
+            &[("start", "0x1000"), ("length", "128")],
+        ),
+        "[[opmode]]" => (root("", head), &[("name", "\"DC\""), ("assign_activate", "0x0300")]),
+        "[[assumed]]" => {
+            (root("", head), &[("what", "\"identity.revision\""), ("why", "\"since\"")])
+        }
+        "[[deviation]]" => (
+            root("", head),
+            &[("rule", "\"OBJ-04\""), ("places", "[\"1C32:05\"]"), ("why", "\"since\"")],
+        ),
+        "[times]" => (
+            root("times", head),
+            &[
+                ("reaction", "\"50us\""),
+                ("application", "\"20us\""),
+                ("calc_and_copy", "\"10us\""),
+                ("input_copy", "\"10us\""),
+            ],
+        ),
+        "times.overrun" => (
+            root(
+                "times",
+                "[times]\nreaction = \"50us\"\napplication = \"20us\"\ncalc_and_copy = \"10us\"\n\
+                 input_copy = \"10us\"\n[times.overrun]",
+            ),
+            &[("one_in", "10"), ("by", "\"1ms\"")],
+        ),
+        "[behaviour]" => (root("", head), &[]),
+        "[outputs]" => (
+            root("", head),
+            &[
+                ("start", "0x1100"),
+                ("length", "16"),
+                ("access", "\"rw preop\""),
+                ("pdos", "[[0x1600, 16]]"),
+            ],
+        ),
+        "[inputs]" => (
+            root("", head),
+            &[
+                ("start", "0x1100"),
+                ("length", "16"),
+                ("access", "\"rw preop\""),
+                ("pdos", "[[0x1A00, 16]]"),
+            ],
+        ),
+        "[[outputs.pdo]]" => (
+            root("", &format!("{AREA}{head}")),
+            &[("index", "0x1600"), ("name", "\"x\""), ("entries", "[{ pad = 8 }]")],
+        ),
+        "[[inputs.pdo]]" => (
+            root("", &format!("{}{head}", AREA.replace("outputs", "inputs"))),
+            &[("index", "0x1A00"), ("name", "\"x\""), ("entries", "[{ pad = 8 }]")],
+        ),
+        "padding of a PDO" => {
+            after = "}]\n";
+            let pdo = "[[outputs.pdo]]\nindex = 0x1600\nname = \"x\"\nentries = [{ ";
+            (root("", &format!("{AREA}{pdo}")).trim_end_matches('\n').to_owned(), &[("pad", "8")])
+        }
+        "[[object]]" => (
+            root("", head),
+            &[
+                ("index", "0x2000"),
+                ("name", "\"x\""),
+                ("entries", "[[0, \"UNSIGNED8\", \"ro\", 1, \"x\"]]"),
+            ],
+        ),
+        "behind a row of an object" => {
+            after = "}]]\n";
+            let entries = "entries = [[0, \"UNSIGNED8\", \"ro\", 1, \"x\"], [1, \"UNSIGNED8\", \"ro\", 1, \"y\", { ";
+            let text = root("", &format!("{OBJECT}{entries}"));
+            (text.trim_end_matches('\n').to_owned(), &[("offset", "16")])
+        }
+        "gaps of an object" => {
+            after = "}]\n";
+            let entries = "entries = [[0, \"UNSIGNED8\", \"ro\", 1, \"x\"], { ";
+            let text = root("", &format!("{OBJECT}{entries}"));
+            (text.trim_end_matches('\n').to_owned(), &[("gaps", "[14, 31]"), ("bits", "8")])
+        }
+        other => panic!("no profile around {other} for {name}"),
+    };
+    Base { before, lines, after, inline: after != "\n" }
+}

@@ -1,0 +1,109 @@
+//! The process data of a served device, for a caller that looks at them and sets them.
+//!
+//! Each device's own application runs behind a [`Door`]: the door keeps a copy of the outputs that the application takes, and puts the
+//! caller's inputs over those that the application gives. Both happen in the device's own steps, so that what the caller sets is on the
+//! wire when the device has mapped its inputs the next time, and not before.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use isocat_subdevice::Application;
+use isocat_sync::Event;
+use isocat_wire::time::Nanos;
+use isocat_wire::{AbortCode, ObjectAddress};
+
+/// What the caller and the device share.
+#[derive(Debug, Default)]
+pub(crate) struct ProcessData {
+    /// Outputs as the device took them last; `None` while they are in their safe state.
+    outputs: Option<Vec<u8>>,
+    /// The caller's inputs; `None`: the application's own.
+    inputs: Option<Vec<u8>>,
+}
+
+/// The caller's end of a [`Door`].
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Handle(Arc<Mutex<ProcessData>>);
+
+impl Handle {
+    /// Outputs as the device took them last; `None` while they are in their safe state.
+    pub fn outputs(&self) -> Option<Vec<u8>> {
+        self.lock().outputs.clone()
+    }
+
+    /// Sets the inputs, or gives them back to the application.
+    pub fn set_inputs(&self, inputs: Option<&[u8]>) {
+        self.lock().inputs = inputs.map(<[u8]>::to_vec);
+    }
+
+    /// The application, with the door in front of it.
+    pub fn before(&self, application: Box<dyn Application + Send>) -> Box<dyn Application + Send> {
+        Box::new(Door { data: self.clone(), application })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, ProcessData> {
+        // Nothing is left half done by a panic: the image is replaced as a whole.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// An application whose process data the caller sees.
+struct Door {
+    data: Handle,
+    application: Box<dyn Application + Send>,
+}
+
+impl Application for Door {
+    fn event(&mut self, event: Event) {
+        self.application.event(event);
+    }
+
+    fn map_outputs(&mut self, outputs: &[u8]) {
+        let kept = &mut self.data.lock().outputs;
+        let kept = kept.get_or_insert_default();
+        kept.clear();
+        kept.extend_from_slice(outputs);
+        self.application.map_outputs(outputs);
+    }
+
+    fn application(&mut self, cycle: Nanos) {
+        self.application.application(cycle);
+    }
+
+    fn outputs_valid(&mut self) {
+        self.application.outputs_valid();
+    }
+
+    fn latch_inputs(&mut self) {
+        self.application.latch_inputs();
+    }
+
+    fn map_inputs(&mut self, inputs: &mut [u8]) {
+        self.application.map_inputs(inputs);
+        if let Some(set) = &self.data.lock().inputs {
+            let len = set.len().min(inputs.len());
+            inputs[..len].copy_from_slice(&set[..len]);
+        }
+    }
+
+    fn safe_outputs(&mut self) {
+        self.data.lock().outputs = None;
+        self.application.safe_outputs();
+    }
+
+    fn power_off(&mut self) {
+        self.data.lock().outputs = None;
+        self.application.power_off();
+    }
+
+    fn read_object(
+        &mut self,
+        object: ObjectAddress,
+        value: &mut [u8],
+    ) -> Option<Result<usize, AbortCode>> {
+        self.application.read_object(object, value)
+    }
+
+    fn write_object(&mut self, object: ObjectAddress, value: &[u8]) -> Result<(), AbortCode> {
+        self.application.write_object(object, value)
+    }
+}

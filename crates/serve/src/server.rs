@@ -1,0 +1,657 @@
+//! The served segment without sockets and threads: frames and host time in, answers and events out.
+
+use std::collections::VecDeque;
+
+use isocat_engine::status::edges::Onlooker;
+use isocat_engine::status::{Event as Told, Status};
+use isocat_sim::observation::Observed;
+use isocat_sim::{Passage, Served};
+use isocat_wire::datagram::datagrams;
+use isocat_wire::time::{Host, Nanos, Picos, Time, True};
+use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
+
+use super::conduct::{Conduct, Reference, Seen};
+use super::deed::Deed;
+use super::fault::{Fault, Faults};
+use super::process_data::Handle;
+use super::setup::Setup;
+use super::verdict::Judged;
+use crate::status::{self, INTERVAL, INTERVALS, MOST_EVENTS};
+
+/// A virtual segment for frames from outside.
+///
+/// - For every frame: [`frame`](Self::frame) gives its [`Answer`]; when that is on its way,
+///   [`after`](Self::after).
+/// - While nothing comes: [`idle`](Self::idle), at [`next_timeout`](Self::next_timeout) at the latest.
+/// - Process data: [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs).
+/// - What happened: [`poll_event`](Self::poll_event); all of it at the end: [`sessions`](Self::sessions) after
+///   [`finish`](Self::finish).
+pub struct Server {
+    served: Served,
+    /// The process data of each SubDevice.
+    doors: Vec<Handle>,
+    names: Vec<String>,
+    sync0_limit: Picos,
+    faults: Faults,
+    events: VecDeque<Event>,
+    ended: Vec<Session>,
+    session: Option<Session>,
+    /// The frame that passed last.
+    passage: Option<Passage>,
+    source: [u8; 6],
+    /// Host time of the last frame, and of the last look at the clock.
+    last_frame: Time<Host>,
+    /// The SubDevice whose time was distributed last.
+    reference: Option<(Reference, usize)>,
+    counts: Counts,
+    /// State of each SubDevice as of the last observation.
+    states: Vec<AlState>,
+    injected: Vec<(Time<True>, Fault)>,
+    /// The last events, for who asks what happened.
+    told: VecDeque<Told>,
+    /// Sees what is of late, once somebody has asked.
+    onlooker: Option<Box<Onlooker>>,
+}
+
+/// What is to become of a frame.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Answer {
+    /// It goes back.
+    Back {
+        /// When its last bit is back at the MainDevice's port, if the wire is all that takes time; a delay that was asked for is in it.
+        /// Never earlier than true time: rounded up to the ns.
+        last_bit: Time<Host>,
+        /// For a door in real time, whose own answer takes longer than the wire: the answer is held back until then. `None`: it is to
+        /// leave at once.
+        hold: Option<Time<Host>>,
+    },
+    /// It does not go back.
+    Lost,
+}
+
+/// Frames of all sessions.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Counts {
+    /// Frames that came in.
+    pub frames: u64,
+    /// Frames that came back.
+    pub answered: u64,
+    /// Frames that were lost in the segment or by a fault that was asked for.
+    pub lost: u64,
+    /// Frames that had to wait since they came faster than a wire carries them.
+    pub held: u64,
+}
+
+/// From the first frame of a MainDevice to its last.
+#[derive(Clone, Debug)]
+pub struct Session {
+    /// What the MainDevice did.
+    pub conduct: Conduct,
+    /// First and last SubDevice that reached each of PREOP, SAFEOP, OP.
+    pub reached: [Option<Reached>; 3],
+    /// States that were refused, in order; not more than a few.
+    pub refused: Vec<Refused>,
+    /// The last stretch of operation; `None` if no SubDevice ever was in OP.
+    pub judged: Option<Judged>,
+    /// Stretches before it, each ended by a SubDevice that was asked to leave OP, as one that fell is.
+    pub earlier: Vec<Judged>,
+    /// How it ended.
+    pub end: End,
+    /// The judging goes on.
+    judging: bool,
+    /// Frames have stopped; the judges' view is as of then.
+    silent: bool,
+    /// The state that was last asked for.
+    requested: AlState,
+    /// The state that was asked for before the last pause in the exchange, until the exchange goes on.
+    paused: Option<AlState>,
+    pending: bool,
+}
+
+/// SubDevices that reached a state.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Reached {
+    /// The first one.
+    pub first: Time<True>,
+    /// The last one so far.
+    pub last: Time<True>,
+    /// How many went there, each counted as often as it did.
+    pub count: u64,
+}
+
+/// A SubDevice that fell or refused.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Refused {
+    /// When.
+    pub at: Time<True>,
+    /// Position.
+    pub device: usize,
+    /// Where it is now.
+    pub state: AlState,
+    /// Why.
+    pub code: AlStatusCode,
+}
+
+/// How a session ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum End {
+    /// It goes on.
+    Open,
+    /// Frames stopped when no SubDevice was above PREOP.
+    Down,
+    /// Frames stopped in the middle.
+    Abrupt,
+}
+
+/// Something that happened.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Event {
+    /// A MainDevice begins to send.
+    SessionBegan {
+        /// Its source address.
+        source: [u8; 6],
+    },
+    /// A SubDevice changed its state.
+    State {
+        /// When, true time.
+        at: Time<True>,
+        /// Position.
+        device: usize,
+        /// The new state.
+        state: AlState,
+        /// Why, if it was not asked to.
+        code: AlStatusCode,
+    },
+    /// All SubDevices that were asked to be in OP are: the judges begin.
+    InOperation {
+        /// How many.
+        devices: usize,
+    },
+    /// A fault was injected.
+    Fault(Fault),
+    /// Nothing has been sent for a while.
+    SessionEnded {
+        /// In the middle.
+        abrupt: bool,
+    },
+}
+
+/// Silence that ends a session. Longer than any MainDevice waits for a mailbox or a state.
+pub const SILENCE: Nanos = Nanos::millis(15_000);
+/// Silence in operation that is always let pass, whatever the cycle.
+const LEAST_HUSH: Nanos = Nanos::micros(200);
+/// How far frames may be ahead of the wire before they are held back to its speed.
+const LEAD: Nanos = Nanos::millis(1);
+/// While something may happen by itself, the segment is looked at this often.
+pub const TICK: Nanos = Nanos::millis(100);
+/// Silence between the last frame of one session that went back to INIT and the first of another, at least.
+const PAUSE_DOWN: Nanos = Nanos::millis(50);
+/// The same after a session that did not.
+const PAUSE: Nanos = Nanos::millis(250);
+/// Who sent a frame this long ago is still there.
+const STILL_THERE: Nanos = Nanos::millis(1_000);
+/// Refusals that are remembered.
+const MOST_REFUSED: usize = 32;
+/// Stretches of operation that are remembered.
+const MOST_STRETCHES: usize = 256;
+
+impl Server {
+    /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
+    pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
+        let Setup { mut segment, names, seed, sync0_limit } = setup.into();
+        let doors: Vec<Handle> = segment.iter().map(|_| Handle::default()).collect();
+        for (connection, door) in segment.iter_mut().zip(&doors) {
+            let application = std::mem::replace(&mut connection.device.application, Box::new(()));
+            connection.device.application = door.before(application);
+        }
+        Self {
+            doors,
+            states: vec![AlState::Init; segment.len()],
+            injected: Vec::new(),
+            told: VecDeque::new(),
+            onlooker: None,
+            served: Served::new(segment, seed, now),
+            names,
+            sync0_limit,
+            faults: Faults::new(seed),
+            events: VecDeque::new(),
+            ended: Vec::new(),
+            session: None,
+            passage: None,
+            source: [0; 6],
+            last_frame: now,
+            reference: None,
+            counts: Counts::default(),
+        }
+    }
+
+    /// A frame that came in at `arrived`. If it goes back, `bytes` hold the answer.
+    pub fn frame(&mut self, arrived: Time<Host>, bytes: &mut [u8]) -> Answer {
+        self.counts.frames += 1;
+        self.last_frame = arrived.max(self.last_frame);
+        self.source = bytes.get(6..12).and_then(|s| s.first_chunk()).copied().unwrap_or_default();
+        if self.faults.drops(true) {
+            self.counts.lost += 1;
+            return Answer::Lost;
+        }
+        let at = self.served.true_time(arrived);
+        if self.faults.due().is_some_and(|due| due <= at) {
+            self.faults.restore(&mut self.served, at);
+        }
+        let passage = self.served.frame(arrived, bytes);
+        self.passage = Some(passage);
+        let back = match passage.fate {
+            Ok(back) if back.good => back,
+            _ => {
+                self.counts.lost += 1;
+                return Answer::Lost;
+            }
+        };
+        if self.faults.drops(false) {
+            self.counts.lost += 1;
+            return Answer::Lost;
+        }
+        self.counts.answered += 1;
+        // A real wire has no more than 100 Mbit/s either.
+        let held = self.served.host_time(passage.start) - arrived > LEAD;
+        let delay = self.faults.delay();
+        // True time has picoseconds: to the next nanosecond.
+        let last_bit = self.served.host_time(back.last_bit + Picos(999)) + delay;
+        self.counts.held += u64::from(held);
+        let hold = match (held, delay) {
+            (false, Nanos::ZERO) => None,
+            (false, delay) => Some(arrived + delay),
+            (true, _) => Some(last_bit),
+        };
+        Answer::Back { last_bit, hold }
+    }
+
+    /// What follows from the frame that [`frame`](Self::frame) took last, once its answer is on its way.
+    pub fn after(&mut self, bytes: &[u8]) {
+        let Some(passage) = self.passage.take() else { return };
+        let source = self.source;
+        if self.session.as_mut().is_some_and(|session| session.is_over(passage.start, bytes)) {
+            self.end_session();
+        }
+        let session = self.session.get_or_insert_with(|| {
+            self.events.push_back(Event::SessionBegan { source });
+            Session::new(passage.start)
+        });
+        let exchanged = session.conduct.done(Deed::ProcessData).is_some();
+        let mut seen = session.conduct.frame(passage.start, source, bytes);
+        // Nobody gives addresses anew in the middle: another MainDevice begins, without any pause.
+        if seen.addresses && exchanged {
+            self.end_session();
+            let mut session = Session::new(passage.start);
+            seen = session.conduct.frame(passage.start, source, bytes);
+            self.session = Some(session);
+            self.events.push_back(Event::SessionBegan { source });
+        }
+        let Some(session) = &mut self.session else { return };
+        session.silent = false;
+        if seen.process_data {
+            self.served.carried_process_data(&passage, bytes.len());
+        }
+        self.settle();
+        if let Some(reference) = seen.reference {
+            self.take_reference(reference);
+        }
+        self.follow(seen, passage.start);
+    }
+
+    /// Time has passed and no frame came.
+    pub fn idle(&mut self, now: Time<Host>) {
+        self.hush(now);
+        if self.session.is_some() && now - self.last_frame > SILENCE {
+            self.end_session();
+        }
+        let at = self.served.true_time(now);
+        self.faults.restore(&mut self.served, at);
+        self.served.advance(now);
+        self.settle();
+    }
+
+    /// As [`idle`](Self::idle) while frames come often: only as far as no frame can come any more.
+    pub fn catch_up(&mut self, to: Time<Host>) {
+        self.hush(to);
+        self.served.advance(to);
+        self.settle();
+    }
+
+    /// When [`idle`](Self::idle) is wanted next, if nothing comes.
+    pub fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>> {
+        // A segment that nobody talks to, and nothing in it above INIT, has nothing to do.
+        let quiet = |device: &isocat_sim::device::Device| device.is_quiet();
+        let asleep = self.session.is_none()
+            && self.faults.due().is_none()
+            && self.served.segment().devices().iter().all(quiet);
+        (!asleep).then_some(now + TICK)
+    }
+
+    /// Injects a fault as of `now`; tells what is wrong with it.
+    pub fn inject(&mut self, now: Time<Host>, fault: Fault) -> Result<(), String> {
+        self.served.advance(now);
+        self.settle();
+        self.faults.inject(&mut self.served, &fault)?;
+        self.injected.push((self.served.now(), fault.clone()));
+        self.events.push_back(Event::Fault(fault));
+        Ok(())
+    }
+
+    /// The outputs of the device at `position`, as it took them last; `None` while they are in their safe state, and where there is no
+    /// such device.
+    pub fn outputs(&self, position: usize) -> Option<Vec<u8>> {
+        self.doors.get(position)?.outputs()
+    }
+
+    /// Sets the inputs of the device at `position` from the next time on that it maps them; `None` gives them back to its application.
+    /// Bytes beyond its process image are left out; bytes that are not set stay its application's. Nothing happens where there is no
+    /// such device.
+    pub fn set_inputs(&mut self, position: usize, inputs: Option<&[u8]>) {
+        if let Some(door) = self.doors.get(position) {
+            door.set_inputs(inputs);
+        }
+    }
+
+    /// Takes the next event.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        let event = self.events.pop_front()?;
+        if self.told.len() >= MOST_EVENTS {
+            self.told.pop_front();
+        }
+        let now = self.served.now().as_nanos() as i64;
+        self.told.push_back(status::event(&event, now));
+        Some(event)
+    }
+
+    /// What is known now, for who watches. From the first time on, what is of late is followed, too.
+    pub fn status(&mut self, segment: &str) -> Status {
+        self.settle();
+        let onlooker = self.onlooker.take().unwrap_or_else(|| self.new_onlooker());
+        let status = status::status(self, segment, &onlooker);
+        self.onlooker = Some(onlooker);
+        status
+    }
+
+    /// Ends the last session, as of its last frame. One that still goes on at `now` is left open: not the
+    /// MainDevice ended it.
+    pub fn finish(&mut self, now: Time<Host>) {
+        self.settle();
+        if self.session.is_some() {
+            self.end_session();
+        }
+        if now - self.last_frame < STILL_THERE
+            && let Some(last) = self.ended.last_mut()
+            && last.end == End::Abrupt
+        {
+            last.end = End::Open;
+        }
+    }
+
+    /// The last events, oldest first.
+    pub fn told(&self) -> impl Iterator<Item = &Told> {
+        self.told.iter()
+    }
+    /// Largest SYNC0 error with which a SubDevice counts as synchronized.
+    pub fn sync0_limit(&self) -> Picos {
+        self.sync0_limit
+    }
+    /// The faults that were injected, and when.
+    pub fn injected(&self) -> &[(Time<True>, Fault)] {
+        &self.injected
+    }
+
+    /// All sessions that have ended, in order.
+    pub fn sessions(&self) -> &[Session] {
+        &self.ended
+    }
+    /// The session under way.
+    pub fn session(&self) -> Option<&Session> {
+        self.session.as_ref()
+    }
+    /// Names of the SubDevices.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+    /// The segment and its judges.
+    pub fn served(&self) -> &Served {
+        &self.served
+    }
+    /// Frames so far.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+    /// The SubDevice whose time is distributed; the first with a clock if nobody's is.
+    pub fn reference(&self) -> usize {
+        let clock = |device: &isocat_sim::device::Device| {
+            device.esc.register(register::FEATURES) & register::features::DC != 0
+        };
+        let first = || self.served.segment().devices().iter().position(clock).unwrap_or(0);
+        self.reference.map_or_else(first, |(_, position)| position)
+    }
+    /// What the judges say now of the exchange that is under way.
+    pub fn judged(&self) -> Option<Judged> {
+        let session = self.session.as_ref()?;
+        let judged = session.judged.as_ref()?;
+        Some(if session.judging && !session.silent {
+            judged.until(&self.served, self.served.now())
+        } else {
+            judged.clone()
+        })
+    }
+
+    /// Of a judging that goes on, or waits.
+    fn new_onlooker(&self) -> Box<Onlooker> {
+        let mut onlooker = Onlooker::new(self.states.len(), INTERVALS);
+        if let Some(intent) = self.served.bench().intent() {
+            onlooker.begin(self.served.now(), intent);
+        }
+        Box::new(onlooker)
+    }
+
+    /// Shows what happened to the judges, and takes note.
+    fn settle(&mut self) {
+        let now = self.served.now();
+        let Self { served, events, session, states, onlooker, .. } = self;
+        if let Some(onlooker) = onlooker
+            && now - onlooker.began() >= INTERVAL
+        {
+            onlooker.turn(now);
+        }
+        served.settle(&mut |segment, observation| {
+            if let Some(onlooker) = onlooker {
+                onlooker.observe(segment, observation);
+            }
+            let Observed::State(state, code) = observation.event else { return };
+            let device = observation.device;
+            let at = segment.devices()[device].oscillator().when(observation.device_at);
+            events.push_back(Event::State { at, device, state, code });
+            let before = std::mem::replace(&mut states[device], state);
+            let Some(session) = session else { return };
+            // Only who arrives can complete the segment, not who leaves.
+            session.pending |= state == AlState::Op;
+            if code != AlStatusCode::NO_ERROR && session.refused.len() < MOST_REFUSED {
+                session.refused.push(Refused { at, device, state, code });
+            }
+            let slot = match state {
+                AlState::PreOp => 0,
+                AlState::SafeOp => 1,
+                AlState::Op => 2,
+                AlState::Init | AlState::Boot => return,
+            };
+            let upward = state as u8 > before as u8;
+            if code != AlStatusCode::NO_ERROR || !upward {
+                return;
+            }
+            let reached = &mut session.reached[slot];
+            let reached = reached.get_or_insert(Reached { first: at, last: at, count: 0 });
+            reached.last = at;
+            reached.count += 1;
+        });
+    }
+
+    fn take_reference(&mut self, reference: Reference) {
+        if self.reference.is_some_and(|(known, _)| known == reference) {
+            return;
+        }
+        let devices = self.served.segment().devices();
+        let position = match reference {
+            Reference::Position(number) => Some(usize::from(number)),
+            Reference::Station(station) => devices
+                .iter()
+                .position(|device| device.esc.register(register::STATION_ADDRESS) == station),
+        };
+        self.reference = position.filter(|at| *at < devices.len()).map(|at| (reference, at));
+    }
+
+    /// Begins and ends the judging as the MainDevice asks for states.
+    fn follow(&mut self, seen: Seen, at: Time<True>) {
+        let reference = self.reference();
+        let Some(session) = &mut self.session else { return };
+        session.requested = seen.request.unwrap_or(session.requested);
+        let leaves = seen.request.is_some_and(|state| state != AlState::Op);
+        if leaves && session.judging {
+            self.keep_judged();
+            if let Some(session) = &mut self.session {
+                session.judging = false;
+            }
+            return;
+        }
+        if seen.cycle && session.judging {
+            let cycle = cycle_of(&self.served, &session.conduct);
+            session.conduct.cycle.reached(self.served.system_time_ps(reference, at), cycle);
+        }
+        if !std::mem::take(&mut session.pending) {
+            return;
+        }
+        let devices = self.served.segment().devices();
+        let asked = |device: &&isocat_sim::device::Device| {
+            device.esc.register(register::AL_CONTROL).state() == Ok(AlState::Op)
+        };
+        let in_op = |device: &isocat_sim::device::Device| device.stack.state() == AlState::Op;
+        let fell = |device: &isocat_sim::device::Device| device.esc.al_status().error();
+        let wanted = devices.iter().filter(asked).count();
+        let there = devices.iter().filter(asked).filter(|device| in_op(device)).count();
+        let fallen = devices.iter().filter(asked).any(fell);
+        let more = session
+            .judged
+            .as_ref()
+            .is_none_or(|judged| !session.judging || judged.devices_in_op < there);
+        if there > 0 && there == wanted && !fallen && more {
+            let cycle = cycle_of(&self.served, &session.conduct);
+            session.conduct.cycle.restart();
+            self.served.begin_judging(reference, cycle, self.sync0_limit);
+            let before = session.judged.replace(Judged::begin(&self.served, at));
+            // SubDevices that join those in OP make the stretch anew.
+            if let Some(before) = before.filter(|_| !session.judging)
+                && session.earlier.len() < MOST_STRETCHES
+            {
+                session.earlier.push(before);
+            }
+            session.judging = true;
+            self.events.push_back(Event::InOperation { devices: there });
+            if self.onlooker.is_some() {
+                self.onlooker = Some(self.new_onlooker());
+            }
+        }
+    }
+
+    /// Before time goes on to `to` without a frame: if one is overdue in operation, the judges' view is
+    /// kept, for what comes from here on may be the silence's doing.
+    fn hush(&mut self, to: Time<Host>) {
+        let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) else {
+            return;
+        };
+        let cycle = Nanos((session.conduct.cycle.intervals.mean() / 1000.0) as i64);
+        if to - self.last_frame > (cycle + Nanos(cycle.0 / 2)).max(LEAST_HUSH) {
+            self.keep_judged();
+        }
+    }
+
+    /// Keeps the judges' view as it is.
+    fn keep_judged(&mut self) {
+        let last = self.session.as_ref().map_or(self.served.now(), |s| s.conduct.last);
+        let Some(session) = &mut self.session else { return };
+        session.silent = true;
+        if let Some(judged) = &mut session.judged {
+            *judged = judged.until(&self.served, last);
+        }
+    }
+
+    fn end_session(&mut self) {
+        if self.session.as_ref().is_some_and(|s| s.judging && !s.silent) {
+            self.keep_judged();
+        }
+        let Some(mut session) = self.session.take() else { return };
+        let abrupt = matches!(session.requested, AlState::SafeOp | AlState::Op);
+        session.end = if abrupt { End::Abrupt } else { End::Down };
+        self.events.push_back(Event::SessionEnded { abrupt });
+        self.ended.push(session);
+    }
+}
+
+impl Session {
+    fn new(at: Time<True>) -> Self {
+        Self {
+            conduct: Conduct::new(at),
+            reached: [None; 3],
+            refused: Vec::new(),
+            judged: None,
+            earlier: Vec::new(),
+            end: End::Open,
+            judging: false,
+            silent: false,
+            requested: AlState::Init,
+            paused: None,
+            pending: false,
+        }
+    }
+
+    /// Whether a frame that left at `at` begins another session: this one had come to the exchange of process
+    /// data, and after a pause somebody begins at the beginning. Some MainDevices first send a frame or two that
+    /// say nothing, so the pause is remembered until the exchange goes on.
+    fn is_over(&mut self, at: Time<True>, bytes: &[u8]) -> bool {
+        let pause = if self.requested == AlState::Init { PAUSE_DOWN } else { PAUSE };
+        let exchanged = self.conduct.done(Deed::ProcessData).is_some();
+        if exchanged && at - self.conduct.last >= Picos::from(pause) {
+            self.paused.get_or_insert(self.requested);
+        }
+        let Some(requested) = self.paused else { return false };
+        let Ok(payload) = frame::payload(bytes) else { return false };
+        let mut begins = false;
+        for datagram in datagrams(payload).map_while(Result::ok) {
+            if datagram.header.command().is_ok_and(Command::is_logical) {
+                self.paused = None;
+                return false;
+            }
+            // Who asks all for their AL status may as well wait for a state.
+            let polls = datagram.header.ado() == register::AL_STATUS.address;
+            Deed::read(&datagram.header, datagram.data, |deed| {
+                begins |= matches!(deed, Deed::RequestInit | Deed::StationAddresses)
+                    || deed == Deed::Count && !polls;
+            });
+        }
+        if begins {
+            self.requested = requested;
+        }
+        begins
+    }
+
+    /// Whether its SubDevices are being judged: they are in operation.
+    pub fn is_judged(&self) -> bool {
+        self.judging
+    }
+}
+
+/// The cycle of the segment: that of the SYNC units, else that of the frames so far.
+fn cycle_of(served: &Served, conduct: &Conduct) -> Nanos {
+    let cycles = served.segment().devices().iter().filter(|device| device.esc.sync_active());
+    let cycle = cycles.map(|device| device.esc.register(register::SYNC0_CYCLE)).max().unwrap_or(0);
+    match cycle {
+        0 => Nanos((conduct.cycle.intervals.mean() / 1000.0) as i64),
+        cycle => Nanos::from_u32(cycle),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,78 @@
+use isocat_segment::{Scenario, SegmentFile};
+use isocat_wire::datagram::{Address, HEADER_LEN, Header};
+
+use super::*;
+
+/// Frames at times, into four devices without mailbox.
+struct Bench {
+    server: Server,
+    now: Time<Host>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 4\n";
+        let file = SegmentFile::parse("four.toml", text).expect("it reads");
+        let now = Time::new(1_000_000_000);
+        Self { server: Server::new(&Scenario::from(file), now), now }
+    }
+
+    /// One datagram, `ms` after the one before.
+    fn send(&mut self, ms: i64, command: Command, address: Address, data: &[u8]) {
+        self.now += Nanos::millis(ms);
+        let mut bytes = [[0xFF; 6], [0x10; 6]].concat();
+        bytes.extend([0x88, 0xA4]);
+        bytes.extend(((HEADER_LEN + data.len() + 2) as u16 | 0x1000).to_le_bytes());
+        bytes.extend(Header::new(command, 0, address, data.len() as u16).emit());
+        bytes.extend(data);
+        bytes.extend([0, 0]);
+        bytes.resize(bytes.len().max(60), 0);
+        self.server.frame(self.now, &mut bytes);
+        self.server.after(&bytes);
+    }
+
+    fn exchange(&mut self, ms: i64) {
+        self.send(ms, Command::Lrw, Address::Logical(0), &[0; 8]);
+    }
+
+    fn request(&mut self, ms: i64, state: u8) {
+        self.send(ms, Command::Bwr, Address::Broadcast(0x0120), &[state, 0]);
+    }
+
+    /// How sessions ended so far.
+    fn ends(&self) -> Vec<End> {
+        self.server.sessions().iter().map(|session| session.end).collect()
+    }
+}
+
+#[test]
+fn a_session_after_a_kill_begins_behind_frames_that_say_nothing() {
+    let mut bench = Bench::new();
+    bench.request(0, 1);
+    bench.request(1, 8);
+    bench.exchange(1);
+    // SOEM first writes 0 to the alias register of all.
+    bench.send(500, Command::Bwr, Address::Broadcast(0x0103), &[0]);
+    assert_eq!(bench.ends(), []);
+    bench.request(1, 1);
+    assert_eq!(bench.ends(), [End::Abrupt], "it was asked to be in OP");
+    let session = bench.server.session().expect("the next one");
+    assert_eq!(session.conduct.frames, 1);
+}
+
+#[test]
+fn a_pause_alone_ends_no_session() {
+    let mut bench = Bench::new();
+    bench.request(0, 8);
+    bench.exchange(1);
+    bench.exchange(500);
+    bench.request(1, 1);
+    assert_eq!(bench.ends(), [], "the exchange went on: this is the way down");
+    bench.request(1, 8);
+    bench.send(500, Command::Brd, Address::Broadcast(0x0130), &[0, 0]);
+    bench.exchange(1);
+    bench.send(1, Command::Brd, Address::Broadcast(0x0000), &[0]);
+    assert_eq!(bench.ends(), []);
+    bench.server.finish(bench.now + Nanos::millis(1_000));
+    assert_eq!(bench.ends(), [End::Abrupt]);
+}

@@ -1,0 +1,50 @@
+//! What is served: the devices, the seed, and the limit that the judges go by.
+
+use isocat_segment::Scenario;
+use isocat_sim::Connection;
+use isocat_subdevice::Application;
+use isocat_wire::time::Picos;
+
+/// The segment that a [`Server`](crate::Server) serves.
+///
+/// Made of a [`Scenario`], or by hand. The application of a device may be the caller's own, see
+/// [`with_application`](Self::with_application).
+pub struct Setup {
+    /// The SubDevices. Parents stand before their children.
+    pub segment: Vec<Connection>,
+    /// Their names, in the same order.
+    pub names: Vec<String>,
+    /// The seed of all randomness.
+    pub seed: u64,
+    /// Largest SYNC0 error with which a SubDevice counts as synchronized.
+    pub sync0_limit: Picos,
+}
+
+impl From<&Scenario> for Setup {
+    fn from(scenario: &Scenario) -> Self {
+        let setup = scenario.run().setup;
+        Self {
+            segment: setup.segment,
+            names: scenario.devices.iter().map(|device| device.name.clone()).collect(),
+            seed: setup.seed,
+            sync0_limit: scenario.sync0_limit.into(),
+        }
+    }
+}
+
+impl Setup {
+    /// Gives the device at `position` an application of the caller's own. Its process data, objects and times stay those of its
+    /// profile.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such device.
+    pub fn with_application(
+        mut self,
+        position: usize,
+        application: impl Application + Send + 'static,
+    ) -> Self {
+        self.segment[position].device.application = Box::new(application);
+        self
+    }
+}

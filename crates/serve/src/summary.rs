@@ -1,0 +1,497 @@
+//! What happened while the segment was served: one document, for people and for machines.
+
+use isocat_engine::report::typed::{self, KindDocument};
+use isocat_engine::report::words::{self, time};
+use isocat_engine::report::{Span, Spread, span, spread};
+use isocat_sim::{Finding, Kind};
+use isocat_sync::object::OUTPUT_PARAMETER;
+use isocat_wire::AlState;
+use isocat_wire::time::{Nanos, Picos, Time, True};
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use super::conduct::Conduct;
+use super::deed::Deed;
+use super::server::{End, Server, Session};
+use super::verdict::{Judged, JudgedDevice};
+
+/// Version of the document; changes whenever a reader could be misled by an older schema.
+pub const FORMAT: &str = "isocat-serve-summary/2";
+
+/// JSON schema of the document, draft 2020-12.
+pub fn schema() -> serde_json::Value {
+    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<Summary>().to_value()
+}
+
+/// The whole document. All times are nanoseconds; points of time count from the beginning of the service.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Summary {
+    /// [`FORMAT`].
+    pub format: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// Where the segment was described.
+    pub segment_file: String,
+    /// Interface.
+    pub interface: String,
+    /// How long it was served.
+    pub served_ns: i64,
+    /// Frames that came in.
+    pub frames: u64,
+    /// Frames that were answered.
+    pub answered: u64,
+    /// Frames lost in the segment, or by a fault that was asked for.
+    pub lost: u64,
+    /// Answers held back since frames came faster than 100 Mbit/s.
+    pub held: u64,
+    /// Faults that were asked for while it was served.
+    pub faults: Vec<Injected>,
+    /// What each MainDevice did, in order.
+    pub sessions: Vec<SessionSummary>,
+}
+
+/// A fault that was asked for.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Injected {
+    /// When.
+    pub at_ns: i64,
+    /// What.
+    pub what: String,
+}
+
+/// One MainDevice, from its first frame to its last.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct SessionSummary {
+    /// First frame.
+    pub began_ns: i64,
+    /// Last frame.
+    pub ended_ns: i64,
+    /// Whether its frames stopped while SubDevices were still asked to be in SAFEOP or OP.
+    pub abrupt: bool,
+    /// Frames.
+    pub frames: u64,
+    /// Source addresses of its frames, most frames first. More than one: there were several MainDevices.
+    pub sources: Vec<String>,
+    /// What it did, in the order in which it first did it.
+    pub steps: Vec<Step>,
+    /// SubDevices that refused or fell.
+    pub refused: Vec<Refusal>,
+    /// Its cyclic exchange in operation; null if it never came so far.
+    pub cycle: Option<Cycle>,
+    /// What it left out or did badly, in words.
+    pub remarks: Vec<String>,
+    /// What the judges say of the exchange in operation; null if no SubDevice was in OP.
+    pub judged: Option<JudgedSummary>,
+}
+
+/// Something that a MainDevice did.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Step {
+    /// First time, from the session's first frame.
+    pub after_ns: i64,
+    /// What.
+    pub what: String,
+    /// How many datagrams, or SubDevices that reached a state.
+    pub count: u64,
+}
+
+/// A SubDevice that did not go where it was asked to, or left it.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Refusal {
+    /// From the session's first frame.
+    pub after_ns: i64,
+    /// Position.
+    pub position: usize,
+    /// Name.
+    pub device: String,
+    /// State it is in.
+    pub state: String,
+    /// AL status code.
+    pub code: u16,
+    /// What the code means.
+    pub meaning: String,
+}
+
+/// The rhythm of the cyclic exchange, by the kernel's stamps of arrival.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Cycle {
+    /// From one cycle to the next.
+    pub interval: Span,
+    /// When cycles reached the reference clock against SYNC0's cycle, relative to the first; null without a
+    /// reference.
+    pub phase: Option<Span>,
+    /// Drift datagrams in operation.
+    pub drift_datagrams: u64,
+    /// Longest time between two of them.
+    pub longest_drift_gap_ns: i64,
+}
+
+/// What the judges say.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct JudgedSummary {
+    /// Nothing speaks against any SubDevice, in this stretch of operation and in those before.
+    pub in_sync: bool,
+    /// Stretches of operation before this one, each ended when a SubDevice was asked to leave OP, as one that
+    /// fell is before it is brought back. The figures are of the last stretch.
+    pub earlier: Vec<Stretch>,
+    /// How long SubDevices were judged in operation.
+    pub judged_ns: i64,
+    /// SubDevices in OP.
+    pub in_op: usize,
+    /// Each SubDevice.
+    pub devices: Vec<DeviceSummary>,
+}
+
+/// A stretch of operation.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Stretch {
+    /// How long it was judged.
+    pub judged_ns: i64,
+    /// What speaks against which SubDevice; empty if nothing does.
+    pub findings: Vec<String>,
+    /// The same for programs, in the same order.
+    pub kinds: Vec<FindingKind>,
+}
+
+/// A finding for programs.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct FindingKind {
+    /// Position of the SubDevice; null concerns the segment.
+    pub position: Option<usize>,
+    /// Since when, from the beginning of the judged time; null if it has no time of its own.
+    pub since_ns: Option<i64>,
+    /// What.
+    #[serde(flatten, serialize_with = "typed::kind")]
+    #[schemars(with = "KindDocument")]
+    pub kind: Kind,
+}
+
+/// One SubDevice, as the judges saw it in the segment's own true time.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct DeviceSummary {
+    /// Place in processing order, from 0.
+    pub position: usize,
+    /// Name in the segment file.
+    pub name: String,
+    /// State at the end of the judged time.
+    pub state: String,
+    /// Synchronization mode that its stack runs in.
+    pub mode: String,
+    /// SYNC0 edges against the grid that the MainDevice wrote; null without SYNC0.
+    pub sync0_error: Option<Spread>,
+    /// From the end of copying and calculating to SYNC0.
+    pub sync0_margin: Option<Span>,
+    /// SYNC0 edges while a frame with process data passed it.
+    pub sync0_in_frame: u64,
+    /// 0x1C32:0B.
+    pub sm_event_missed: u32,
+    /// 0x1C32:0C.
+    pub cycle_time_too_small: u32,
+    /// 0x1C32:0D.
+    pub shift_time_too_short: u32,
+    /// 0x1C32:20.
+    pub sync_error: u32,
+    /// What speaks against it.
+    pub findings: Vec<String>,
+    /// The same for programs, in the same order.
+    pub kinds: Vec<FindingKind>,
+}
+
+impl Summary {
+    /// Of a service that has ended: call [`Server::finish`] before.
+    pub fn new(server: &Server, segment_file: &str, interface: &str, served: Nanos) -> Self {
+        let counts = server.counts();
+        let sessions = server.sessions().iter().chain(server.session());
+        Self {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION"),
+            segment_file: segment_file.to_owned(),
+            interface: interface.to_owned(),
+            served_ns: served.0,
+            frames: counts.frames,
+            answered: counts.answered,
+            lost: counts.lost,
+            held: counts.held,
+            faults: server
+                .injected()
+                .iter()
+                .map(|(at, fault)| Injected {
+                    at_ns: at.as_nanos() as i64,
+                    what: fault.to_string(),
+                })
+                .collect(),
+            sessions: sessions.map(|session| summarize(server, session)).collect(),
+        }
+    }
+}
+
+fn summarize(server: &Server, session: &Session) -> SessionSummary {
+    let conduct = &session.conduct;
+    let after = |at: Time<True>| ns(at - conduct.began);
+    let refused = session.refused.iter().map(|refused| Refusal {
+        after_ns: after(refused.at),
+        position: refused.device,
+        device: server.names()[refused.device].clone(),
+        state: refused.state.name().to_owned(),
+        code: refused.code.0,
+        meaning: refused.code.to_string(),
+    });
+    SessionSummary {
+        began_ns: ns(conduct.began - Time::ZERO),
+        ended_ns: ns(conduct.last - Time::ZERO),
+        abrupt: session.end == End::Abrupt,
+        frames: conduct.frames,
+        sources: conduct.sources().iter().map(|source| mac(source.address)).collect(),
+        steps: steps(session),
+        refused: refused.collect(),
+        cycle: span(&conduct.cycle.intervals).map(|interval| Cycle {
+            interval,
+            phase: span(&conduct.cycle.phase),
+            drift_datagrams: conduct.cycle.drift,
+            longest_drift_gap_ns: ns(conduct.cycle.drift_gap),
+        }),
+        remarks: remarks(server, session),
+        judged: session
+            .judged
+            .as_ref()
+            .map(|judged| judged_summary(server, judged, &session.earlier)),
+    }
+}
+
+fn steps(session: &Session) -> Vec<Step> {
+    let began = session.conduct.began;
+    let done = session.conduct.order().into_iter().map(|(deed, done)| Step {
+        after_ns: ns(done.first - began),
+        what: deed.words().to_owned(),
+        count: done.count,
+    });
+    let states = [AlState::PreOp, AlState::SafeOp, AlState::Op];
+    let reached = states.into_iter().zip(session.reached).filter_map(|(state, reached)| {
+        let reached = reached?;
+        let what = format!("the last SubDevice reached {state}");
+        Some(Step { after_ns: ns(reached.last - began), what, count: reached.count })
+    });
+    let mut steps: Vec<_> = done.chain(reached).collect();
+    steps.sort_by_key(|step| step.after_ns);
+    steps
+}
+
+/// What a MainDevice left out or did badly.
+fn remarks(server: &Server, session: &Session) -> Vec<String> {
+    let conduct = &session.conduct;
+    let mut remarks = Vec::new();
+    let mut say = |remark: String| remarks.push(remark);
+    let did = |deed| conduct.done(deed).is_some();
+    if conduct.sources().len() > 1 {
+        let all: Vec<_> = conduct
+            .sources()
+            .iter()
+            .map(|s| format!("{} ({} frames)", mac(s.address), s.frames))
+            .collect();
+        say(format!("more than one MainDevice sent on this wire: {}", all.join(", ")));
+    }
+    if conduct.sync_verified() == Some(false) {
+        say("SYNC was activated and never seen to run: neither 0x0984 nor 0x0990 was read afterwards".into());
+    }
+    let devices = server.served().segment().devices();
+    let has_object = |device: &isocat_sim::device::Device| {
+        device.stack.description().object(OUTPUT_PARAMETER).is_some()
+    };
+    let any_objects = devices.iter().any(has_object);
+    if did(Deed::SyncActivate) {
+        let of_objects = |deed| matches!(deed, Deed::WriteSyncType | Deed::ReadSyncTimes);
+        for (deed, what) in [
+            (Deed::LatchTimes, "propagation delays were not measured (0x0900 never written)"),
+            (Deed::Delays, "propagation delays were not written (0x0928)"),
+            (Deed::Offsets, "system time offsets were not written (0x0920): clocks start apart"),
+            (Deed::DistributeTime, "the reference time was never distributed: clocks run apart"),
+            (
+                Deed::WriteSyncType,
+                "0x1C32:01 was not written: each SubDevice chose its mode itself",
+            ),
+            (
+                Deed::ReadSyncTimes,
+                "0x1C32:05 and :06 were not read: nobody knows whether the cycle fits",
+            ),
+            (
+                Deed::ReadDifference,
+                "0x092C was not read: nobody knows whether the clocks had converged",
+            ),
+        ] {
+            if !did(deed) && (any_objects || !of_objects(deed)) {
+                say(what.into());
+            }
+        }
+    }
+    if !session.refused.is_empty() && !did(Deed::ReadStatusCode) {
+        say("SubDevices refused or fell, and no AL status code (0x0134) was read".into());
+    }
+    if did(Deed::WriteSii) {
+        say("an SII EEPROM was written to".into());
+    }
+    cycle_remarks(conduct, session, &mut say);
+    if let Some(judged) = &session.judged {
+        judged_remarks(server, judged, &mut say);
+    }
+    if session.end == End::Abrupt {
+        say("frames stopped while SubDevices were still asked to be in SAFEOP or OP: their watchdogs had to notice".into());
+    }
+    remarks
+}
+
+fn cycle_remarks(conduct: &Conduct, session: &Session, say: &mut impl FnMut(String)) {
+    let Some(judged) = &session.judged else { return };
+    let cycle = &conduct.cycle;
+    let mean = cycle.intervals.mean();
+    if cycle.intervals.count() < 10 {
+        return;
+    }
+    let synchronized = judged.devices.iter().any(|device| device.sync0_error.is_some());
+    if synchronized && cycle.drift == 0 {
+        say("no drift datagram in operation: the clocks run apart".into());
+    } else if synchronized && cycle.drift_gap.0 as f64 > 10.0 * mean {
+        let (gap, cycles) = (cycle.drift_gap, cycle.drift_gap.0 as f64 / mean);
+        say(format!(
+            "the reference time was not distributed for {} ({cycles:.0} cycles)",
+            time(gap)
+        ));
+    }
+    let late = cycle.intervals.largest();
+    if late as f64 > 1.5 * mean {
+        say(format!(
+            "its longest cycle took {}, {:.1} times the mean of {}",
+            time(Picos(late)),
+            late as f64 / mean,
+            time(Picos(mean as i64)),
+        ));
+    }
+    let spread = cycle.phase.largest() - cycle.phase.least();
+    let wanders = cycle.phase.count() > 100 && spread as f64 > mean && synchronized;
+    if wanders {
+        say(format!(
+            "its frames wander through the cycle, by {} in all: they do not follow the reference clock",
+            time(Picos(spread)),
+        ));
+    }
+}
+
+fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)) {
+    // Who fell has another mode now, and who has no process data has nothing to synchronize.
+    let devices = || judged.devices.iter().enumerate();
+    let in_op = |device: &JudgedDevice| device.took_part && device.state == AlState::Op;
+    let deaf: Vec<_> = devices()
+        .filter(|(_, device)| in_op(device) && device.has_process_data)
+        .filter(|(_, device)| device.sync0_error.is_some() && !device.mode.uses_dc())
+        .collect();
+    let empty: Vec<_> =
+        devices().filter(|(_, device)| in_op(device) && !device.has_process_data).collect();
+    if let Some((at, _)) = empty.first() {
+        say(format!(
+            "{} in OP without any process data, first SubDevice {at} ({}): nothing is assigned in 0x1C12 and 0x1C13, \
+             so it has nothing to synchronize and no watchdog",
+            count(empty.len()),
+            server.names()[*at],
+        ));
+    }
+    if let Some((at, first)) = deaf.first() {
+        say(format!(
+            "SYNC0 runs and means nothing to {}, first SubDevice {at} ({}), whose mode is {}: a SubDevice \
+             chooses on the way to SAFEOP, by 0x1C32:01 and the SYNC unit as they are then",
+            count(deaf.len()),
+            server.names()[*at],
+            first.mode.name(),
+        ));
+    }
+    let clashes: Vec<_> =
+        judged.devices.iter().enumerate().filter(|(_, d)| d.sync0_in_frame > 0).collect();
+    if let Some((at, worst)) = clashes.iter().max_by_key(|(_, device)| device.sync0_in_frame) {
+        say(format!(
+            "SYNC0 came while a frame with process data passed, at {}; most often at SubDevice {at} ({}), {} of its edges",
+            count(clashes.len()),
+            server.names()[*at],
+            worst.sync0_in_frame,
+        ));
+    }
+}
+
+fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> JudgedSummary {
+    let stretch = |judged: &Judged| Stretch {
+        judged_ns: ns(judged.ended - judged.began),
+        findings: judged
+            .devices
+            .iter()
+            .enumerate()
+            .flat_map(|(position, device)| {
+                let name = &server.names()[position];
+                device
+                    .findings
+                    .iter()
+                    .map(move |what| format!("SubDevice {position} ({name}): {}", finding(what)))
+            })
+            .collect(),
+        kinds: judged.devices.iter().flat_map(|device| &device.findings).map(kind).collect(),
+    };
+    let device = |(position, device): (usize, &JudgedDevice)| DeviceSummary {
+        position,
+        name: server.names()[position].clone(),
+        state: device.state.name().to_owned(),
+        mode: device.mode.name().to_owned(),
+        sync0_error: device.sync0_error.as_ref().and_then(spread),
+        sync0_margin: span(&device.margin).filter(|_| device.mode.uses_dc()),
+        sync0_in_frame: device.sync0_in_frame,
+        sm_event_missed: device.counters[0],
+        cycle_time_too_small: device.counters[1],
+        shift_time_too_short: device.counters[2],
+        sync_error: device.counters[3],
+        findings: device.findings.iter().map(finding).collect(),
+        kinds: device.findings.iter().map(kind).collect(),
+    };
+    JudgedSummary {
+        in_sync: judged.in_sync() && earlier.iter().all(Judged::in_sync),
+        earlier: earlier.iter().map(stretch).collect(),
+        judged_ns: ns(judged.ended - judged.began),
+        in_op: judged.devices_in_op,
+        devices: judged.devices.iter().enumerate().map(device).collect(),
+    }
+}
+
+fn finding(finding: &Finding) -> String {
+    words::sentence(&finding.kind, finding.since, words::Family::Served)
+}
+
+/// The kind of a finding, with its figures.
+fn kind(finding: &Finding) -> FindingKind {
+    FindingKind {
+        position: finding.place.device,
+        since_ns: finding.since.map(|since| since.0),
+        kind: finding.kind.clone(),
+    }
+}
+
+/// So many SubDevices.
+fn count(devices: usize) -> String {
+    match devices {
+        1 => "1 SubDevice".to_owned(),
+        more => format!("{more} SubDevices"),
+    }
+}
+
+pub(super) fn mac(address: [u8; 6]) -> String {
+    let [a, b, c, d, e, f] = address;
+    format!("{a:02x}:{b:02x}:{c:02x}:{d:02x}:{e:02x}:{f:02x}")
+}
+
+fn ns(span: Picos) -> i64 {
+    span.0 / 1000
+}

@@ -1,0 +1,188 @@
+//! What the judges say of an exchange in operation, in the segment's own time.
+
+use isocat_sim::bench::DeviceBench;
+use isocat_sim::finding::{self, Finding, Place};
+use isocat_sim::judge::outputs_delay;
+use isocat_sim::{Served, Statistics};
+use isocat_sync::SyncMode;
+use isocat_sync::object::{OUTPUT_PARAMETER, sub};
+use isocat_wire::time::{Nanos, Picos, Time, True};
+use isocat_wire::{AlState, AlStatus, AlStatusCode, ObjectAddress};
+
+/// A stretch of operation, judged.
+#[derive(Clone, Debug)]
+pub struct Judged {
+    /// When all SubDevices that were asked for were in OP.
+    pub began: Time<True>,
+    /// When it ended, or was looked at.
+    pub ended: Time<True>,
+    /// SubDevices in OP at the beginning.
+    pub devices_in_op: usize,
+    /// Every SubDevice, by position.
+    pub devices: Vec<JudgedDevice>,
+}
+
+/// What is said of one SubDevice.
+#[derive(Clone, Debug)]
+pub struct JudgedDevice {
+    /// Its state at the end.
+    pub state: AlState,
+    /// Why.
+    pub code: AlStatusCode,
+    /// The mode it runs in.
+    pub mode: SyncMode,
+    /// It was in OP when the judging began.
+    pub took_part: bool,
+    /// SYNC0 edges against the grid that was written into its SYNC unit, ps; `None` without SYNC0.
+    pub sync0_error: Option<Statistics>,
+    /// From the end of copying and calculating to SYNC0, ps.
+    pub margin: Statistics,
+    /// From the SM2 event to SYNC0, ps.
+    pub distance: Statistics,
+    /// SYNC0 edges that came while process data passed it.
+    pub sync0_in_frame: u64,
+    /// Counters of 0x1C32, as the stack has them: 0B, 0C, 0D, 20.
+    pub counters: [u32; 4],
+    /// The same when the judging began.
+    pub counters_before: [u32; 4],
+    /// It has process data of its own.
+    pub has_process_data: bool,
+    /// Outputs are transmitted.
+    pub has_outputs: bool,
+    /// What speaks against it, each with the time from the beginning if it has one.
+    pub findings: Vec<Finding>,
+}
+
+impl Judged {
+    /// The view of those who begin to judge at `at`.
+    pub fn begin(served: &Served, at: Time<True>) -> Self {
+        Self::new(served, (at, at), |position| counters(served, position))
+    }
+
+    /// The same judging, as it looks at `ended`.
+    pub fn until(&self, served: &Served, ended: Time<True>) -> Self {
+        let before = |position: usize| self.devices[position].counters_before;
+        Self::new(served, (self.began, ended), before)
+    }
+
+    fn new(
+        served: &Served,
+        (began, ended): (Time<True>, Time<True>),
+        before: impl Fn(usize) -> [u32; 4],
+    ) -> Self {
+        let devices: Vec<_> = (0..served.segment().devices().len())
+            .map(|at| device(served, at, before(at), (began, ended)))
+            .collect();
+        let devices_in_op = devices.iter().filter(|device| device.took_part).count();
+        Self { began, ended, devices_in_op, devices }
+    }
+
+    /// Nothing speaks against any SubDevice.
+    pub fn in_sync(&self) -> bool {
+        self.devices_in_op > 0 && self.devices.iter().all(|device| device.findings.is_empty())
+    }
+}
+
+/// 0x1C32:0B, 0C, 0D and 20, as the stack has them now.
+fn counters(served: &Served, position: usize) -> [u32; 4] {
+    let sync = served.segment().devices()[position].stack.sync();
+    [
+        sync.sm_event_missed().into(),
+        sync.cycle_time_too_small().into(),
+        sync.shift_time_too_short().into(),
+        sync.sync_error().into(),
+    ]
+}
+
+fn device(
+    served: &Served,
+    at: usize,
+    counters_before: [u32; 4],
+    (began, ended): (Time<True>, Time<True>),
+) -> JudgedDevice {
+    let (device, bench) = (&served.segment().devices()[at], &served.bench().devices()[at]);
+    let before = bench.states.iter().rfind(|change| change.at <= began);
+    let took_part = before.is_some_and(|change| change.state == AlState::Op);
+    let last = bench.states.iter().rfind(|change| change.at <= ended);
+    let sync = device.stack.sync();
+    let mut judged = JudgedDevice {
+        state: last.map_or(AlState::Init, |change| change.state),
+        code: last.map_or(AlStatusCode::NO_ERROR, |change| change.code),
+        mode: sync.mode(),
+        took_part,
+        sync0_error: bench.sync0.as_ref().map(|judge| *judge.statistics()),
+        margin: *bench.margin.margin(),
+        distance: *bench.margin.distance(),
+        sync0_in_frame: served.sync0_in_frame()[at],
+        counters: counters(served, at),
+        counters_before,
+        has_outputs: sync.has_outputs(),
+        has_process_data: sync.has_outputs() || sync.has_inputs(),
+        findings: Vec::new(),
+    };
+    if took_part {
+        judged.findings = findings(at, &judged, bench, began, ended);
+    }
+    judged
+}
+
+fn findings(
+    position: usize,
+    judged: &JudgedDevice,
+    bench: &DeviceBench,
+    began: Time<True>,
+    ended: Time<True>,
+) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let mut find = |at: Option<Time<True>>, kind: finding::Judged| {
+        let since = at.map(|at| Nanos((at - began).0 / 1000));
+        findings.push(Finding { place: Place::device(position), since, kind: kind.into() });
+    };
+    let within = |at: Time<True>| (began..=ended).contains(&at);
+    if let Some(change) = bench.states.iter().find(|change| change.at > began && within(change.at))
+    {
+        let (state, code) = (AlStatus::new(change.state), change.code);
+        find(Some(change.at), finding::Judged::LeftOp { state, code });
+    }
+    // Who does not work by SYNC0 may do so whenever he likes.
+    let works_by_sync0 = judged.mode.uses_dc();
+    if let Some(first) = bench.missed.first().filter(|at| within(*at)) {
+        let (count, outputs) = (bench.missed.count(), judged.has_outputs);
+        find(Some(first), finding::Judged::MissedEvents { count, outputs });
+    }
+    if let Some(judge) = &bench.sync0 {
+        if let Some((at, error)) = judge.first_beyond().filter(|(at, _)| within(*at)) {
+            let (limit, worst) = (judge.limit(), Picos(judge.statistics().worst() as i64));
+            find(Some(at), finding::Judged::Sync0OffGrid { error, limit, worst });
+        } else if judge.statistics().count() == 0 && ended - began > FIRST_EDGES {
+            find(None, finding::Judged::NoSync0);
+        }
+    }
+    let uneven = bench.outputs_delay.first_beyond().filter(|at| works_by_sync0 && within(*at));
+    if let Some(at) = uneven {
+        let (spread, limit) = (bench.outputs_delay.spread(), outputs_delay::LIMIT);
+        find(Some(at), finding::Judged::OutputsUneven { spread, limit });
+    }
+    let object = |sub| ObjectAddress::new(OUTPUT_PARAMETER, sub);
+    // What was counted on the way up is the way up's; one that is smaller was set back meanwhile.
+    let grown = |at: usize| {
+        let (before, value) = (judged.counters_before[at], judged.counters[at]);
+        let grew = value.checked_sub(before).unwrap_or(value);
+        (grew > 0).then_some((Some(grew), value))
+    };
+    if let Some((grew, value)) = grown(1) {
+        let object = object(sub::CYCLE_TIME_TOO_SMALL);
+        find(None, finding::Judged::CycleTimeTooSmall { object, grew, value });
+    }
+    if let Some((grew, value)) = grown(2) {
+        let object = object(sub::SHIFT_TIME_TOO_SHORT);
+        find(None, finding::Judged::ShiftTimeTooShort { object, grew, value });
+    }
+    if let Some((grew, value)) = grown(3) {
+        find(None, finding::Judged::SyncError { object: object(sub::SYNC_ERROR), grew, value });
+    }
+    findings
+}
+
+/// Time in which the first edges come.
+const FIRST_EDGES: Picos = Picos(2_000_000_000_000);

@@ -1,0 +1,147 @@
+//! The core of the served segment without sockets: a MainDevice that is none of the simulation's, in virtual time, with devices whose
+//! application is the test's own.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
+use isocat_segment::{Scenario, SegmentFile};
+use isocat_serve::{Answer, Server, Setup};
+use isocat_subdevice::Application;
+use isocat_wire::time::{Host, Nanos, Time};
+
+/// Somebody's MainDevice and the segment, in a time that moves only when both wait.
+struct Line {
+    server: Server,
+    main: MainDevice,
+    now: Time<Host>,
+    /// Answers under way: when their last bit is back.
+    back: VecDeque<(Time<Host>, Vec<u8>)>,
+}
+
+impl Line {
+    fn new(setup: impl Into<Setup>) -> Self {
+        let now = Time::new(5_000_000_000);
+        let main = MainDevice::new(Config::new(Nanos::millis(1)), now);
+        Self { server: Server::new(setup, now), main, now, back: VecDeque::new() }
+    }
+
+    /// Until `done` or for `span`; whether it was done.
+    fn run(&mut self, span: Nanos, mut done: impl FnMut(&Event) -> bool) -> bool {
+        let end = self.now + span;
+        loop {
+            let mut buffer = [0; FRAME_LEN];
+            while let Some(len) = self.main.poll_transmit(self.now, &mut buffer) {
+                let mut bytes = buffer[..len].to_vec();
+                if let Answer::Back { last_bit, .. } = self.server.frame(self.now, &mut bytes) {
+                    assert!(last_bit > self.now, "no wire is faster than light");
+                    let behind = self.back.back().is_none_or(|(before, _)| *before < last_bit);
+                    assert!(behind, "answers come back in the order of their frames");
+                    self.back.push_back((last_bit, bytes.clone()));
+                }
+                self.server.after(&bytes);
+            }
+            while let Some(event) = self.main.poll_event() {
+                if done(&event) {
+                    return true;
+                }
+            }
+            let wanted = self.main.next_timeout().unwrap_or(Time::NEVER);
+            match self.back.front() {
+                Some((at, _)) if *at <= wanted => {
+                    let (at, bytes) = self.back.pop_front().expect("it is there");
+                    self.now = self.now.max(at);
+                    self.main.handle_frame(self.now, &bytes);
+                }
+                _ if wanted > end => {
+                    self.now = end;
+                    self.server.idle(end);
+                    return false;
+                }
+                _ => {
+                    self.now = self.now.max(wanted);
+                    self.main.handle_timeout(self.now);
+                }
+            }
+        }
+    }
+
+    fn to_operation(&mut self) {
+        let up = self.run(Nanos::millis(20_000), |event| {
+            assert!(!matches!(event, Event::Failed(_)), "{event:?}");
+            matches!(event, Event::InOperation { .. })
+        });
+        assert!(up, "it comes into operation");
+    }
+}
+
+fn scenario(count: usize) -> Scenario {
+    let text =
+        format!("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\ncount = {count}\n");
+    Scenario::from(SegmentFile::parse("a test", &text).expect("a segment"))
+}
+
+#[test]
+fn a_foreign_main_device_comes_into_operation_and_is_judged() {
+    let mut line = Line::new(&scenario(3));
+    line.to_operation();
+    assert!(!line.run(Nanos::millis(500), |_| false));
+    assert!(line.server.session().is_some_and(|session| session.is_judged()));
+    let judged = line.server.judged().expect("judged");
+    assert_eq!(judged.devices_in_op, 3);
+    assert!(judged.in_sync(), "{judged:?}");
+}
+
+#[test]
+fn process_data_are_seen_and_set() {
+    let mut line = Line::new(&scenario(3));
+    assert_eq!(line.server.outputs(1), None, "no outputs before OP");
+    line.to_operation();
+    let len = line.main.outputs_mut(1).len();
+    line.main.outputs_mut(1).fill(0xA5);
+    line.server.set_inputs(1, Some(&[0x5A]));
+    line.run(Nanos::millis(5), |_| false);
+    assert_eq!(line.server.outputs(1), Some(vec![0xA5; len]));
+    assert_eq!(line.main.inputs(1)[0], 0x5A, "the caller's");
+    // The profile's application copies its outputs: what was not set is still its own.
+    assert_eq!(line.main.inputs(1)[1..], vec![0xA5; len - 1], "the application's");
+    assert_eq!(line.main.inputs(0)[0], 0, "no other device's");
+    line.server.set_inputs(1, None);
+    line.run(Nanos::millis(5), |_| false);
+    assert_eq!(line.main.inputs(1)[0], 0xA5, "given back");
+    line.main.stop();
+    assert!(line.run(Nanos::millis(5_000), |event| matches!(event, Event::Stopped)));
+    assert_eq!(line.server.outputs(1), None, "safe outputs");
+    assert_eq!(line.server.outputs(3), None, "no such device");
+}
+
+/// An application of the test's own: it counts its steps, and its input is what its output was, plus one.
+struct PlusOne {
+    steps: Arc<AtomicU32>,
+    value: u8,
+}
+
+impl Application for PlusOne {
+    fn map_outputs(&mut self, outputs: &[u8]) {
+        self.value = outputs[0];
+        self.steps.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn map_inputs(&mut self, inputs: &mut [u8]) {
+        inputs[0] = self.value.wrapping_add(1);
+    }
+}
+
+#[test]
+fn a_device_has_the_callers_application() {
+    let steps = Arc::new(AtomicU32::new(0));
+    let own = PlusOne { steps: steps.clone(), value: 0 };
+    let mut line = Line::new(Setup::from(&scenario(2)).with_application(1, own));
+    line.to_operation();
+    line.main.outputs_mut(1)[0] = 41;
+    line.run(Nanos::millis(5), |_| false);
+    assert_eq!(line.main.inputs(1)[0], 42);
+    assert!(steps.load(Ordering::Relaxed) >= 4, "once a cycle");
+    assert_eq!(line.server.outputs(1).map(|outputs| outputs[0]), Some(41));
+}

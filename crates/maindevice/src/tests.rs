@@ -450,6 +450,7 @@ fn exchange(cycle: &mut Cycle, bench: &mut Bench) -> Vec<u8> {
     bench.segment.time = 5_000_000_777 + bench.now.count();
     let link = bench.link.clone();
     let mut buffer = [0; MAX_LEN];
+    cycle.close(bench.now);
     let len = link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)).unwrap();
     assert_eq!(link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)), None);
     let mut frame = buffer[..len].to_vec();
@@ -550,6 +551,7 @@ fn a_sleeper_skips_cycles_and_is_told() {
     let due = cycle.due();
     let mut buffer = [0; MAX_LEN];
     let mut transmit = |cycle: &mut Cycle, now| {
+        cycle.close(now);
         link.with(|inner| cycle.transmit(now, &mut buffer, inner)).is_some()
     };
     assert!(!transmit(&mut cycle, due + Nanos(-1)));

@@ -22,7 +22,7 @@ impl Cycle {
             self.next_frame = 0;
         }
         if self.next_frame == 0 {
-            if now < self.due || self.wait_for_grid(now, inner) {
+            if now < self.due || self.is_open() || self.wait_for_grid(now, inner) {
                 return None;
             }
             self.begin(now, inner);
@@ -53,6 +53,7 @@ impl Cycle {
         }
         frame.flights[parity] = Some(now);
         frame.cycles[parity] = self.number;
+        self.closing.out += 1;
         self.through = now.max(self.through) + Nanos(duration_ns(frame.bytes.len()) as i64) + GAP;
         inner.statistics.frames_sent += 1;
         inner.statistics.datagrams += frame.datagrams.len() as u64;
@@ -132,6 +133,7 @@ impl Cycle {
         let skipped = (late.0 / self.cycle.0).max(0) as u64;
         self.put_off = false;
         self.number += 1;
+        self.closing.out = 0;
         inner.cycle = self.number;
         inner.statistics.cycles += 1;
         if skipped > 0 {

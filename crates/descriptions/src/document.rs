@@ -79,7 +79,7 @@ const MOST_NAMES: usize = 20;
 
 /// The name that `unknown` was probably meant to be: one that contains it, or one a few typing
 /// errors away (a third of its letters).
-fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<&'k str> {
+pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<&'k str> {
     let unknown = unknown.to_lowercase();
     let contains = |name: &&&str| unknown.len() >= 3 && name.to_lowercase().contains(&unknown);
     let distance = |name: &str| strsim::damerau_levenshtein(&name.to_lowercase(), &unknown);

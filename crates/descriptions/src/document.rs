@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::ops::RangeInclusive;
+use std::sync::LazyLock;
 
 use isocat_wire::time::Nanos;
 use toml::Spanned;
@@ -173,6 +174,12 @@ impl<'a> Table<'a> {
     /// The whole document.
     pub fn root(source: Source<'a>, document: &'a Spanned<DeTable<'a>>) -> Self {
         Self { source, entries: document.get_ref(), name: "the top level", at: 0 }
+    }
+
+    /// A table without keys, in the place of this one.
+    fn empty(&self, name: &'a str) -> Self {
+        static EMPTY: LazyLock<DeTable<'static>> = LazyLock::new(DeTable::new);
+        Self { entries: &EMPTY, name, ..*self }
     }
 
     /// Refuses keys that are not in `known`.

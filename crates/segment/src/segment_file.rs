@@ -155,7 +155,7 @@ impl SegmentFile {
         let shift = root.find("shift")?;
         let watchdog = root.find("watchdog")?;
         let operation = operation::operation(&root)?;
-        let host = host(root.table("host")?, cycle)?;
+        let host = host(&root.table_or_empty("host")?, cycle)?;
         let tables = root.tables("subdevice")?;
         if tables.is_empty() {
             return Err(root.error(keys::no_device()));
@@ -206,6 +206,7 @@ impl Devices {
                 keys.error_at("count", format!("{all} devices; expected at most {MOST_DEVICES}"))
             );
         }
+        let port = tree::own_port(keys, device.profile)?;
         for number in 0..count {
             let name = match keys.value("name") {
                 Some(_) if count > 1 => format!("{} {number}", device.name),
@@ -220,7 +221,7 @@ impl Devices {
             }
             // Only the first can hang elsewhere.
             let connect = keys.value("connect").filter(|_| number == 0);
-            let place = self.ports.place(keys, connect, &self.subdevices, device.profile)?;
+            let place = self.ports.place(keys, port, connect, &self.subdevices)?;
             may_be_absent(keys, &device, place, &self.subdevices)?;
             self.subdevices.push(SubDevice { name, place, ..device.clone() });
         }
@@ -249,12 +250,9 @@ fn may_be_absent(
     }
 }
 
-fn host(keys: Option<Keys<'_>>, cycle: Nanos) -> Result<Host, FileError> {
+fn host(keys: &Keys<'_>, cycle: Nanos) -> Result<Host, FileError> {
     // A short cycle would not leave the usual jitter its place.
     let usual = Nanos::micros(20).min(Nanos(cycle.0 / 10));
-    let Some(keys) = keys else {
-        return Ok(Host { clock: Ppb::ppm(12), jitter: usual, drift_compensation: true });
-    };
     Ok(Host {
         clock: keys.get("clock")?,
         jitter: keys.find("jitter")?.unwrap_or(usual),

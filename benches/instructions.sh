@@ -1,15 +1,83 @@
 #!/usr/bin/env bash
-# Instructions for one cycle of the built-in segment (all four SubDevices, MainDevice and judges), by callgrind: the
-# difference of two run lengths, so that the bring-up cancels. Needs valgrind.
+# Instructions of the main paths, by callgrind, against the table in benches/instructions.txt.
+#
+#   benches/instructions.sh            measures, and prints each figure beside the table's
+#   benches/instructions.sh --check    the same, and fails if one is more than 2 % off, to either side
+#   benches/instructions.sh --update   writes the table
+#
+# A path that became cheaper fails the check as well: the table has to keep what was gained. Counts repeat to some 0.1 %, but hold
+# for one compiler only; with another one the check ends with 77. Needs valgrind.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-command -v valgrind >/dev/null || { echo "valgrind is missing: apt-get install valgrind" >&2; exit 2; }
-cargo build --release --quiet
-instructions() {
-  valgrind --tool=callgrind --callgrind-out-file=/dev/null "${CARGO_TARGET_DIR:-target}/release/isocat" run --for "$1" 2>&1 >/dev/null |
-    sed -n 's/.*Collected : //p'
+. benches/callgrind.sh
+table=benches/instructions.txt
+room=2
+mode=${1:-}
+compiler=$(rustc --version | cut -d' ' -f2)
+written=$(sed -n 's/^# rustc //p' "$table")
+if [ "$mode" = --check ] && [ "$compiler" != "$written" ]; then
+  echo "skipped: $table holds for rustc $written, this is $compiler"
+  exit 77
+fi
+
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+printf 'cycle = "4ms"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\ncount = 100\n' >"$folder/hundred.toml"
+
+# The package that has the benchmark, whichever it is.
+serve_package() {
+  cargo metadata --no-deps --format-version 1 | python3 -c 'import json, sys
+for package in json.load(sys.stdin)["packages"]:
+    if any(target["kind"] == ["bench"] and target["name"] == "serve" for target in package["targets"]):
+        print(package["name"])'
 }
-short=$(instructions 200ms)
-long=$(instructions 1200ms)
-echo "instructions for bring-up and 200 cycles: $short"
-echo "instructions for one cycle:               $(((long - short) / 1000))"
+
+measure() {
+  cargo build --release --locked --quiet -p isocat --bins
+  local isocat=$release/isocat short long
+  short=$(instructions "$isocat" run --for 200ms)
+  long=$(instructions "$isocat" run --for 1200ms)
+  echo "run.bring_up_and_200_cycles $short"
+  echo "run.one_cycle $(((long - short) / 1000))"
+  echo "plan.100_devices $(instructions "$isocat" plan "$folder/hundred.toml" --json)"
+
+  cargo build --release --locked --quiet -p isocat-sim --example maindevice --example scale
+  for count in 1 10 100; do
+    echo "maindevice.${count}_devices $(cycle 100 1100 "$release/examples/maindevice" "$count")"
+  done
+  for count in 1 10 100; do
+    echo "segment.${count}_devices $(cycle 2 $((count < 100 ? 102 : 12)) "$release/examples/scale" "$count")"
+  done
+
+  local program
+  program=$(cargo bench --locked --quiet -p "$(serve_package)" --bench serve --no-run --message-format json |
+    sed -n 's/.*"executable":"\([^"]*serve[^"]*\)".*/\1/p')
+  for part in steady pause; do
+    # As a test the benchmark goes through one cycle.
+    callgrind=(--toggle-collect="*linux::$part*")
+    echo "serve.${part/steady/answer}_10_devices $(instructions "$program" --test '^serve/answer/10$')"
+  done
+}
+
+measure >"$folder/measured"
+if [ "$mode" = --update ]; then
+  {
+    sed -n '/^#/p' "$table" | sed "s/^# rustc .*/# rustc $compiler/"
+    awk '{ printf "%-30s %12d\n", $1, $2 }' "$folder/measured"
+  } >"$folder/new"
+  cp "$folder/new" "$table"
+fi
+awk -v room="$room" -v check="$mode" '
+  FNR == NR { if ($0 !~ /^#/) wanted[$1] = $2; next }
+  {
+    found[$1] = 1
+    if (!($1 in wanted)) { printf "%-30s %12d  not in the table\n", $1, $2; bad++; next }
+    off = ($2 - wanted[$1]) / wanted[$1] * 100
+    verdict = off > room ? "DEARER" : off < -room ? "CHEAPER: keep it, benches/instructions.sh --update" : ""
+    if (verdict) bad++
+    printf "%-30s %12d  table %12d  %+6.2f %%  %s\n", $1, $2, wanted[$1], off, verdict
+  }
+  END {
+    for (name in wanted) if (!(name in found)) { printf "%-30s is in the table and was not measured\n", name; bad++ }
+    exit check == "--check" && bad > 0
+  }' "$table" "$folder/measured" || { echo "instructions: not within $room % of $table"; exit 1; }

@@ -226,7 +226,7 @@ fn figures(ran: &Ran, position: usize) -> Figures {
     Figures {
         name: device.name.clone(),
         mode: device.mode.clone(),
-        state: device.registers.al_status.clone(),
+        state: device.registers.al_status.to_string(),
         sync0: measured.sync0_error.map_or(String::new(), |error| time(error.worst_ns)),
         margin: margin.map_or(String::new(), time),
         late: margin.is_some_and(|margin| margin < 0.0),

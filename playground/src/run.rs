@@ -213,7 +213,7 @@ impl Tap for Onlooker {
 
     fn passed(&mut self, at: Time<True>, segment: &Segment) {
         self.frames += 1;
-        if self.began.is_none() && self.frames % SAMPLE == 0 {
+        if self.began.is_none() && self.frames.is_multiple_of(SAMPLE) {
             let time = |device: &isocat_sim::device::Device| device.system_time_ps(at);
             self.clocks.push((at, segment.devices().iter().map(time).collect()));
         }

@@ -5,10 +5,15 @@ Each of them meets each segment in a network namespace that `isocat serve --setu
 steps of peer.py; then it comes to OP, is killed there, and another one has to come to OP. tshark looks at every frame. At the
 end there is a table, and what the served segment says about each MainDevice.
 
-    main_devices.py [--isocat PATH] [--only PEER] [--segment NAME] [--cycles N] [--keep]
+    main_devices.py [--isocat PATH] [--only PEER] [--segment NAME] [--cycles N] [--keep] [--broken]
+
+Real time on a shared machine: witness.py sees when the machine stalls, and verdict.py judges whether a failure is that, by evidence.
+Only then is a MainDevice tried again; what fails otherwise has failed. --broken shows that it can: segments that are wrong on
+purpose have to fail, each in its step.
 
 Needs root, `ip`, tshark with dumpcap, and a package index for what it installs into the target directory; a MainDevice that
-can't be installed is skipped. Exit codes: 0 all well, 1 something failed, 77 nothing could be tried.
+can't be installed is skipped. Exit codes: 0 all well, 1 something failed, 75 nothing failed but the machine was too late for
+some of it in each attempt, 77 nothing could be tried.
 """
 import argparse
 import json
@@ -21,6 +26,9 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+from verdict import lateness
+from witness import Witness
 
 try:
     import tomllib
@@ -42,6 +50,14 @@ SEGMENTS = {
     # By default nothing is assigned in device 3, as in its maker's file.
     "built-in": (None, 4000, [0, 1, 3], {3: [(0x1C12, 0x1600), (0x1C13, 0x1A00)]}),
     "50 simple": (SIMPLE.format(50), 1000, [], {}),
+}
+# As above, with a fault that no MainDevice may get past, and the step that has to fail for it.
+BROKEN = {
+    "refuses OP": (SIMPLE.format(2) + 'misbehave = ["refused-state OP"]\n', 1000, [], {}, "op"),
+    "says another time": ('cycle = "4ms"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\nmisbehave = ["wrong-value 1C32:06 7"]\n',
+                          4000, [0], {}, "sdo"),
+    "copies every other output": ('cycle = "1ms"\n[[subdevice]]\ndevice = "simple_io16"\ncount = 2\n'
+                                  'misbehave = ["missed-copy 2"]\n', 1000, [], {}, "cycles"),
 }
 STEPS = ["scan", "preop", "sdo", "map", "dc", "safeop", "op", "cycles", "down", "again", "wire"]
 TIMES = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
@@ -66,16 +82,20 @@ def main():
         return 77
     folder = Path(tempfile.mkdtemp(prefix="isocat-interop-"))
     try:
-        rows = {}
-        for name in [arguments.segment] if arguments.segment else SEGMENTS:
-            segment = Segment(arguments.isocat, folder, name, arguments.cycles)
-            for peer, command in peers.items():
-                rows[peer, name] = attempts(arguments.isocat, folder, peer, command, segment)
+        with Witness(folder) as witness:
+            if arguments.broken:
+                return broken(arguments, folder, peers, witness)
+            rows = {}
+            for name in [arguments.segment] if arguments.segment else SEGMENTS:
+                segment = Segment(arguments.isocat, folder, name, arguments.cycles)
+                for peer, command in peers.items():
+                    rows[peer, name] = attempts(arguments.isocat, folder, peer, command, segment, witness)
+            stalls = witness.stalls()
         # Last, so that it disturbs nobody.
         for row in rows.values():
             row.judge_wire()
-        show(rows)
-        return 1 if any(cell.failed for row in rows.values() for cell in row.cells.values()) else 0
+        show(rows, stalls)
+        return outcome(rows)
     finally:
         if arguments.keep:
             print(f"captures and summaries stay in {folder}")
@@ -89,6 +109,7 @@ def parse():
     parser.add_argument("--only", choices=["pysoem", "kickcat", "ethercrab"])
     parser.add_argument("--segment", choices=list(SEGMENTS))
     parser.add_argument("--cycles", type=int, default=5000)
+    parser.add_argument("--broken", action="store_true", help="segments that have to fail")
     parser.add_argument("--keep", action="store_true", help="keep captures and summaries")
     return parser.parse_args()
 
@@ -114,24 +135,50 @@ def install(names):
     return peers
 
 
+def outcome(rows):
+    """The exit code."""
+    cells = [cell for row in rows.values() for cell in row.cells.values()]
+    if any(cell.failed for cell in cells):
+        return 1
+    return 75 if any(cell.result == "late" for cell in cells) else 0
+
+
+def broken(arguments, folder, peers, witness):
+    """Whether what has to fail does, in its step; lateness would be no failure."""
+    wrong = 0
+    for name, (*_, step) in BROKEN.items():
+        segment = Segment(arguments.isocat, folder, name, 1000)
+        for peer, command in peers.items():
+            row = attempts(arguments.isocat, folder, peer, command, segment, witness)
+            row.judge_wire()
+            cell = row.cells.get(step)
+            right = outcome({(peer, name): row}) == 1 and cell is not None and cell.failed
+            wrong += not right
+            said = {step: cell.result for step, cell in row.cells.items()}
+            print(f"{peer} at a segment that {name}: {'fails in ' + step + ', as it has to' if right else f'NOT FAILED: {said}'}")
+    return 1 if wrong else 0
+
+
 class Segment:
     """A segment file and what a MainDevice should find in it."""
 
     def __init__(self, isocat, folder, name, cycles):
         self.name = name
-        text, cycle_us, sync0, startup = SEGMENTS[name]
+        text, cycle_us, sync0, startup = SEGMENTS[name] if name in SEGMENTS else BROKEN[name][:4]
         self.file = None
         if text:
             self.file = folder / f"{name.replace(' ', '-')}.toml"
             self.file.write_text(text)
         else:
             text = run(isocat, "example")
+        self.cycle = cycle_us / 1e6
         devices = []
         for entry in tomllib.loads(text)["subdevice"]:
             profile = tomllib.loads(run(isocat, "devices", entry["device"]))
             for _ in range(entry.get("count", 1)):
                 position = len(devices)
                 devices.append(describe(profile, position, position in sync0, startup.get(position, [])))
+        self.drives = any(device["application"] != "io" for device in devices)
         self.task = folder / f"{name.replace(' ', '-')}.json"
         task = {"cycle_us": cycle_us, "cycles": cycles, "watchdog_ms": WATCHDOG_MS, "devices": devices}
         self.task.write_text(json.dumps(task))
@@ -179,9 +226,14 @@ def nanoseconds(value):
 
 
 class Cell:
-    def __init__(self, result, what=""):
-        self.result, self.what = result, what
-        self.failed = result == "failed"
+    """How a step went, and from when to when, if it took place in time."""
+
+    def __init__(self, result, what="", began=None, ended=None):
+        self.result, self.what, self.began, self.ended = result, what, began, ended
+
+    @property
+    def failed(self):
+        return self.result == "failed"
 
 
 class Row:
@@ -189,10 +241,21 @@ class Row:
 
     def __init__(self, capture):
         self.cells, self.capture, self.summary, self.repeated = {}, capture, "", []
+        # (time, AL status code) of SubDevices that refused a state or left it.
+        self.refusals = []
 
     def take(self, steps):
         for step in steps:
-            self.cells[step["step"]] = Cell(step["result"], step["what"])
+            self.cells[step["step"]] = Cell(step["result"], step["what"], step["began"], step["ended"])
+
+    def excuse(self, peer, segment, stalls):
+        """Makes failures that are lateness of the machine `late`, if every failure is one."""
+        failed = [cell for cell in self.cells.values() if cell.failed]
+        why = [cell.began and lateness(peer, (cell.what, cell.began, cell.ended), stalls, self.refusals, segment.cycle, segment.drives)
+               for cell in failed]
+        if all(why):
+            for cell, reason in zip(failed, why):
+                cell.result, cell.what = "late", f"{cell.what} ({reason})"
 
     def judge_wire(self):
         # One line for every frame that tshark does not read as EtherCAT, or finds bad.
@@ -206,17 +269,20 @@ class Row:
             self.cells["wire"] = Cell("ok", f"{counted} frames")
 
 
-def attempts(isocat, folder, peer, command, segment):
+def attempts(isocat, folder, peer, command, segment, witness):
     repeated = []
     for number in range(ATTEMPTS):
         print(f"{peer} at {segment.name}{f', attempt {number + 1}' if number else ''} ...", flush=True)
         row = attempt(isocat, folder, peer, command, segment, number)
         row.repeated = repeated
-        failed = [f"{step}: {cell.what}" for step, cell in row.cells.items() if cell.failed]
-        if not failed:
+        row.excuse(peer, segment, witness.stalls())
+        bad = [f"{step}: {cell.result}: {cell.what}" for step, cell in row.cells.items() if cell.result in ("failed", "late")]
+        if bad:
+            print("  " + "; ".join(bad), flush=True)
+        # Again only for what the machine was late for.
+        if not bad or any(cell.failed for cell in row.cells.values()):
             break
-        print("  failed: " + "; ".join(failed), flush=True)
-        repeated = [*repeated, "; ".join(failed)]
+        repeated = [*repeated, "; ".join(bad)]
     return row
 
 
@@ -230,6 +296,7 @@ def attempt(isocat, folder, peer, command, segment, number):
     server = subprocess.Popen(PROMPT + serve, stdout=subprocess.PIPE, text=True)
     try:
         greeting = json.loads(server.stdout.readline())
+        serving = time.monotonic()
         assert greeting["event"] == "serving", greeting
         # What it says meanwhile must not fill the pipe.
         with open(stem.with_suffix(".jsonl"), "w") as lines:
@@ -251,30 +318,45 @@ def attempt(isocat, folder, peer, command, segment, number):
         server.wait(20)
     copier.wait(20)
     row.summary = report.read_text()
+    row.refusals = refusals(stem.with_suffix(".jsonl").read_text(), serving)
     if server.returncode != 0:
         row.cells["again"] = Cell("failed", f"isocat serve ended with {server.returncode}")
     return row
 
 
+def refusals(lines, serving):
+    """When SubDevices refused a state or left one, and their AL status codes; `serving` is when the service said that it begins."""
+    events = [json.loads(line) for line in lines.splitlines() if line.startswith('{"')]
+    return [(serving + event["at_ns"] / 1e9, event["code"]) for event in events if event.get("event") == "state" and event["code"]]
+
+
 def again(inside, command, namespace, segment):
     """Killed in OP; a second one comes when the watchdogs have found out."""
     held = session(inside, command, namespace, segment, "hold")
-    if not held or held[-1]["step"] != "op" or held[-1]["result"] != "ok":
-        return Cell("failed", f"first session: {held[-1] if held else 'nothing'}")
+    last = held[-1]
+    if last["step"] != "op" or last["result"] != "ok":
+        return Cell("failed", last["what"] or "no step", last["began"], last["ended"])
     time.sleep(WATCHDOG_MS / 1000 + 0.3)
-    steps = session(inside, command, namespace, segment, "again")
-    failed = [step for step in steps if step["result"] == "failed"]
-    if failed or not steps or steps[-1]["step"] != "down":
-        return Cell("failed", f"second session: {failed or steps[-1:]}")
+    last = session(inside, command, namespace, segment, "again")[-1]
+    if last["result"] == "failed" or last["step"] != "down":
+        return Cell("failed", last["what"] or f"ended after {last['step']}", last["began"], last["ended"])
     return Cell("ok")
 
 
 def session(inside, command, namespace, segment, role):
-    """Its steps. In the role `hold` it is killed half a second after it came to OP."""
+    """Its steps, one at least, each with its begin and end. In the role `hold` it is killed half a second after it came to OP."""
     errors = tempfile.TemporaryFile("w+")
+    began = time.monotonic()
     peer = subprocess.Popen([*inside, *PROMPT, *command, namespace, segment.task, role], stdout=subprocess.PIPE, stderr=errors)
-    deadline = time.monotonic() + 30 + 2 * segment.seconds
+    deadline = began + 30 + 2 * segment.seconds
     steps, text = [], b""
+
+    def take(step):
+        steps.append(step | {"began": steps[-1]["ended"] if steps else began, "ended": time.monotonic()})
+
+    def failed(step, what):
+        take({"step": step, "result": "failed", "what": what})
+
     while time.monotonic() < deadline:
         if not select.select([peer.stdout], [], [], 0.5)[0]:
             continue
@@ -283,27 +365,35 @@ def session(inside, command, namespace, segment, role):
             break
         text += piece
         *lines, text = text.split(b"\n")
-        steps += [json.loads(line) for line in lines if line.startswith(b"{")]
+        for line in lines:
+            if line.startswith(b"{"):
+                take(json.loads(line))
         if role == "hold" and steps and steps[-1]["step"] == "op" and steps[-1]["result"] == "ok":
             time.sleep(0.5)
             if peer.poll() is not None:
-                steps.append({"step": "hold", "result": "failed", "what": "ended by itself"})
+                failed("hold", "ended by itself")
             break
     else:
-        steps.append({"step": steps[-1]["step"] if steps else "scan", "result": "failed", "what": "took too long"})
+        failed(following(steps), "took too long")
     peer.kill()
     peer.wait()
     if peer.returncode not in (0, -signal.SIGKILL):
         errors.seek(0)
         said = errors.read().strip().splitlines()
         if not steps or steps[-1]["result"] != "failed":
-            name = STEPS[STEPS.index(steps[-1]["step"]) + 1] if steps else "scan"
-            steps.append({"step": name, "result": "failed", "what": f"exit code {peer.returncode}"})
+            failed(following(steps), f"exit code {peer.returncode}")
         steps[-1]["what"] += f" [{said[-1]}]" if said else ""
+    if not steps:
+        failed("scan", "ended without a word")
     return steps
 
 
-def show(rows):
+def following(steps):
+    """The step that a session was in after these."""
+    return STEPS[STEPS.index(steps[-1]["step"]) + 1] if steps else "scan"
+
+
+def show(rows, stalls):
     """The table, then what it needs words for, then what the segment says of each MainDevice."""
     titles = {"again": "after kill", "wire": "tshark", "cycles": "process data"}
     columns = [titles.get(step, step) for step in STEPS]
@@ -312,11 +402,13 @@ def show(rows):
     for (peer, segment), row in rows.items():
         cells = [row.cells.get(step, Cell("-")).result for step in STEPS]
         print(f"{peer:<11}{segment:<11}" + "  ".join(f"{c:<{w}}" for c, w in zip(cells, widths)).rstrip())
-    print("\n-: not tried, since a step before it failed")
+    print("\n-: not tried, since a step before it failed; late: the machine was, in each attempt")
+    longest = max((length for _, length in stalls), default=0) * 1e3
+    print(f"stalls of the machine of more than 1 ms: {len(stalls)}, longest {longest:.0f} ms")
     for (peer, segment), row in rows.items():
         print(f"\n{peer} at {segment}:")
         for number, failed in enumerate(row.repeated[:ATTEMPTS - 1]):
-            print(f"  attempt {number + 1} of {ATTEMPTS} failed and was repeated: {failed}")
+            print(f"  attempt {number + 1} of {ATTEMPTS} was repeated: {failed}")
         for step in STEPS:
             cell = row.cells.get(step)
             if cell and cell.what:

@@ -6,16 +6,17 @@
 use isocat_descriptions::quantity::time;
 use isocat_maindevice::Segment;
 use isocat_maindevice::segment::Timing;
+use isocat_sim::{Judged, Kind};
+use isocat_sync::Moment;
 use isocat_sync::budget::{Check, Device, window};
 use isocat_sync::explain::al_codes;
 use isocat_wire::AlStatusCode;
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Nanos, Picos};
 
 use crate::Report;
-use crate::recording::cycle::{CycleSeen, acting, planned};
+use crate::recording::cycle::{CycleSeen, acting};
 use crate::recording::series::Series;
 use crate::recording::{Recorded, RecordedDevice};
-use crate::timeline::Moment;
 
 /// What is wrong with one SubDevice, or the segment.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -32,8 +33,13 @@ pub struct Diagnosis {
     pub remedies: Vec<String>,
 }
 
-/// All that is wrong; empty for a segment in sync.
-pub fn diagnose(report: &Report, recorded: &Recorded, segment: &Segment) -> Vec<Diagnosis> {
+/// All that is wrong; empty for a segment in sync. `limit` is the largest SYNC0 error that the judges allowed.
+pub fn diagnose(
+    report: &Report,
+    recorded: &Recorded,
+    segment: &Segment,
+    limit: Nanos,
+) -> Vec<Diagnosis> {
     if report.in_sync {
         return Vec::new();
     }
@@ -53,6 +59,7 @@ pub fn diagnose(report: &Report, recorded: &Recorded, segment: &Segment) -> Vec<
             position,
             seen,
             leads: segment.reference == Some(position),
+            limit: limit.into(),
             causes: Vec::new(),
             remedies: Vec::new(),
         };
@@ -79,28 +86,24 @@ pub fn diagnose(report: &Report, recorded: &Recorded, segment: &Segment) -> Vec<
 }
 
 fn of_segment(finding: &crate::report::Finding) -> Diagnosis {
-    let about = |word: &str| finding.what.contains(word);
-    let (causes, remedies): (&[&str], &[&str]) = if about("skipped") {
-        (
+    let (causes, remedies): (&[&str], &[&str]) = match &finding.kind {
+        Kind::Judged(Judged::CyclesSkipped { .. }) => (
             &["The machine that the MainDevice runs on came later than a whole cycle."],
             &["isocat run --preflight tells what on a machine harms punctuality", "a longer cycle"],
-        )
-    } else if about("did not come back") {
-        (
+        ),
+        Kind::Judged(Judged::FramesLost { .. }) => (
             &["Frames were lost on the wire: a bad cable or connector, a SubDevice without power."],
             &[
                 "isocat scan counts errors at each port (0x0300 on): the first port that counts is next to the fault",
             ],
-        )
-    } else if about("working counter") {
-        (
+        ),
+        Kind::Judged(Judged::WorkingCounter { .. }) => (
             &[
                 "A SubDevice did not take or give its process data: it left SAFEOP or OP, or was not reached.",
             ],
             &["look for a SubDevice in this report that left OP first"],
-        )
-    } else {
-        (&[], &[])
+        ),
+        _ => (&[], &[]),
     };
     Diagnosis {
         position: None,
@@ -119,6 +122,8 @@ struct Case<'a> {
     position: usize,
     seen: &'a RecordedDevice,
     leads: bool,
+    /// The largest SYNC0 error allowed.
+    limit: Picos,
     causes: Vec<String>,
     remedies: Vec<String>,
 }
@@ -191,7 +196,7 @@ impl Case<'_> {
         let device = &self.report.devices[self.position];
         let (missed, highest) =
             (device.true_time.missed_events, device.true_time.highest_missed_counter);
-        if missed > 0 && device.registers.al_status == "OP" {
+        if missed > 0 && device.registers.al_status.is_op() {
             self.causes.push(format!(
                 "It stayed in OP all the same: its counter 0x1C32:0B, which goes down again between two misses, reached {highest}. At \
                  each of these {missed} pulses it acted on the outputs of the cycle before.",
@@ -217,7 +222,7 @@ impl Case<'_> {
                 later.0 / 1_000
             )),
         }
-        let stored = timing.moments(self.position).and_then(|m| planned(&m, Moment::Sm2));
+        let stored = timing.moments(self.position).and_then(|moments| moments.of(Moment::Sm2));
         if let (Some(stored), Some(seen)) = (stored, cycle.of(Moment::Sm2)) {
             let beyond = seen.largest() as f64 / 1e3 - stored.latest.0 as f64;
             if beyond > 0.0 {
@@ -248,10 +253,12 @@ impl Case<'_> {
         if self.seen.missed_count == 0 || !self.causes.is_empty() {
             return;
         }
-        let lost = self.report.findings.iter().find(|finding| {
-            finding.position.is_none()
-                && (finding.what.contains("did not come back") || finding.what.contains("skipped"))
-        });
+        let frames = |kind: &Kind| {
+            matches!(kind, Kind::Judged(Judged::FramesLost { .. } | Judged::CyclesSkipped { .. }))
+        };
+        let mut of_segment =
+            self.report.findings.iter().filter(|finding| finding.position.is_none());
+        let lost = of_segment.find(|finding| frames(&finding.kind));
         match lost {
             Some(finding) => self.causes.push(format!(
                 "It had no outputs to act on since frames did not come: {}.",
@@ -267,10 +274,9 @@ impl Case<'_> {
 
     /// A clock that is not where it should be.
     fn clock(&mut self) {
-        let limit = 1_000_000;
         let series = &self.seen.sync0;
         let Some((least, largest)) = series.range() else { return };
-        if least.abs().max(largest.abs()) <= limit || self.leads {
+        if least.abs().max(largest.abs()) <= self.limit.0 || self.leads {
             return;
         }
         let slope = slope_ppm(series);

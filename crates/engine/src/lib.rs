@@ -2,7 +2,7 @@
 //!
 //! Data's way: what a [`Scenario`]'s timing will be, [`plan`] tells before anything is sent, and [`plan::proof`] holds that against
 //! true time. A run in virtual time ([`run`]) ends in a [`report`]; [`recording`] keeps what pictures are drawn of, [`timeline`] the
-//! cycles of one SubDevice; [`diagnosis`] looks for causes in both. [`scan`] tells what a segment is before any cycle. While a segment
+//! cycles of one SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a segment is before any cycle. While a segment
 //! runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs on a real interface. [`explain`] gives codes, objects and
 //! registers their meaning.
 #![forbid(unsafe_code)]
@@ -11,6 +11,7 @@ pub mod diagnosis;
 pub mod explain;
 #[cfg(target_os = "linux")]
 pub mod live;
+pub mod moment;
 pub mod plan;
 pub mod recording;
 pub mod report;

@@ -11,4 +11,3 @@ pub mod scan;
 
 pub use capture::CaptureSink;
 pub use job::{Job, Outcome};
-pub use judge::Finding;

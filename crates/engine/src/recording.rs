@@ -19,13 +19,14 @@ use isocat_sim::judge::{HostPhase, Sync0Error};
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::run::intent;
 use isocat_sim::{Segment, Tap};
-use isocat_sync::phase;
+use isocat_sync::{Moment, phase};
 use isocat_wire::AlState;
 use isocat_wire::register::SYSTEM_TIME_DIFFERENCE;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use series::{Histogram, Series};
 
-use crate::timeline::{Moment, Timeline};
+use crate::moment;
+use crate::timeline::Timeline;
 
 /// Follows a run.
 #[derive(Debug)]
@@ -306,7 +307,7 @@ impl Tap for Recording {
         }
         let last = self.duration + -(began.settled - began.at);
         let steady = at >= began.settled && (since < last || !began.operating);
-        if let Some(moment) = Moment::of(event) {
+        if let Some(moment) = moment::of(event) {
             device.remember(at, moment);
             if let Some(phases) = device.phases.as_mut().filter(|_| steady)
                 && phases.happened(at, system, moment)

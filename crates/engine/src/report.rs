@@ -10,15 +10,23 @@ pub mod interface;
 pub mod quality;
 pub mod scan;
 mod text;
+pub mod typed;
+pub mod words;
 
 #[cfg(target_os = "linux")]
 pub use build::{span, spread};
+use isocat_maindevice::Stage;
+use isocat_sim::Kind;
+use isocat_sync::SyncMode;
+use isocat_wire::AlState;
 use schemars::JsonSchema;
 use serde::Serialize;
 pub(crate) use text::{BAD, GOOD, QUIET};
 
+use typed::{KindDocument, StateRead};
+
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/3";
+pub const FORMAT: &str = "isocat-run-report/4";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -85,11 +93,17 @@ pub struct Finding {
     /// Its name.
     pub device: Option<String>,
     /// Stage of the way up at which it happened; null in operation.
-    pub stage: Option<String>,
+    #[serde(serialize_with = "typed::some_text")]
+    #[schemars(with = "Option<String>")]
+    pub stage: Option<Stage>,
     /// Since when, from the beginning of the judged time; null from its beginning.
     pub since_ns: Option<i64>,
-    /// What, with the figures.
+    /// What, with the figures: a sentence for people, which may change.
     pub what: String,
+    /// What, for programs.
+    #[serde(flatten, serialize_with = "typed::kind")]
+    #[schemars(with = "KindDocument")]
+    pub kind: Kind,
 }
 
 /// Figures of the segment.
@@ -168,7 +182,9 @@ pub struct Device {
     /// Profile.
     pub profile: String,
     /// Synchronization mode: free-run, sm, dc-sync0.
-    pub mode: String,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub mode: SyncMode,
     /// Why not a higher mode; empty if this is the one asked for or the highest.
     pub mode_reason: String,
     /// Cycle in which it works: SYNC0, bus or its own timer; null if nothing states it.
@@ -202,7 +218,9 @@ pub struct DeviceTrueTime {
     /// Highest value that 0x1C32:0B took.
     pub highest_missed_counter: u16,
     /// State at the end of the judged time.
-    pub state: String,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub state: AlState,
 }
 
 /// One SubDevice as its registers and objects show it.
@@ -210,7 +228,9 @@ pub struct DeviceTrueTime {
 #[schemars(deny_unknown_fields)]
 pub struct DeviceRegisters {
     /// AL status, 0x0130.
-    pub al_status: String,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub al_status: StateRead,
     /// AL status code, 0x0134.
     pub al_status_code: u16,
     /// Propagation delay, 0x0928; null without clock.

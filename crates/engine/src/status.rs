@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 pub mod board;
 pub mod edges;
 pub mod main_device;
+mod names;
 #[cfg(target_os = "linux")]
 #[cfg(test)]
 mod tests;
@@ -210,7 +211,9 @@ pub struct Counter {
 #[serde(deny_unknown_fields)]
 pub struct Moment {
     /// Which.
-    pub event: Words,
+    #[serde(with = "names::moment")]
+    #[schemars(with = "String")]
+    pub event: isocat_sync::Moment,
     /// Not before, as planned, ns.
     pub earliest_ns: i64,
     /// Not after, as planned, ns.

@@ -6,113 +6,17 @@ use std::fmt;
 use isocat_segment::Scenario;
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{Segment, Tap};
-use isocat_sync::Step;
+pub use isocat_sync::Moment;
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
-use crate::Report;
+use crate::{Report, moment};
 
 /// Cycles of one SubDevice in operation, as they happened.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Timeline {
     /// What happened, and when: true time from the beginning of the first cycle.
     pub entries: Vec<(Picos, Moment)>,
-}
-
-/// Something that happens in a cycle.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum Moment {
-    /// The first bit of a frame with process data leaves the MainDevice.
-    Frame,
-    /// Outputs are stored.
-    Sm2,
-    /// Inputs are fetched.
-    Sm3,
-    /// A SYNC0 edge.
-    Sync0,
-    /// A SYNC1 edge.
-    Sync1,
-    /// Outputs are fetched from the ESC.
-    OutputsFetched,
-    /// Outputs are copied and calculated.
-    OutputsReady,
-    /// The application begins.
-    ApplicationBegins,
-    /// The application ends.
-    ApplicationEnds,
-    /// Outputs act on the process.
-    OutputsValid,
-    /// Inputs are taken from the process.
-    InputLatch,
-    /// The inputs' mapping begins.
-    InputsBegin,
-    /// Inputs stand in the SM3 buffer.
-    InputsAvailable,
-}
-
-impl Moment {
-    /// All of them.
-    pub const ALL: [Self; 13] = [
-        Self::Frame,
-        Self::Sm2,
-        Self::Sm3,
-        Self::Sync0,
-        Self::Sync1,
-        Self::OutputsFetched,
-        Self::OutputsReady,
-        Self::ApplicationBegins,
-        Self::ApplicationEnds,
-        Self::OutputsValid,
-        Self::InputLatch,
-        Self::InputsBegin,
-        Self::InputsAvailable,
-    ];
-
-    /// In words.
-    pub const fn words(self) -> &'static str {
-        match self {
-            Self::Frame => "frame leaves the MainDevice",
-            Self::Sm2 => "SM2 event: outputs stored",
-            Self::Sm3 => "SM3 event: inputs fetched",
-            Self::Sync0 => "SYNC0",
-            Self::Sync1 => "SYNC1",
-            Self::OutputsFetched => "  outputs fetched",
-            Self::OutputsReady => "  outputs copied and calculated",
-            Self::ApplicationBegins => "  application begins",
-            Self::ApplicationEnds => "  application ends",
-            Self::OutputsValid => "  Outputs Valid",
-            Self::InputLatch => "  Input Latch",
-            Self::InputsBegin => "  input mapping begins",
-            Self::InputsAvailable => "  inputs available",
-        }
-    }
-
-    /// With subordinated cycles it happens at each SYNC0.
-    pub(crate) const fn is_of_each_pulse(self) -> bool {
-        matches!(
-            self,
-            Self::Sync0 | Self::OutputsValid | Self::ApplicationBegins | Self::ApplicationEnds
-        )
-    }
-
-    /// What an event of the simulation is here; `None` if it is none of a cycle.
-    pub fn of(event: Observed) -> Option<Self> {
-        Some(match event {
-            Observed::Sm2 => Self::Sm2,
-            Observed::Sm3 => Self::Sm3,
-            Observed::Sync0 => Self::Sync0,
-            Observed::Sync1 => Self::Sync1,
-            Observed::Began(Step::MapOutputs) => Self::OutputsFetched,
-            Observed::Finished(Step::MapOutputs) => Self::OutputsReady,
-            Observed::Began(Step::Application) => Self::ApplicationBegins,
-            Observed::Finished(Step::Application) => Self::ApplicationEnds,
-            Observed::Began(Step::OutputsValid) => Self::OutputsValid,
-            Observed::Began(Step::LatchInputs) => Self::InputLatch,
-            Observed::Began(Step::MapInputs) => Self::InputsBegin,
-            Observed::Finished(Step::MapInputs) => Self::InputsAvailable,
-            _ => return None,
-        })
-    }
 }
 
 /// Runs a scenario and records `cycles` cycles of one SubDevice, beginning `after` it went to OP with the next
@@ -168,7 +72,7 @@ impl Tap for Shared {
         if let Observed::State(AlState::Op, _) = observation.event {
             recorder.in_op.get_or_insert(at);
         }
-        if let Some(moment) = Moment::of(observation.event) {
+        if let Some(moment) = moment::of(observation.event) {
             recorder.note(at, moment);
         }
     }

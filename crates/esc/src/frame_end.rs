@@ -50,10 +50,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Brings what the frame wrote to registers into force.
     fn commit(&mut self, start: Time<Device>, now: Time<Device>) {
-        if let Some(value) = self.shadow.byte(register::ESC_RESET_ECAT.address) {
-            if self.advance_reset(0, value, now) {
-                return;
-            }
+        if let Some(value) = self.shadow.byte(register::ESC_RESET_ECAT.address)
+            && self.advance_reset(0, value, now)
+        {
+            return;
         }
         let Self { shadow, registers, .. } = self;
         let loops_before = registers.byte(register::DL_CONTROL.address + 1);

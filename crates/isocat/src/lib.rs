@@ -33,7 +33,7 @@ pub mod picture;
 pub mod watch;
 
 pub use isocat_conform as conform;
-pub use isocat_descriptions::{StartUp, document, eni, esi, quantity, start_up};
+pub use isocat_descriptions::{StartUp, columns, document, eni, esi, quantity, start_up};
 #[cfg(target_os = "linux")]
 pub use isocat_engine::live;
 pub use isocat_engine::{

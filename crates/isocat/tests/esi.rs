@@ -216,7 +216,7 @@ fn a_segment_of_described_devices_comes_up() {
     }
     let report = run(&Scenario::from(file));
     assert!(report.in_sync, "{} {:#?}", report.verdict, report.findings);
-    assert!(report.devices.iter().all(|device| device.registers.al_status == "OP"), "{report:?}");
+    assert!(report.devices.iter().all(|device| device.registers.al_status.is_op()), "{report:?}");
 
     let error = |rest: &str| {
         let error = parse(rest).unwrap_err();

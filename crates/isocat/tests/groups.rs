@@ -5,9 +5,9 @@ use std::rc::Rc;
 
 use isocat::plan::Plan;
 use isocat::{Nanos, NoTap, Report, Scenario, SegmentFile};
-use isocat_maindevice::Event;
+use isocat_maindevice::{Event, Motion};
 use isocat_sim::observation::{Observation, Observed};
-use isocat_sim::{Motion, Segment, Tap, World};
+use isocat_sim::{Segment, Tap, World};
 use isocat_sync::SyncMode;
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{datagram, frame};
@@ -245,5 +245,5 @@ fn slow_groups_alone() {
     let report = isocat::run(&scenario);
     assert!(report.in_sync, "{:?}", report.findings);
     let modes = [SyncMode::DcSync0, SyncMode::FreeRun].map(|mode| mode.name().to_owned());
-    assert_eq!([0, 1].map(|at| report.devices[at].mode.clone()), modes);
+    assert_eq!([0, 1].map(|at| report.devices[at].mode.name()), modes);
 }

@@ -3,6 +3,7 @@
 use isocat::profile::Overrides;
 use isocat::{Nanos, Report, Scenario, SegmentFile, run};
 use isocat_sim::HostModel;
+use isocat_sync::SyncMode;
 
 fn built_in(milliseconds: i64) -> Scenario {
     let mut scenario = Scenario::from(SegmentFile::built_in());
@@ -34,7 +35,8 @@ fn findings(report: &Report) -> String {
 fn sync0_edges_are_within_100_ns_over_10_s_and_not_too_good() {
     let report = run(&built_in(10_000));
     assert!(report.in_sync, "{}", findings(&report));
-    let synchronized: Vec<_> = report.devices.iter().filter(|d| d.mode == "dc-sync0").collect();
+    let synchronized: Vec<_> =
+        report.devices.iter().filter(|d| d.mode == SyncMode::DcSync0).collect();
     assert_eq!(synchronized.len(), 3);
     for device in &synchronized {
         let error = device.true_time.sync0_error.expect("SYNC0 runs");
@@ -46,7 +48,7 @@ fn sync0_edges_are_within_100_ns_over_10_s_and_not_too_good() {
         }
     }
     let free = &report.devices[2];
-    assert_eq!((free.mode.as_str(), free.registers.al_status.as_str()), ("free-run", "OP"));
+    assert_eq!((free.mode, free.registers.al_status.is_op()), (SyncMode::FreeRun, true));
     assert_eq!(free.true_time.sync0_error, None);
 }
 
@@ -67,11 +69,11 @@ fn without_drift_compensation_the_same_judge_sees_clocks_run_apart() {
     // SYNC0 has slid into the arrival of the frames: both devices have fallen, and are reported fallen.
     for position in [1, 3] {
         let device = &report.devices[position];
-        assert_eq!(device.registers.al_status, "SAFEOP+ERR", "{}", device.name);
+        assert_eq!(device.registers.al_status.to_string(), "SAFEOP+ERR", "{}", device.name);
         assert_eq!(device.registers.al_status_code, 0x001A, "{}", device.name);
         assert!(device.registers.output_counters.sm_event_missed > Some(4), "{}", device.name);
     }
-    assert_eq!(report.devices[0].registers.al_status, "OP");
+    assert!(report.devices[0].registers.al_status.is_op());
 }
 
 /// Slack 0 ns runs clean, -1 ns raises exactly the predicted counter at exactly that device.
@@ -106,11 +108,11 @@ fn the_copy_time_may_use_the_last_nanosecond_but_no_more() {
                 // Three for each miss, until the limit of 0x10F1:02 is passed: the device never sees a
                 // valid sequence, and after its time-out refuses OP.
                 assert!(counted > 4, "{}: 0x1C32:0B = {counted}", device.name);
-                assert_eq!(device.registers.al_status, "SAFEOP+ERR");
+                assert_eq!(device.registers.al_status.to_string(), "SAFEOP+ERR");
                 assert_eq!(device.registers.al_status_code, 0x001A);
             } else {
                 assert_eq!(counted, 0, "{}", device.name);
-                assert!(!device.registers.al_status.contains("ERR"), "{}", device.name);
+                assert!(!device.registers.al_status.is_error(), "{}", device.name);
             }
         }
     }
@@ -153,10 +155,10 @@ fn an_sm_synchronous_drive_runs_beside_dc_drives() {
     scenario.duration = Nanos::millis(300);
     let report = run(&scenario);
     assert!(report.in_sync, "{}", findings(&report));
-    let modes: Vec<_> = report.devices.iter().map(|device| device.mode.as_str()).collect();
+    let modes: Vec<_> = report.devices.iter().map(|device| device.mode.name()).collect();
     assert_eq!(modes[0], "sm");
-    for device in report.devices.iter().filter(|device| device.mode == "sm") {
-        assert_eq!(device.registers.al_status, "OP");
+    for device in report.devices.iter().filter(|device| device.mode == SyncMode::SmSynchronous) {
+        assert!(device.registers.al_status.is_op());
         assert_eq!(device.registers.output_sync_type, Some(1));
         assert_eq!(device.registers.input_sync_type, Some(0x22));
         assert_eq!(device.true_time.sync0_error, None);

@@ -7,6 +7,9 @@ use isocat::recording::{Recorded, Recording};
 use isocat::{Nanos, Report, Scenario, SegmentFile, html};
 use isocat_maindevice::Segment;
 
+/// The largest SYNC0 error that scenarios allow, if they say nothing else.
+const LIMIT: Nanos = Nanos(1_000);
+
 fn run(text: &str) -> (Report, Recorded, Segment, String) {
     let mut scenario = Scenario::from(SegmentFile::parse("test.toml", text).expect("it is right"));
     scenario.force = text.contains("# forced");
@@ -123,7 +126,7 @@ copy_time = "178us"
 fn a_device_that_is_late_is_named_with_cause_and_remedy() {
     let (report, recorded, segment, page) = run(LATE);
     assert!(!report.in_sync);
-    let all = diagnose(&report, &recorded, &segment);
+    let all = diagnose(&report, &recorded, &segment, LIMIT);
     assert_eq!(all.iter().map(|d| d.position).collect::<Vec<_>>(), [Some(1)], "{all:?}");
     let (causes, remedies) = (all[0].causes.join(" "), all[0].remedies.join(" "));
     let left = recorded.devices[1].cycle.as_ref().expect("it works").outputs_left.least();
@@ -160,7 +163,7 @@ clock = "40ppm"
 "#;
     let (report, recorded, segment, _) = run(text);
     assert!(!report.in_sync, "{}", report.verdict);
-    let all = diagnose(&report, &recorded, &segment);
+    let all = diagnose(&report, &recorded, &segment, LIMIT);
     let one = all.iter().find(|d| d.position == Some(1)).expect("it is told");
     let causes = one.causes.join(" ");
     // A faster clock comes earlier.
@@ -182,7 +185,7 @@ device = "model_every_mode"
 "#;
     let (report, recorded, segment, page) = run(text);
     assert!(!report.in_sync, "{}", report.verdict);
-    let all = diagnose(&report, &recorded, &segment);
+    let all = diagnose(&report, &recorded, &segment, LIMIT);
     let causes: String = all.iter().flat_map(|d| d.causes.clone()).collect();
     assert!(causes.contains("The plan had said so: 0x1C32:06"), "{all:?}");
     is_alone(&page);

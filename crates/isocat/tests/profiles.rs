@@ -194,8 +194,8 @@ fn each_device_comes_to_op_in_each_mode_that_it_announces() {
             scenario.duration = Nanos::millis(50);
             let report = run(&scenario);
             let device = &report.devices[0];
-            let found = (device.mode.as_str(), device.registers.al_status.as_str());
-            if found == (mode.name(), "OP") && report.in_sync {
+            let found = (device.mode, device.registers.al_status);
+            if found.0 == mode && found.1.is_op() && report.in_sync {
                 booted += 1;
             } else {
                 failures.push(format!("{id} {}: {found:?} {}", mode.name(), report.verdict));

@@ -1,6 +1,6 @@
 //! What a recording keeps of a run: phases where the plan has them, errors as the judges have them, what led to a missed event.
 
-use isocat::recording::cycle::{Origin, planned};
+use isocat::recording::cycle::Origin;
 use isocat::recording::{Recorded, Recording};
 use isocat::timeline::Moment;
 use isocat::{Nanos, Report, Scenario, SegmentFile};
@@ -59,8 +59,7 @@ fn events_lie_where_the_plan_has_them_in_every_mode() {
         let mut compared = 0;
         for (moment, seen) in &cycle.moments {
             // SM3 is planned by its frame's begin.
-            let Some(span) = planned(&moments, *moment).filter(|_| !own && *moment != Moment::Sm3)
-            else {
+            let Some(span) = moments.of(*moment).filter(|_| !own && *moment != Moment::Sm3) else {
                 continue;
             };
             compared += 1;

@@ -7,7 +7,7 @@
 //! SYNC is seen to run. [`stop`] is the way back.
 
 use alloc::boxed::Box;
-use alloc::rc::Rc;
+use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::convert::Infallible;
 
@@ -31,7 +31,7 @@ use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, sync};
 /// What a piece of the way works on, and gives back whether it got to its end or not.
 pub(crate) struct Work {
     pub link: Link,
-    pub config: Rc<Config>,
+    pub config: Arc<Config>,
     pub segment: Segment,
     pub mailboxes: Mailboxes,
     pub stage: Stage,

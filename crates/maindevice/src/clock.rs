@@ -381,13 +381,13 @@ async fn measure_delays(
 fn take(link: &Link, device: &mut SubDevice, delay: Delay) {
     device.measured_delay = Some(delay);
     device.delay = delay.nanos();
-    if let Delay::Indeterminate { why, between } = delay {
-        if device.dc.has_clock() {
-            let used = delay.or_middle();
-            device.delay = Some(used);
-            let position = device.position;
-            link.report(Event::DelayUnknown { position, why, between, used });
-        }
+    if let Delay::Indeterminate { why, between } = delay
+        && device.dc.has_clock()
+    {
+        let used = delay.or_middle();
+        device.delay = Some(used);
+        let position = device.position;
+        link.report(Event::DelayUnknown { position, why, between, used });
     }
 }
 

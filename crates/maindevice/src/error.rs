@@ -15,6 +15,7 @@ use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{AbortCode, ObjectAddress, PortNumber};
 
 use crate::event::Stage;
+use crate::kind::{Figure, Figured};
 use crate::segment::DcCapability;
 
 /// A failure, with the stage at which it happened.
@@ -460,6 +461,45 @@ impl Cause {
         }
     }
 
+    /// The name of the cause, for programs; it stays the same whatever the sentence becomes.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Cause::Access(_) => "access",
+            Cause::Empty => "untouched-frames",
+            Cause::Silent { .. } => "no-frames",
+            Cause::Count { .. } => "count",
+            Cause::Topology { .. } => "topology",
+            Cause::Identity { .. } => "identity",
+            Cause::NoSeat { .. } => "no-seat",
+            Cause::Missing { .. } => "missing",
+            Cause::Clock { .. } => "clock",
+            Cause::Sii { .. } => "sii",
+            Cause::Refused { .. } => "state-refused",
+            Cause::StateTimeout { .. } => "state-timeout",
+            Cause::Mailbox { .. } => "mailbox",
+            Cause::Sdo { .. } => "sdo",
+            Cause::ReadBack { .. } => "read-back",
+            Cause::Mode { .. } => "mode",
+            Cause::Plan { .. } => "plan",
+            Cause::Frames { .. } => "frames",
+            Cause::Mapping { .. } => "mapping",
+            Cause::Drift { .. } => "drift",
+            Cause::Phase { .. } => "phase",
+            Cause::SyncNotStarted { .. } => "sync-not-started",
+            Cause::ProcessData { .. } => "process-data",
+            Cause::Ring(_) => "ring",
+            Cause::Setting { .. } => "setting",
+        }
+    }
+
+    /// The AL status code (register 0x0134) that it came with, if it is about a state.
+    pub const fn al_status_code(&self) -> Option<AlStatusCode> {
+        match self {
+            Cause::Refused { code, .. } | Cause::StateTimeout { code, .. } => Some(*code),
+            _ => None,
+        }
+    }
+
     /// The SubDevice it happened at, if it is one.
     pub fn place(&self) -> Option<&Place> {
         match self {
@@ -479,6 +519,13 @@ impl Cause {
             | Cause::SyncNotStarted { place, .. } => Some(place),
             _ => None,
         }
+    }
+}
+
+/// Its name.
+impl Figured for Cause {
+    fn figure(&self) -> Figure {
+        Figure::Text(self.name().into())
     }
 }
 

@@ -1,7 +1,5 @@
 //! What the machine tells while it works.
 
-use alloc::format;
-use alloc::string::String;
 use alloc::vec::Vec;
 use core::fmt;
 
@@ -353,50 +351,4 @@ pub enum Event {
         /// How many.
         count: u64,
     },
-}
-
-impl Event {
-    /// The SubDevice and what became of it, in words, if this tells of one that went, came back or was brought back;
-    /// `None`: it tells of something else. For reports: a run in which this happened was not the same throughout.
-    pub fn change(&self) -> Option<(Option<usize>, String)> {
-        let milliseconds = |time: &Nanos| time.0 / 1_000_000;
-        let of = |position: &usize, what: String| Some((Some(*position), what));
-        match self {
-            Event::Lost { position, cycle } => of(position, format!("lost in cycle {cycle}")),
-            Event::Readmitted { position, cycle, after } => {
-                let after = milliseconds(after);
-                of(position, format!("admitted in cycle {cycle}, {after} ms after it was found"))
-            }
-            Event::NotReadmitted { position, cause, .. } => {
-                of(position, format!("not admitted: {cause}"))
-            }
-            Event::Recovered { position, after } => {
-                of(position, format!("brought back to OP in {} ms", milliseconds(after)))
-            }
-            Event::NotRecovered { position, cause, .. } => {
-                of(position, format!("not brought back to OP: {cause}"))
-            }
-            Event::ReferenceElected { position, cycle } => {
-                of(position, format!("leads the clocks from cycle {cycle} on"))
-            }
-            Event::RingCut { cycle, between } => {
-                let end = |position: &Option<usize>, port: &str| {
-                    position.map_or(format!("the {port} port"), |at| format!("SubDevice {at}"))
-                };
-                let (from, to) = (end(&between.0, "primary"), end(&between.1, "secondary"));
-                Some((None, format!("ring cut between {from} and {to}, seen in cycle {cycle}")))
-            }
-            Event::ClocksSplit { position, cycle } => {
-                of(position, format!("leads the clocks behind the cut from cycle {cycle} on"))
-            }
-            Event::RingHealed { cycle } => {
-                Some((None, format!("ring whole from cycle {cycle} on")))
-            }
-            Event::Unplanned { found, .. } => Some((
-                None,
-                format!("{found} SubDevices answer, which is not the tree of the scan"),
-            )),
-            _ => None,
-        }
-    }
 }

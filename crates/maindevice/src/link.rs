@@ -6,15 +6,18 @@
 //! several answers at once makes its exchanges first and awaits them afterwards; procedures of many
 //! devices that run joined share frames without knowing of each other.
 //!
+//! What both sides work on has one owner at a time: the machine holds it by itself and lays it on the desk that is in
+//! the link only while procedures run. So frames of the cycle go in and out without a lock, and the lock of the
+//! desk, which makes the machine `Send`, is never waited for.
+//!
 //! No waker is used: the machine polls its procedures after every input, which is the only time at
 //! which something can have changed.
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
-use alloc::rc::Rc;
+use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
-use core::cell::RefCell;
 use core::future::Future;
 use core::pin::Pin;
 use core::task::{Context, Poll};
@@ -28,6 +31,7 @@ use isocat_wire::frame::{
 use isocat_wire::register::{Register, Value};
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{AutoIncrementAddress, StationAddress};
+use spin::Mutex;
 
 use crate::error::{AccessError, AccessProblem};
 use crate::event::Event;
@@ -50,7 +54,15 @@ const MOST_EVENTS: usize = 1024;
 
 /// The procedures' handle of the machine.
 #[derive(Clone)]
-pub(crate) struct Link(Rc<RefCell<Inner>>);
+pub(crate) struct Link(Arc<Mutex<Desk>>);
+
+/// Where the machine lays what it works on while its procedures run.
+struct Desk {
+    /// `None`: the machine has it in hand, and no procedure runs.
+    inner: Option<Box<Inner>>,
+    /// Slots of exchanges that were dropped meanwhile.
+    released: Vec<usize>,
+}
 
 /// What the machine itself works on.
 pub(crate) struct Inner {
@@ -190,7 +202,7 @@ pub(crate) struct Travel {
 
 impl Link {
     pub fn new(now: Time<Host>, source: [u8; 6], frame_timeout: Nanos, retries: u8) -> Self {
-        Self(Rc::new(RefCell::new(Inner {
+        let inner = Inner {
             now,
             statistics: Statistics::default(),
             source,
@@ -212,12 +224,33 @@ impl Link {
             wake: Time::NEVER,
             events: VecDeque::with_capacity(MOST_EVENTS),
             dropped: 0,
-        })))
+        };
+        Self(Arc::new(Mutex::new(Desk { inner: Some(Box::new(inner)), released: Vec::new() })))
+    }
+
+    /// The machine takes what is shared into its own hands: until it is laid back no procedure may run.
+    pub fn take(&self) -> Box<Inner> {
+        self.desk(|desk| desk.inner.take()).expect("it is taken once, before it is laid back")
+    }
+
+    /// The machine lays back what it took.
+    pub fn lay_back(&self, mut inner: Box<Inner>) {
+        self.desk(|desk| {
+            for slot in desk.released.drain(..) {
+                inner.release(slot);
+            }
+            desk.inner = Some(inner);
+        });
     }
 
     /// Looks at or changes what is shared.
     pub fn with<R>(&self, f: impl FnOnce(&mut Inner) -> R) -> R {
-        f(&mut self.0.borrow_mut())
+        self.desk(|desk| f(desk.inner.as_mut().expect("procedures run while it is on the desk")))
+    }
+
+    /// The machine and all of its procedures run in one thread at a time: nothing ever waits here.
+    fn desk<R>(&self, f: impl FnOnce(&mut Desk) -> R) -> R {
+        f(&mut self.0.try_lock().expect("one thread has the machine, and asks once at a time"))
     }
 
     pub fn now(&self) -> Time<Host> {
@@ -419,7 +452,10 @@ impl Future for Exchange {
 
 impl Drop for Exchange {
     fn drop(&mut self) {
-        self.link.with(|inner| inner.release(self.slot));
+        self.link.desk(|desk| match &mut desk.inner {
+            Some(inner) => inner.release(self.slot),
+            None => desk.released.push(self.slot),
+        });
     }
 }
 
@@ -631,7 +667,7 @@ impl Inner {
 }
 
 /// A procedure that may borrow from its caller.
-pub(crate) type Procedure<'a, T> = Pin<Box<dyn Future<Output = T> + 'a>>;
+pub(crate) type Procedure<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 /// Runs procedures side by side; ends with the first error, or with all results in order.
 pub(crate) async fn join<T, E>(mut all: Vec<Procedure<'_, Result<T, E>>>) -> Result<Vec<T>, E> {

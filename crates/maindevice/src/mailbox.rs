@@ -143,10 +143,10 @@ impl Mailbox {
             let len = usize::from(self.send.length);
             self.pay(len);
             let reply = self.link.fprd(self.station, self.send.start, len).reply().await?;
-            if reply.wkc == 1 {
-                if let Some(head) = reply.data.first_chunk() {
-                    self.last_answer = Header::parse(head).counter;
-                }
+            if reply.wkc == 1
+                && let Some(head) = reply.data.first_chunk()
+            {
+                self.last_answer = Header::parse(head).counter;
             }
         }
         Ok(())

@@ -29,7 +29,7 @@ mod snapshot;
 #[cfg(test)]
 mod tests;
 
-pub use alarm::{Alarm, Change, Found};
+pub use alarm::{Alarm, Change, Found, What};
 pub use clocks::{ClockQuality, Reading};
 pub use objects::{EntryQuality, ObjectQuality};
 pub use snapshot::{DeviceQuality, Margin, Moment, Snapshot};

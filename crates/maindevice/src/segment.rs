@@ -2,6 +2,7 @@
 
 use alloc::string::String;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 use isocat_sync::budget::{self, Budget, Check, Demand, Moments};
 use isocat_sync::delay::Delay;
@@ -333,6 +334,14 @@ pub struct ProcessData {
     pub length: u16,
     /// First byte in the process image.
     pub logical: u32,
+}
+
+impl ProcessData {
+    /// Its bytes in the process image.
+    pub(crate) fn range(&self) -> Range<usize> {
+        let start = self.logical as usize;
+        start..start + usize::from(self.length)
+    }
 }
 
 /// One PDO with what is mapped into it.

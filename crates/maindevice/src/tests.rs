@@ -57,10 +57,10 @@ impl FakeEsc {
 
     /// Reads unless a mailbox that lies there is empty.
     fn read(&mut self, at: usize, data: &mut [u8]) -> bool {
-        if let Some(mailbox) = &mut self.mailbox {
-            if let Some(done) = mailbox.read(at, data) {
-                return done;
-            }
+        if let Some(mailbox) = &mut self.mailbox
+            && let Some(done) = mailbox.read(at, data)
+        {
+            return done;
         }
         if at == 0x0130 && self.follows_after == Some(0) {
             if let Some(asked) = self.asked.take() {
@@ -74,10 +74,10 @@ impl FakeEsc {
     }
 
     fn write(&mut self, at: usize, data: &[u8]) -> bool {
-        if let Some(mailbox) = &mut self.mailbox {
-            if let Some(done) = mailbox.write(at, data) {
-                return done;
-            }
+        if let Some(mailbox) = &mut self.mailbox
+            && let Some(done) = mailbox.write(at, data)
+        {
+            return done;
         }
         if at == 0x0120 {
             if self.locked > 0 {
@@ -450,6 +450,7 @@ fn exchange(cycle: &mut Cycle, bench: &mut Bench) -> Vec<u8> {
     bench.segment.time = 5_000_000_777 + bench.now.count();
     let link = bench.link.clone();
     let mut buffer = [0; MAX_LEN];
+    cycle.close(bench.now);
     let len = link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)).unwrap();
     assert_eq!(link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)), None);
     let mut frame = buffer[..len].to_vec();
@@ -550,6 +551,7 @@ fn a_sleeper_skips_cycles_and_is_told() {
     let due = cycle.due();
     let mut buffer = [0; MAX_LEN];
     let mut transmit = |cycle: &mut Cycle, now| {
+        cycle.close(now);
         link.with(|inner| cycle.transmit(now, &mut buffer, inner)).is_some()
     };
     assert!(!transmit(&mut cycle, due + Nanos(-1)));

@@ -11,7 +11,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::time::Duration;
 
-use isocat_maindevice::{Event, Port};
+use isocat_maindevice::{Event, Port, SegmentChange};
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{Lost, Segment, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
@@ -297,13 +297,11 @@ impl<W: Write> Capture<W> {
                 )
             }
             Event::Alarm(change) => {
-                let text = change.to_string();
-                let what = text.split_once(": ").map_or(text.as_str(), |(_, what)| what);
-                format!("{}: alarm: {what}", self.subject(change.position))
+                format!("{}: alarm: {}", self.subject(change.position), change.what())
             }
-            event => match event.change()? {
-                (Some(position), what) => format!("{}: {what}", self.subject(position)),
-                (None, what) => what,
+            event => match SegmentChange::of(event)? {
+                (Some(position), change) => format!("{}: {change}", self.subject(position)),
+                (None, change) => change.to_string(),
             },
         })
     }

@@ -1,6 +1,9 @@
 //! What happened while the segment was served: one document, for people and for machines.
 
+use isocat_engine::report::typed::{self, KindDocument};
+use isocat_engine::report::words::{self, time};
 use isocat_engine::report::{Span, Spread, span, spread};
+use isocat_sim::{Finding, Kind};
 use isocat_sync::object::OUTPUT_PARAMETER;
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
@@ -10,10 +13,10 @@ use serde::Serialize;
 use super::conduct::Conduct;
 use super::deed::Deed;
 use super::server::{End, Server, Session};
-use super::verdict::{Judged, JudgedDevice, us};
+use super::verdict::{Judged, JudgedDevice};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-serve-summary/1";
+pub const FORMAT: &str = "isocat-serve-summary/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -155,6 +158,22 @@ pub struct Stretch {
     pub judged_ns: i64,
     /// What speaks against which SubDevice; empty if nothing does.
     pub findings: Vec<String>,
+    /// The same for programs, in the same order.
+    pub kinds: Vec<FindingKind>,
+}
+
+/// A finding for programs.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct FindingKind {
+    /// Position of the SubDevice; null concerns the segment.
+    pub position: Option<usize>,
+    /// Since when, from the beginning of the judged time; null if it has no time of its own.
+    pub since_ns: Option<i64>,
+    /// What.
+    #[serde(flatten, serialize_with = "typed::kind")]
+    #[schemars(with = "KindDocument")]
+    pub kind: Kind,
 }
 
 /// One SubDevice, as the judges saw it in the segment's own true time.
@@ -185,6 +204,8 @@ pub struct DeviceSummary {
     pub sync_error: u32,
     /// What speaks against it.
     pub findings: Vec<String>,
+    /// The same for programs, in the same order.
+    pub kinds: Vec<FindingKind>,
 }
 
 impl Summary {
@@ -419,6 +440,7 @@ fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> Judge
                     .map(move |what| format!("SubDevice {position} ({name}): {}", finding(what)))
             })
             .collect(),
+        kinds: judged.devices.iter().flat_map(|device| &device.findings).map(kind).collect(),
     };
     let device = |(position, device): (usize, &JudgedDevice)| DeviceSummary {
         position,
@@ -433,6 +455,7 @@ fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> Judge
         shift_time_too_short: device.counters[2],
         sync_error: device.counters[3],
         findings: device.findings.iter().map(finding).collect(),
+        kinds: device.findings.iter().map(kind).collect(),
     };
     JudgedSummary {
         in_sync: judged.in_sync() && earlier.iter().all(Judged::in_sync),
@@ -443,10 +466,16 @@ fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> Judge
     }
 }
 
-fn finding((since, what): &(Option<Picos>, String)) -> String {
-    match since {
-        Some(since) => format!("{what}, {} after all were in OP", time(*since)),
-        None => what.clone(),
+fn finding(finding: &Finding) -> String {
+    words::sentence(&finding.kind, finding.since, words::Family::Served)
+}
+
+/// The kind of a finding, with its figures.
+fn kind(finding: &Finding) -> FindingKind {
+    FindingKind {
+        position: finding.place.device,
+        since_ns: finding.since.map(|since| since.0),
+        kind: finding.kind.clone(),
     }
 }
 
@@ -455,15 +484,6 @@ fn count(devices: usize) -> String {
     match devices {
         1 => "1 SubDevice".to_owned(),
         more => format!("{more} SubDevices"),
-    }
-}
-
-/// In the unit that reads best.
-pub(super) fn time(span: Picos) -> String {
-    match span.0.abs() {
-        0..=999_999_999 => us(span.0),
-        ps if ps < 1_000_000_000_000 => format!("{:.3} ms", span.0 as f64 / 1e9),
-        _ => format!("{:.3} s", span.0 as f64 / 1e12),
     }
 }
 

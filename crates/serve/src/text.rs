@@ -4,9 +4,10 @@ use std::fmt::{self, Write};
 
 use anstyle::{AnsiColor, Style};
 use isocat_descriptions::columns::{WIDTH, wrap};
+use isocat_engine::report::words::time;
 use isocat_wire::time::{Nanos, Picos};
 
-use super::summary::{Cycle, JudgedSummary, SessionSummary, Summary, time};
+use super::summary::{Cycle, JudgedSummary, SessionSummary, Summary};
 
 const GOOD: Style = AnsiColor::Green.on_default().bold();
 const BAD: Style = AnsiColor::Red.on_default().bold();

@@ -1,11 +1,13 @@
 //! What the judges say of an exchange in operation, in the segment's own time.
 
 use isocat_sim::bench::DeviceBench;
+use isocat_sim::finding::{self, Finding, Place};
 use isocat_sim::judge::outputs_delay;
 use isocat_sim::{Served, Statistics};
 use isocat_sync::SyncMode;
-use isocat_wire::time::{Picos, Time, True};
-use isocat_wire::{AlState, AlStatusCode};
+use isocat_sync::object::{OUTPUT_PARAMETER, sub};
+use isocat_wire::time::{Nanos, Picos, Time, True};
+use isocat_wire::{AlState, AlStatus, AlStatusCode, ObjectAddress};
 
 /// A stretch of operation, judged.
 #[derive(Clone, Debug)]
@@ -48,7 +50,7 @@ pub struct JudgedDevice {
     /// Outputs are transmitted.
     pub has_outputs: bool,
     /// What speaks against it, each with the time from the beginning if it has one.
-    pub findings: Vec<(Option<Picos>, String)>,
+    pub findings: Vec<Finding>,
 }
 
 impl Judged {
@@ -119,62 +121,68 @@ fn device(
         findings: Vec::new(),
     };
     if took_part {
-        judged.findings = findings(&judged, bench, began, ended);
+        judged.findings = findings(at, &judged, bench, began, ended);
     }
     judged
 }
 
 fn findings(
+    position: usize,
     judged: &JudgedDevice,
     bench: &DeviceBench,
     began: Time<True>,
     ended: Time<True>,
-) -> Vec<(Option<Picos>, String)> {
+) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let since = |at: Time<True>| Some(at - began);
+    let mut find = |at: Option<Time<True>>, kind: finding::Judged| {
+        let since = at.map(|at| Nanos((at - began).0 / 1000));
+        findings.push(Finding { place: Place::device(position), since, kind: kind.into() });
+    };
     let within = |at: Time<True>| (began..=ended).contains(&at);
     if let Some(change) = bench.states.iter().find(|change| change.at > began && within(change.at))
     {
-        let (state, code) = (change.state, change.code);
-        findings.push((since(change.at), format!("left OP for {state}, AL status code {code}")));
+        let (state, code) = (AlStatus::new(change.state), change.code);
+        find(Some(change.at), finding::Judged::LeftOp { state, code });
     }
     // Who does not work by SYNC0 may do so whenever he likes.
     let works_by_sync0 = judged.mode.uses_dc();
     if let Some(first) = bench.missed.first().filter(|at| within(*at)) {
-        findings.push((since(first), bench.missed.words(judged.has_outputs)));
+        let (count, outputs) = (bench.missed.count(), judged.has_outputs);
+        find(Some(first), finding::Judged::MissedEvents { count, outputs });
     }
     if let Some(judge) = &bench.sync0 {
         if let Some((at, error)) = judge.first_beyond().filter(|(at, _)| within(*at)) {
-            let (error, limit) = (us(error.0), us(judge.limit().0));
-            findings.push((since(at), format!("SYNC0 {error} off the grid, limit {limit}")));
+            let (limit, worst) = (judge.limit(), Picos(judge.statistics().worst() as i64));
+            find(Some(at), finding::Judged::Sync0OffGrid { error, limit, worst });
         } else if judge.statistics().count() == 0 && ended - began > FIRST_EDGES {
-            findings.push((None, "no SYNC0 pulse at all".into()));
+            find(None, finding::Judged::NoSync0);
         }
     }
     let uneven = bench.outputs_delay.first_beyond().filter(|at| works_by_sync0 && within(*at));
     if let Some(at) = uneven {
-        let (spread, limit) = (us(bench.outputs_delay.spread().0), us(outputs_delay::LIMIT.0));
-        let what = format!("outputs follow SYNC0 with a spread of {spread}, limit {limit}");
-        findings.push((since(at), what));
+        let (spread, limit) = (bench.outputs_delay.spread(), outputs_delay::LIMIT);
+        find(Some(at), finding::Judged::OutputsUneven { spread, limit });
     }
-    let (before, after) = (judged.counters_before, judged.counters);
-    for (at, what) in [
-        (1, "cycle time too small: 0x1C32:0C"),
-        (2, "shift time too short: 0x1C32:0D"),
-        (3, "sync error: 0x1C32:20"),
-    ] {
-        // What was counted on the way up is the way up's; one that is smaller was set back meanwhile.
-        let grown = after[at].checked_sub(before[at]).unwrap_or(after[at]);
-        if grown > 0 {
-            findings.push((None, format!("{what} grew by {grown} to {}", after[at])));
-        }
+    let object = |sub| ObjectAddress::new(OUTPUT_PARAMETER, sub);
+    // What was counted on the way up is the way up's; one that is smaller was set back meanwhile.
+    let grown = |at: usize| {
+        let (before, value) = (judged.counters_before[at], judged.counters[at]);
+        let grew = value.checked_sub(before).unwrap_or(value);
+        (grew > 0).then_some((Some(grew), value))
+    };
+    if let Some((grew, value)) = grown(1) {
+        let object = object(sub::CYCLE_TIME_TOO_SMALL);
+        find(None, finding::Judged::CycleTimeTooSmall { object, grew, value });
+    }
+    if let Some((grew, value)) = grown(2) {
+        let object = object(sub::SHIFT_TIME_TOO_SHORT);
+        find(None, finding::Judged::ShiftTimeTooShort { object, grew, value });
+    }
+    if let Some((grew, value)) = grown(3) {
+        find(None, finding::Judged::SyncError { object: object(sub::SYNC_ERROR), grew, value });
     }
     findings
 }
 
 /// Time in which the first edges come.
 const FIRST_EDGES: Picos = Picos(2_000_000_000_000);
-
-pub(super) fn us(ps: i64) -> String {
-    format!("{:.3} us", ps as f64 / 1e6)
-}

@@ -1,16 +1,15 @@
 //! The main job in one call: bring a segment into synchronization, run it, judge it.
 
-use std::fmt;
-
+use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::quality::Change;
-use isocat_maindevice::{DeviceConfig, Event, MainDevice, RequestId, Stage};
+use isocat_maindevice::{DeviceConfig, Event, MainDevice, Motion, RequestId, SegmentChange, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
-use isocat_wire::{AlState, ObjectAddress};
+use isocat_wire::{AlState, AlStatus, ObjectAddress};
 
 use crate::bench::{Bench, Intent};
+use crate::finding::{Finding, Judged, Kind, Place};
 use crate::judge::{Grid, Sync0Error, outputs_delay};
-use crate::motion::{Axis, Drive, Motion};
 use crate::world::{Setup, Tap, World};
 
 /// A run: what it is made of, and for how long.
@@ -30,17 +29,6 @@ pub enum Progress {
     Stage(Stage),
     /// So much of the judged time has passed.
     Judged(Nanos),
-}
-
-/// Something that keeps the run from being in sync.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Finding {
-    /// The SubDevice; `None` concerns the segment.
-    pub device: Option<usize>,
-    /// True time since when, counted from the beginning of the judged time; `None` if from the start.
-    pub since: Option<Picos>,
-    /// What, with the figures.
-    pub what: String,
 }
 
 /// Counters of 0x1C32 or 0x1C33, read over the wire at the end of the run; `None`: the SubDevice does
@@ -134,18 +122,35 @@ impl Run {
     }
 }
 
+/// Something that was found, and when: to the picosecond, so that the order of findings is the order of events.
+#[derive(Clone, Debug)]
+struct Dated {
+    device: Option<usize>,
+    /// `None`: it has no time of its own.
+    at: Option<Time<True>>,
+    kind: Kind,
+}
+
+impl Dated {
+    /// The finding in a run that is judged since `began`.
+    fn since(self, began: Time<True>) -> Finding {
+        let since = self.at.map(|at| Nanos((at - began).0 / 1000));
+        Finding { place: Place { device: self.device, stage: None }, since, kind: self.kind }
+    }
+}
+
 /// What the MainDevice reported during the judged time.
 #[derive(Default)]
 struct Notes {
     working_counter: u64,
     skipped: u64,
     lost: u64,
-    /// What became of SubDevices, and when.
-    changes: Vec<(Option<usize>, Time<True>, String)>,
-    /// Those of them who came or went.
-    moves: Vec<(usize, Time<True>, String)>,
-    /// Those of them who were found.
-    found: Vec<(usize, Time<True>, String)>,
+    /// What became of SubDevices.
+    changes: Vec<Dated>,
+    /// SubDevices that came or went.
+    moves: Vec<Dated>,
+    /// SubDevices that were found.
+    found: Vec<Dated>,
     /// Those that have come and are being taken up.
     joining: Vec<usize>,
     alarms: Vec<(Time<True>, Change)>,
@@ -221,18 +226,18 @@ fn run_for<T: Tap>(
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
     while let Some(event) = world.poll_event() {
-        if let Some((device, what)) = event.change() {
-            match (device, &event) {
-                (Some(device), Event::Lost { .. } | Event::Readmitted { .. }) => {
-                    notes.moves.push((device, world.now(), what));
-                }
-                _ => notes.changes.push((device, world.now(), what)),
-            }
+        if let Some((device, change)) = SegmentChange::of(&event) {
+            let list = if change.is_move() { &mut notes.moves } else { &mut notes.changes };
+            list.push(Dated { device, at: Some(world.now()), kind: change.into() });
         }
         match &event {
             // Once, however often it is tried.
             Event::Found { position, cycle } if !notes.joining.contains(position) => {
-                notes.found.push((*position, world.now(), format!("found in cycle {cycle}")));
+                notes.found.push(Dated {
+                    device: Some(*position),
+                    at: Some(world.now()),
+                    kind: Judged::Found { cycle: *cycle }.into(),
+                });
                 notes.joining.push(*position);
             }
             Event::Lost { position, .. } | Event::Readmitted { position, .. } => {
@@ -334,51 +339,44 @@ impl<T: Tap> Outcome<T> {
         let Some(began) = self.began else { return };
         let mut findings = Vec::new();
         for position in 0..self.bench.devices().len() {
-            for (since, what) in self.judge_device(position, began) {
-                findings.push(Finding { device: Some(position), since, what });
-            }
+            let of_device = |(at, kind): (_, Judged)| {
+                let device = Some(position);
+                Dated { device, at, kind: kind.into() }
+            };
+            findings.extend(self.judge_device(position, began).into_iter().map(of_device));
         }
-        let moved = |(device, at, what): &(usize, Time<True>, String)| {
-            let (since, what) = (Some(*at - began), what.clone());
-            Finding { device: Some(*device), since, what }
-        };
-        let of_optional = |finding: &Finding| finding.device.is_some_and(|at| self.is_optional(at));
-        let found = notes.found.iter().map(moved).filter(of_optional);
-        let moves = notes.moves.iter().map(moved);
-        let (visits, others): (Vec<_>, Vec<_>) = found.chain(moves).partition(of_optional);
+        let of_optional = |dated: &Dated| dated.device.is_some_and(|at| self.is_optional(at));
+        let found = notes.found.iter().filter(|dated| of_optional(dated)).cloned();
+        let moves = notes.moves.iter().cloned();
+        let (mut visits, others): (Vec<_>, Vec<_>) = found.chain(moves).partition(of_optional);
         findings.extend(others);
-        self.visits = visits;
-        self.visits.sort_by_key(|visit| visit.since);
+        visits.sort_by_key(|visit| visit.at);
+        self.visits = visits.into_iter().map(|visit| visit.since(began)).collect();
         for position in &notes.joining {
             self.joining[*position] = true;
         }
         for (position, device) in self.world.main().segment().devices.iter().enumerate() {
-            let quiet = |visit: &Finding| visit.device != Some(position);
+            let quiet = |visit: &Finding| visit.place.device != Some(position);
             if !device.admitted && self.is_optional(position) && self.visits.iter().all(quiet) {
-                let what = "optional, absent all the time".into();
-                self.visits.push(Finding { device: Some(position), since: None, what });
+                let (place, kind) = (Place::device(position), Judged::AlwaysAbsent.into());
+                self.visits.push(Finding { place, since: None, kind });
             }
         }
-        for (device, at, what) in &notes.changes {
-            let (device, since) = (*device, Some(*at - began));
-            findings.push(Finding { device, since, what: what.clone() });
-        }
-        if notes.working_counter > 0 {
-            let cycles = self.world.main().statistics().working_counter_errors;
-            let what = format!("working counter of process data wrong in {cycles} datagrams");
-            findings.push(Finding { device: None, since: None, what });
-        }
-        if notes.skipped > 0 {
-            let what = format!("the host skipped {} cycles", notes.skipped);
-            findings.push(Finding { device: None, since: None, what });
-        }
-        if notes.lost > 0 {
-            let what = format!("{} frames did not come back in time", notes.lost);
-            findings.push(Finding { device: None, since: None, what });
-        }
+        findings.extend(notes.changes.iter().cloned());
+        let datagrams = self.world.main().statistics().working_counter_errors;
+        let of_segment = [
+            (notes.working_counter > 0).then_some(Judged::WorkingCounter { datagrams }),
+            (notes.skipped > 0).then_some(Judged::CyclesSkipped { cycles: notes.skipped }),
+            (notes.lost > 0).then_some(Judged::FramesLost { frames: notes.lost }),
+        ];
+        findings.extend(of_segment.into_iter().flatten().map(|kind| Dated {
+            device: None,
+            at: None,
+            kind: kind.into(),
+        }));
         // What came first is nearest to the cause; what has no time of its own comes last.
-        findings.sort_by_key(|finding| finding.since.unwrap_or(Picos(i64::MAX)));
-        self.findings = findings;
+        findings.sort_by_key(|dated| (dated.at.is_none(), dated.at));
+        self.findings = findings.into_iter().map(|dated| dated.since(began)).collect();
     }
 
     fn is_optional(&self, position: usize) -> bool {
@@ -386,9 +384,12 @@ impl<T: Tap> Outcome<T> {
     }
 
     /// What speaks against one SubDevice, and since when.
-    fn judge_device(&self, position: usize, began: Time<True>) -> Vec<(Option<Picos>, String)> {
+    fn judge_device(
+        &self,
+        position: usize,
+        began: Time<True>,
+    ) -> Vec<(Option<Time<True>>, Judged)> {
         let mut findings = Vec::new();
-        let since = |at: Time<True>| Some(at - began);
         let bench = &self.bench.devices()[position];
         let devices = &self.world.main().segment().devices;
         let absent = self.is_optional(position) && !devices[position].admitted;
@@ -399,41 +400,36 @@ impl<T: Tap> Outcome<T> {
             true => states.next_back().filter(|last| !absent && last.state != AlState::Op),
         };
         if let Some(change) = left {
-            let (state, code) = (change.state, change.code);
-            let what = format!("left OP for {state}, AL status code {code}");
-            findings.push((since(change.at), what));
+            let (state, code) = (AlStatus::new(change.state), change.code);
+            findings.push((Some(change.at), Judged::LeftOp { state, code }));
         }
         if let Some(first) = bench.missed.first() {
-            let what = bench
-                .missed
-                .words(self.world.segment().devices()[position].stack.sync().has_outputs());
-            findings.push((since(first), what));
+            let outputs = self.world.segment().devices()[position].stack.sync().has_outputs();
+            let count = bench.missed.count();
+            findings.push((Some(first), Judged::MissedEvents { count, outputs }));
         }
         let judged = |sync0: &&Sync0Error| !absent || sync0.statistics().count() > 0;
         if let Some(sync0) = bench.sync0.as_ref().filter(judged) {
-            findings.extend(
-                self.judge_sync0(position, sync0).map(|(at, what)| (at.and_then(since), what)),
-            );
+            findings.extend(self.judge_sync0(position, sync0));
         }
         if let Some(at) = bench.outputs_delay.first_beyond() {
-            let (spread, limit) = (us(bench.outputs_delay.spread().0), us(outputs_delay::LIMIT.0));
-            let what = format!("outputs follow SYNC0 with a spread of {spread}, limit {limit}");
-            findings.push((since(at), what));
+            let (spread, limit) = (bench.outputs_delay.spread(), outputs_delay::LIMIT);
+            findings.push((Some(at), Judged::OutputsUneven { spread, limit }));
         }
         for (index, counters) in [
             (OUTPUT_PARAMETER, &self.output_counters[position]),
             (INPUT_PARAMETER, &self.input_counters[position]),
         ] {
-            if let Some(what) = counters.complaint(index) {
-                findings.push((None, what));
+            if let Some(complaint) = counters.complaint(index) {
+                findings.push((None, complaint));
                 // The inputs' object mirrors the outputs'.
                 break;
             }
         }
         let long_enough = self.world.main().statistics().cycles >= SWITCH_ON_CYCLES;
-        match self.world.control().axes().get(position) {
+        match self.world.application().axes().get(position) {
             Some(Axis::Drive(Drive { enabled_cycles: 0, .. })) if long_enough && !absent => {
-                findings.push((None, "drive never reached operation enabled".into()));
+                findings.push((None, Judged::DriveNotEnabled));
             }
             _ => {}
         }
@@ -444,26 +440,20 @@ impl<T: Tap> Outcome<T> {
         &self,
         position: usize,
         judge: &Sync0Error,
-    ) -> Option<(Option<Time<True>>, String)> {
+    ) -> Option<(Option<Time<True>>, Judged)> {
         let devices = self.world.segment().devices();
         let reference = self.world.main().segment().reference.map(|at| devices[at].oscillator());
         if let Some((at, error)) = judge.first_beyond() {
-            let (error, limit) = (us(error.0), us(judge.limit().0));
-            let worst = us(judge.statistics().worst() as i64);
-            let what = format!("SYNC0 {error} off the grid, limit {limit}, later up to {worst}");
-            return Some((Some(at), what));
+            let (limit, worst) = (judge.limit(), Picos(judge.statistics().worst() as i64));
+            return Some((Some(at), Judged::Sync0OffGrid { error, limit, worst }));
         }
         if judge.statistics().count() == 0 {
-            return Some((None, "no SYNC0 pulse at all".into()));
+            return Some((None, Judged::NoSync0));
         }
         let steered = reference.is_some_and(|clock| clock != devices[position].oscillator());
         let too_good = steered && !judge.is_plausible();
-        too_good.then(|| (None, "SYNC0 without any spread: too good to be measured".into()))
+        too_good.then_some((None, Judged::Sync0WithoutSpread))
     }
-}
-
-fn us(ps: i64) -> String {
-    format!("{:.3} us", ps as f64 / 1e6)
 }
 
 /// Cycles in which a drive must have switched on.
@@ -471,15 +461,20 @@ const SWITCH_ON_CYCLES: u64 = 100;
 
 impl Counters {
     /// What the SubDevice itself says went wrong, and its missed events do not tell already.
-    fn complaint(&self, index: u16) -> Option<String> {
+    fn complaint(&self, index: u16) -> Option<Judged> {
         let counted = |value: Option<u32>| value.filter(|count| *count > 0);
-        if let Some(count) = counted(self.cycle_time_too_small) {
-            return Some(format!("cycle time too small: 0x{index:04X}:0C = {count}"));
+        let object = |sub| ObjectAddress::new(index, sub);
+        let grew = None;
+        if let Some(value) = counted(self.cycle_time_too_small) {
+            let object = object(sub::CYCLE_TIME_TOO_SMALL);
+            return Some(Judged::CycleTimeTooSmall { object, grew, value });
         }
-        if let Some(count) = counted(self.shift_time_too_short) {
-            return Some(format!("shift time too short: 0x{index:04X}:0D = {count}"));
+        if let Some(value) = counted(self.shift_time_too_short) {
+            let object = object(sub::SHIFT_TIME_TOO_SHORT);
+            return Some(Judged::ShiftTimeTooShort { object, grew, value });
         }
-        counted(self.sync_error).map(|_| format!("sync error: 0x{index:04X}:20 is set"))
+        let object = object(sub::SYNC_ERROR);
+        counted(self.sync_error).map(|value| Judged::SyncError { object, grew, value })
     }
 
     fn field(&mut self, sub: u8) -> &mut Option<u32> {
@@ -489,16 +484,5 @@ impl Counters {
             sub::SHIFT_TIME_TOO_SHORT => &mut self.shift_time_too_short,
             _ => &mut self.sync_error,
         }
-    }
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.what)?;
-        if let Some(since) = self.since {
-            let ms = since.0 / 1_000_000_000;
-            write!(f, ", since {}.{:03} s into the run", ms / 1000, ms % 1000)?;
-        }
-        Ok(())
     }
 }

@@ -476,10 +476,10 @@ fn pack(entry: &Entry, value: &[u8], start: u32, target: &mut [u8]) {
     let to = entry.complete_access_offset.saturating_sub(start) as usize;
     for bit in 0..usize::from(entry.bits).min(8 * value.len()) {
         let at = to + bit;
-        if value[bit / 8] >> (bit % 8) & 1 != 0 {
-            if let Some(byte) = target.get_mut(at / 8) {
-                *byte |= 1 << (at % 8);
-            }
+        if value[bit / 8] >> (bit % 8) & 1 != 0
+            && let Some(byte) = target.get_mut(at / 8)
+        {
+            *byte |= 1 << (at % 8);
         }
     }
 }

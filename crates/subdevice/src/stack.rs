@@ -327,7 +327,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             return false;
         }
         self.sm2_events = self.sm2_events.wrapping_add(1);
-        let missed = self.sm2_events % every == 0;
+        let missed = self.sm2_events.is_multiple_of(every);
         if missed {
             self.process_data.drop_outputs(pdi);
         }

@@ -28,6 +28,7 @@ pub mod delay;
 pub mod drift;
 pub mod explain;
 pub mod mode;
+pub mod moment;
 pub mod object;
 pub mod opmode;
 pub mod phase;
@@ -37,6 +38,7 @@ pub mod table;
 pub mod way;
 
 pub use mode::{Chain, Event, Step, SyncMode};
+pub use moment::Moment;
 pub use object::{SupportedTypes, SyncParameters, SyncType};
 pub use opmode::OpMode;
 pub use pulses::Pulses;

@@ -351,7 +351,7 @@ impl Registers {
         if self.has_sync1() && self.assign_activate.makes_sync0() && self.sync1 == 0 {
             self.warnings.push(Warning::PulsesCoincide);
         }
-        let off_tick = |ns: u32| ns % TICK != 0;
+        let off_tick = |ns: u32| !ns.is_multiple_of(TICK);
         if off_tick(self.sync0_cycle) || off_tick(self.sync1) {
             self.warnings.push(Warning::OffTick);
         }

@@ -7,10 +7,11 @@ use isocat_host::{
     Exchange, Figures, Histogram, LinkError, RawSocket, RealTime, Recorder, Traffic, Waiting, Wish,
     clock,
 };
+use isocat_maindevice::motion::Axis;
 use isocat_maindevice::quality::Change;
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Config, Event, RequestId, Segment};
-use isocat_sim::motion::Axis;
+use isocat_maindevice::{Config, Event, Motion, RequestId, Segment, SegmentChange};
+use isocat_sim::Finding;
 use isocat_sim::run::{Counters, Progress};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase;
@@ -19,7 +20,7 @@ use isocat_wire::register::{self, Register, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
-use super::judge::{self, Finding};
+use super::judge;
 use crate::report::quality::Quality;
 use crate::status::Scribe;
 
@@ -173,7 +174,7 @@ pub(super) struct Noted {
     /// SubDevices expected and found, and since when.
     pub counts: Vec<(u16, u16, Nanos)>,
     /// What became of SubDevices, and since when.
-    pub changes: Vec<(Option<usize>, String, Nanos)>,
+    pub changes: Vec<(Option<usize>, SegmentChange, Nanos)>,
     pub locks_lost: u64,
     /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
     /// operation.
@@ -214,7 +215,13 @@ impl Job {
             false => Waiting::sleep(&machine.wake_ups, self.config.cycle),
         };
         let mut run = Running {
-            exchange: Exchange::new(self.config, self.socket, waiting, self.recorder),
+            exchange: Exchange::new(
+                self.config,
+                self.socket,
+                waiting,
+                self.recorder,
+                Motion::default(),
+            ),
             stop,
             progress,
             scribe: self.scribe,
@@ -268,7 +275,7 @@ impl Job {
             stall: noted.stall,
             rate_ppb,
             uncertainty,
-            axes: exchange.motion().axes().to_vec(),
+            axes: exchange.application().axes().to_vec(),
             devices,
             judged,
             end,
@@ -288,7 +295,7 @@ impl Job {
 
 /// A run in progress.
 struct Running<'a> {
-    exchange: Exchange,
+    exchange: Exchange<Motion>,
     stop: &'a AtomicBool,
     progress: &'a mut dyn FnMut(Progress),
     scribe: Option<Scribe>,
@@ -461,8 +468,8 @@ impl Running<'_> {
         let judging = self.began.filter(|_| self.judged == Some(Nanos::ZERO));
         while let Some(event) = self.exchange.poll_event() {
             self.tell(&event);
-            if let (Some((device, what)), Some(began)) = (event.change(), judging) {
-                self.noted.changes.push((device, what, now - began));
+            if let (Some((device, change)), Some(began)) = (SegmentChange::of(&event), judging) {
+                self.noted.changes.push((device, change, now - began));
             }
             match (event, judging) {
                 (Event::Uploaded { request, result }, _) => {

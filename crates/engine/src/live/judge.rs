@@ -2,29 +2,17 @@
 //! to know.
 
 use isocat_host::Traffic;
+use isocat_maindevice::Cause;
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Cause, Stage};
 use isocat_sim::run::Counters;
-use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER};
+use isocat_sim::{Finding, Judged, Place};
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase;
 use isocat_wire::time::Nanos;
-use isocat_wire::{AlState, AlStatus};
+use isocat_wire::{AlState, AlStatus, ObjectAddress};
 
 use super::job::{AtEnd, End, Noted, Outcome, SILENCE};
-use crate::report::interface::seconds;
-
-/// Something that keeps the segment from being in sync.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Finding {
-    /// The SubDevice; `None` concerns the segment.
-    pub device: Option<usize>,
-    /// Stage of the way up; `None` in operation.
-    pub stage: Option<Stage>,
-    /// Since when, from the beginning of the time in operation; `None` if from the start.
-    pub since: Option<Nanos>,
-    /// What, with the figures.
-    pub what: String,
-}
+use crate::report::words::seconds;
 
 /// Judges an outcome: fills in its findings, in the order of time.
 pub(super) fn judge(
@@ -35,67 +23,58 @@ pub(super) fn judge(
     difference_limit: Nanos,
 ) {
     let mut findings = Vec::new();
-    let segment = |stage, since, what| Finding { device: None, stage, since, what };
+    let segment = |since, kind: Judged| Finding { place: Place::SEGMENT, since, kind: kind.into() };
     let nothing_came = outcome.statistics.1.frames_received == 0;
+    let interface = interface.to_owned();
     match &outcome.end {
         End::Failed(error) if nothing_came && is_lost(&error.cause) => {
-            let what = nothing_comes(interface, carrier, outcome.figures.unprocessed);
-            findings.push(segment(Some(error.stage), None, what));
+            let place = Place { device: None, stage: Some(error.stage) };
+            let unprocessed = outcome.figures.unprocessed;
+            let kind = Judged::NothingAnswers { interface, carrier, unprocessed }.into();
+            findings.push(Finding { place, since: None, kind });
         }
-        End::Failed(error) => findings.push(Finding {
-            device: error.cause.place().map(|place| place.position),
-            stage: Some(error.stage),
-            since: None,
-            what: error.cause.to_string(),
-        }),
-        End::TooLong => {
-            let what = "the segment did not reach OP in the time allowed".to_owned();
-            findings.push(segment(None, None, what));
+        End::Failed(error) => {
+            let device = error.cause.place().map(|place| place.position);
+            let place = Place { device, stage: Some(error.stage) };
+            let kind = Judged::Failed { cause: error.cause.clone() }.into();
+            findings.push(Finding { place, since: None, kind });
         }
+        End::TooLong => findings.push(segment(None, Judged::TooLong)),
         End::Asked if outcome.judged.is_none() => {
-            let what = "ended by a signal before all SubDevices were in OP".to_owned();
-            findings.push(segment(None, None, what));
+            findings.push(segment(None, Judged::EndedEarly));
         }
         End::Link(error) => {
-            let what = error.to_string().replace('\n', "; ");
-            findings.push(segment(None, outcome.judged, what));
+            let error = error.to_string().replace('\n', "; ");
+            findings.push(segment(outcome.judged, Judged::InterfaceFailed { error }));
         }
         End::Silence => {
-            let cable = match carrier {
-                Some(false) => "it has no carrier: the cable was pulled, or its other end is off",
-                _ => "it has a carrier: a cable further on was pulled, or the segment is off",
-            };
-            let what = format!("nothing comes back on {interface} any more; {cable}");
             let since = outcome.judged.map(|judged| judged - SILENCE);
-            findings.push(segment(None, since, what));
+            findings.push(segment(since, Judged::Silence { interface, carrier }));
         }
         End::Time | End::Asked => {}
     }
-    for (expected, found, since) in noted.counts.iter().take(1) {
-        let what = format!("{found} SubDevices answer, {expected} at the scan");
-        findings.push(segment(None, Some(*since), what));
+    if let Some((expected, found, since)) = noted.counts.first() {
+        let kind = Judged::CountChanged { expected: *expected, found: *found };
+        findings.push(segment(Some(*since), kind));
     }
-    for (device, what, since) in &noted.changes {
-        let (device, since, what) = (*device, Some(*since), what.clone());
-        findings.push(Finding { device, stage: None, since, what });
-    }
+    findings.extend(noted.changes.iter().map(|(device, change, since)| Finding {
+        place: Place { device: *device, stage: None },
+        since: Some(*since),
+        kind: change.clone().into(),
+    }));
     for position in 0..outcome.devices.len() {
         let found = judge_device(outcome, noted, position, difference_limit);
-        findings.extend(found.into_iter().map(|(since, what)| Finding {
-            device: Some(position),
-            stage: None,
+        findings.extend(found.into_iter().map(|(since, kind)| Finding {
+            place: Place::device(position),
             since,
-            what,
+            kind: kind.into(),
         }));
     }
-    findings.extend(skipped(outcome).map(|(since, what)| segment(None, since, what)));
+    findings.extend(skipped(outcome).map(|(since, kind)| segment(since, kind)));
     let with_clock = outcome.segment.reference.is_some();
     if outcome.judged.is_some() && with_clock && outcome.phase != Some(phase::State::Locked) {
-        let state = match outcome.phase {
-            Some(phase::State::Holdover) => "hears nothing from",
-            _ => "is not locked onto",
-        };
-        findings.push(segment(None, None, format!("the host {state} the reference clock")));
+        let holdover = outcome.phase == Some(phase::State::Holdover);
+        findings.push(segment(None, Judged::HostNotLocked { holdover }));
     }
     // What came first is nearest to the cause; what has no time of its own comes last.
     findings.sort_by_key(|finding| finding.since.unwrap_or(Nanos(i64::MAX)));
@@ -103,17 +82,13 @@ pub(super) fn judge(
 }
 
 /// Cycles in which SYNC0 came and no outputs did. Counters of SubDevices may have gone down again since.
-fn skipped(outcome: &Outcome) -> Option<(Option<Nanos>, String)> {
+fn skipped(outcome: &Outcome) -> Option<(Option<Nanos>, Judged)> {
     outcome.judged?;
     let (begin, end) = &outcome.statistics;
-    let count = end.cycles_skipped - begin.cycles_skipped;
+    let cycles = end.cycles_skipped - begin.cycles_skipped;
     let waits = outcome.segment.devices.iter().any(|device| device.mode.uses_dc());
-    let cycles = if count == 1 { "1 cycle was" } else { &format!("{count} cycles were") };
-    (count > 0 && waits).then(|| {
-        let what =
-            format!("{cycles} skipped: the machine woke too late, SYNC0 came without new outputs");
-        (outcome.stall.map(|(_, since)| since), what)
-    })
+    let since = outcome.stall.map(|(_, since)| since);
+    (cycles > 0 && waits).then_some((since, Judged::CyclesSkipped { cycles }))
 }
 
 /// What speaks against one SubDevice, and since when.
@@ -122,54 +97,59 @@ fn judge_device(
     noted: &Noted,
     position: usize,
     limit: Nanos,
-) -> Vec<(Option<Nanos>, String)> {
+) -> Vec<(Option<Nanos>, Judged)> {
     let mut findings = Vec::new();
     let at_end = &outcome.devices[position];
     let mut changes = noted.states.iter().filter(|(at, ..)| *at == position);
-    if let Some((_, status, code, since)) = changes.next() {
-        findings.push((Some(*since), format!("left OP for {status}, AL status code {code}")));
+    if let Some((_, state, code, since)) = changes.next() {
+        findings.push((Some(*since), Judged::LeftOp { state: *state, code: *code }));
     } else {
         match at_end.status {
             Some((status, _)) if status == AlStatus::new(AlState::Op) => {}
-            Some((status, code)) => {
-                findings.push((None, format!("is in {status} at the end, AL status code {code}")))
-            }
+            Some((state, code)) => findings.push((None, Judged::NotInOp { state, code })),
             // Silence and a dead interface are told for the segment.
             None if matches!(outcome.end, End::Silence | End::Link(_)) => {}
-            None => findings.push((None, "does not answer at the end".to_owned())),
+            None => findings.push((None, Judged::NoAnswer)),
         }
     }
-    findings.extend(counted(at_end).map(|what| (None, what)));
+    findings.extend(counted(at_end).map(|kind| (None, kind)));
     let device = &outcome.segment.devices[position];
     let steered = device.mode.uses_dc() && outcome.segment.reference != Some(position);
     if let Some(difference) = at_end.difference.filter(|d| steered && d.abs() > limit) {
-        let what = format!("its clock is {difference} from the reference (0x092C), limit {limit}");
-        findings.push((None, what));
+        findings.push((None, Judged::ClockOff { difference, limit }));
     }
     findings
 }
 
 /// What the SubDevice itself counted while in operation.
-fn counted(at_end: &AtEnd) -> Option<String> {
+fn counted(at_end: &AtEnd) -> Option<Judged> {
     let outputs = complaint(OUTPUT_PARAMETER, &at_end.outputs_before, &at_end.outputs);
     // The inputs' object mirrors the outputs'.
     outputs.or_else(|| complaint(INPUT_PARAMETER, &at_end.inputs_before, &at_end.inputs))
 }
 
-fn complaint(index: u16, before: &Counters, after: &Counters) -> Option<String> {
-    let rows = [
-        ("SM event missed", "0B", before.sm_event_missed, after.sm_event_missed),
-        ("cycle time too small", "0C", before.cycle_time_too_small, after.cycle_time_too_small),
-        ("shift time too short", "0D", before.shift_time_too_short, after.shift_time_too_short),
-    ];
-    let grown = rows.into_iter().find_map(|(name, sub, before, after)| {
+fn complaint(index: u16, before: &Counters, after: &Counters) -> Option<Judged> {
+    let object = |sub| ObjectAddress::new(index, sub);
+    // By how much a counter grew, and its value. One that is smaller than before was set back, and then counted on.
+    let grown = |before: Option<u32>, after: Option<u32>| {
         let (before, after) = (before.unwrap_or(0), after?);
-        // One that is smaller than before was set back, and then counted on.
         let by = after.checked_sub(before).unwrap_or(after);
-        (by > 0).then(|| format!("{name}: 0x{index:04X}:{sub} grew by {by} to {after}"))
-    });
-    let set = after.sync_error.filter(|error| *error > 0);
-    grown.or_else(|| set.map(|_| format!("sync error: 0x{index:04X}:20 is set")))
+        (by > 0).then_some((by, after))
+    };
+    if let Some((grew, value)) = grown(before.sm_event_missed, after.sm_event_missed) {
+        let object = object(sub::SM_EVENT_MISSED);
+        return Some(Judged::SmEventMissed { object, grew, value });
+    }
+    if let Some((grew, value)) = grown(before.cycle_time_too_small, after.cycle_time_too_small) {
+        let object = object(sub::CYCLE_TIME_TOO_SMALL);
+        return Some(Judged::CycleTimeTooSmall { object, grew: Some(grew), value });
+    }
+    if let Some((grew, value)) = grown(before.shift_time_too_short, after.shift_time_too_short) {
+        let object = object(sub::SHIFT_TIME_TOO_SHORT);
+        return Some(Judged::ShiftTimeTooShort { object, grew: Some(grew), value });
+    }
+    let value = after.sync_error.filter(|error| *error > 0)?;
+    Some(Judged::SyncError { object: object(sub::SYNC_ERROR), grew: None, value })
 }
 
 fn is_lost(cause: &Cause) -> bool {
@@ -178,18 +158,6 @@ fn is_lost(cause: &Cause) -> bool {
         Cause::Silent { .. } => true,
         _ => false,
     }
-}
-
-/// Why a scan hears nothing, as far as it can be told from here.
-fn nothing_comes(interface: &str, carrier: Option<bool>, unprocessed: u64) -> String {
-    let reason = match (carrier, unprocessed) {
-        (_, 1..) => {
-            "own frames come back that no SubDevice has processed: is it a loop or a switch?"
-        }
-        (Some(false), _) => "it has no carrier: no cable, or what is at its other end is off",
-        _ => "what is at its other end does not answer EtherCAT frames, or is off",
-    };
-    format!("no SubDevice answers on {interface}; {reason}")
 }
 
 /// Says what is no reason for a verdict but may be one for what happened.
@@ -280,9 +248,11 @@ mod tests {
     fn only_what_grew_in_operation_counts() {
         let counters = |missed| Counters { sm_event_missed: Some(missed), ..Counters::default() };
         let says = |before, after| complaint(0x1C32, &counters(before), &counters(after));
+        let object = ObjectAddress::new(0x1C32, 0x0B);
+        let missed = |grew, value| Some(Judged::SmEventMissed { object, grew, value });
         assert_eq!(says(7, 7), None);
-        assert_eq!(says(7, 8).as_deref(), Some("SM event missed: 0x1C32:0B grew by 1 to 8"));
-        assert_eq!(says(7, 2).as_deref(), Some("SM event missed: 0x1C32:0B grew by 2 to 2"));
+        assert_eq!(says(7, 8), missed(1, 8));
+        assert_eq!(says(7, 2), missed(2, 2));
         assert_eq!(says(7, 0), None);
         assert_eq!(complaint(0x1C32, &Counters::default(), &Counters::default()), None);
     }
@@ -290,7 +260,9 @@ mod tests {
     #[test]
     fn a_sync_error_counts_while_it_is_set() {
         let set = Counters { sync_error: Some(1), ..Counters::default() };
-        assert!(complaint(0x1C33, &set, &set).is_some_and(|what| what.contains("0x1C33:20")));
+        let object = ObjectAddress::new(0x1C33, 0x20);
+        let found = Some(Judged::SyncError { object, grew: None, value: 1 });
+        assert_eq!(complaint(0x1C33, &set, &set), found);
         assert_eq!(complaint(0x1C33, &set, &Counters::default()), None);
     }
 }

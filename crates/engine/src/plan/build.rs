@@ -4,28 +4,13 @@ use isocat_maindevice::segment::{DatagramPlan, FramePlan};
 use isocat_segment::Scenario;
 use isocat_segment::profile::{Assumption, Profile};
 use isocat_sync::budget::{
-    self, Check, Demand, Moments, Origin, Quantity, Span, Sum, common_window, window,
+    self, Check, Demand, Origin, Quantity, Span, Sum, common_window, window,
 };
 use isocat_wire::datagram::Address;
 use isocat_wire::time::Nanos;
 
 use super::report::*;
 use super::{Plan, warnings};
-
-/// An event's name, and where it stands among the moments.
-pub(crate) type Event = (&'static str, fn(&Moments) -> Option<Span>);
-
-/// The events in the order of the cycle.
-pub(crate) const EVENTS: [Event; 8] = [
-    ("outputs stored (SM2)", |moments| moments.outputs_stored),
-    ("outputs ready", |moments| moments.outputs_ready),
-    ("SYNC0", |moments| moments.sync0),
-    ("SYNC1", |moments| moments.sync1),
-    ("Outputs Valid", |moments| moments.outputs_valid),
-    ("Input Latch", |moments| moments.input_latch),
-    ("inputs available", |moments| moments.inputs_available),
-    ("inputs fetched", |moments| moments.inputs_fetched),
-];
 
 impl Plan {
     /// The plan as a document.
@@ -146,8 +131,8 @@ impl Plan {
         let ns = |time: Option<Nanos>| time.map(|time| time.0);
         let dc = planned.mode.uses_dc();
         let moments = timing.moments(position).unwrap_or_default();
-        let moment = |(event, pick): Event| {
-            let Span { earliest, latest } = pick(&moments)?;
+        let moment = |event: isocat_sync::Moment| {
+            let Span { earliest, latest } = moments.of(event)?;
             Some(Moment { event, earliest_ns: earliest.0, latest_ns: latest.0, measured: None })
         };
         Device {
@@ -155,7 +140,7 @@ impl Plan {
             name: file.name.clone(),
             profile: file.profile.id.clone(),
             description: file.notes.iter().map(|note| doubt(note)).collect(),
-            mode: planned.mode.name().to_owned(),
+            mode: planned.mode,
             mode_reason: found.mode_reason.clone(),
             delay_ns: planned.delay.0,
             every: planned.every,
@@ -164,7 +149,7 @@ impl Plan {
             sync1_ns: planned.mode.uses_sync1().then_some(planned.pulses.sync1.0),
             earliest_phase_ns: ns(window.earliest),
             latest_phase_ns: ns(window.latest),
-            moments: EVENTS.into_iter().filter_map(moment).collect(),
+            moments: isocat_sync::Moment::PLANNED.into_iter().filter_map(moment).collect(),
             lines: Check::OF_DEVICE
                 .into_iter()
                 .filter_map(|check| {
@@ -197,7 +182,7 @@ fn line(demand: &Demand, profile: Option<&Profile>) -> Line {
     let line = demand.line();
     let check = line.check;
     Line {
-        check: check.name(),
+        check,
         object: check.source().map(|source| source.to_string()),
         demand: check.words(),
         needed_ns: line.needed.0,

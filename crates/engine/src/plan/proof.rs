@@ -12,14 +12,13 @@ use isocat_segment::Scenario;
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{HostModel, Segment, Tap};
 use isocat_sync::budget::{Check, Moments, Span};
-use isocat_sync::{Step, SyncMode};
+use isocat_sync::{Moment, Step, SyncMode};
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use super::Plan;
-use super::build::EVENTS;
 use super::report::{Measured, PlanReport, ProofSummary, Seen};
-use crate::Report;
+use crate::{Report, moment};
 
 /// A bound is tight if what was needed, clock error aside, is at least the bound divided by this.
 pub const FACTOR: f64 = 1.25;
@@ -59,10 +58,7 @@ impl Proof {
         let clock = report.segment.clock_error_ns as f64;
         let (mut findings, mut loose) = (Vec::new(), 0);
         let mut compare = |place: String, at: Option<usize>, line: &mut super::report::Line| {
-            let check = check_of(line.check);
-            let Some((slack, count)) = check.and_then(|check| self.slack(at, check)) else {
-                return;
-            };
+            let Some((slack, count)) = self.slack(at, line.check) else { return };
             if slack < 0.0 {
                 findings.push(format!("{place}: {}: too late by {:.3} ns", line.demand, -slack));
             }
@@ -90,9 +86,8 @@ impl Proof {
         for device in &mut report.devices {
             let place = format!("SubDevice {} ({})", device.position, device.name);
             for moment in &mut device.moments {
-                let number = EVENTS.iter().position(|(name, _)| *name == moment.event);
-                let Some(number) = number else { continue };
-                let Some(seen) = self.watches[device.position].seen(number) else { continue };
+                let watch = &self.watches[device.position];
+                let Some(seen) = watch.seen(moment.event) else { continue };
                 moment.measured = Some(seen);
                 let (earliest, latest) = (moment.earliest_ns, moment.latest_ns);
                 if seen.earliest_ns < earliest as f64 || seen.latest_ns > latest as f64 {
@@ -115,11 +110,6 @@ impl Proof {
             findings,
         });
     }
-}
-
-fn check_of(name: &str) -> Option<Check> {
-    let all = Check::OF_DEVICE.into_iter().chain([Check::FramesInCycle]);
-    all.into_iter().find(|check| check.name() == name)
 }
 
 fn round(ns: f64) -> f64 {
@@ -171,7 +161,7 @@ impl Onlooker {
                     inputs_only: device.inputs_read.is_some() && device.outputs_arrival.is_none(),
                     by_timer: device.input_shift > Nanos::ZERO,
                     chunk: own.map(|chunk| chunks[chunk].logical),
-                    expected: EVENTS.map(|(_, pick)| expected(&moments, pick)),
+                    expected: Moment::ALL.map(|moment| expected(&moments, moment)),
                     cycle: device.exchange(&timing.cycle).into(),
                     pulse_cycle: if device.mode.uses_dc() { sync0.into() } else { Picos::ZERO },
                     ..Watch::default()
@@ -260,20 +250,10 @@ impl Onlooker {
         let system = |clock: &isocat_sim::device::Device| clock.system_time_ps(at).max(0) as u64;
         watch.happens(reference.map_or(at, |clock| Time::new(system(clock))), event, on);
         let Some(reference) = reference.filter(|_| on) else { return };
-        let number = match event {
-            Observed::Sm2 => 0,
-            Observed::Finished(Step::MapOutputs) => 1,
-            Observed::Sync0 => 2,
-            Observed::Sync1 => 3,
-            Observed::Began(Step::OutputsValid) => 4,
-            Observed::Began(Step::LatchInputs) => 5,
-            Observed::Finished(Step::MapInputs) => 6,
-            Observed::Sm3 => 7,
-            _ => return,
-        };
+        let Some(moment) = moment::of(event) else { return };
         // A frame's begin is what its end tells, and its length.
-        let at = if number == 7 { Time::new(at.count() - watch.frame.0 as u64) } else { at };
-        watch.note(number, reference.system_time_ps(at));
+        let length = if moment == Moment::Sm3 { watch.frame.0 as u64 } else { 0 };
+        watch.note(moment, reference.system_time_ps(Time::new(at.count() - length)));
     }
 }
 
@@ -282,8 +262,8 @@ fn parts_planned(frame: &FramePlan) -> Vec<(u32, usize)> {
     frame.datagrams.iter().map(|part| (part.address.raw(), part.length)).collect()
 }
 
-fn expected(moments: &Moments, pick: fn(&Moments) -> Option<Span>) -> Option<Picos> {
-    let Span { earliest, latest } = pick(moments)?;
+fn expected(moments: &Moments, moment: Moment) -> Option<Picos> {
+    let Span { earliest, latest } = moments.of(moment)?;
     Some(Picos((earliest.0 + latest.0) * 500))
 }
 
@@ -370,9 +350,9 @@ struct Watch {
     /// From SYNC0 to SYNC0.
     pulse_cycle: Picos,
     /// Where the middle of each event ought to be.
-    expected: [Option<Picos>; EVENTS.len()],
+    expected: [Option<Picos>; Moment::ALL.len()],
     slack: [Least; CHECKS],
-    phases: [Option<(i64, i64, u64)>; EVENTS.len()],
+    phases: [Option<(i64, i64, u64)>; Moment::ALL.len()],
 
     sm2: Option<Time<True>>,
     /// The last SM2.
@@ -443,7 +423,7 @@ impl Watch {
                     _ => {}
                 }
                 if self.mode != SyncMode::DcSubordinated {
-                    self.counts_read(at, 2, on);
+                    self.counts_read(at, Moment::Sync0, on);
                 }
                 if self.mode == SyncMode::DcSync0 {
                     self.wanted.get_or_insert(at);
@@ -459,7 +439,7 @@ impl Watch {
                     SyncMode::DcSync1 => self.outputs_wanted(at, Check::Sync1CoversCopy, on),
                     SyncMode::DcSubordinated => {
                         self.outputs_wanted(at, Check::OutputsBeforeSync0, on);
-                        self.counts_read(at, 3, on);
+                        self.counts_read(at, Moment::Sync1, on);
                     }
                     _ => {}
                 }
@@ -540,8 +520,8 @@ impl Watch {
         }
     }
 
-    /// A pulse that counts whether the inputs were read since the last one; `event`: its place among the events.
-    fn counts_read(&mut self, at: Time<True>, event: usize, on: bool) {
+    /// A pulse that counts whether the inputs were read since the last one.
+    fn counts_read(&mut self, at: Time<True>, pulse: Moment, on: bool) {
         if !self.inputs_only {
             return;
         }
@@ -550,15 +530,17 @@ impl Watch {
             return;
         };
         // The plan names the begin of the next cycle's frame; what counts is the end of this one.
-        let fetched = self.expected[7].map(|begin| begin + self.frame - self.cycle);
-        let left = self.of_its_cycle(at - read, fetched, self.expected[event]);
+        let fetched =
+            self.expected[Moment::Sm3 as usize].map(|begin| begin + self.frame - self.cycle);
+        let left = self.of_its_cycle(at - read, fetched, self.expected[pulse as usize]);
         self.take(Check::InputsReadBeforeSync0, left, on);
     }
 
     /// From SM2 to SYNC0: to the SYNC0 of its cycle, which is the one nearest to where it ought to be, and not to
     /// the next one, which comes if the frame is late.
     fn as_planned(&self, span: Picos) -> Picos {
-        self.of_its_cycle(span, self.expected[0], self.expected[2])
+        let expected = |moment: Moment| self.expected[moment as usize];
+        self.of_its_cycle(span, expected(Moment::Sm2), expected(Moment::Sync0))
     }
 
     /// A span from an event of the frame to a pulse, less the whole cycles by which it is not the one that the plan
@@ -585,10 +567,11 @@ impl Watch {
     }
 
     /// An event came when the reference clock stood at `system_ps`.
-    fn note(&mut self, number: usize, system_ps: i128) {
+    fn note(&mut self, moment: Moment, system_ps: i128) {
+        let number = moment as usize;
         let Some(expected) = self.expected[number] else { return };
         // With subordinated cycles there are several SYNC0 in a cycle, and outputs act at each.
-        let often = self.mode == SyncMode::DcSubordinated && (number == 2 || number == 4);
+        let often = self.mode == SyncMode::DcSubordinated && moment.is_of_each_pulse();
         let cycle = i128::from(if often { self.pulse_cycle.0 } else { self.cycle.0 });
         let into = (system_ps - i128::from(expected.0)).rem_euclid(cycle);
         let error = if into > cycle / 2 { into - cycle } else { into } as i64;
@@ -597,8 +580,8 @@ impl Watch {
         self.phases[number] = Some((least.min(phase), most.max(phase), count + 1));
     }
 
-    fn seen(&self, number: usize) -> Option<Seen> {
-        let (least, most, count) = self.phases[number]?;
+    fn seen(&self, moment: Moment) -> Option<Seen> {
+        let (least, most, count) = self.phases[moment as usize]?;
         let ns = |ps: i64| ps as f64 / 1e3;
         Some(Seen { count, earliest_ns: ns(least), latest_ns: ns(most) })
     }

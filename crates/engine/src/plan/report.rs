@@ -1,9 +1,12 @@
 //! The plan as a document. All times are nanoseconds; phases count from the frame at the reference clock.
 
+use isocat_sync::SyncMode;
+use isocat_sync::budget::Check;
 use schemars::JsonSchema;
 use serde::Serialize;
 
 pub use crate::report::Note;
+use crate::report::typed;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-plan/2";
@@ -119,7 +122,9 @@ pub struct Device {
     /// How its maker's description (ESI) was read and what is doubtful in it; empty for a profile.
     pub description: Vec<Doubt>,
     /// Synchronization mode.
-    pub mode: String,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub mode: SyncMode,
     /// Why not a higher mode; empty if this is the one asked for or the highest.
     pub mode_reason: String,
     /// Propagation delay from the reference clock.
@@ -157,7 +162,9 @@ pub struct Doubt {
 #[schemars(deny_unknown_fields)]
 pub struct Moment {
     /// What happens.
-    pub event: &'static str,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub event: isocat_sync::Moment,
     /// Not before.
     pub earliest_ns: i64,
     /// Not after.
@@ -183,7 +190,9 @@ pub struct Seen {
 #[schemars(deny_unknown_fields)]
 pub struct Line {
     /// Short name of the demand, for programs.
-    pub check: &'static str,
+    #[serde(serialize_with = "typed::check")]
+    #[schemars(with = "String")]
+    pub check: Check,
     /// The object that states it; null where none does.
     pub object: Option<String>,
     /// The formula in words.

@@ -3,6 +3,7 @@
 use std::fmt::{self, Write};
 
 use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
+use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
 
 use super::report::{Device, Frame, Line, PlanReport, Term};
@@ -144,7 +145,7 @@ impl PlanReport {
     /// Of each kind of line the tightest one; with a proof also the one whose bound was used up most.
     fn write_tightest(&self, out: &mut String) -> fmt::Result {
         writeln!(out, "\nThe tightest line of each kind; --json has all of them")?;
-        let mut kinds: Vec<&str> = Vec::new();
+        let mut kinds: Vec<Check> = Vec::new();
         for line in self.devices.iter().flat_map(|device| &device.lines) {
             if !kinds.contains(&line.check) {
                 kinds.push(line.check);

@@ -2,11 +2,9 @@
 
 use isocat_maindevice::segment::Timing;
 use isocat_sim::Statistics;
-use isocat_sync::SyncMode;
-use isocat_sync::budget::{Device, Moments, Span};
+use isocat_sync::budget::{Device, Span};
+use isocat_sync::{Moment, SyncMode};
 use isocat_wire::time::{Nanos, Time, True};
-
-use crate::timeline::Moment;
 
 /// The cycle of one SubDevice as it was seen.
 #[derive(Clone, PartialEq, Debug)]
@@ -75,7 +73,7 @@ impl Phases {
         let mut around = [None; MOMENTS];
         for moment in Moment::ALL {
             let middle = |span: Span| i128::from(span.earliest.0 + span.latest.0) * 500;
-            around[moment as usize] = planned(&moments, moment).map(middle);
+            around[moment as usize] = moments.of(moment).map(middle);
         }
         Self {
             mode: device.mode,
@@ -199,21 +197,5 @@ pub fn acting(device: &Device) -> Option<Moment> {
         SyncMode::DcSync0 => Some(Moment::Sync0),
         SyncMode::DcShiftSync1 if device.pulses.lead == Nanos::ZERO => Some(Moment::Sync0),
         _ => Some(Moment::Sync1),
-    }
-}
-
-/// Where the plan has an event; the frame that fetches inputs is there with its begin, so it is left out.
-pub fn planned(moments: &Moments, moment: Moment) -> Option<Span> {
-    match moment {
-        Moment::Sm2 => moments.outputs_stored,
-        Moment::OutputsReady => moments.outputs_ready,
-        Moment::Sync0 => moments.sync0,
-        Moment::Sync1 => moments.sync1,
-        Moment::OutputsValid => moments.outputs_valid,
-        Moment::InputLatch => moments.input_latch,
-        Moment::InputsAvailable => moments.inputs_available,
-        // Frames are seen when their end passes.
-        Moment::Sm3 => moments.inputs_fetched,
-        _ => None,
     }
 }

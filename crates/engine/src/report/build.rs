@@ -1,15 +1,16 @@
 //! From the outcome of a run to the report.
 
 use isocat_maindevice::SubDevice;
+use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::statistics::Summary;
 use isocat_segment::Scenario;
 use isocat_sim::bench::DeviceBench;
-use isocat_sim::motion::{Axis, Drive};
-use isocat_sim::{Outcome, Statistics, Tap, run};
+use isocat_sim::{Judged, Outcome, Place, Statistics, Tap, run};
 use isocat_sync::SyncMode;
 use isocat_sync::delay::Delay;
 use isocat_wire::time::{Nanos, Picos};
 
+use super::words::Family;
 use super::*;
 
 impl Report {
@@ -44,37 +45,29 @@ fn verdict<T: Tap>(
     devices: &[Device],
     findings: &[Finding],
 ) -> String {
-    if outcome.in_sync() {
-        let there = devices
-            .iter()
-            .filter(|device| ![ABSENT, JOINING].contains(&&*device.registers.al_status));
-        let modes: Vec<&str> = there.map(|device| device.mode.as_str()).collect();
-        let mut text = verdict_of_modes(&modes);
-        for (state, words) in [(ABSENT, "absent"), (JOINING, "being taken up")] {
-            match devices.iter().filter(|d| d.registers.al_status == state).count() {
-                0 => {}
-                1 => text += &format!(" 1 optional one is {words}."),
-                many => text += &format!(" {many} optional ones are {words}."),
-            }
-        }
-        return text;
+    if !outcome.in_sync() {
+        return words::verdict(findings).unwrap_or_else(|| {
+            format!("Not in sync: the way up did not end ({}).", scenario.source)
+        });
     }
-    match (&outcome.failure, findings.first()) {
-        (Some(_), Some(first)) => format!("Not in sync: {}.", first.sentence()),
-        (None, Some(first)) => {
-            let others = match findings.len() - 1 {
-                0 => String::new(),
-                n => format!("; {n} more below"),
-            };
-            format!("Not in sync: {}{others}.", first.sentence())
+    let status = |device: &&Device| device.registers.al_status;
+    let there =
+        |device: &&Device| !matches!(status(device), StateRead::Absent | StateRead::Joining);
+    let modes: Vec<SyncMode> = devices.iter().filter(there).map(|device| device.mode).collect();
+    let mut text = verdict_of_modes(&modes);
+    for (state, words) in [(StateRead::Absent, "absent"), (StateRead::Joining, "being taken up")] {
+        match devices.iter().filter(|device| status(device) == state).count() {
+            0 => {}
+            1 => text += &format!(" 1 optional one is {words}."),
+            many => text += &format!(" {many} optional ones are {words}."),
         }
-        _ => format!("Not in sync: the way up did not end ({}).", scenario.source),
     }
+    text
 }
 
 /// What a run that found nothing wrong says, by the modes of its SubDevices.
-pub(super) fn verdict_of_modes(modes: &[&str]) -> String {
-    let free = modes.iter().filter(|mode| **mode == SyncMode::FreeRun.name()).count();
+pub(super) fn verdict_of_modes(modes: &[SyncMode]) -> String {
+    let free = modes.iter().filter(|mode| **mode == SyncMode::FreeRun).count();
     let synchronized = modes.len() - free;
     if synchronized == 0 {
         return format!("In operation: all {free} SubDevices in Free Run, nothing to synchronize.");
@@ -87,56 +80,50 @@ pub(super) fn verdict_of_modes(modes: &[&str]) -> String {
 }
 
 impl Finding {
-    /// The finding with the device it concerns.
-    pub fn sentence(&self) -> String {
-        match (&self.stage, &self.device, self.position) {
-            // What the MainDevice says of a stage names the SubDevice itself.
-            (Some(stage), _, _) => format!("{stage}: {}", self.what),
-            (None, Some(name), Some(position)) => {
-                format!("SubDevice {position} ({name}): {}", self.what)
-            }
-            _ => self.what.clone(),
+    /// A finding in a document of this family; `name` gives names of SubDevices by position.
+    pub(super) fn new(
+        found: &isocat_sim::Finding,
+        name: impl Fn(usize) -> Option<String>,
+        family: Family,
+    ) -> Self {
+        let isocat_sim::Finding { place, since, kind } = found;
+        Self {
+            position: place.device,
+            device: place.device.and_then(name),
+            stage: place.stage,
+            since_ns: since.map(|since| since.0),
+            what: words::sentence(kind, *since, family),
+            kind: kind.clone(),
         }
     }
 }
 
 fn findings<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Vec<Finding> {
-    let name = |position: usize| scenario.devices.get(position).map(|d| d.name.clone());
-    let mut all = Vec::new();
-    if let Some(error) = &outcome.failure {
-        let position = error.cause.place().map(|place| place.position);
-        all.push(Finding {
-            position,
-            device: position.and_then(name),
-            stage: Some(error.stage.name().to_owned()),
-            since_ns: None,
-            what: error.cause.to_string(),
-        });
-    } else if outcome.began.is_none() {
-        let what = "the segment did not reach OP in the time allowed".to_owned();
-        let stage = Some(outcome.world.main().stage().name().to_owned());
-        all.push(Finding { position: None, device: None, stage, since_ns: None, what });
-    }
+    let of_way_up = match &outcome.failure {
+        Some(error) => Some((
+            error.cause.place().map(|place| place.position),
+            error.stage,
+            Judged::Failed { cause: error.cause.clone() },
+        )),
+        None if outcome.began.is_none() => {
+            Some((None, outcome.world.main().stage(), Judged::TooLong))
+        }
+        None => None,
+    };
+    let of_way_up = of_way_up.map(|(device, stage, kind)| isocat_sim::Finding {
+        place: Place { device, stage: Some(stage) },
+        since: None,
+        kind: kind.into(),
+    });
+    let mut all = told(scenario, of_way_up.as_slice());
     all.extend(told(scenario, &outcome.findings));
     all
 }
 
-fn told(scenario: &Scenario, all: &[isocat_sim::run::Finding]) -> Vec<Finding> {
+fn told(scenario: &Scenario, all: &[isocat_sim::Finding]) -> Vec<Finding> {
     let name = |position: usize| scenario.devices.get(position).map(|d| d.name.clone());
-    let one = |finding: &isocat_sim::run::Finding| Finding {
-        position: finding.device,
-        device: finding.device.and_then(name),
-        stage: None,
-        since_ns: finding.since.map(|since| since.0 / 1000),
-        what: finding.to_string(),
-    };
-    all.iter().map(one).collect()
+    all.iter().map(|finding| Finding::new(finding, name, Family::Virtual)).collect()
 }
-
-/// Shown in the place of the AL status of one that is not there.
-const ABSENT: &str = "absent";
-/// The same of one that has come and is not admitted yet.
-const JOINING: &str = "joining";
 
 fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
     let main = outcome.world.main();
@@ -192,7 +179,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         position,
         name: wanted.name.clone(),
         profile: wanted.profile.id.clone(),
-        mode: mode.name().to_owned(),
+        mode,
         mode_reason: found.map_or(String::new(), |device| device.mode_reason.clone()),
         cycle_ns: outcome
             .world
@@ -210,7 +197,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         true_time: true_time(&outcome.bench.devices()[position], mode),
         registers: registers(outcome, position),
         plan: budget.map_or(Vec::new(), |(_, budget)| budget.lines().map(plan_line).collect()),
-        application: application(outcome.world.control().axes().get(position)),
+        application: application(outcome.world.application().axes().get(position)),
         assumptions: wanted
             .profile
             .assumptions
@@ -242,7 +229,7 @@ fn true_time(bench: &DeviceBench, mode: SyncMode) -> DeviceTrueTime {
         outputs_delay: with_sync0(bench.outputs_delay.delay()),
         missed_events: bench.missed.count(),
         highest_missed_counter: bench.missed.highest(),
-        state: bench.states.last().map_or("INIT", |change| change.state.name()).to_owned(),
+        state: bench.states.last().map_or(AlState::Init, |change| change.state),
     }
 }
 
@@ -250,10 +237,10 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
     let found = outcome.world.main().segment().devices.get(position);
     let ns = |time: Option<Nanos>| time.map(|time| time.0);
     DeviceRegisters {
-        al_status: found.map_or(String::new(), |device| match device.admitted {
-            true => device.al_status.to_string(),
-            false if outcome.joining[position] => JOINING.to_owned(),
-            false => ABSENT.to_owned(),
+        al_status: found.map_or(StateRead::NotScanned, |device| match device.admitted {
+            true => StateRead::Status(device.al_status),
+            false if outcome.joining[position] => StateRead::Joining,
+            false => StateRead::Absent,
         }),
         al_status_code: found.map_or(0, |device| device.al_code.0),
         delay_ns: ns(found.and_then(|device| device.delay)),

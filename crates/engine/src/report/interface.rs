@@ -7,16 +7,19 @@
 mod build;
 mod text;
 
+use std::fmt;
+
 pub use build::Asked;
+use isocat_sync::SyncMode;
 use schemars::JsonSchema;
 use serde::Serialize;
-pub(crate) use text::seconds;
 
 use super::quality::Quality;
+use super::typed;
 use super::{Counters, DeviceRegisters, Finding, PlanLine, SegmentMainDevice, SegmentPlan, Span};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-interface-report/3";
+pub const FORMAT: &str = "isocat-interface-report/4";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -46,7 +49,9 @@ pub struct InterfaceReport {
     /// What is no reason for the verdict but may explain it.
     pub notes: Vec<String>,
     /// What ended the run: time, signal, bring-up, silence, interface.
-    pub ended_by: String,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub ended_by: EndedBy,
     /// Bus cycle.
     pub cycle_ns: i64,
     /// Time that was asked for, from the moment when all SubDevices were in OP.
@@ -65,6 +70,33 @@ pub struct InterfaceReport {
     pub quality: Option<Quality>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<InterfaceDevice>,
+}
+
+/// What ended a run on an interface.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum EndedBy {
+    /// The time that was asked for is over.
+    Time,
+    /// A signal.
+    Signal,
+    /// The way up failed.
+    BringUp,
+    /// Nothing came back any more.
+    Silence,
+    /// The interface failed.
+    Interface,
+}
+
+impl fmt::Display for EndedBy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Time => "time",
+            Self::Signal => "signal",
+            Self::BringUp => "bring-up",
+            Self::Silence => "silence",
+            Self::Interface => "interface",
+        })
+    }
 }
 
 /// The machine that the MainDevice runs on.
@@ -162,7 +194,9 @@ pub struct InterfaceDevice {
     /// Serial number in its SII.
     pub serial: u32,
     /// Synchronization mode: free-run, sm, dc-sync0.
-    pub mode: String,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub mode: SyncMode,
     /// Why not a higher mode; empty if this is the one asked for or the highest.
     pub mode_reason: String,
     /// Read over the wire at the end, 0x092C too; of a way up that failed, as last read. A state that could not be read

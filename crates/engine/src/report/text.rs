@@ -5,6 +5,7 @@ use std::fmt::{self, Write};
 use anstyle::{AnsiColor, Style};
 use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
 use isocat_sync::SyncMode;
+use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
 
 use super::{Counters, DOUBT, Device, DeviceRegisters, Finding, Report, Span, Spread};
@@ -132,7 +133,7 @@ impl Report {
         let tightest = self
             .devices
             .iter()
-            .filter(|device| device.mode != SyncMode::FreeRun.name())
+            .filter(|device| device.mode != SyncMode::FreeRun)
             .flat_map(|device| device.plan.iter().map(move |line| (device, line)))
             .min_by_key(|(_, line)| line.slack_ns);
         if let Some(phase) = plan.sync0_phase_ns {
@@ -225,16 +226,18 @@ pub(super) fn write_findings(out: &mut String, findings: &[Finding]) -> fmt::Res
 
 /// Where to read what the AL status codes among the findings mean.
 fn write_where_to_read(out: &mut String, findings: &[Finding]) -> fmt::Result {
-    let mut codes: Vec<&str> = Vec::new();
-    for finding in findings {
-        let Some((_, code)) = finding.what.split_once("AL status code ") else { continue };
-        let code = code.split(' ').next().unwrap_or_default();
-        if code != "0x0000" && !codes.contains(&code) {
+    let mut codes: Vec<AlStatusCode> = Vec::new();
+    for code in findings.iter().filter_map(|finding| finding.kind.al_status_code()) {
+        if code != AlStatusCode::NO_ERROR && !codes.contains(&code) {
             codes.push(code);
         }
     }
     for code in codes.iter().take(3) {
-        writeln!(out, "  isocat explain {code} tells the usual causes and what to change")?;
+        writeln!(
+            out,
+            "  isocat explain 0x{:04X} tells the usual causes and what to change",
+            code.0
+        )?;
     }
     Ok(())
 }

@@ -9,11 +9,11 @@ use std::collections::VecDeque;
 use isocat_sim::bench::{Bench, DeviceBench, Intent};
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{Segment, Statistics};
-use isocat_subdevice::Step;
 use isocat_wire::time::{Nanos, Time, True};
 
 use super::main_device::larger;
 use super::{Error, Margin, Moment, Status};
+use crate::moment;
 
 /// Sees what happens at SubDevices.
 pub struct Onlooker {
@@ -33,8 +33,7 @@ struct Interval {
     devices: Vec<(Option<f64>, Option<f64>)>,
 }
 
-/// Events of a cycle, as [`crate::plan`] names them.
-const EVENTS: usize = 8;
+const EVENTS: usize = isocat_sync::Moment::ALL.len();
 
 /// When an event happened within the cycle, ps: the first time, and how far from that on either side.
 #[derive(Clone, Copy)]
@@ -83,13 +82,13 @@ impl Onlooker {
         let Some((focus, cycle)) = self.focus.filter(|(at, _)| *at == observation.device) else {
             return;
         };
-        let (Some(event), Some(intent)) = (number(observation.event), self.bench.intent()) else {
+        let (Some(event), Some(intent)) = (compared(observation.event), self.bench.intent()) else {
             return;
         };
         let at = segment.devices()[focus].oscillator().when(observation.device_at);
         let reference = segment.devices()[intent.reference].system_time_ps(at);
         let cycle = i128::from(cycle.0.max(1)) * 1000;
-        match &mut self.seen[event] {
+        match &mut self.seen[event as usize] {
             Some(phases) => phases.take(reference, cycle),
             none => {
                 let base = reference.rem_euclid(cycle);
@@ -152,11 +151,8 @@ impl Onlooker {
     }
 
     fn fill(&self, moments: &mut [Moment]) {
-        let names = crate::plan::build::EVENTS.iter().map(|(name, _)| *name);
-        for (name, phases) in names.zip(&self.seen) {
-            let Some(moment) = moments.iter_mut().find(|moment| moment.event == name) else {
-                continue;
-            };
+        for moment in moments {
+            let phases = self.seen[moment.event as usize];
             moment.seen_ns = phases.zip(self.focus).and_then(|(phases, (_, cycle))| {
                 phases.near((moment.earliest_ns, moment.latest_ns), cycle)
             });
@@ -200,17 +196,9 @@ fn ns(ps: i64) -> f64 {
     ps as f64 / 1e3
 }
 
-/// Which of the events of a cycle this is. A fetch of inputs is seen when its frame has passed, and planned from when it
-/// begins: it is left out.
-fn number(event: Observed) -> Option<usize> {
-    Some(match event {
-        Observed::Sm2 => 0,
-        Observed::Finished(Step::MapOutputs) => 1,
-        Observed::Sync0 => 2,
-        Observed::Sync1 => 3,
-        Observed::Began(Step::OutputsValid) => 4,
-        Observed::Began(Step::LatchInputs) => 5,
-        Observed::Finished(Step::MapInputs) => 6,
-        _ => return None,
-    })
+/// The moment of an event that is compared with the plan. A fetch of inputs is seen when its frame has passed, and planned from
+/// when it begins: it is left out.
+fn compared(event: Observed) -> Option<isocat_sync::Moment> {
+    let moment = moment::of(event).filter(|moment| *moment != isocat_sync::Moment::Sm3)?;
+    isocat_sync::Moment::PLANNED.contains(&moment).then_some(moment)
 }

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use isocat_maindevice::quality::{Alarm, Change, EntryQuality, Snapshot};
-use isocat_maindevice::{Config, DeviceConfig, Event, MainDevice, Stage};
+use isocat_maindevice::{Config, DeviceConfig, Event, MainDevice, SegmentChange, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase;
 use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
@@ -15,7 +15,6 @@ use isocat_wire::time::{Host, Nanos, Time};
 
 use super::board::{Board, MOST_NOTES, Sheet};
 use super::{Counter, Device, Error, IN_OPERATION, Margin, Moment, Status, Words};
-use crate::plan::build::EVENTS;
 
 /// Writes down what a MainDevice knows.
 pub struct Scribe {
@@ -309,13 +308,12 @@ fn read(device: &mut Device, snapshot: &Snapshot<'_>) {
 fn moments(main: &MainDevice, position: usize) -> Vec<Moment> {
     let timing = main.segment().timing.as_ref();
     let planned = timing.and_then(|timing| timing.moments(position));
-    let line = |(event, pick): &crate::plan::build::Event| {
-        let span = pick(planned.as_ref()?)?;
-        let event = (*event).into();
+    let line = |event: isocat_sync::Moment| {
+        let span = planned?.of(event)?;
         let (earliest_ns, latest_ns) = (span.earliest.0, span.latest.0);
         Some(Moment { event, earliest_ns, latest_ns, seen_ns: None })
     };
-    EVENTS.iter().filter_map(line).collect()
+    isocat_sync::Moment::PLANNED.into_iter().filter_map(line).collect()
 }
 
 /// Few words for a column.
@@ -403,12 +401,8 @@ impl Note {
                 Note::Told(Some(*position), what, true)
             }
             _ => {
-                let (position, what) = event.change()?;
-                let well = matches!(
-                    event,
-                    Event::Readmitted { .. } | Event::Recovered { .. } | Event::RingHealed { .. }
-                );
-                Note::Told(position, what, !well)
+                let (position, change) = SegmentChange::of(event)?;
+                Note::Told(position, change.to_string(), !change.is_good())
             }
         })
     }
@@ -427,10 +421,7 @@ impl From<(i64, Note)> for super::Event {
                 (Some(position), bad, format!("{status}{code_words}"))
             }
             Note::Alarm(change) => {
-                let what = change.to_string();
-                let prefix = format!("SubDevice {}: ", change.position);
-                let what = what.strip_prefix(&prefix).unwrap_or(&what).to_owned();
-                (Some(change.position), change.raised, what)
+                (Some(change.position), change.raised, change.what().to_string())
             }
             Note::WorkingCounter(chunk, expected, found) => {
                 let what = format!("process data {chunk}: working counter {found}, not {expected}");

@@ -77,7 +77,7 @@ fn a_status_is_the_same_after_its_way_as_json() {
     let mut status = status();
     status.devices[0].margin = Some(Margin { now_ns: 1.5, least_ns: -2.0 });
     status.devices[0].moments.push(Moment {
-        event: "SYNC0".into(),
+        event: isocat_sync::Moment::Sync0,
         earliest_ns: 1,
         latest_ns: 2,
         seen_ns: Some((1.0, 1.5)),

@@ -164,10 +164,11 @@ impl SyncUnit {
                     .then(|| next.wrapping_add((behind as u64).div_ceil(step).wrapping_mul(step)));
             }
         }
-        if let Some(next) = self.sync1.next {
-            if system.wrapping_sub(next) as i64 > 0 && self.sync1.due > now {
-                self.sync1.next = None;
-            }
+        if let Some(next) = self.sync1.next
+            && system.wrapping_sub(next) as i64 > 0
+            && self.sync1.due > now
+        {
+            self.sync1.next = None;
         }
     }
 

@@ -5,6 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
+#[cfg(target_os = "linux")]
+use isocat_engine::report::words;
 use isocat_engine::status::Status;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::Nanos;
@@ -307,9 +309,12 @@ impl Arguments {
         let thread = std::thread::spawn(move || {
             let failure = match job.run(&stopped, &mut |_| {}) {
                 Err(error) => Some(error.to_string()),
-                Ok(outcome) => outcome.findings.first().map(|finding| match finding.device {
-                    Some(position) => format!("SubDevice {position}: {}", finding.what),
-                    None => finding.what.clone(),
+                Ok(outcome) => outcome.findings.first().map(|finding| {
+                    let what = words::what(&finding.kind, words::Family::Wire);
+                    match finding.place.device {
+                        Some(position) => format!("SubDevice {position}: {what}"),
+                        None => what,
+                    }
                 }),
             };
             own.end(failure);

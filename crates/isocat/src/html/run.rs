@@ -6,6 +6,7 @@ use isocat_engine::diagnosis::{Diagnosis, diagnose};
 use isocat_engine::recording::{Recorded, RecordedDevice};
 use isocat_engine::report::Device;
 use isocat_maindevice::Segment;
+use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
 use isocat_sync::phase;
 use isocat_wire::time::Nanos;
@@ -46,7 +47,7 @@ impl Run<'_> {
     /// The page.
     pub fn page(&self) -> Page {
         let Self { report, recorded, .. } = self;
-        let diagnoses = diagnose(report, recorded, self.segment);
+        let diagnoses = diagnose(report, recorded, self.segment, self.limit);
         let body = html! {
             p.quiet {
                 (report.segment_file) ": cycle " (Nanos(report.cycle_ns)) ", judged for " (Nanos(report.judged_ns))
@@ -181,7 +182,7 @@ impl Run<'_> {
                     td { a href={ "#device-" (device.position) } { (device.name) } }
                     td.word { (device.mode) }
                     td.number { (device.cycle_ns.map_or("-".into(), |ns| Nanos(ns).to_string())) }
-                    td.bad[device.registers.al_status.contains("ERR")] { (device.registers.al_status) }
+                    td.bad[device.registers.al_status.is_error()] { (device.registers.al_status) }
                     (error_cells(device.true_time.sync0_error.as_ref()))
                     td.number.bad[device.true_time.sync0_margin.is_some_and(|m| m.min_ns < 0.0)] {
                         (device.true_time.sync0_margin.map_or("-".into(), |margin| ns(margin.min_ns)))
@@ -249,7 +250,7 @@ impl Run<'_> {
             article #{ "device-" (at) } data-device=(at) {
                 h3.bad[wrong] { (at) " " (device.name) " " span.quiet { (device.mode) } }
                 @if !device.mode_reason.is_empty() { p.quiet { (device.mode_reason) } }
-                @if let (Some(cycle), true) = (&seen.cycle, device.mode == "free-run") {
+                @if let (Some(cycle), true) = (&seen.cycle, device.mode == SyncMode::FreeRun) {
                     p.quiet {
                         "In Free Run nothing of it has a place in the bus cycle: times count from the first step of its own cycle ("
                         (cycle.outputs_took.count().max(cycle.inputs_took.count())) " of them)."

@@ -77,7 +77,7 @@ impl Cycle<'_> {
                 (send.0.min(0) as f64, end.0 as f64)
             }
         };
-        let planned = PLANNED.iter().filter_map(|moment| planned(moments, *moment));
+        let planned = Moment::PLANNED.into_iter().filter_map(|moment| moments.of(moment));
         for span in planned {
             from = from.min(span.earliest.0 as f64);
             to = to.max(span.latest.0 as f64);
@@ -89,22 +89,6 @@ impl Cycle<'_> {
         let margin = (to - from) * 0.015;
         (from - margin, to + margin)
     }
-}
-
-/// Events that a plan has.
-const PLANNED: [Moment; 8] = [
-    Moment::Sm2,
-    Moment::OutputsReady,
-    Moment::Sync0,
-    Moment::Sync1,
-    Moment::OutputsValid,
-    Moment::InputLatch,
-    Moment::InputsAvailable,
-    Moment::Sm3,
-];
-
-fn planned(moments: &Moments, moment: Moment) -> Option<Span> {
-    isocat_engine::recording::cycle::planned(moments, moment)
 }
 
 struct Drawing<'a> {
@@ -127,21 +111,20 @@ impl Drawing<'_> {
     /// The instants between which an event lies: seen, else planned.
     fn ends(&self, moment: Moment) -> Option<(f64, f64)> {
         let seen = self.seen(moment).map(|s| (s.least() as f64 / 1e3, s.largest() as f64 / 1e3));
-        let span =
-            || planned(&self.moments, moment).map(|s| (s.earliest.0 as f64, s.latest.0 as f64));
+        let span = || self.moments.of(moment).map(|s| (s.earliest.0 as f64, s.latest.0 as f64));
         seen.or_else(span)
     }
 
     /// Where an event is on average: seen, else the middle of the plan.
     fn middle(&self, moment: Moment) -> Option<f64> {
         let seen = self.seen(moment).map(|seen| seen.mean() / 1e3);
-        seen.or_else(|| planned(&self.moments, moment).map(middle))
+        seen.or_else(|| self.moments.of(moment).map(middle))
     }
 
     /// `SYNC0 (planned 524 us; seen 9984 times: mean …)`.
     fn tip(&self, words: &str, moment: Moment) -> String {
         let mut tip = words.to_owned();
-        if let Some(Span { earliest, latest }) = planned(&self.moments, moment) {
+        if let Some(Span { earliest, latest }) = self.moments.of(moment) {
             tip += &match earliest == latest {
                 true => format!("\nplanned at {}", exact(earliest.0 as f64)),
                 false => {
@@ -165,7 +148,7 @@ impl Drawing<'_> {
     /// An event: where it is planned, the band of what was seen, and its mean.
     fn event(&mut self, class: &str, moment: Moment, words: &str, label: &str, y: f64) {
         let tip = self.tip(words, moment);
-        if let Some(span) = planned(&self.moments, moment) {
+        if let Some(span) = self.moments.of(moment) {
             let span = (span.earliest.0 as f64, span.latest.0 as f64);
             self.frame.bar("plan", span, y - 2.0, BAR + 4.0, &tip);
         }
@@ -201,7 +184,7 @@ impl Drawing<'_> {
             }
         }
         self.frame.bar(class, (from, to), y, BAR, &tip);
-        if let Some(span) = planned(&self.moments, end) {
+        if let Some(span) = self.moments.of(end) {
             let latest = (span.earliest.0 as f64, span.latest.0 as f64);
             self.frame.bar("plan", latest, y - 2.0, BAR + 4.0, &tip);
         }
@@ -356,7 +339,7 @@ impl Drawing<'_> {
         let ready = self.ends(Moment::OutputsReady).map(|(_, latest)| latest);
         let pulse = self.acting().and_then(|pulse| self.ends(pulse)).map(|(earliest, _)| earliest);
         let inputs = self.ends(Moment::InputsAvailable).map(|(_, latest)| latest);
-        let fetched = planned(&self.moments, Moment::Sm3).map(|span| span.earliest.0 as f64);
+        let fetched = self.moments.of(Moment::Sm3).map(|span| span.earliest.0 as f64);
         let pairs = [("outputs", ready.zip(pulse)), ("inputs", inputs.zip(fetched))];
         if pairs.iter().all(|(_, pair)| pair.is_none()) {
             return;

@@ -115,7 +115,7 @@ fn row(moment: &Moment, end: i64, bar: usize, look: &Look) -> Line<'static> {
         .seen_ns
         .is_some_and(|(from, to)| from < moment.earliest_ns as f64 || to > moment.latest_ns as f64);
     let style = if outside { look.bad() } else { Style::new() };
-    let name = words::cut(&moment.event, NAME - 1);
+    let name = words::cut(moment.event.name(), NAME - 1);
     let mut spans = vec![
         Span::raw(format!("{name:<NAME$}{planned:<FIGURES$}")),
         Span::styled(format!("{seen:<FIGURES$}"), style),

@@ -56,7 +56,7 @@ fn segment(at_ns: i64) -> Status {
         ("Outputs Valid", 523_800, 554_200, Some((550_000.0, 560_000.0))),
         ("inputs fetched", 1_000_000, 1_020_200, None),
     ] {
-        let event = event.into();
+        let event = isocat_sync::Moment::of_name(event).expect("a moment");
         let moment = Moment { event, earliest_ns, latest_ns, seen_ns };
         status.devices[1].moments.push(moment);
     }

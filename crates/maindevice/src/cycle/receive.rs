@@ -38,6 +38,7 @@ impl Cycle {
         }
         frame.flights[parity] = None;
         let cycle = frame.cycles[parity];
+        self.closing.out -= usize::from(cycle == self.number);
         inner.statistics.frames_received += 1;
         let mut complete = true;
         let mut reference_time = None;
@@ -50,7 +51,7 @@ impl Cycle {
                 Part::Drift => {
                     reference_time = self.take_time(sent, data, wkc, cycle, inner);
                     if reference_time.is_none() && self.in_ring {
-                        reference_time = self.take_time_alone(sent, data, inner);
+                        reference_time = self.take_time_alone(sent, data, cycle, inner);
                     }
                     // Planned when the frame left; planned better with what it brought back.
                     if cycle == self.number && self.is_sent() {
@@ -127,6 +128,7 @@ impl Cycle {
         }
         let dc = reference.extend(raw);
         inner.reference_time = (sent, dc);
+        self.taken.time = (cycle, dc);
         if !reference.reading {
             reference.led = cycle;
         }
@@ -147,12 +149,14 @@ impl Cycle {
         &mut self,
         sent: Time<Host>,
         data: &[u8],
+        cycle: u64,
         inner: &mut Inner,
     ) -> Option<Time<Dc>> {
         let reference = self.reference.as_mut()?;
         let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw)).filter(|raw| *raw > 0)?;
         let dc = reference.extend(raw);
         inner.reference_time = (sent, dc);
+        self.taken.time = (cycle, dc);
         self.servo.sample(sent, dc);
         Some(dc)
     }
@@ -187,7 +191,9 @@ impl Cycle {
             *wrong += 1;
             return false;
         }
-        if part != Part::Write(at) {
+        // What comes behind that of a later cycle is too late.
+        if part != Part::Write(at) && cycle > self.taken.chunks[at] {
+            self.taken.chunks[at] = cycle;
             let from = chunk.logical as usize;
             if self.admitted[at] == (chunk.writers, chunk.readers) {
                 self.inputs[from..from + usize::from(chunk.length)].copy_from_slice(data);

@@ -22,7 +22,7 @@ impl Cycle {
             self.next_frame = 0;
         }
         if self.next_frame == 0 {
-            if now < self.due || self.wait_for_grid(now, inner) {
+            if now < self.due || self.is_open() || self.wait_for_grid(now, inner) {
                 return None;
             }
             self.begin(now, inner);
@@ -53,6 +53,7 @@ impl Cycle {
         }
         frame.flights[parity] = Some(now);
         frame.cycles[parity] = self.number;
+        self.closing.out += 1;
         self.through = now.max(self.through) + Nanos(duration_ns(frame.bytes.len()) as i64) + GAP;
         inner.statistics.frames_sent += 1;
         inner.statistics.datagrams += frame.datagrams.len() as u64;
@@ -67,11 +68,9 @@ impl Cycle {
     /// The frame behind one that leaves in this cycle too; the number of frames if there is none.
     fn following(&self, at: usize) -> usize {
         let mut next = at + 1;
-        while self
-            .frames
-            .get(next)
-            .is_some_and(|frame| frame.every > 1 && self.slot % u64::from(frame.every) != 0)
-        {
+        while self.frames.get(next).is_some_and(|frame| {
+            frame.every > 1 && !self.slot.is_multiple_of(u64::from(frame.every))
+        }) {
             next += 1;
         }
         next
@@ -134,6 +133,7 @@ impl Cycle {
         let skipped = (late.0 / self.cycle.0).max(0) as u64;
         self.put_off = false;
         self.number += 1;
+        self.closing.out = 0;
         inner.cycle = self.number;
         inner.statistics.cycles += 1;
         if skipped > 0 {

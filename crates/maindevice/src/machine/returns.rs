@@ -104,7 +104,7 @@ impl MainDevice {
         if let Some(task) = &mut self.keeper.readmitting {
             let ended = poll(task).is_ready();
             self.grant_wishes();
-            let outcomes = core::mem::take(&mut *self.keeper.outcomes.borrow_mut());
+            let outcomes = core::mem::take(&mut *self.keeper.outcomes.lock());
             for (position, outcome) in outcomes {
                 self.take_return(position, outcome);
             }

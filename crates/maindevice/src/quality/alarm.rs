@@ -78,10 +78,28 @@ pub enum Found {
     },
 }
 
-/// `SubDevice 2: does not converge: 0x092C is 340 ns, slope +3000 ns/s, away`
+impl Change {
+    /// What came or went, without the place: `the clock is off: 0x092C is 340 ns, slope +3000 ns/s, away`.
+    pub const fn what(&self) -> What {
+        What(*self)
+    }
+}
+
+/// What came or went, see [`Change::what`].
+#[derive(Clone, Copy, Debug)]
+pub struct What(Change);
+
+/// `SubDevice 2: the clock does not converge: 0x092C is 340 ns, slope +3000 ns/s, away`
 impl fmt::Display for Change {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let what = match self.alarm {
+        write!(f, "SubDevice {}: {}", self.position, self.what())
+    }
+}
+
+impl fmt::Display for What {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(change) = self;
+        let what = match change.alarm {
             Alarm::Difference => "the clock is off",
             Alarm::NotConverging => "the clock does not converge",
             Alarm::Sliding => "the clock slides",
@@ -91,8 +109,8 @@ impl fmt::Display for Change {
             Alarm::Counter => "a counter rises",
             Alarm::MailboxSilent => "the mailbox does not answer",
         };
-        let over = if self.raised { "" } else { "over: " };
-        write!(f, "SubDevice {}: {over}{what}: {}", self.position, self.found)
+        let over = if change.raised { "" } else { "over: " };
+        write!(f, "{over}{what}: {}", change.found)
     }
 }
 

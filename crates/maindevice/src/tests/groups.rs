@@ -42,6 +42,7 @@ fn all(cycle: &mut Cycle, bench: &mut Bench, back: impl Fn(usize) -> bool) -> (u
     let link = bench.link.clone();
     let mut buffer = [0; MAX_LEN];
     let mut frames = Vec::new();
+    cycle.close(bench.now);
     while let Some(len) = link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)) {
         frames.push(buffer[..len].to_vec());
     }
@@ -74,6 +75,7 @@ fn skipped_cycles_leave_groups_in_their_cycles() {
         let link = bench.link.clone();
         let mut buffer = [0; MAX_LEN];
         bench.now = due + Nanos(slept * 1_000_000 - 300_000);
+        cycle.close(bench.now);
         assert_eq!(link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)), None);
         for _ in 0..20 {
             let (number, frames) = all(&mut cycle, &mut bench, |_| true);

@@ -23,14 +23,6 @@ impl MissedEvents {
     pub fn count(&self) -> u64 {
         self.count
     }
-    /// What happened, in words; without outputs it is reads of inputs that are missed.
-    pub fn words(&self, has_outputs: bool) -> String {
-        let what = match has_outputs {
-            true => "SYNC0 came before the outputs were copied and calculated",
-            false => "SYNC0 came before the inputs were read again",
-        };
-        format!("{what}, {} times", self.count)
-    }
     /// When the first was missed.
     pub fn first(&self) -> Option<Time<True>> {
         self.first

@@ -91,10 +91,10 @@ impl Pdi for FakeEsc {
 
     fn write(&mut self, address: u16, data: &[u8]) {
         let (start, end) = (usize::from(address), usize::from(address) + data.len());
-        if start & !0x38 == 0x0807 {
-            if let Some(passing) = &mut self.passing {
-                return passing.push((start, data[0]));
-            }
+        if start & !0x38 == 0x0807
+            && let Some(passing) = &mut self.passing
+        {
+            return passing.push((start, data[0]));
         }
         if (0..4).any(|n| self.sm(n).pdi_control & 1 != 0 && self.sm(n).start == address) {
             return;

@@ -276,7 +276,7 @@ fn information(wire: &mut Wire, source: &mut Source<'_>) {
 fn request(source: &mut Source<'_>) -> Vec<u8> {
     let object = source.object();
     let [low, high] = object.index.to_le_bytes();
-    let complete = if source.byte() % 4 == 0 { 0x10 } else { 0 };
+    let complete = if source.byte().is_multiple_of(4) { 0x10 } else { 0 };
     let command = match source.byte() % 12 {
         0..=2 => 0x40 | complete,
         3 => 0x60,

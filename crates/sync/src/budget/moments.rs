@@ -4,6 +4,7 @@ use isocat_wire::time::Nanos;
 
 use super::{Cycle, Device, Origin};
 use crate::mode::SyncMode;
+use crate::moment::Moment;
 
 /// From the earliest to the latest instant of an event, counted from the begin of the bus cycle in which the frame is
 /// sent.
@@ -40,6 +41,27 @@ pub struct Moments {
     pub inputs_available: Option<Span>,
     /// The frame that fetches them begins here.
     pub inputs_fetched: Option<Span>,
+}
+
+impl Moments {
+    /// When a moment is planned; `None` where the plan does not have it.
+    pub const fn of(&self, moment: Moment) -> Option<Span> {
+        match moment {
+            Moment::Sm2 => self.outputs_stored,
+            Moment::OutputsReady => self.outputs_ready,
+            Moment::Sync0 => self.sync0,
+            Moment::Sync1 => self.sync1,
+            Moment::OutputsValid => self.outputs_valid,
+            Moment::InputLatch => self.input_latch,
+            Moment::InputsAvailable => self.inputs_available,
+            Moment::Sm3 => self.inputs_fetched,
+            Moment::Frame
+            | Moment::OutputsFetched
+            | Moment::ApplicationBegins
+            | Moment::ApplicationEnds
+            | Moment::InputsBegin => None,
+        }
+    }
 }
 
 /// The events with the acting pulse at `shift`. In Free Run nothing has a place in the bus cycle but the frames.

@@ -350,7 +350,7 @@ fn few_frames_that_leave_at_once_are_enough() {
     let mut off = std::vec::Vec::new();
     for i in 0..20_000 {
         let stamp = 77_000 + i * 1_000_000;
-        let slow = if host.random() % 50 == 0 { 0 } else { 5_000 };
+        let slow = if host.random().is_multiple_of(50) { 0 } else { 5_000 };
         servo.sample(Time::new(stamp), dc(stamp + slow + host.held_up() as u64, 20));
         off.push((servo.dc_at(Time::new(stamp)) - dc(stamp, 20)).0);
         assert!(i < 200 || servo.state() == State::Locked);

@@ -12,6 +12,8 @@ use crate::live::job::{self, AtEnd, End};
 use crate::report::build::{
     application, counters, delay_error, delay_unknown, plan_line, summary, verdict_of_modes,
 };
+use crate::report::typed::StateRead;
+use crate::report::words::{self, Family};
 
 /// What was asked of the run, for its report.
 #[derive(Clone, Copy, Debug)]
@@ -39,18 +41,7 @@ impl InterfaceReport {
         let findings: Vec<Finding> = outcome
             .findings
             .iter()
-            .map(|finding| Finding {
-                position: finding.device,
-                device: finding.device.and_then(name),
-                stage: finding.stage.map(|stage| stage.name().to_owned()),
-                since_ns: finding.since.map(|since| since.0),
-                what: match finding.since {
-                    Some(since) => {
-                        format!("{}, since {} into the run", finding.what, seconds(since))
-                    }
-                    None => finding.what.clone(),
-                },
-            })
+            .map(|finding| Finding::new(finding, name, Family::Wire))
             .collect();
         let timing = outcome.segment.timing.as_ref();
         Self {
@@ -64,13 +55,12 @@ impl InterfaceReport {
             findings,
             notes: outcome.notes.clone(),
             ended_by: match outcome.end {
-                End::Time => "time",
-                End::Asked => "signal",
-                End::Failed(_) | End::TooLong => "bring-up",
-                End::Silence => "silence",
-                End::Link(_) => "interface",
-            }
-            .to_owned(),
+                End::Time => EndedBy::Time,
+                End::Asked => EndedBy::Signal,
+                End::Failed(_) | End::TooLong => EndedBy::BringUp,
+                End::Silence => EndedBy::Silence,
+                End::Link(_) => EndedBy::Interface,
+            },
             cycle_ns: asked.cycle.0,
             asked_ns: asked.duration.0,
             judged_ns: outcome.judged.map_or(0, |judged| judged.0),
@@ -103,15 +93,10 @@ impl Machine {
 }
 
 fn verdict(devices: &[InterfaceDevice], findings: &[Finding]) -> String {
-    if let Some(first) = findings.first() {
-        let others = match findings.len() - 1 {
-            0 => String::new(),
-            n => format!("; {n} more below"),
-        };
-        return format!("Not in sync: {}{others}.", first.sentence());
-    }
-    let modes: Vec<&str> = devices.iter().map(|device| device.mode.as_str()).collect();
-    verdict_of_modes(&modes)
+    words::verdict(findings).unwrap_or_else(|| {
+        let modes: Vec<SyncMode> = devices.iter().map(|device| device.mode).collect();
+        verdict_of_modes(&modes)
+    })
 }
 
 fn punctuality(asked: Asked<'_>, outcome: &Outcome) -> Punctuality {
@@ -177,7 +162,7 @@ fn device(outcome: &Outcome, position: usize) -> InterfaceDevice {
         product_code: found.identity.product,
         revision: found.identity.revision,
         serial: found.identity.serial,
-        mode: found.mode.name().to_owned(),
+        mode: found.mode,
         mode_reason: found.mode_reason.clone(),
         registers: registers(found, &at_end, outcome.judged.is_some()),
         output_counters_before: counters(at_end.outputs_before),
@@ -194,7 +179,7 @@ fn registers(found: &SubDevice, at_end: &AtEnd, operated: bool) -> DeviceRegiste
     let difference = at_end.difference.or(found.difference.filter(|_| !operated));
     let ns = |time: Option<Nanos>| time.map(|time| time.0);
     DeviceRegisters {
-        al_status: status.map_or("unknown".to_owned(), |(status, _)| status.to_string()),
+        al_status: status.map_or(StateRead::Unknown, |(status, _)| StateRead::Status(status)),
         al_status_code: status.map_or(0, |(_, code)| code.0),
         delay_ns: ns(found.delay),
         delay_error_ns: delay_error(found),
@@ -224,11 +209,6 @@ fn series(histogram: &Histogram) -> Option<Series> {
         p99_ns: histogram.percentile(99).0,
         buckets: buckets.map(|(up_to_ns, count)| Bucket { up_to_ns, count }).collect(),
     })
-}
-
-/// Whether a mode has something to synchronize.
-pub(super) fn is_synchronized(mode: &str) -> bool {
-    mode != SyncMode::FreeRun.name()
 }
 
 const LIMITS: [Nanos; 15] = [

@@ -3,13 +3,14 @@
 use std::fmt::{self, Write};
 
 use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
+use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
-use super::build::is_synchronized;
 use super::{Harm, InterfaceReport, Machine, Series};
 use crate::report::text::{
     BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, counters, range, write_findings, write_notes,
 };
+use crate::report::words::seconds;
 
 impl InterfaceReport {
     /// The report as text, with ANSI styles; print it through a stream that strips them where they
@@ -125,7 +126,7 @@ impl InterfaceReport {
         let tightest = self
             .devices
             .iter()
-            .filter(|device| is_synchronized(&device.mode))
+            .filter(|device| device.mode != SyncMode::FreeRun)
             .flat_map(|device| device.plan.iter().map(move |line| (device, line)))
             .min_by_key(|(_, line)| line.slack_ns);
         if let Some((device, tight)) = tightest {
@@ -232,10 +233,4 @@ fn distribution(series: &Series) -> String {
         show(*p99_ns as f64),
         show(span.max_ns)
     )
-}
-
-/// `3.210 s`.
-pub(crate) fn seconds(span: Nanos) -> String {
-    let ms = span.0 / 1_000_000;
-    format!("{}.{:03} s", ms / 1000, ms % 1000)
 }

@@ -143,7 +143,7 @@ fn a_phase_is_caught_up_at_the_slew() {
 fn the_figures_of_injection_are_what_was_held_up() {
     let noise = Nanos(300);
     let mut bench = Bench::new(2_000.0, Drive::after_host(limits()), noise);
-    let held = |i: u64| if i % 10 == 0 { 0 } else { (i * 7_919) % 600 };
+    let held = |i: u64| if i.is_multiple_of(10) { 0 } else { (i * 7_919) % 600 };
     bench.run(30_000, held);
     let injected = bench.drive.injected();
     assert!(injected.count > 25_000);

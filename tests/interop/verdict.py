@@ -1,0 +1,65 @@
+"""Whether a step that failed was failed by the machine, which came too late, or by the served segment.
+
+Only evidence counts: a failure is lateness if it is of a kind that late frames can make, and the witness saw stalls at the time, long
+enough for it. All else is a failure of what is tested, on however busy a machine.
+"""
+import re
+
+# How long after a stall it may still be the cause of an AL status: devices count, wait and ask before they fall.
+REACH = 1.0
+# Cycles that a drive is away once it fell.
+AWAY = 400
+# A stall spoils up to so many times the cycles that it takes: frames that waited come at once, and some take each other's place.
+SPREAD = 4
+# AL status codes that say that frames or SYNC0 did not come in time: sync manager watchdog, synchronization error, fatal sync error,
+# no sync error, PLL error, DC sync timeout.
+TIMELY = {0x001A, 0x001B, 0x002C, 0x002D, 0x0032, 0x0033, 0x0034}
+# How long each MainDevice waits for a frame or a message at the least, in seconds.
+PATIENCE = {"kickcat": 0.010, "pysoem": 0.020, "ethercrab": 0.200}
+
+DATA = re.compile(r"torn [1-9]|0x[0-9A-F]{4}:[0-9A-F]{2} is|0x[0-9A-F]{4}:[0-9A-F]{2}: .*, not |\bbytes\b.*, not |length of|exit code")
+STATE = re.compile(r"^not in |^not all in OP|wait_for_state|state transition", re.IGNORECASE)
+RHYTHM = re.compile(r"\d+ cycles, \d+ with a wrong working counter")
+FRAME = re.compile(r"time-?d? ?-?out|took too long|no frame|WkcError|working counter", re.IGNORECASE)
+
+
+def kind(what):
+    """What a step says of its failure, as a kind: data, rhythm, state, frame, other."""
+    for name, words in [("data", DATA), ("rhythm", RHYTHM), ("state", STATE), ("frame", FRAME)]:
+        if words.search(what):
+            return name
+    return "other"
+
+
+def lateness(peer, failure, stalls, refusals, cycle, drives):
+    """Why the failure is lateness of the machine, in words, or None if it is not.
+
+    `failure` is (what, begin, end), `stalls` are pairs (begin, length), `refusals` pairs (time, AL status code) of the SubDevices; all
+    times in seconds on one clock. `cycle` is the cycle in seconds, `drives` whether a SubDevice leaves OP for late frames."""
+    what, begin, end = failure
+    during = [(at, length) for at, length in stalls if at + length >= begin and at <= end]
+    longest = max((length for _, length in during), default=0.0)
+    match kind(what):
+        case "frame":
+            if longest >= PATIENCE[peer] / 2:
+                return f"the machine stalled for {longest * 1e3:.0f} ms"
+        case "state":
+            fell = [(at, code) for at, code in refusals if begin - REACH <= at <= end + REACH]
+            if fell and all(code in TIMELY and stalled_before(at, stalls, cycle) for at, code in fell):
+                codes = ", ".join(sorted({f"0x{code:04X}" for _, code in fell}))
+                return f"AL status {codes}, each after a stall of a cycle or more"
+        case "rhythm":
+            struck = sum(length / cycle + (AWAY if drives else 0) for _, length in during if length >= cycle)
+            if struck >= spoiled(what) / SPREAD:
+                return f"stalls took {struck:.0f} cycles"
+    return None
+
+
+def spoiled(what):
+    """Cycles without good process data, by the worst SubDevice."""
+    cycles, wrong = (int(number) for number in re.match(r"(\d+) cycles, (\d+) with", what).groups())
+    return max(1, wrong, *(cycles - int(number) for number in re.findall(r"(?:moved|enabled) (\d+)", what)))
+
+
+def stalled_before(at, stalls, cycle):
+    return any(begin <= at and at - (begin + length) <= REACH and length >= cycle for begin, length in stalls)

@@ -26,7 +26,7 @@ use crate::hot_connect::Present;
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, sync};
+use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, sync, timing};
 
 /// What a piece of the way works on, and gives back whether it got to its end or not.
 pub(crate) struct Work {
@@ -127,7 +127,7 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     clocks?;
 
     work.enter(Stage::Plan);
-    work.segment.timing = Some(mode::plan(&work.segment, config)?);
+    work.segment.timing = Some(timing::plan(&work.segment, config)?);
     Ok(())
 }
 

@@ -7,8 +7,8 @@
 //!    back. Procedures are `async fn`s that the machine polls itself, many devices side by side.
 //! 2. `bring_up` is the way up in order. `scan` and `topology` find the SubDevices, `sii` reads who
 //!    they are, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
-//!    `objects`. `mode` decides how each SubDevice is synchronized and plans the cycle, `mapping`
-//!    lays out the process image, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
+//!    `objects`. `mode` decides how each SubDevice is synchronized, `mapping`
+//!    lays out the process image, `timing` plans the cycle, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
 //!    programs SYNC0 and sees that it runs.
 //! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
 //!    nothing.
@@ -70,10 +70,12 @@ pub mod plan;
 pub mod segment;
 pub mod statistics;
 
+mod alarm;
 mod bring_up;
 mod clock;
 mod coe;
 mod cycle;
+mod dc;
 mod delay;
 mod delay_watch;
 mod esm;
@@ -91,8 +93,10 @@ mod ring;
 mod runner;
 mod scan;
 mod sii;
+mod stage;
 mod survey;
 mod sync;
+mod timing;
 mod topology;
 
 #[cfg(test)]

@@ -16,16 +16,8 @@ use crate::esm;
 use crate::hot_connect;
 use crate::link::{Link, Procedure, join};
 use crate::ring;
-use crate::segment::{DcCapability, EscInformation, Segment, SubDevice};
+use crate::segment::{DcCapability, EscInformation, Segment, SubDevice, station_of};
 use crate::topology::{self, Ports};
-
-/// Station address of the first SubDevice.
-const FIRST_STATION: u16 = 0x1001;
-
-/// Station address of a position.
-pub(crate) const fn station_of(position: usize) -> StationAddress {
-    StationAddress(FIRST_STATION.wrapping_add(position as u16))
-}
 
 /// Finds all SubDevices and brings them, whatever they did before, into INIT with nothing left over
 /// from an earlier run.

@@ -4,7 +4,7 @@
 //! operation. Nothing here knows a socket, a thread or a clock. Inside, data take this way:
 //!
 //! 1. `link` holds datagrams that procedures await: it packs them into frames and hands the answers
-//!    back. Procedures are `async fn`s that the machine polls itself, many devices side by side.
+//!    back; `board` is what machine and procedures know of the run. Procedures are `async fn`s that the machine polls itself, many devices side by side.
 //! 2. `bring_up` is the way up in order. `scan` and `topology` find the SubDevices, `sii` reads who
 //!    they are, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
 //!    `objects`. `mode` decides how each SubDevice is synchronized, `mapping`
@@ -71,6 +71,7 @@ pub mod segment;
 pub mod statistics;
 
 mod alarm;
+mod board;
 mod bring_up;
 mod clock;
 mod coe;

@@ -59,7 +59,7 @@ pub(crate) async fn complete(
 /// Counts the SubDevices; nothing is written to them.
 pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
     let count = count(link).await?;
-    if link.with(|inner| inner.ring.is_some()) {
+    if link.board(|board| board.ring.is_some()) {
         // The copy from the other end is back by then.
         link.sleep(Nanos::millis(1)).await;
     }
@@ -124,7 +124,7 @@ async fn count(link: &Link) -> Result<u16, Cause> {
         if after < FIRST_ANSWER {
             continue;
         }
-        let counts = link.with(|inner| inner.statistics);
+        let counts = link.board(|board| board.statistics);
         if counts.frames_echoed > 0 {
             return Err(Cause::Empty);
         }

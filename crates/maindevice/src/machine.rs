@@ -26,7 +26,7 @@ use crate::delay_watch::{Change, DelayWatch};
 use crate::error::{AccessError, Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Answer, Found, Look};
-use crate::link::{Inner, Link, Origin, Wish};
+use crate::link::{Link, Origin, Shared};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::quality::{self, ClockQuality, Monitor, Snapshot};
 use crate::readmit::{self, Keeper, Return};
@@ -90,7 +90,7 @@ pub struct MainDevice {
     config: Arc<Config>,
     link: Link,
     /// What procedures share with the machine; `None` while they run.
-    inner: Option<Box<Inner>>,
+    shared: Option<Box<Shared>>,
     begin: Time<Host>,
     segment: Segment,
     mailboxes: Mailboxes,
@@ -199,7 +199,7 @@ impl MainDevice {
         };
         let mut machine = Self {
             config,
-            inner: Some(link.take()),
+            shared: Some(link.take()),
             link,
             begin: now,
             segment: Segment::default(),
@@ -236,7 +236,7 @@ impl MainDevice {
         if self.ring.is_some() {
             return self.handle_frame_at(Port::Primary, now, frame);
         }
-        let taken = take(in_hand(&mut self.inner), &mut self.cycle, &self.config, now, frame);
+        let taken = take(in_hand(&mut self.shared), &mut self.cycle, &self.config, now, frame);
         self.close_cycle(now);
         if taken {
             self.work();
@@ -250,9 +250,8 @@ impl MainDevice {
             // What has come goes on before its frame is given up.
             self.expire_copies(now);
         }
-        let inner = in_hand(&mut self.inner);
-        inner.now = now;
-        inner.handle_timeout();
+        let shared = in_hand(&mut self.shared);
+        shared.handle_timeout(now);
         self.close_cycle(now);
         self.work();
     }
@@ -287,17 +286,17 @@ impl MainDevice {
     }
 
     fn next_frame(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
-        let Self { inner, cycle, share, config, .. } = self;
-        let inner = in_hand(inner);
-        inner.now = now;
+        let Self { shared, cycle, share, config, .. } = self;
+        let shared = in_hand(shared);
+        shared.port.now = now;
         let Some(cycle) = cycle else {
-            return inner.transmit(now, buffer, frame::MAX_LEN);
+            return shared.transmit(now, buffer, frame::MAX_LEN);
         };
-        if let Some(len) = cycle.transmit(now, buffer, inner) {
+        if let Some(len) = cycle.transmit(now, buffer, &mut shared.board) {
             return Some(len);
         }
-        let most = share.room(cycle, config, now, inner.first_len()?)?;
-        let len = inner.transmit(now, buffer, most)?;
+        let most = share.room(cycle, config, now, shared.port.first_len()?)?;
+        let len = shared.transmit(now, buffer, most)?;
         share.take(now.max(cycle.through()), len);
         Some(len)
     }
@@ -309,7 +308,7 @@ impl MainDevice {
         if matches!(self.activity, Activity::Over) {
             return None;
         }
-        let mut next = self.inner().next_timeout();
+        let mut next = self.shared().port.next_timeout();
         if let Some(cycle) = &self.cycle {
             next = next.min(cycle.due());
         }
@@ -332,12 +331,12 @@ impl MainDevice {
     /// Frames that were sent and are neither back nor given up.
     pub fn frames_in_flight(&self) -> usize {
         let cyclic = self.cycle.as_ref().map_or(0, Cycle::in_flight);
-        cyclic + self.inner().in_flight()
+        cyclic + self.shared().port.in_flight()
     }
 
     /// The next thing that happened.
     pub fn poll_event(&mut self) -> Option<Event> {
-        in_hand(&mut self.inner).poll_event()
+        in_hand(&mut self.shared).board.poll_event()
     }
 
     /// The outputs of the SubDevice at `position`, sent with the next cycle; empty if it has none.
@@ -403,7 +402,7 @@ impl MainDevice {
 
     /// Counts so far.
     pub fn statistics(&self) -> Statistics {
-        self.inner().statistics
+        self.shared().board.statistics
     }
 
     /// The stage of the way up or down that was last begun.
@@ -471,7 +470,7 @@ impl MainDevice {
 
     /// Lets everything go on that can.
     fn work(&mut self) {
-        in_hand(&mut self.inner).forget_waits();
+        in_hand(&mut self.shared).port.forget_waits();
         if self.is_quiet() {
             return;
         }
@@ -489,17 +488,17 @@ impl MainDevice {
 
     /// Lets procedures at what they share with the machine while `f` runs.
     fn lend<R>(&mut self, f: impl FnOnce(&mut Self) -> R) -> R {
-        if let Some(inner) = self.inner.take() {
-            self.link.lay_back(inner);
+        if let Some(shared) = self.shared.take() {
+            self.link.lay_back(shared);
         }
         let result = f(self);
-        self.inner = Some(self.link.take());
+        self.shared = Some(self.link.take());
         result
     }
 
     /// What procedures share with the machine, while none runs.
-    fn inner(&self) -> &Inner {
-        self.inner.as_deref().expect(IN_HAND)
+    fn shared(&self) -> &Shared {
+        self.shared.as_deref().expect(IN_HAND)
     }
 
     /// Whether nothing but the cycle runs: no procedure to poll, nobody out of OP.
@@ -517,7 +516,7 @@ impl MainDevice {
             && self.asking.is_none()
             && !self.has_quality_to_look_at()
             && self.rewriting.is_empty()
-            && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.inner().now))
+            && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.shared().port.now))
             && self.keeper.is_idle()
             && self.cycle.as_ref().is_some_and(|cycle| {
                 cycle.al_status == op
@@ -597,9 +596,9 @@ impl MainDevice {
 
     fn begin_cycle(&mut self) {
         let now = self.link.now();
-        self.link.with(|inner| {
+        self.link.board(|board| {
             if self.segment.reference.is_some() && self.config.drift_compensation {
-                inner.statistics.time_to_converged = Some(now - self.begin);
+                board.statistics.time_to_converged = Some(now - self.begin);
             }
         });
         self.cycle = Some(Cycle::new(&self.config, &self.segment, now, self.config.source));
@@ -610,18 +609,18 @@ impl MainDevice {
 
     fn begin_operation(&mut self) {
         let (now, begin) = (self.link.now(), self.begin);
-        self.link.with(|inner| {
-            inner.statistics.time_to_operation = Some(now - begin);
-            inner.statistics.bring_up_frames = inner.statistics.frames_sent;
-            let cycle = inner.cycle;
-            inner.report(Event::InOperation { cycle, after: now - begin });
+        self.link.board(|board| {
+            board.statistics.time_to_operation = Some(now - begin);
+            board.statistics.bring_up_frames = board.statistics.frames_sent;
+            let cycle = board.cycle;
+            board.report(Event::InOperation { cycle, after: now - begin });
         });
         if let Some(cycle) = &mut self.cycle {
             cycle.measuring = true;
         }
         let watch = |config| DelayWatch::new(config, &self.segment, now);
         self.delay_watch = self.config.delay_watch.and_then(watch);
-        let (number, counts) = self.link.with(|inner| (inner.cycle, inner.statistics));
+        let (number, counts) = self.link.board(|board| (board.cycle, board.statistics));
         let monitor = |config| Monitor::new(config, &self.segment, now, number, &counts);
         self.quality = self.config.quality.map(monitor);
         self.keeper = Keeper::new(self.segment.devices.len());
@@ -828,7 +827,7 @@ impl MainDevice {
     }
 
     fn take_look(&mut self, look: Look) {
-        let cycle = self.link.with(|inner| inner.cycle);
+        let cycle = self.link.board(|board| board.cycle);
         let (reference, mut lost) = (self.segment.reference, Vec::new());
         for (position, answer) in look.answers {
             match answer {
@@ -877,29 +876,30 @@ const _: () = {
 
 /// Hands a frame that came in to who waits for it; whether somebody did.
 fn take(
-    inner: &mut Inner,
+    shared: &mut Shared,
     cycle: &mut Option<Cycle>,
     config: &Config,
     now: Time<Host>,
     frame: &[u8],
 ) -> bool {
-    inner.now = now;
+    shared.port.now = now;
     let origin = Origin::of(frame, config.source);
     let Origin::Ours { payload } = origin else {
-        inner.count_stranger(origin);
+        origin.count(&mut shared.board.statistics);
         return false;
     };
-    let taken = cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, inner))
-        || frame::payload(frame).is_ok_and(|payload| inner.receive(payload));
+    let taken =
+        cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, &mut shared.board))
+            || frame::payload(frame).is_ok_and(|payload| shared.receive(payload));
     if !taken {
-        inner.statistics.frames_late += 1;
+        shared.board.statistics.frames_late += 1;
     }
     taken
 }
 
 /// What procedures share with the machine, while none runs.
-fn in_hand(inner: &mut Option<Box<Inner>>) -> &mut Inner {
-    inner.as_deref_mut().expect(IN_HAND)
+fn in_hand(shared: &mut Option<Box<Shared>>) -> &mut Shared {
+    shared.as_deref_mut().expect(IN_HAND)
 }
 
 /// Why the machine has it.

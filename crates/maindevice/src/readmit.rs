@@ -32,7 +32,7 @@ use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, join};
 use crate::mailbox::Mailbox;
 use crate::segment::{Segment, SubDevice};
-use crate::{esm, mapping, mode, objects, scan, sii, sync};
+use crate::{esm, mapping, mode, objects, scan, sii, sync, timing};
 
 mod keeper;
 mod places;
@@ -229,7 +229,7 @@ fn still_fits(config: &Config, segment: &Segment, device: &SubDevice) -> Result<
     let mut segment = segment.clone();
     segment.devices[device.position] = device.clone();
     let again = Config { force: true, shift: timing.sync0, ..config.clone() };
-    let planned = mode::plan(&segment, &again)?;
+    let planned = timing::plan(&segment, &again)?;
     let line = planned.devices.get(device.position).and_then(|(_, budget)| budget.failure());
     match line.filter(|_| !config.force) {
         Some(line) => Err(Cause::Plan { place: device.place(), line }),

@@ -125,7 +125,7 @@ fn attempt(name: &str, frames: usize, slow: usize) -> Option<Witness> {
         }
     }
     assert!(end != limit, "the segment does not come up");
-    Some(exchange.into_application())
+    Some(exchange.into_parts().0)
 }
 
 #[test]

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Instructions that one cycle costs the MainDevice alone (time-out, frames out, frames in, events), by callgrind as the
+# Instructions that one cycle costs the MainDevice alone (time-out, frames out, frames in, the call of an empty application, events), by callgrind as the
 # difference of two run lengths, on lines of N SubDevices with 16 bytes each way. The frames are answered by patching
 # copies, see crates/sim/examples/maindevice.rs; that is in the figure, with about 15 instructions for each datagram.
 # Usage: benches/maindevice.sh [N...]. Needs valgrind.

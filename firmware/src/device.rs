@@ -5,7 +5,7 @@ use isocat_subdevice::describe::{
     sync_parameter, value,
 };
 use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea};
-use isocat_subdevice::{Description, Entry, Object};
+use isocat_subdevice::{Description, Entry};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::MailboxArea;

@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# A foreign witness for the report: Python's jsonschema validates reports of good and bad runs against the committed schema,
-# and refuses a document that is no report. Needs python3 with venv and a package index.
+# Foreign witnesses for the schemas. Python's jsonschema validates reports of good and bad runs against the committed schemas,
+# and refuses a document that is no report. The same for segment files and profiles: all that are committed, and those that
+# the tests of the keys accept and refuse, so that the schemas for editors and the parser agree. taplo, which editors run,
+# reads the schemas by the line in a file and by the project's own rules. Needs python3 with venv and a package index.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
-"$folder/venv/bin/pip" install --quiet "jsonschema==4.25.1"
+"$folder/venv/bin/pip" install --quiet "jsonschema==4.25.1" "taplo==0.9.3"
 cargo build --release --quiet
 isocat="${CARGO_TARGET_DIR:-target}/release/isocat"
 "$isocat" run --for 100ms --json > "$folder/good.json"
@@ -30,3 +32,37 @@ assert not validator.is_valid(broken) and not validator.is_valid({}), "the schem
 PYTHON
 check docs/run-report.schema.json "$folder"/{good,drift,refused}.json
 check docs/plan.schema.json "$folder"/{plan,proof}.json
+
+mkdir "$folder/keys"
+ISOCAT_KEYS="$folder/keys" cargo test --quiet -p isocat-segment --test keys > "$folder/keys.log" || { cat "$folder/keys.log"; exit 1; }
+cat > "$folder/toml.py" <<'PYTHON'
+import json, pathlib, sys, tomllib
+from jsonschema import Draft7Validator
+corpus, least = pathlib.Path(sys.argv[1]), {"segment-file": 100, "profile": 180}
+committed = {"segment-file": "crates/segment/segments", "profile": "crates/segment/profiles"}
+for kind, folder in committed.items():
+    schema = json.load(open(f"docs/{kind}.schema.json"))
+    Draft7Validator.check_schema(schema)
+    validator = Draft7Validator(schema)
+    read = lambda path: tomllib.loads(path.read_text())
+    files = sorted(pathlib.Path(folder).glob("*.toml"))
+    good, bad = (sorted((corpus / kind / what).glob("*.toml")) for what in ("good", "bad"))
+    assert files and len(good) > least[kind] and len(bad) > least[kind], (len(good), len(bad))
+    for path in files + good:
+        errors = [error.message for error in validator.iter_errors(read(path))]
+        assert not errors, f"{path}: {errors}\n{path.read_text()}"
+    for path in bad:
+        assert not validator.is_valid(read(path)), f"{path} is taken\n{path.read_text()}"
+    print(f"ok: {kind}: {len(files)} committed and {len(good)} good files follow the schema, {len(bad)} bad ones don't")
+PYTHON
+"$folder/venv/bin/python" "$folder/toml.py" "$folder/keys"
+
+taplo() { RUST_LOG=error "$folder/venv/bin/taplo" "$@"; }
+taplo check
+cp docs/segment-file.schema.json "$folder/"
+printf '#:schema ./segment-file.schema.json\ncycle = "1ms"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\n' > "$folder/mine.toml"
+taplo check --config /dev/null "$folder/mine.toml"
+sed 's/cycle/cylce/' "$folder/mine.toml" > "$folder/wrong.toml"
+if taplo check --config /dev/null "$folder/wrong.toml" 2> "$folder/wrong.log"; then echo "taplo takes a wrong file"; exit 1; fi
+grep -q "'cylce' was unexpected" "$folder/wrong.log"
+echo "ok: taplo finds the schemas and marks an unknown key"

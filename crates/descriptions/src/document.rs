@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::ops::RangeInclusive;
+use std::sync::LazyLock;
 
 use isocat_wire::time::Nanos;
 use toml::Spanned;
@@ -79,7 +80,7 @@ const MOST_NAMES: usize = 20;
 
 /// The name that `unknown` was probably meant to be: one that contains it, or one a few typing
 /// errors away (a third of its letters).
-fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<&'k str> {
+pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<&'k str> {
     let unknown = unknown.to_lowercase();
     let contains = |name: &&&str| unknown.len() >= 3 && name.to_lowercase().contains(&unknown);
     let distance = |name: &str| strsim::damerau_levenshtein(&name.to_lowercase(), &unknown);
@@ -173,6 +174,12 @@ impl<'a> Table<'a> {
     /// The whole document.
     pub fn root(source: Source<'a>, document: &'a Spanned<DeTable<'a>>) -> Self {
         Self { source, entries: document.get_ref(), name: "the top level", at: 0 }
+    }
+
+    /// A table without keys, in the place of this one.
+    fn empty(&self, name: &'a str) -> Self {
+        static EMPTY: LazyLock<DeTable<'static>> = LazyLock::new(DeTable::new);
+        Self { entries: &EMPTY, name, ..*self }
     }
 
     /// Refuses keys that are not in `known`.

@@ -1,13 +1,16 @@
-//! What a code, an object, a register, a word or a mode means: from what somebody types to the tables of
-//! [`isocat_sync::explain`].
+//! What a code, an object, a register, a word, a mode or a key of a file means: from what somebody types to the
+//! tables of [`isocat_sync::explain`] and [`isocat_segment::keys`].
 //!
+//! A key may stand in several places: each has its [`Meaning`]. `key object` is the key where `object` alone is a kind.
 //! A bare number may be several things: each has its [`Meaning`], the likeliest first. A kind before the
 //! number (`AL 0x0030`, `SI4 0x0427`, `register 0x0300`) says which one is meant.
 
+mod key;
 mod number;
 mod text;
 
-use isocat_descriptions::document::name_hint;
+use isocat_descriptions::document::{name_hint, nearest};
+use isocat_segment::keys;
 use isocat_sync::explain::{Entry, aborts, al_codes, assign_activate, modes, objects, registers};
 use isocat_sync::object::{SupportedTypes, SyncType, sub};
 use isocat_sync::{SyncMode, opmode};
@@ -61,13 +64,22 @@ impl std::fmt::Display for Unknown {
 impl std::error::Error for Unknown {}
 
 /// Explains what was typed, as one text: `0x001A`, `0x06090030`, `0x1C32:0B`, `0x1C32:04=0x0427`, `AL 0x0030`,
-/// `dc-sync0`. At least one meaning, the likeliest first.
+/// `dc-sync0`, `input_shift`. At least one meaning, the likeliest first.
 pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     let what = what.trim();
     let unknown =
         |reason: String, hint: String| Err(Unknown { what: what.to_owned(), reason, hint });
     if let Some(mode) = SyncMode::from_name(&what.to_lowercase()) {
         return Ok(vec![mode_meaning(mode)]);
+    }
+    if let Some(name) = what.strip_prefix("key ") {
+        let meanings = key::meanings(name.trim());
+        return match meanings.is_empty() {
+            true => {
+                unknown("is no key of a segment file or a profile".into(), key::hint(name.trim()))
+            }
+            false => Ok(meanings),
+        };
     }
     if let Some((word, rest)) = what.split_once([' ', '=']).filter(|(word, _)| kind(word).is_some())
     {
@@ -83,6 +95,10 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
     if let Some(kind) = kind(what) {
         let reason = format!("a number must follow, such as \"{} {}\"", kind.name, kind.example);
         return unknown(reason, understood(None));
+    }
+    let of_keys = key::meanings(what);
+    if !of_keys.is_empty() {
+        return Ok(of_keys);
     }
     let (place, value) = match what.split_once('=') {
         Some((place, value)) => (place.trim(), Some(value.trim())),
@@ -108,10 +124,7 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
         };
     }
     let Some(number) = number(place) else {
-        let names = SyncMode::ALL.iter().map(|mode| mode.name());
-        let hint =
-            name_hint(place, names.chain(KINDS.iter().map(|kind| kind.name)).chain(["modes"]));
-        return unknown("is not understood".into(), format!("{hint}\n{FORMS}"));
+        return unknown("is not understood".into(), format!("{}\n{FORMS}", near_word(place)));
     };
     let meanings = meanings(number, value);
     if !meanings.is_empty() {
@@ -389,6 +402,21 @@ fn object_address(text: &str) -> Option<ObjectAddress> {
     Some(ObjectAddress::new(hex(index)?, u8::try_from(hex(sub)?).ok()?))
 }
 
+/// What may have been meant by a word: a mode, a kind, or a key of a file.
+fn near_word(word: &str) -> String {
+    let modes = SyncMode::ALL.iter().map(|mode| mode.name());
+    let words: Vec<_> = modes.chain(KINDS.iter().map(|kind| kind.name)).chain(["modes"]).collect();
+    let hint = name_hint(word, words.iter().copied());
+    if nearest(word, &words).is_some() {
+        return hint;
+    }
+    let names: Vec<_> = keys::all().map(|place| place.key.name).collect();
+    match nearest(word, &names) {
+        Some(near) => format!("did you mean \"{near}\"? {hint}, or a key of a file"),
+        None => hint,
+    }
+}
+
 fn near_al_code(code: u16) -> Option<String> {
     let (near, _) = al_codes::CODES.iter().min_by_key(|(known, _)| known.abs_diff(code))?;
     if near.abs_diff(code) <= 0x10 {
@@ -428,8 +456,9 @@ fn understood(near: Option<String>) -> String {
 /// What is understood.
 const FORMS: &str = "understood: 0x001A (AL status code), 0x06090030 (SDO abort code), 0x1C32:0B \
                      (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 \
-                     (AssignActivate), dc-sync0 (mode), modes; a kind before a number: AL, abort, \
-                     object, register, AssignActivate, SI4";
+                     (AssignActivate), dc-sync0 (mode), modes, input_shift \
+                     (key of a segment file or a profile); a kind before a number: AL, abort, \
+                     object, register, AssignActivate, SI4, key";
 
 #[cfg(test)]
 mod tests;

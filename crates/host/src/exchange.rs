@@ -3,18 +3,16 @@
 //! In a cycle of one frame there are four system calls: sleep, send, poll, receive. Nothing is allocated once
 //! the segment is in operation. Frames of a cycle are sent back to back before anything is received.
 
-use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
-use isocat_sim::{Control, Motion};
+use isocat_maindevice::{Application, Config, Event, FRAME_LEN, MainDevice, Port, Runner};
 use isocat_wire::frame::{self, LOCALLY_ADMINISTERED};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::{Histogram, LinkError, RawSocket, Recorder, clock};
 
-/// A MainDevice on an interface, and the application that moves what can be moved.
-pub struct Exchange {
-    main: MainDevice,
+/// A MainDevice on an interface, and its application.
+pub struct Exchange<A> {
+    runner: Runner<A>,
     socket: RawSocket,
-    motion: Motion,
     recorder: Option<Recorder>,
     waiting: Waiting,
     source: [u8; 6],
@@ -28,8 +26,6 @@ pub struct Exchange {
     incoming: Box<[u8; FRAME_LEN]>,
     /// Cycles begun, as of the last frame sent.
     begun: u64,
-    /// Cycle to which the application has answered.
-    answered: u64,
     /// When the last frame of ours came back, and how many cycles had begun then.
     heard: (Time<Host>, u64),
     /// Somebody may have asked something of the MainDevice since the last step.
@@ -75,20 +71,20 @@ pub struct Figures {
     pub unprocessed: u64,
 }
 
-impl Exchange {
+impl<A: Application> Exchange<A> {
     /// Begins the way up.
     pub fn new(
         config: Config,
         socket: RawSocket,
         waiting: Waiting,
         recorder: Option<Recorder>,
+        application: A,
     ) -> Self {
         let (source, jitter) = (config.source, config.host_jitter);
         let now = clock::now();
         Self {
-            main: MainDevice::new(config, now),
+            runner: Runner::new(MainDevice::new(config, now), application),
             socket,
-            motion: Motion::default(),
             recorder,
             waiting,
             source,
@@ -99,7 +95,6 @@ impl Exchange {
             outgoing: Box::new([0; FRAME_LEN]),
             incoming: Box::new([0; FRAME_LEN]),
             begun: 0,
-            answered: 0,
             heard: (now, 0),
             asked: true,
         }
@@ -111,7 +106,7 @@ impl Exchange {
         if std::mem::take(&mut self.asked) {
             self.transmit()?;
         }
-        let until = match self.main.next_timeout() {
+        let until = match self.runner.next_timeout() {
             Some(wanted) => wanted.min(limit).min(clock::now() + LONGEST_WAIT),
             None => return Ok(false),
         };
@@ -120,8 +115,8 @@ impl Exchange {
             self.transmit()?;
         }
         let now = clock::now();
-        if self.main.next_timeout().is_some_and(|wanted| wanted <= now) {
-            self.main.handle_timeout(now);
+        if self.runner.next_timeout().is_some_and(|wanted| wanted <= now) {
+            self.runner.handle_timeout(now);
             self.transmit()?;
         }
         Ok(true)
@@ -129,7 +124,7 @@ impl Exchange {
 
     /// Takes the next event of the MainDevice.
     pub fn poll_event(&mut self) -> Option<Event> {
-        self.main.poll_event()
+        self.runner.poll_event()
     }
 
     /// Begins or ends the time in which punctuality is measured.
@@ -140,12 +135,12 @@ impl Exchange {
     /// The MainDevice, to ask something of it.
     pub fn main_mut(&mut self) -> &mut MainDevice {
         self.asked = true;
-        &mut self.main
+        self.runner.main_mut()
     }
 
     /// The MainDevice.
     pub fn main(&self) -> &MainDevice {
-        &self.main
+        self.runner.main()
     }
 
     /// The interface.
@@ -154,8 +149,8 @@ impl Exchange {
     }
 
     /// The application.
-    pub fn motion(&self) -> &Motion {
-        &self.motion
+    pub fn application(&self) -> &A {
+        self.runner.application()
     }
 
     /// Figures so far.
@@ -170,14 +165,20 @@ impl Exchange {
         clock::now() - at > span && self.begun >= cycle + SILENT_CYCLES
     }
 
-    /// The end: the recorder is given back.
-    pub fn into_recorder(self) -> Option<Recorder> {
-        self.recorder
+    /// Both, to ask something of the MainDevice by what the application knows.
+    pub fn parts_mut(&mut self) -> (&mut MainDevice, &A) {
+        self.asked = true;
+        self.runner.parts_mut()
+    }
+
+    /// The end: the application and the recorder are given back.
+    pub fn into_parts(self) -> (A, Option<Recorder>) {
+        (self.runner.into_parts().1, self.recorder)
     }
 
     /// Waits until an instant or a frame; tells whether a frame may be there.
     fn wait(&mut self, until: Time<Host>) -> Result<bool, LinkError> {
-        let expects = self.main.frames_in_flight() > 0;
+        let expects = self.main().frames_in_flight() > 0;
         let lead = match self.waiting {
             // With frames under way the socket is asked again and again, by `receive` itself.
             Waiting::Busy if expects => return Ok(true),
@@ -185,7 +186,7 @@ impl Exchange {
                 spin(until);
                 return Ok(false);
             }
-            Waiting::Sleep { lead } if self.main.next_cycle() == Some(until) => lead,
+            Waiting::Sleep { lead } if self.main().next_cycle() == Some(until) => lead,
             Waiting::Sleep { .. } => Nanos::ZERO,
         };
         let asleep = until + Nanos(-lead.0);
@@ -212,7 +213,7 @@ impl Exchange {
             let len = received.len.min(FRAME_LEN);
             if let Some(recorder) = &mut self.recorder {
                 // Before there is a cycle to keep, the frames come as fast as they go.
-                let patient = self.main.next_cycle().is_none();
+                let patient = self.runner.main().next_cycle().is_none();
                 recorder.frame(received.at, false, &self.incoming[..len], patient);
             }
             let index = frame::payload(&self.incoming[..len]).ok().and_then(|p| p.get(1)).copied();
@@ -223,10 +224,10 @@ impl Exchange {
                 self.figures.too_late += 1;
                 continue;
             }
-            let before = self.main.statistics().frames_received;
+            let before = self.main().statistics().frames_received;
             let now = clock::now();
-            self.main.handle_frame(now, &self.incoming[..len]);
-            if self.main.statistics().frames_received == before {
+            self.runner.handle_frame(Port::Primary, now, &self.incoming[..len]);
+            if self.main().statistics().frames_received == before {
                 self.take_foreign(len);
             } else {
                 self.heard = (now, self.begun);
@@ -236,30 +237,20 @@ impl Exchange {
                         self.figures.round_trip.add(received.at - sent);
                     }
                 }
-                self.answer();
             }
-            if self.main.frames_in_flight() == 0 {
+            if self.main().frames_in_flight() == 0 {
                 break;
             }
         }
         Ok(())
     }
 
-    /// Lets the application write the next outputs, once a cycle.
-    fn answer(&mut self) {
-        let cycle = self.main.statistics().cycles;
-        if cycle != self.answered {
-            self.answered = cycle;
-            self.motion.cycle(&mut self.main, cycle);
-        }
-    }
-
     /// Sends everything that is to leave now.
     fn transmit(&mut self) -> Result<(), LinkError> {
         loop {
-            let due = self.main.next_cycle();
+            let due = self.main().next_cycle();
             let now = clock::now();
-            let Some(len) = self.main.poll_transmit(now, &mut self.outgoing[..]) else {
+            let Some(len) = self.runner.poll_transmit(now, &mut self.outgoing[..]) else {
                 return Ok(());
             };
             let bytes = &self.outgoing[..len];
@@ -270,7 +261,7 @@ impl Exchange {
             if let Some(index) = frame::payload(bytes).ok().and_then(|payload| payload.get(1)) {
                 self.sent[usize::from(*index)] = Some(now);
             }
-            let begun = self.main.statistics().cycles;
+            let begun = self.main().statistics().cycles;
             if begun != self.begun {
                 self.begun = begun;
                 if let Some(due) = due.filter(|_| self.measuring) {

@@ -19,11 +19,7 @@ fn main() {
         let plan = Plan::of(&scenario).expect("a plan");
         let (position, line) = plan.tightest();
         let place = position.map_or("the frames".to_owned(), |at| format!("SubDevice {at}"));
-        println!(
-            "{cycle}: fits: {}, tightest: {} at {place}",
-            plan.fits(),
-            line.check.name()
-        );
+        println!("{cycle}: fits: {}, tightest: {} at {place}", plan.fits(), line.check.name());
         println!("  slack {}, SYNC0 at {:?} of the cycle", line.slack(), plan.timing().sync0);
         let suggestion = suggest(&plan);
         println!("  smallest cycle that fits: {:?}", suggestion.smallest_cycle_ns.map(Nanos));

@@ -4,9 +4,9 @@ use std::cell::Cell;
 use std::rc::Rc;
 
 use isocat::{NoTap, Scenario, SegmentFile};
-use isocat_maindevice::Event;
+use isocat_maindevice::{Event, Motion};
 use isocat_sim::observation::Observation;
-use isocat_sim::{Motion, Segment, Tap, World};
+use isocat_sim::{Segment, Tap, World};
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{Command, datagram, frame};
 

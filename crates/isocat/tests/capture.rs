@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use isocat::capture::{Capture, WINDOW};
 use isocat::{Nanos, Report, Scenario, SegmentFile};
-use isocat_maindevice::Event;
-use isocat_sim::{BitError, Direction, Motion, Tap, World};
+use isocat_maindevice::{Event, Motion};
+use isocat_sim::{BitError, Direction, Tap, World};
 use isocat_wire::Command;
 use isocat_wire::datagram::{Datagram, datagrams};
 use isocat_wire::frame;

@@ -3,9 +3,9 @@
 use isocat::{Nanos, NoTap, Scenario, SegmentFile, run};
 use isocat_esc::Chip;
 use isocat_esc::chip::ET1100;
-use isocat_maindevice::{DelayWatch, Event};
+use isocat_maindevice::{DelayWatch, Event, Motion};
+use isocat_sim::World;
 use isocat_sim::world::Setup;
-use isocat_sim::{Motion, World};
 use isocat_sync::delay::{Delay, Why};
 use isocat_wire::register::{self, features};
 use isocat_wire::time::{Picos, Time};

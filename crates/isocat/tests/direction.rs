@@ -1,9 +1,9 @@
 //! Which clock leads: the reference clock's own quartz, or the host's clock by way of writes to 0x0910.
 
 use isocat::{Nanos, Scenario, SegmentFile};
-use isocat_maindevice::Event;
+use isocat_maindevice::{Application, Cycle, Event};
 use isocat_sim::host::Delay;
-use isocat_sim::{Control, Setup, Tap, World};
+use isocat_sim::{Setup, Tap, World};
 use isocat_sync::phase::drive::{Injected, Limits};
 use isocat_sync::phase::external::{Source, Stamps};
 use isocat_sync::phase::{Direction, State};
@@ -31,10 +31,10 @@ impl Tap for NoTap {
     fn frame(&mut self, _: Time<True>, _: bool, _: &[u8]) {}
 }
 
-type Run<C> = World<C, NoTap>;
+type Run<A> = World<A, NoTap>;
 
-fn operating<C: Control>(setup: Setup, control: C) -> Run<C> {
-    let mut world = World::new(setup, control, None);
+fn operating<A: Application>(setup: Setup, application: A) -> Run<A> {
+    let mut world = World::new(setup, application, None);
     loop {
         assert!(world.step(Time::new(60_000_000_000_000)), "not in operation after a minute");
         while let Some(event) = world.poll_event() {
@@ -47,7 +47,7 @@ fn operating<C: Control>(setup: Setup, control: C) -> Run<C> {
     }
 }
 
-fn run_for<C: Control>(world: &mut Run<C>, ms: i64) {
+fn run_for<A: Application>(world: &mut Run<A>, ms: i64) {
     let end = world.now() + Picos::from(Nanos::millis(ms));
     while world.step(end) {
         while world.poll_event().is_some() {}
@@ -55,8 +55,8 @@ fn run_for<C: Control>(world: &mut Run<C>, ms: i64) {
 }
 
 /// System time of the reference every 10 ms, less what the host's clock counted: ns.
-fn differences<C: Control>(world: &mut Run<C>, count: usize) -> Vec<f64> {
-    let reading = |world: &mut Run<C>| {
+fn differences<A: Application>(world: &mut Run<A>, count: usize) -> Vec<f64> {
+    let reading = |world: &mut Run<A>| {
         run_for(world, 10);
         let now = world.now();
         let system = world.segment().devices()[0].system_time_ps(now);
@@ -79,7 +79,7 @@ fn unsteadiness(differences: &[f64]) -> f64 {
     (bends.iter().map(|bend| bend * bend).sum::<f64>() / bends.len() as f64).sqrt()
 }
 
-fn injected<C: Control>(world: &Run<C>) -> Injected {
+fn injected<A: Application>(world: &Run<A>) -> Injected {
     world.main().drive().expect("the reference is led").injected()
 }
 
@@ -143,13 +143,13 @@ fn what_the_host_is_late_by_goes_into_the_clocks_only_if_it_leads() {
 /// Every 10 ms the application reads a hardware clock that runs 45 ppm faster than true time.
 struct Hardware;
 
-impl Control for Hardware {
-    fn cycle(&mut self, main: &mut isocat_maindevice::MainDevice, cycle: u64) {
-        let Some(host) = main.next_cycle().filter(|_| cycle.is_multiple_of(10)) else { return };
+impl Application for Hardware {
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) {
+        let Some(host) = cycle.next().filter(|_| cycle.number().is_multiple_of(10)) else { return };
         // 25 ppm faster than the host's clock.
         let external = host.count() + host.count() / 1_000_000 * 25 + 1_000_000_000;
         let (before, after) = (host + Nanos(-500), host + Nanos(500));
-        main.external_stamps(Stamps::Hardware { before, external: Time::new(external), after });
+        cycle.external_stamps(Stamps::Hardware { before, external: Time::new(external), after });
     }
 }
 

@@ -57,7 +57,7 @@ fn modes_for_a_program() {
 #[test]
 fn explanations_as_committed() {
     let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/explain.txt");
-    let asked: [&[&str]; 8] = [
+    let asked: [&[&str]; 11] = [
         &["0x001A"],
         &["0x06090030"],
         &["0x1C32:0B"],
@@ -66,6 +66,9 @@ fn explanations_as_committed() {
         &["0x092C=0x000000FD"],
         &["dc-sync0"],
         &["0xC007"],
+        &["input_shift"],
+        &["cycle"],
+        &["key", "mailbox"],
     ];
     let text: String = asked
         .map(|what| format!("$ isocat explain {}\n{}\n", what.join(" "), explain(what)))
@@ -95,4 +98,14 @@ fn what_is_not_known_is_bad_input() {
     assert_eq!(output.status.code(), Some(2));
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(words.contains("0x0038") && words.contains("understood:"), "{words}");
+}
+
+/// What an editor needs is printed as it is committed.
+#[test]
+fn schemas_for_editors() {
+    for name in ["segment-file", "profile"] {
+        let path = format!("{}/../../docs/{name}.schema.json", env!("CARGO_MANIFEST_DIR"));
+        let committed = std::fs::read_to_string(path).expect("it is committed");
+        assert!(explain(&["--schema", name]) == committed, "{name}");
+    }
 }

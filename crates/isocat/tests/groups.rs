@@ -5,9 +5,9 @@ use std::rc::Rc;
 
 use isocat::plan::Plan;
 use isocat::{Nanos, NoTap, Report, Scenario, SegmentFile};
-use isocat_maindevice::Event;
+use isocat_maindevice::{Event, Motion};
 use isocat_sim::observation::{Observation, Observed};
-use isocat_sim::{Motion, Segment, Tap, World};
+use isocat_sim::{Segment, Tap, World};
 use isocat_sync::SyncMode;
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{datagram, frame};

@@ -18,7 +18,7 @@ use std::time::Duration;
 use isocat::host::{Exchange, Waiting};
 use isocat::host::{LinkError, RawSocket, RealTime, Veth, Wish, clock};
 use isocat::{Scenario, SegmentFile};
-use isocat_maindevice::Event;
+use isocat_maindevice::{Event, Motion};
 use isocat_sim::Segment;
 use isocat_wire::frame::duration_ns;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
@@ -482,7 +482,13 @@ fn cycles_in_operation_allocate_nothing() {
     let mut config = Scenario::from(file.clone()).config();
     config.timeouts.frame = Nanos::millis(40);
     config.stamp_noise = Nanos::micros(200);
-    let mut exchange = Exchange::new(config, socket, Waiting::Sleep { lead: Nanos::ZERO }, None);
+    let mut exchange = Exchange::new(
+        config,
+        socket,
+        Waiting::Sleep { lead: Nanos::ZERO },
+        None,
+        Motion::default(),
+    );
     let limit = clock::now() + Nanos::millis(60_000);
     'up: loop {
         assert!(exchange.step(limit).expect("our own interface"), "nothing more to do");
@@ -499,7 +505,7 @@ fn cycles_in_operation_allocate_nothing() {
         }
     }
     exchange.measure(true);
-    let cycles = |exchange: &mut Exchange, count: u64| {
+    let cycles = |exchange: &mut Exchange<Motion>, count: u64| {
         let end = exchange.main().statistics().cycles + count;
         while exchange.main().statistics().cycles < end {
             exchange.step(limit).expect("our own interface");

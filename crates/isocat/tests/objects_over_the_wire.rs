@@ -3,8 +3,8 @@
 
 use isocat::{NoTap, Scenario, SegmentFile};
 use isocat_maindevice::segment::SyncObject;
-use isocat_maindevice::{Event, SdoError};
-use isocat_sim::{Motion, World};
+use isocat_maindevice::{Event, Motion, SdoError};
+use isocat_sim::World;
 use isocat_wire::coe::info::Access;
 use isocat_wire::time::{Picos, Time};
 use isocat_wire::{AbortCode, ObjectAddress};

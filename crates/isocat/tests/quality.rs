@@ -5,9 +5,9 @@ use std::rc::Rc;
 
 use isocat::{Scenario, SegmentFile};
 use isocat_maindevice::quality::{Alarm, Change, Found};
-use isocat_maindevice::{Event, QualityWatch};
+use isocat_maindevice::{Event, Motion, QualityWatch};
 use isocat_sim::observation::Observation;
-use isocat_sim::{Motion, Segment, Setup, Tap, World};
+use isocat_sim::{Segment, Setup, Tap, World};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER};
 use isocat_wire::al::AlStatus;
 use isocat_wire::time::{Nanos, Picos, Time, True};

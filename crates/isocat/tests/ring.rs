@@ -5,10 +5,10 @@ mod field;
 use field::*;
 use isocat::{Nanos, NoTap, Scenario, SegmentFile};
 use isocat_maindevice::error::RingProblem;
-use isocat_maindevice::{Cause, Error, Event, Recovery, Ring};
+use isocat_maindevice::{Cause, Error, Event, Motion, Recovery, Ring};
 use isocat_sim::host::Delay;
 use isocat_sim::random::Stream;
-use isocat_sim::{BitError, Cable, Direction, Motion, Segment, Setup, World};
+use isocat_sim::{BitError, Cable, Direction, Segment, Setup, World};
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{AlState, PortNumber, register};
 

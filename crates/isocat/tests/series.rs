@@ -8,8 +8,8 @@ use isocat::report::Report;
 use isocat::series::csv::Csv;
 use isocat::series::{COLUMNS, Kind, Series, Table, Value};
 use isocat::{Nanos, Scenario, SegmentFile};
-use isocat_maindevice::Event;
-use isocat_sim::{Motion, World};
+use isocat_maindevice::{Event, Motion};
+use isocat_sim::World;
 use isocat_wire::time::{Picos, Time};
 
 /// A file that stays in reach.

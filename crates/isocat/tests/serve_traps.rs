@@ -205,7 +205,8 @@ fn several_frames_in_flight() {
         writer.push(Command::Brd, number, Address::Broadcast(0), &[0]).expect("it fits");
         let len = writer.finish();
         let mut bytes = buffer[..len].to_vec();
-        assert_eq!(wire.server.frame(now, &mut bytes), Answer::Now);
+        let answer = wire.server.frame(now, &mut bytes);
+        assert!(matches!(answer, Answer::Back { hold: None, .. }), "{answer:?}");
         wire.server.after(&bytes);
         assert_eq!((bytes[17], first(&bytes).wkc), (number, 4));
     }
@@ -269,7 +270,8 @@ fn fifteen_thousand_drift_frames_in_a_burst() {
         writer.push(Command::Armw, 0, address, &[0; 8]).expect("it fits");
         let len = writer.finish();
         let mut bytes = buffer[..len].to_vec();
-        late += u32::from(wire.server.frame(wire.now, &mut bytes) != Answer::Now);
+        let answer = wire.server.frame(wire.now, &mut bytes);
+        late += u32::from(!matches!(answer, Answer::Back { hold: None, .. }));
         wire.server.after(&bytes);
         assert_eq!(first(&bytes).wkc, 4);
         wire.now += pace;
@@ -289,10 +291,11 @@ fn frames_faster_than_the_wire_wait_for_it() {
         writer.finish();
         let mut bytes = buffer.to_vec();
         match wire.server.frame(wire.now, &mut bytes) {
-            Answer::Now => {
+            Answer::Back { hold: None, .. } => {
                 assert!(number < 12, "frame {number}: 1 ms of lead is about 8 full frames")
             }
-            Answer::At(due) => {
+            Answer::Back { hold: Some(due), last_bit } => {
+                assert_eq!(due, last_bit, "no earlier than its last bit");
                 assert!(number > 5 && due >= last, "frame {number}");
                 last = due;
             }

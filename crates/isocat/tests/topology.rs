@@ -1,8 +1,8 @@
 //! Trees, and cables pulled while a MainDevice is at work.
 
 use isocat::{Nanos, NoTap, Scenario, SegmentFile, run};
-use isocat_maindevice::Event;
-use isocat_sim::{Motion, World};
+use isocat_maindevice::{Event, Motion};
+use isocat_sim::World;
 use isocat_wire::AlState;
 use isocat_wire::time::{Picos, Time};
 

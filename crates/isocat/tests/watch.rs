@@ -9,8 +9,8 @@ use isocat::status::{Board, Kind, Scribe, Status};
 use isocat::watch::Source;
 use isocat::watch::source::Speed;
 use isocat::{NoTap, Scenario, SegmentFile};
-use isocat_maindevice::Event;
-use isocat_sim::{Motion, World};
+use isocat_maindevice::{Event, Motion};
+use isocat_sim::World;
 use isocat_wire::time::{Picos, Time};
 
 fn scenario() -> Scenario {

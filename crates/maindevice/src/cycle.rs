@@ -8,6 +8,9 @@
 //! right, so inputs of one SubDevice are always of one moment; a lost frame is counted and never
 //! stops the exchange.
 //!
+//! A cycle is over when all of its frames are back, at the latest when the next one is due (`complete`). The next one
+//! does not begin before that, so that the application has its turn in between.
+//!
 //! SubDevices whose cycle is k bus cycles have frames of their own, which leave in every k-th bus cycle only: in
 //! those whose number by system time is a multiple of k, as their SYNC pulses come. Frames of every cycle go first.
 
@@ -21,12 +24,15 @@ use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use crate::segment::{GAP, ProcessImage, Segment};
 
+mod complete;
 mod frames;
 mod layout;
 mod presence;
 mod receive;
 mod send;
 
+pub(crate) use complete::Exchanged;
+use complete::{Closing, Taken};
 use frames::CyclicFrame;
 pub(crate) use layout::{MOST_CHUNK, chunk_times, frames};
 use presence::{Place, Reference};
@@ -78,6 +84,10 @@ pub(crate) struct Cycle {
     through: Time<Host>,
     /// Next frame of this cycle to send; all are sent if it is the number of frames.
     next_frame: usize,
+    closing: Closing,
+    taken: Taken,
+    /// Positions in the order of the image.
+    order: Vec<usize>,
     /// The count of SubDevices that last answered.
     answering: u16,
     /// In a ring, frames reach all clocks in one order however it is cut.
@@ -107,6 +117,10 @@ impl Cycle {
         let settings = Settings::new(config.cycle, config.stamp_noise);
         let places: Vec<_> =
             segment.devices.iter().map(|device| Place::new(device, &image)).collect();
+        let taken = Taken { chunks: vec![0; image.chunks.len()], ..Taken::default() };
+        // Within a group the image follows positions.
+        let mut order: Vec<_> = (0..segment.devices.len()).collect();
+        order.sort_by_key(|position| segment.devices[*position].every);
         let mut cycle = Self {
             cycle: config.cycle,
             send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),
@@ -136,6 +150,9 @@ impl Cycle {
             put_off: false,
             through: Time::ZERO,
             next_frame: 0,
+            closing: Closing::default(),
+            taken,
+            order,
             answering: segment.devices.len() as u16,
             in_ring: config.ring.is_some(),
             al_status: 0,

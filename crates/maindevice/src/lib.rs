@@ -4,46 +4,54 @@
 //! operation. Nothing here knows a socket, a thread or a clock. Inside, data take this way:
 //!
 //! 1. `link` holds datagrams that procedures await: it packs them into frames and hands the answers
-//!    back. Procedures are `async fn`s that the machine polls itself, many devices side by side.
+//!    back; `board` is what machine and procedures know of the run. Procedures are `async fn`s that the machine polls itself, many devices side by side.
 //! 2. `bring_up` is the way up in order. `scan` and `topology` find the SubDevices, `sii` reads who
 //!    they are, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
-//!    `objects`. `mode` decides how each SubDevice is synchronized and plans the cycle, `mapping`
-//!    lays out the process image, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
+//!    `objects`. `mode` decides how each SubDevice is synchronized, `mapping`
+//!    lays out the process image, `timing` plans the cycle, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
 //!    programs SYNC0 and sees that it runs.
 //! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
 //!    nothing.
-//! 4. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
+//! 4. [`application`] is what a user does with process data once a cycle is complete, [`motion`] one that is ready made,
+//!    and a [`Runner`] calls it at the right moment, in virtual time and on a wire.
+//! 5. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
 //!    SubDevices that fail.
-//! 5. `health` finds the SubDevice that left its state or is gone, `readmit` brings it back while the others run,
+//! 6. `health` finds the SubDevice that left its state or is gone, `readmit` brings it back while the others run,
 //!    `delay_watch` finds the delay that is no longer what it was, `quality` the
 //!    clock that does not follow, the counter that rises and the frame that comes late.
-//! 6. `ring` puts a second port behind the last SubDevice, if [`Config::ring`] says so: what comes back at both is one
+//! 7. `ring` puts a second port behind the last SubDevice, if [`Config::ring`] says so: what comes back at both is one
 //!    frame for all the others.
 //!
 //! What was found stands in [`segment`], what went wrong in [`error`], what happened in [`event`],
 //! and counts in [`statistics`].
 //!
 //! ```no_run
-//! use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
+//! use isocat_maindevice::{Config, Cycle, Event, FRAME_LEN, MainDevice, Port, Runner};
 //! use isocat_wire::{Nanos, Time};
 //! # use isocat_wire::time::Host;
 //! # fn clock() -> Time<Host> { Time::ZERO }
 //! # fn send(_: &[u8]) {}
 //! # fn receive_until(_: Time<Host>) -> Option<Vec<u8>> { None }
-//! let mut main = MainDevice::new(Config::new(Nanos::millis(1)), clock());
+//! let main = MainDevice::new(Config::new(Nanos::millis(1)), clock());
+//! // Once in each cycle, when its inputs are there.
+//! let mut runner = Runner::new(main, |cycle: &mut Cycle<'_>| {
+//!     for mut device in cycle.devices() {
+//!         device.copy_inputs_to_outputs();
+//!     }
+//! });
 //! let mut buffer = [0; FRAME_LEN];
 //! loop {
-//!     while let Some(len) = main.poll_transmit(clock(), &mut buffer) {
-//!         send(&buffer[..len]);
-//!     }
-//!     while let Some(event) = main.poll_event() {
+//!     while let Some(event) = runner.poll_event() {
 //!         println!("{event:?}");
 //!     }
-//!     let Some(due) = main.next_timeout() else { break };
-//!     match receive_until(due) {
-//!         Some(frame) => main.handle_frame(clock(), &frame),
-//!         None => main.handle_timeout(clock()),
+//!     while let Some(len) = runner.poll_transmit(clock(), &mut buffer) {
+//!         send(&buffer[..len]);
 //!     }
+//!     let Some(due) = runner.next_timeout() else { break };
+//!     match receive_until(due) {
+//!         Some(frame) => runner.handle_frame(Port::Primary, clock(), &frame),
+//!         None => runner.handle_timeout(clock()),
+//!     };
 //! }
 //! ```
 #![no_std]
@@ -53,19 +61,24 @@ extern crate alloc;
 #[cfg(test)]
 extern crate std;
 
+pub mod application;
 pub mod change;
 pub mod config;
 pub mod error;
 pub mod event;
 pub mod kind;
+pub mod motion;
 pub mod plan;
 pub mod segment;
 pub mod statistics;
 
+mod alarm;
+mod board;
 mod bring_up;
 mod clock;
 mod coe;
 mod cycle;
+mod dc;
 mod delay;
 mod delay_watch;
 mod esm;
@@ -80,15 +93,19 @@ mod objects;
 pub mod quality;
 mod readmit;
 mod ring;
+mod runner;
 mod scan;
 mod sii;
+mod stage;
 mod survey;
 mod sync;
+mod timing;
 mod topology;
 
 #[cfg(test)]
 mod tests;
 
+pub use application::{Application, Cycle};
 pub use change::SegmentChange;
 pub use config::{
     AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, Readmission, Recovery, Ring,
@@ -99,7 +116,9 @@ pub use event::{Event, RequestId, Stage};
 pub use link::FRAME_LEN;
 pub use machine::MainDevice;
 pub use mode::takes_sm_mode;
+pub use motion::Motion;
 pub use plan::plan;
 pub use ring::Port;
+pub use runner::Runner;
 pub use segment::{Segment, SubDevice};
 pub use statistics::Statistics;

@@ -2,7 +2,7 @@
 
 use alloc::boxed::Box;
 use alloc::collections::VecDeque;
-use alloc::rc::Rc;
+use alloc::sync::Arc;
 use alloc::vec::Vec;
 use core::future::Future;
 use core::pin::Pin;
@@ -15,6 +15,7 @@ use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{ObjectAddress, StationAddress};
 
+use crate::application::{self, Application};
 use crate::bring_up::{self, End, Work};
 use crate::clock;
 use crate::coe;
@@ -25,12 +26,12 @@ use crate::delay_watch::{Change, DelayWatch};
 use crate::error::{AccessError, Cause, Error, MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId, Stage};
 use crate::health::{self, Answer, Found, Look};
-use crate::link::{Link, Origin, Wish};
+use crate::link::{Link, Origin, Shared};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::quality::{self, ClockQuality, Monitor, Snapshot};
 use crate::readmit::{self, Keeper, Return};
 use crate::ring::{self, Port};
-use crate::segment::{GAP, ProcessData, Segment};
+use crate::segment::{GAP, Segment};
 use crate::statistics::Statistics;
 use crate::survey;
 
@@ -48,11 +49,12 @@ use share::Share;
 ///
 /// - Input: [`handle_frame`] for every frame that came in, [`handle_timeout`] when the instant of
 ///   [`next_timeout`] is reached.
-/// - Output, to be drained after each input: [`poll_transmit`] until it gives `None`,
-///   [`poll_event`] until it gives `None`; then [`next_timeout`] anew.
+/// - Output, to be drained after each input: [`poll_cycle`], which calls the application if a cycle is complete;
+///   [`poll_event`] until it gives `None`; [`poll_transmit`] until it gives `None`; then [`next_timeout`] anew. A
+///   [`Runner`](crate::Runner) keeps this order.
 /// - A ring ([`Config::ring`]): what its second port sends comes from [`poll_secondary`], to be drained after each frame
 ///   of [`poll_transmit`], and [`handle_frame_at`] takes what came in at either port.
-/// - Process data: [`outputs_mut`] and [`inputs`], best used when the frames of a cycle came back.
+/// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`] has them in each cycle.
 /// - Wishes while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
 /// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
 ///
@@ -63,6 +65,8 @@ use share::Share;
 /// The machine begins to work at once and ends in [`Event::InOperation`] or [`Event::Failed`]; with
 /// [`Config::survey`] in [`Event::Surveyed`] instead.
 ///
+/// It may be built in one thread and run in another: it is `Send`.
+///
 /// [`handle_frame`]: Self::handle_frame
 /// [`handle_frame_at`]: Self::handle_frame_at
 /// [`poll_secondary`]: Self::poll_secondary
@@ -70,6 +74,7 @@ use share::Share;
 /// [`next_timeout`]: Self::next_timeout
 /// [`poll_transmit`]: Self::poll_transmit
 /// [`poll_event`]: Self::poll_event
+/// [`poll_cycle`]: Self::poll_cycle
 /// [`outputs_mut`]: Self::outputs_mut
 /// [`inputs`]: Self::inputs
 /// [`upload`]: Self::upload
@@ -82,8 +87,10 @@ use share::Share;
 /// [`statistics`]: Self::statistics
 /// [`stage`]: Self::stage
 pub struct MainDevice {
-    config: Rc<Config>,
+    config: Arc<Config>,
     link: Link,
+    /// What procedures share with the machine; `None` while they run.
+    shared: Option<Box<Shared>>,
     begin: Time<Host>,
     segment: Segment,
     mailboxes: Mailboxes,
@@ -96,7 +103,7 @@ pub struct MainDevice {
     running: Vec<RunningJob>,
     reads: Vec<(RequestId, Pin<Box<Reading>>)>,
     next_request: u32,
-    health: Option<Pin<Box<dyn Future<Output = Look>>>>,
+    health: Option<Pin<Box<dyn Future<Output = Look> + Send>>>,
     /// What the cyclic broadcast read when health was last checked, and in which cycle.
     checked: Option<((u16, u16), u64)>,
     /// Those that are lost or out of OP, and what is done about it.
@@ -121,7 +128,7 @@ pub struct MainDevice {
 /// What the machine is about.
 enum Activity {
     /// A piece of the way up or down.
-    Task(Piece, Pin<Box<dyn Future<Output = End>>>),
+    Task(Piece, Pin<Box<dyn Future<Output = End> + Send>>),
     /// The host locks onto the reference clock.
     Locking { since: Time<Host> },
     /// All SubDevices are in OP.
@@ -154,22 +161,22 @@ struct Job {
 }
 
 /// A read of memory under way.
-type Reading = dyn Future<Output = Result<Vec<u8>, AccessError>>;
+type Reading = dyn Future<Output = Result<Vec<u8>, AccessError>> + Send;
 
 /// A latch of the receive times under way; `None`: it did not come back whole.
-type Latching = dyn Future<Output = Option<Times>>;
+type Latching = dyn Future<Output = Option<Times>> + Send;
 
 /// Reads of clocks under way.
-type ReadingClocks = dyn Future<Output = Vec<(usize, Option<quality::Registers>)>>;
+type ReadingClocks = dyn Future<Output = Vec<(usize, Option<quality::Registers>)>> + Send;
 
 /// A write of 0x0928 under way; gives whether it was taken.
-type Rewriting = dyn Future<Output = (Change, bool)>;
+type Rewriting = dyn Future<Output = (Change, bool)> + Send;
 
 struct RunningJob {
     request: RequestId,
     position: usize,
     is_download: bool,
-    service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)>>>,
+    service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)> + Send>>,
 }
 
 impl MainDevice {
@@ -178,7 +185,7 @@ impl MainDevice {
         let timeouts = &config.timeouts;
         let link = Link::new(now, config.source, timeouts.frame, timeouts.retries);
         let ring = Ring::new(&config, &link, now);
-        let config = Rc::new(config);
+        let config = Arc::new(config);
         let work = Work {
             link: link.clone(),
             config: config.clone(),
@@ -186,12 +193,13 @@ impl MainDevice {
             mailboxes: Vec::new(),
             stage: Stage::Scan,
         };
-        let first: (Piece, Pin<Box<dyn Future<Output = End>>>) = match work.config.survey {
+        let first: (Piece, Pin<Box<dyn Future<Output = End> + Send>>) = match work.config.survey {
             None => (Piece::Prepare, Box::pin(bring_up::prepare(work))),
             Some(_) => (Piece::Survey, Box::pin(survey::survey(work))),
         };
         let mut machine = Self {
             config,
+            shared: Some(link.take()),
             link,
             begin: now,
             segment: Segment::default(),
@@ -228,7 +236,9 @@ impl MainDevice {
         if self.ring.is_some() {
             return self.handle_frame_at(Port::Primary, now, frame);
         }
-        if take(&self.link, &mut self.cycle, &self.config, now, frame) {
+        let taken = take(in_hand(&mut self.shared), &mut self.cycle, &self.config, now, frame);
+        self.close_cycle(now);
+        if taken {
             self.work();
         }
     }
@@ -240,11 +250,24 @@ impl MainDevice {
             // What has come goes on before its frame is given up.
             self.expire_copies(now);
         }
-        self.link.with(|inner| {
-            inner.now = now;
-            inner.handle_timeout();
-        });
+        let shared = in_hand(&mut self.shared);
+        shared.handle_timeout(now);
+        self.close_cycle(now);
         self.work();
+    }
+
+    /// Calls the application if the last input has completed a cycle, and gives the cycle's number: all of its frames are
+    /// back, or the next one is due and what is not back was given up. Once for each cycle, in order; the
+    /// application is not called for those without process data. To be called behind each input, before
+    /// [`poll_transmit`](Self::poll_transmit): a cycle that nobody asked for is not told any more when the next one is
+    /// over.
+    #[inline]
+    pub fn poll_cycle<A: Application + ?Sized>(&mut self, application: &mut A) -> Option<u64> {
+        let (number, has_data) = self.cycle.as_mut()?.take_closed()?;
+        if has_data {
+            application.cycle(&mut application::Cycle::new(self, number));
+        }
+        Some(number)
     }
 
     /// Writes the next frame to send at once into `buffer` and gives its length; `None` if there is
@@ -255,23 +278,26 @@ impl MainDevice {
         if matches!(self.activity, Activity::Over) || buffer.len() < frame::MIN_LEN {
             return None;
         }
-        let Self { link, cycle, share, config, .. } = self;
-        let len = link.with(|inner| {
-            inner.now = now;
-            let Some(cycle) = cycle else {
-                return inner.transmit(now, buffer, frame::MAX_LEN);
-            };
-            if let Some(len) = cycle.transmit(now, buffer, inner) {
-                return Some(len);
-            }
-            let most = share.room(cycle, config, now, inner.first_len()?)?;
-            let len = inner.transmit(now, buffer, most)?;
-            share.take(now.max(cycle.through()), len);
-            Some(len)
-        })?;
+        let len = self.next_frame(now, buffer)?;
         if self.ring.is_some() {
             self.copy(now, &buffer[..len]);
         }
+        Some(len)
+    }
+
+    fn next_frame(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
+        let Self { shared, cycle, share, config, .. } = self;
+        let shared = in_hand(shared);
+        shared.port.now = now;
+        let Some(cycle) = cycle else {
+            return shared.transmit(now, buffer, frame::MAX_LEN);
+        };
+        if let Some(len) = cycle.transmit(now, buffer, &mut shared.board) {
+            return Some(len);
+        }
+        let most = share.room(cycle, config, now, shared.port.first_len()?)?;
+        let len = shared.transmit(now, buffer, most)?;
+        share.take(now.max(cycle.through()), len);
         Some(len)
     }
 
@@ -282,7 +308,7 @@ impl MainDevice {
         if matches!(self.activity, Activity::Over) {
             return None;
         }
-        let mut next = self.link.with(|inner| inner.next_timeout());
+        let mut next = self.shared().port.next_timeout();
         if let Some(cycle) = &self.cycle {
             next = next.min(cycle.due());
         }
@@ -305,17 +331,17 @@ impl MainDevice {
     /// Frames that were sent and are neither back nor given up.
     pub fn frames_in_flight(&self) -> usize {
         let cyclic = self.cycle.as_ref().map_or(0, Cycle::in_flight);
-        cyclic + self.link.with(|inner| inner.in_flight())
+        cyclic + self.shared().port.in_flight()
     }
 
     /// The next thing that happened.
     pub fn poll_event(&mut self) -> Option<Event> {
-        self.link.with(|inner| inner.poll_event())
+        in_hand(&mut self.shared).board.poll_event()
     }
 
     /// The outputs of the SubDevice at `position`, sent with the next cycle; empty if it has none.
     pub fn outputs_mut(&mut self, position: usize) -> &mut [u8] {
-        let range = self.segment.devices.get(position).map(|device| range(&device.outputs));
+        let range = self.segment.devices.get(position).map(|device| device.outputs.range());
         match (&mut self.cycle, range) {
             (Some(cycle), Some(range)) => cycle.outputs_mut().get_mut(range).unwrap_or_default(),
             _ => &mut [],
@@ -325,7 +351,7 @@ impl MainDevice {
     /// The inputs of the SubDevice at `position`, as they last came back complete; empty if it has
     /// none.
     pub fn inputs(&self, position: usize) -> &[u8] {
-        let range = self.segment.devices.get(position).map(|device| range(&device.inputs));
+        let range = self.segment.devices.get(position).map(|device| device.inputs.range());
         match (&self.cycle, range) {
             (Some(cycle), Some(range)) => cycle.inputs().get(range).unwrap_or_default(),
             _ => &[],
@@ -350,9 +376,12 @@ impl MainDevice {
         let request = self.next_request();
         let station = self.segment.devices.get(position).map(|device| device.station);
         // A position that is not there gets an address that nobody has after the scan.
-        let exchange = self.link.fprd(station.unwrap_or(StationAddress(0)), address, len);
-        let read = async move { exchange.expect(1).await.map(|reply| reply.data) };
-        self.reads.push((request, Box::pin(read)));
+        let station = station.unwrap_or(StationAddress(0));
+        self.lend(|machine| {
+            let exchange = machine.link.fprd(station, address, len);
+            let read = async move { exchange.expect(1).await.map(|reply| reply.data) };
+            machine.reads.push((request, Box::pin(read)));
+        });
         self.work();
         request
     }
@@ -373,7 +402,7 @@ impl MainDevice {
 
     /// Counts so far.
     pub fn statistics(&self) -> Statistics {
-        self.link.with(|inner| inner.statistics)
+        self.shared().board.statistics
     }
 
     /// The stage of the way up or down that was last begun.
@@ -421,20 +450,55 @@ impl MainDevice {
         self.cycle.as_ref().map(|cycle| cycle.servo().dc_at(host))
     }
 
+    /// What the application of a cycle works on.
+    pub(crate) fn parts_mut(&mut self) -> (&Segment, Option<&mut Cycle>) {
+        (&self.segment, self.cycle.as_mut())
+    }
+
+    /// The cyclic exchange.
+    pub(crate) fn exchange(&self) -> Option<&Cycle> {
+        self.cycle.as_ref()
+    }
+
+    /// An input was taken: the cycle may be over.
+    #[inline]
+    fn close_cycle(&mut self, now: Time<Host>) {
+        if let Some(cycle) = &mut self.cycle {
+            cycle.close(now);
+        }
+    }
+
     /// Lets everything go on that can.
     fn work(&mut self) {
-        self.link.with(|inner| inner.forget_waits());
+        in_hand(&mut self.shared).port.forget_waits();
         if self.is_quiet() {
             return;
         }
-        self.work_on_way();
-        self.work_on_entry();
-        self.work_on_jobs();
-        self.work_on_reads();
-        self.work_on_health();
-        self.work_on_returns();
-        self.work_on_delays();
-        self.work_on_quality();
+        self.lend(|machine| {
+            machine.work_on_way();
+            machine.work_on_entry();
+            machine.work_on_jobs();
+            machine.work_on_reads();
+            machine.work_on_health();
+            machine.work_on_returns();
+            machine.work_on_delays();
+            machine.work_on_quality();
+        });
+    }
+
+    /// Lets procedures at what they share with the machine while `f` runs.
+    fn lend<R>(&mut self, f: impl FnOnce(&mut Self) -> R) -> R {
+        if let Some(shared) = self.shared.take() {
+            self.link.lay_back(shared);
+        }
+        let result = f(self);
+        self.shared = Some(self.link.take());
+        result
+    }
+
+    /// What procedures share with the machine, while none runs.
+    fn shared(&self) -> &Shared {
+        self.shared.as_deref().expect(IN_HAND)
     }
 
     /// Whether nothing but the cycle runs: no procedure to poll, nobody out of OP.
@@ -452,7 +516,7 @@ impl MainDevice {
             && self.asking.is_none()
             && !self.has_quality_to_look_at()
             && self.rewriting.is_empty()
-            && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.link.now()))
+            && !self.delay_watch.as_ref().is_some_and(|watch| watch.due(self.shared().port.now))
             && self.keeper.is_idle()
             && self.cycle.as_ref().is_some_and(|cycle| {
                 cycle.al_status == op
@@ -532,9 +596,9 @@ impl MainDevice {
 
     fn begin_cycle(&mut self) {
         let now = self.link.now();
-        self.link.with(|inner| {
+        self.link.board(|board| {
             if self.segment.reference.is_some() && self.config.drift_compensation {
-                inner.statistics.time_to_converged = Some(now - self.begin);
+                board.statistics.time_to_converged = Some(now - self.begin);
             }
         });
         self.cycle = Some(Cycle::new(&self.config, &self.segment, now, self.config.source));
@@ -545,18 +609,18 @@ impl MainDevice {
 
     fn begin_operation(&mut self) {
         let (now, begin) = (self.link.now(), self.begin);
-        self.link.with(|inner| {
-            inner.statistics.time_to_operation = Some(now - begin);
-            inner.statistics.bring_up_frames = inner.statistics.frames_sent;
-            let cycle = inner.cycle;
-            inner.report(Event::InOperation { cycle, after: now - begin });
+        self.link.board(|board| {
+            board.statistics.time_to_operation = Some(now - begin);
+            board.statistics.bring_up_frames = board.statistics.frames_sent;
+            let cycle = board.cycle;
+            board.report(Event::InOperation { cycle, after: now - begin });
         });
         if let Some(cycle) = &mut self.cycle {
             cycle.measuring = true;
         }
         let watch = |config| DelayWatch::new(config, &self.segment, now);
         self.delay_watch = self.config.delay_watch.and_then(watch);
-        let (number, counts) = self.link.with(|inner| (inner.cycle, inner.statistics));
+        let (number, counts) = self.link.board(|board| (board.cycle, board.statistics));
         let monitor = |config| Monitor::new(config, &self.segment, now, number, &counts);
         self.quality = self.config.quality.map(monitor);
         self.keeper = Keeper::new(self.segment.devices.len());
@@ -571,7 +635,7 @@ impl MainDevice {
             mailboxes: core::mem::take(&mut self.mailboxes),
             stage: self.stage,
         };
-        let task: Pin<Box<dyn Future<Output = End>>> = match piece {
+        let task: Pin<Box<dyn Future<Output = End> + Send>> = match piece {
             Piece::Prepare => Box::pin(bring_up::prepare(work)),
             Piece::Survey => Box::pin(survey::survey(work)),
             Piece::Synchronize => Box::pin(bring_up::synchronize(work)),
@@ -697,7 +761,7 @@ impl MainDevice {
     fn run(&mut self, job: Job, mut mailbox: Mailbox) {
         let Job { request, position, object, download } = job;
         let is_download = download.is_some();
-        let mut service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)>>> =
+        let mut service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)> + Send>> =
             Box::pin(async move {
                 let result = match download {
                     Some(data) => {
@@ -755,7 +819,7 @@ impl MainDevice {
         self.checked = (!good).then_some((seen, now));
         let asked = self.segment.devices.iter().filter(|device| device.admitted);
         let asked = asked.map(|device| (device.position, device.station)).collect();
-        let mut check: Pin<Box<dyn Future<Output = Look>>> =
+        let mut check: Pin<Box<dyn Future<Output = Look> + Send>> =
             Box::pin(health::look(self.link.clone(), asked));
         // The first poll queues its datagrams.
         let _pending = poll(&mut check).is_pending();
@@ -763,7 +827,7 @@ impl MainDevice {
     }
 
     fn take_look(&mut self, look: Look) {
-        let cycle = self.link.with(|inner| inner.cycle);
+        let cycle = self.link.board(|board| board.cycle);
         let (reference, mut lost) = (self.segment.reference, Vec::new());
         for (position, answer) in look.answers {
             match answer {
@@ -804,35 +868,42 @@ impl MainDevice {
 /// Cycles after which the states of all SubDevices are read again while the broadcast looks wrong.
 const CHECK_AGAIN: u64 = 100;
 
+/// A MainDevice may be built in one thread and run in another.
+const _: () = {
+    const fn is_send<T: Send>() {}
+    is_send::<MainDevice>();
+};
+
 /// Hands a frame that came in to who waits for it; whether somebody did.
 fn take(
-    link: &Link,
+    shared: &mut Shared,
     cycle: &mut Option<Cycle>,
     config: &Config,
     now: Time<Host>,
     frame: &[u8],
 ) -> bool {
-    link.with(|inner| {
-        inner.now = now;
-        let origin = Origin::of(frame, config.source);
-        let Origin::Ours { payload } = origin else {
-            inner.count_stranger(origin);
-            return false;
-        };
-        let taken = cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, inner))
-            || frame::payload(frame).is_ok_and(|payload| inner.receive(payload));
-        if !taken {
-            inner.statistics.frames_late += 1;
-        }
-        taken
-    })
+    shared.port.now = now;
+    let origin = Origin::of(frame, config.source);
+    let Origin::Ours { payload } = origin else {
+        origin.count(&mut shared.board.statistics);
+        return false;
+    };
+    let taken =
+        cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, &mut shared.board))
+            || frame::payload(frame).is_ok_and(|payload| shared.receive(payload));
+    if !taken {
+        shared.board.statistics.frames_late += 1;
+    }
+    taken
 }
 
-/// Where process data are in the image.
-fn range(data: &ProcessData) -> core::ops::Range<usize> {
-    let start = data.logical as usize;
-    start..start + usize::from(data.length)
+/// What procedures share with the machine, while none runs.
+fn in_hand(shared: &mut Option<Box<Shared>>) -> &mut Shared {
+    shared.as_deref_mut().expect(IN_HAND)
 }
+
+/// Why the machine has it.
+const IN_HAND: &str = "procedures run inside of `lend` alone";
 
 fn poll<T: ?Sized + Future>(future: &mut Pin<Box<T>>) -> Poll<T::Output> {
     future.as_mut().poll(&mut Context::from_waker(Waker::noop()))

@@ -20,7 +20,6 @@ use crate::error::SdoResult;
 use crate::segment::Segment;
 use crate::statistics::Statistics;
 
-mod alarm;
 mod clocks;
 mod objects;
 mod pace;
@@ -29,7 +28,7 @@ mod snapshot;
 #[cfg(test)]
 mod tests;
 
-pub use alarm::{Alarm, Change, Found, What};
+pub use crate::alarm::{Alarm, Change, Found, What};
 pub use clocks::{ClockQuality, Reading};
 pub use objects::{EntryQuality, ObjectQuality};
 pub use snapshot::{DeviceQuality, Margin, Moment, Snapshot};

@@ -10,10 +10,9 @@
 //! latch of receive times (0x0900), which neither SYNC nor the drift loop uses.
 
 use alloc::boxed::Box;
-use alloc::rc::Rc;
+use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
-use core::cell::RefCell;
 use core::convert::Infallible;
 use core::future::Future;
 
@@ -23,6 +22,7 @@ use isocat_wire::command::Command;
 use isocat_wire::datagram::Address;
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::Nanos;
+use spin::Mutex;
 
 use crate::bring_up;
 use crate::clock::{self, Joining};
@@ -32,7 +32,7 @@ use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, join};
 use crate::mailbox::Mailbox;
 use crate::segment::{Segment, SubDevice};
-use crate::{esm, mapping, mode, objects, scan, sii, sync};
+use crate::{esm, mapping, mode, objects, scan, sii, sync, timing};
 
 mod keeper;
 mod places;
@@ -44,21 +44,21 @@ pub(crate) use places::places;
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
 
 /// A re-admission of several under way.
-pub(crate) type Readmitting = dyn Future<Output = ()>;
+pub(crate) type Readmitting = dyn Future<Output = ()> + Send;
 
 /// Outcomes by position, as they come.
-pub(crate) type Outcomes = Rc<RefCell<Vec<(usize, Outcome)>>>;
+pub(crate) type Outcomes = Arc<Mutex<Vec<(usize, Outcome)>>>;
 
 /// A recovery under way.
-pub(crate) type Recovering = dyn Future<Output = Result<SubDevice, Cause>>;
+pub(crate) type Recovering = dyn Future<Output = Result<SubDevice, Cause>> + Send;
 
 /// Delays being set right; gives the new ones by position.
-pub(crate) type Shifting = dyn Future<Output = Vec<(usize, Nanos)>>;
+pub(crate) type Shifting = dyn Future<Output = Vec<(usize, Nanos)>> + Send;
 
 /// Those that are back, and everything that is needed to take them up.
 pub(crate) struct Return {
     pub link: Link,
-    pub config: Rc<Config>,
+    pub config: Arc<Config>,
     /// The segment as it was planned; who takes part in it as of now.
     pub segment: Segment,
     pub everybody: Vec<Found>,
@@ -108,7 +108,7 @@ pub(crate) async fn readmit(work: Return) {
                 Some(cause) => Err(cause),
                 None => Ok(Box::new((one.device, one.mailbox))),
             };
-            outcomes.borrow_mut().push((position, outcome));
+            outcomes.lock().push((position, outcome));
             Ok(())
         })
     });
@@ -229,7 +229,7 @@ fn still_fits(config: &Config, segment: &Segment, device: &SubDevice) -> Result<
     let mut segment = segment.clone();
     segment.devices[device.position] = device.clone();
     let again = Config { force: true, shift: timing.sync0, ..config.clone() };
-    let planned = mode::plan(&segment, &again)?;
+    let planned = timing::plan(&segment, &again)?;
     let line = planned.devices.get(device.position).and_then(|(_, budget)| budget.failure());
     match line.filter(|_| !config.force) {
         Some(line) => Err(Cause::Plan { place: device.place(), line }),
@@ -365,7 +365,7 @@ async fn wait_for_inputs(link: &Link, config: &Config, device: &SubDevice) -> Re
 /// OP.
 pub(crate) async fn recover(
     link: Link,
-    config: Rc<Config>,
+    config: Arc<Config>,
     segment: Segment,
     position: usize,
 ) -> Result<SubDevice, Cause> {

@@ -9,7 +9,8 @@
 //! 3. from the draft come the [`Description`] that the SubDevice stack runs on and, by `sii`, the
 //!    EEPROM image that a MainDevice reads.
 //!
-//! The least a file needs; everything else has a default or follows from this:
+//! Every key, with its values and its default, is declared in [`FILE`]. The least a file needs; everything else has a
+//! default or follows from this:
 //!
 //! ```toml
 //! id = "minimal"                # what segment files call it

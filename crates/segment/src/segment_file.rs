@@ -25,7 +25,7 @@
 //! opmode = "DC"                 # by name, or by number from 0; default: the first, for drives the first with SYNC0
 //! ```
 //!
-//! With `count = 50` a table stands for fifty equal devices in a line.
+//! With `count = 50` a table stands for fifty equal devices in a line. Every key is declared in [`FILE`].
 //!
 //! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
 //! known name.
@@ -59,22 +59,20 @@ pub use tree::Place;
 
 use keys::MOST_DEVICES;
 
-/// A segment, checked: every device exists, every number is in range.
+/// A segment, checked: every device exists, every number is in range. Ranges and defaults stand with the keys in [`FILE`].
 #[derive(Clone, Debug)]
 pub struct SegmentFile {
     /// The file, as errors name it.
     pub path: String,
-    /// Bus cycle. Key `cycle`, needed; 10 us to 1 s.
+    /// Bus cycle. Key `cycle`.
     pub cycle: Nanos,
-    /// How long to run once the segment is in operation. Key `for`, one cycle to 24 h; default 10 s.
+    /// How long to run once the segment is in operation. Key `for`.
     pub duration: Nanos,
-    /// Seed of everything random in the simulation. Key `seed`; default 1.
+    /// Seed of everything random in the simulation. Key `seed`.
     pub seed: u64,
-    /// Wanted position of SYNC0 after the start of the cycle. Key `shift`, below one cycle; default:
-    /// the plan chooses.
+    /// Wanted position of SYNC0 after the start of the cycle. Key `shift`; `None`: the plan chooses.
     pub shift: Option<Nanos>,
-    /// Watchdog of the process data, register 0x0420. Key `watchdog`, whole 100 us up to 6.5535 s; `None`: as the chips
-    /// have it, 100 ms.
+    /// Watchdog of the process data, register 0x0420. Key `watchdog`; `None`: as the chips have it, 100 ms.
     pub watchdog: Option<Nanos>,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
@@ -87,62 +85,55 @@ pub struct SegmentFile {
 /// `[host]`: the machine that the MainDevice runs on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Host {
-    /// How fast its clock runs. Key `clock`, within 1000 ppm; default +12 ppm, an ordinary crystal.
+    /// How fast its clock runs. Key `clock`.
     pub clock: Ppb,
-    /// Peak-to-peak lateness of its wake-ups. Key `jitter`, up to 10 ms and below half a cycle; default
-    /// 20 us, a tuned PC.
+    /// Peak-to-peak lateness of its wake-ups. Key `jitter`.
     pub jitter: Nanos,
-    /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`; default
-    /// true. Without it a simulation shows how clocks run apart.
+    /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`. Without it a simulation shows
+    /// how clocks run apart.
     pub drift_compensation: bool,
 }
 
 /// `[[subdevice]]`: one device.
 #[derive(Clone, Debug)]
 pub struct SubDevice {
-    /// What reports call it. Key `name`; default: the device's id and its
-    /// place in the file from 0. With `count = N`, N equal devices stand one behind the other in the place of
-    /// one; the name of each then ends in its number among them, from 0.
+    /// What reports call it. Key `name`; default: the device's id and its place in the file from 0. With `count = N`, N equal
+    /// devices stand one behind the other in the place of one; the name of each then ends in its number among them, from 0.
     pub name: String,
-    /// The device, with what the file says differently already in it. Keys `device`, needed;
-    /// `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay`
-    /// (what it states in 0x1C32:09), `jitter` (of its CPU), `misbehave` (what it does wrong, by name).
+    /// The device, with what the file says differently already in it. Keys `device`, or `esi`, `type`, `revision` and
+    /// `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay` (what it states
+    /// in 0x1C32:09), `jitter` (of its CPU), `misbehave` (what it does wrong, by name).
     pub profile: &'static Profile,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
-    /// Where it hangs. Keys `connect` and `port`; default: behind the device above it.
+    /// Where it hangs. Keys `connect` and `port`.
     pub place: Place,
-    /// Cable that leads to it. Key `cable`, 10 mm to 2 km; default 10 m.
+    /// Cable that leads to it. Key `cable`.
     pub cable: Length,
-    /// How long signals take on that cable. Key `cable_delay`, 3.3 to 10 ns/m; default 5 ns/m.
+    /// How long signals take on that cable. Key `cable_delay`.
     pub cable_delay: DelayPerMetre,
-    /// How much longer the way out takes on that cable than the way back; the mean stays. Key
-    /// `cable_asymmetry`, up to twice the cable's delay; default 0 ns.
+    /// How much longer the way out takes on that cable than the way back; the mean stays. Key `cable_asymmetry`.
     pub cable_asymmetry: Nanos,
-    /// How fast its clock runs. Key `clock`, within 1000 ppm; default 0 ppm.
+    /// How fast its clock runs. Key `clock`.
     pub clock: Ppb,
-    /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`; default:
-    /// not at all. Its constant part is [`SubDevice::clock`].
+    /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`. Its constant part is
+    /// [`SubDevice::clock`].
     pub clock_shape: ClockModel,
-    /// Its own cycle, for a device slower than the bus: SYNC0 comes and process data travel so often. Key `cycle`, a
-    /// whole multiple of the bus cycle; `None`: the bus cycle.
+    /// Its own cycle, for a device slower than the bus: SYNC0 comes and process data travel once in it. Key `cycle`; `None`:
+    /// the bus cycle.
     pub cycle: Option<Nanos>,
-    /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`, below one cycle; `None` leaves the
-    /// device's own.
+    /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`; `None` leaves the device's own.
     pub shift: Option<Nanos>,
-    /// Wanted shift of its Input Latch, 0x1C33:03. Key `input_shift`, below one cycle; `None` leaves the
-    /// device's own.
+    /// Wanted shift of its Input Latch, 0x1C33:03. Key `input_shift`; `None` leaves the device's own.
     pub input_shift: Option<Nanos>,
-    /// From SYNC0 to SYNC1. Key `sync1`, below one cycle; for the modes "dc-shift-sync1" and "dc-sync1". `None`:
-    /// a quarter of the cycle, and for "dc-sync1" what the device needs.
+    /// From SYNC0 to SYNC1, for the modes "dc-shift-sync1" and "dc-sync1". Key `sync1`; `None`: a quarter of the cycle, and
+    /// for "dc-sync1" what the device needs.
     pub sync1: Option<Nanos>,
-    /// Cycle of SYNC0. Key `sync0_cycle`, a part of the cycle; for the mode "dc-subordinated". `None`: what the
-    /// device states in 0x1C32:0A.
+    /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: what the device states in 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
-    /// It may be absent, and come while the segment runs (hot connect). Key `optional`; default: it must be there.
+    /// It may be absent, and come while the segment runs (hot connect). Key `optional`.
     pub optional: bool,
-    /// When an optional one gets its power, from the start of the simulation. Key `arrives`, up to 24 h; default:
-    /// it is there from the start.
+    /// When an optional one gets its power, from the start of the simulation. Key `arrives`.
     pub arrives: Nanos,
     /// What is doubtful about a device from a maker's description: `name: words`.
     pub notes: Vec<String>,
@@ -164,7 +155,7 @@ impl SegmentFile {
         let shift = root.find("shift")?;
         let watchdog = root.find("watchdog")?;
         let operation = operation::operation(&root)?;
-        let host = host(root.table("host")?, cycle)?;
+        let host = host(&root.table_or_empty("host")?, cycle)?;
         let tables = root.tables("subdevice")?;
         if tables.is_empty() {
             return Err(root.error(keys::no_device()));
@@ -215,6 +206,7 @@ impl Devices {
                 keys.error_at("count", format!("{all} devices; expected at most {MOST_DEVICES}"))
             );
         }
+        let port = tree::own_port(keys, device.profile)?;
         for number in 0..count {
             let name = match keys.value("name") {
                 Some(_) if count > 1 => format!("{} {number}", device.name),
@@ -229,7 +221,7 @@ impl Devices {
             }
             // Only the first can hang elsewhere.
             let connect = keys.value("connect").filter(|_| number == 0);
-            let place = self.ports.place(keys, connect, &self.subdevices, device.profile)?;
+            let place = self.ports.place(keys, port, connect, &self.subdevices)?;
             may_be_absent(keys, &device, place, &self.subdevices)?;
             self.subdevices.push(SubDevice { name, place, ..device.clone() });
         }
@@ -258,12 +250,9 @@ fn may_be_absent(
     }
 }
 
-fn host(keys: Option<Keys<'_>>, cycle: Nanos) -> Result<Host, FileError> {
+fn host(keys: &Keys<'_>, cycle: Nanos) -> Result<Host, FileError> {
     // A short cycle would not leave the usual jitter its place.
     let usual = Nanos::micros(20).min(Nanos(cycle.0 / 10));
-    let Some(keys) = keys else {
-        return Ok(Host { clock: Ppb::ppm(12), jitter: usual, drift_compensation: true });
-    };
     Ok(Host {
         clock: keys.get("clock")?,
         jitter: keys.find("jitter")?.unwrap_or(usual),

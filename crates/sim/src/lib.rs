@@ -9,8 +9,8 @@
 //! of frames that meet something on their way.
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
-//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call,
-//! what it comes to are [`finding`]s; [`motion`] is the MainDevice's application in it. [`served`] is a segment in host time, for frames from outside.
+//! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
+//! [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
 //! frame reaches it: cost is per event, never per tick.
@@ -26,7 +26,6 @@ pub mod finding;
 mod flight;
 pub mod host;
 pub mod judge;
-pub mod motion;
 pub mod observation;
 pub mod oscillator;
 pub mod path;
@@ -46,11 +45,10 @@ pub use device::DeviceSetup;
 pub use disturbance::BitError;
 pub use finding::{Finding, Judged, Kind, Place};
 pub use host::HostModel;
-pub use motion::Motion;
 pub use oscillator::ClockModel;
 pub use run::{Outcome, Run};
 pub use segment::{Connection, Lost, Returned, Segment};
 pub use served::{Passage, Served};
 pub use statistics::Statistics;
 pub use wiring::MainPort;
-pub use world::{Control, Setup, Tap, World};
+pub use world::{Setup, Tap, World};

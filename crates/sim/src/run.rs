@@ -1,7 +1,8 @@
 //! The main job in one call: bring a segment into synchronization, run it, judge it.
 
+use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::quality::Change;
-use isocat_maindevice::{DeviceConfig, Event, MainDevice, RequestId, SegmentChange, Stage};
+use isocat_maindevice::{DeviceConfig, Event, MainDevice, Motion, RequestId, SegmentChange, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatus, ObjectAddress};
@@ -9,7 +10,6 @@ use isocat_wire::{AlState, AlStatus, ObjectAddress};
 use crate::bench::{Bench, Intent};
 use crate::finding::{Finding, Judged, Kind, Place};
 use crate::judge::{Grid, Sync0Error, outputs_delay};
-use crate::motion::{Axis, Drive, Motion};
 use crate::world::{Setup, Tap, World};
 
 /// A run: what it is made of, and for how long.
@@ -427,7 +427,7 @@ impl<T: Tap> Outcome<T> {
             }
         }
         let long_enough = self.world.main().statistics().cycles >= SWITCH_ON_CYCLES;
-        match self.world.control().axes().get(position) {
+        match self.world.application().axes().get(position) {
             Some(Axis::Drive(Drive { enabled_cycles: 0, .. })) if long_enough && !absent => {
                 findings.push((None, Judged::DriveNotEnabled));
             }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use isocat_maindevice::{Config, Event, MainDevice, Port};
+use isocat_maindevice::{Application, Config, Event, MainDevice, Port, Runner};
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Time, True};
 
@@ -22,16 +22,6 @@ pub struct Setup {
     pub host: HostModel,
     /// The segment. Parents stand before their children.
     pub segment: Vec<Connection>,
-}
-
-/// The MainDevice's application: what it writes and reads each cycle.
-pub trait Control {
-    /// Called once a cycle, when the inputs of `cycle` have come in and the next outputs are due.
-    fn cycle(&mut self, main: &mut MainDevice, cycle: u64);
-}
-
-impl Control for () {
-    fn cycle(&mut self, _: &mut MainDevice, _: u64) {}
 }
 
 /// Sees every frame on the MainDevice's ports, and what happens at the SubDevices.
@@ -81,18 +71,18 @@ pub trait Tap {
     /// The judged time is over: what comes now is in no report. SubDevices are brought up to `at`.
     fn judging_ends(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 
-    /// The inputs of a cycle are in the program's hands at `at`: how the MainDevice and the segment stand then. SubDevices
-    /// are brought up to the last frame that passed them.
+    /// A cycle is over at `at`, and the application has had its turn if process data run: how the MainDevice and the
+    /// segment stand then. Every frame of the cycle is in the program's hands, or given up as the next cycle is due.
+    /// SubDevices are brought up to the last frame that passed them.
     fn cycle(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 }
 
 /// A run in progress.
-pub struct World<C, T> {
+pub struct World<A, T> {
     now: Time<True>,
-    main: MainDevice,
+    runner: Runner<A>,
     host: HostMachine,
     segment: Segment,
-    control: C,
     tap: Option<T>,
     /// The judges at their bench.
     pub bench: Bench,
@@ -100,7 +90,6 @@ pub struct World<C, T> {
     wake_up: Time<True>,
     returning: VecDeque<Returning>,
     spare: Vec<Vec<u8>>,
-    cycle: u64,
     observations: Vec<Observation>,
 }
 
@@ -114,9 +103,9 @@ struct Returning {
     bytes: Vec<u8>,
 }
 
-impl<C: Control, T: Tap> World<C, T> {
+impl<A: Application, T: Tap> World<A, T> {
     /// Everything switched on at true time zero.
-    pub fn new(setup: Setup, control: C, tap: Option<T>) -> Self {
+    pub fn new(setup: Setup, application: A, tap: Option<T>) -> Self {
         let host = HostMachine::new(setup.host, setup.seed);
         let mut segment = Segment::new(setup.segment, setup.seed);
         for position in tap.iter().flat_map(Tap::probes) {
@@ -127,17 +116,15 @@ impl<C: Control, T: Tap> World<C, T> {
         let main = MainDevice::new(setup.config, host.now(now));
         Self {
             now,
-            main,
+            runner: Runner::new(main, application),
             host,
             segment,
-            control,
             tap,
             bench,
             wanted: None,
             wake_up: Time::NEVER,
             returning: VecDeque::with_capacity(64),
             spare: Vec::with_capacity(64),
-            cycle: 0,
             observations: Vec::with_capacity(256),
         }
     }
@@ -148,11 +135,11 @@ impl<C: Control, T: Tap> World<C, T> {
     }
     /// The MainDevice.
     pub fn main(&self) -> &MainDevice {
-        &self.main
+        self.runner.main()
     }
     /// The MainDevice, to ask something of it.
     pub fn main_mut(&mut self) -> &mut MainDevice {
-        &mut self.main
+        self.runner.main_mut()
     }
     /// The machine that the MainDevice runs on, to hold it up.
     pub fn host_mut(&mut self) -> &mut HostMachine {
@@ -167,8 +154,16 @@ impl<C: Control, T: Tap> World<C, T> {
         &mut self.segment
     }
     /// The MainDevice's application.
-    pub fn control(&self) -> &C {
-        &self.control
+    pub fn application(&self) -> &A {
+        self.runner.application()
+    }
+    /// The MainDevice's application, to tell it something.
+    pub fn application_mut(&mut self) -> &mut A {
+        self.runner.application_mut()
+    }
+    /// The end of the run: the application and the tap are given back.
+    pub fn into_parts(self) -> (A, Option<T>) {
+        (self.runner.into_parts().1, self.tap)
     }
     /// The end of the run: the tap is given back.
     pub fn into_tap(self) -> Option<T> {
@@ -197,7 +192,8 @@ impl<C: Control, T: Tap> World<C, T> {
         } else {
             self.wanted = None;
             self.wake_up = Time::NEVER;
-            self.main.handle_timeout(now);
+            let complete = self.runner.handle_timeout(now);
+            self.tap_cycle(complete);
         }
         true
     }
@@ -212,7 +208,7 @@ impl<C: Control, T: Tap> World<C, T> {
 
     /// Takes the next event of the MainDevice.
     pub fn poll_event(&mut self) -> Option<Event> {
-        let event = self.main.poll_event()?;
+        let event = self.runner.poll_event()?;
         if let Some(tap) = &mut self.tap {
             tap.event(self.now, &event);
         }
@@ -230,7 +226,7 @@ impl<C: Control, T: Tap> World<C, T> {
     /// The judged time is over; gives the judges as they stand.
     pub fn end_judging(&mut self) -> Bench {
         if let Some(tap) = &mut self.tap {
-            tap.judging_ends(self.now, &self.main, &self.segment);
+            tap.judging_ends(self.now, self.runner.main(), &self.segment);
         }
         self.bench.clone()
     }
@@ -238,20 +234,19 @@ impl<C: Control, T: Tap> World<C, T> {
     fn deliver(&mut self, now: Time<Host>) {
         let Some(frame) = self.returning.pop_front() else { return };
         self.tap(frame.port, frame.first_bit, false, &frame.bytes);
-        self.main.handle_frame_at(frame.port, now, &frame.bytes);
+        let complete = self.runner.handle_frame(frame.port, now, &frame.bytes);
         self.spare.push(frame.bytes);
-        let cycle = self.main.statistics().cycles;
-        if cycle != self.cycle {
-            self.cycle = cycle;
-            self.control.cycle(&mut self.main, cycle);
-            if let Some(tap) = &mut self.tap {
-                tap.cycle(self.now, &self.main, &self.segment);
-            }
+        self.tap_cycle(complete);
+    }
+
+    fn tap_cycle(&mut self, complete: Option<u64>) {
+        if let (Some(tap), Some(_)) = (&mut self.tap, complete) {
+            tap.cycle(self.now, self.runner.main(), &self.segment);
         }
     }
 
     fn set_timer(&mut self) {
-        let wanted = self.main.next_timeout();
+        let wanted = self.runner.next_timeout();
         if wanted != self.wanted {
             self.wanted = wanted;
             self.wake_up = wanted.map_or(Time::NEVER, |at| self.host.wake_up(at).max(self.now));
@@ -260,11 +255,11 @@ impl<C: Control, T: Tap> World<C, T> {
 
     fn transmit(&mut self) {
         let mut bytes = self.buffer();
-        while let Some(len) = self.main.poll_transmit(self.host.now(self.now), &mut bytes) {
+        while let Some(len) = self.runner.poll_transmit(self.host.now(self.now), &mut bytes) {
             bytes.truncate(len);
             self.send(Port::Primary, bytes);
             bytes = self.buffer();
-            while let Some(len) = self.main.poll_secondary(&mut bytes) {
+            while let Some(len) = self.runner.poll_secondary(&mut bytes) {
                 bytes.truncate(len);
                 self.send(Port::Secondary, bytes);
                 bytes = self.buffer();

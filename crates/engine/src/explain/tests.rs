@@ -149,3 +149,35 @@ fn text_keeps_within_a_hundred_columns() {
         }
     }
 }
+
+#[test]
+fn keys_in_each_of_their_places() {
+    let found = |what: &str| {
+        let meanings = explain(what).unwrap_or_else(|unknown| panic!("{unknown}")).into_iter();
+        meanings.map(|meaning| (meaning.kind, meaning.what)).collect::<Vec<_>>()
+    };
+    let (file, profile) = ("key of a segment file", "key of a profile");
+    assert_eq!(found("input_shift"), [(file, "subdevice.input_shift".into())]);
+    assert_eq!(found("cycle"), [(file, "cycle".into()), (file, "subdevice.cycle".into())]);
+    assert_eq!(found("subdevice.cycle"), [(file, "subdevice.cycle".into())]);
+    assert_eq!(found("sync_unit"), [(profile, "esc.sync_unit".into())]);
+    // A word that is a kind, too.
+    assert!(explain("object").is_err());
+    assert_eq!(found("key object"), [(profile, "object".into())]);
+    let text = text(&explain("input_shift").unwrap());
+    assert!(text.contains("goes to: DeviceConfig::shift_inputs; object 0x1C33:03"), "{text}");
+    for place in isocat_segment::keys::all() {
+        let meanings = explain(&format!("key {}", place.path())).unwrap();
+        assert!(
+            meanings.iter().any(|meaning| meaning.means == place.key.means),
+            "{}",
+            place.path()
+        );
+        for line in self::text(&meanings).lines() {
+            assert!(line.chars().count() <= 100 && line == line.trim_end(), "{line:?}");
+        }
+    }
+    let hint = |what: &str| explain(what).unwrap_err().to_string();
+    assert!(hint("input_shfit").contains("did you mean \"input_shift\""));
+    assert!(hint("key inptu_shift").contains("did you mean \"input_shift\""));
+}

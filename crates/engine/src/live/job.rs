@@ -7,11 +7,11 @@ use isocat_host::{
     Exchange, Figures, Histogram, LinkError, RawSocket, RealTime, Recorder, Traffic, Waiting, Wish,
     clock,
 };
+use isocat_maindevice::motion::Axis;
 use isocat_maindevice::quality::Change;
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Config, Event, RequestId, Segment, SegmentChange};
+use isocat_maindevice::{Config, Event, Motion, RequestId, Segment, SegmentChange};
 use isocat_sim::Finding;
-use isocat_sim::motion::Axis;
 use isocat_sim::run::{Counters, Progress};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase;
@@ -215,7 +215,13 @@ impl Job {
             false => Waiting::sleep(&machine.wake_ups, self.config.cycle),
         };
         let mut run = Running {
-            exchange: Exchange::new(self.config, self.socket, waiting, self.recorder),
+            exchange: Exchange::new(
+                self.config,
+                self.socket,
+                waiting,
+                self.recorder,
+                Motion::default(),
+            ),
             stop,
             progress,
             scribe: self.scribe,
@@ -269,7 +275,7 @@ impl Job {
             stall: noted.stall,
             rate_ppb,
             uncertainty,
-            axes: exchange.motion().axes().to_vec(),
+            axes: exchange.application().axes().to_vec(),
             devices,
             judged,
             end,
@@ -282,14 +288,14 @@ impl Job {
         let total = exchange.main().statistics();
         judge::judge(&mut outcome, &noted, &interface, carrier, self.difference_limit);
         judge::note(&mut outcome, &interface, jitter, total, before.zip(after));
-        outcome.recorder = exchange.into_recorder();
+        outcome.recorder = exchange.into_parts().1;
         Ok(outcome)
     }
 }
 
 /// A run in progress.
 struct Running<'a> {
-    exchange: Exchange,
+    exchange: Exchange<Motion>,
     stop: &'a AtomicBool,
     progress: &'a mut dyn FnMut(Progress),
     scribe: Option<Scribe>,

@@ -17,7 +17,8 @@ pub fn scan(
 ) -> Scan {
     let objects = config.survey.is_none_or(|wish| wish.objects);
     // Nothing is due at an instant: there is no cycle.
-    let mut exchange = Exchange::new(config, socket, Waiting::Sleep { lead: Nanos::ZERO }, None);
+    let mut exchange =
+        Exchange::new(config, socket, Waiting::Sleep { lead: Nanos::ZERO }, None, ());
     let limit = clock::now() + LIMIT;
     let failure = loop {
         if let Some(event) = exchange.poll_event() {
@@ -52,7 +53,7 @@ pub fn scan(
 }
 
 /// Back to INIT; says what stands in the way.
-fn go_down(exchange: &mut Exchange) -> Result<(), String> {
+fn go_down(exchange: &mut Exchange<()>) -> Result<(), String> {
     let limit = clock::now() + WAY_DOWN;
     exchange.main_mut().stop();
     loop {

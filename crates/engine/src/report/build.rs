@@ -1,10 +1,10 @@
 //! From the outcome of a run to the report.
 
 use isocat_maindevice::SubDevice;
+use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::statistics::Summary;
 use isocat_segment::Scenario;
 use isocat_sim::bench::DeviceBench;
-use isocat_sim::motion::{Axis, Drive};
 use isocat_sim::{Judged, Outcome, Place, Statistics, Tap, run};
 use isocat_sync::SyncMode;
 use isocat_sync::delay::Delay;
@@ -197,7 +197,7 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
         true_time: true_time(&outcome.bench.devices()[position], mode),
         registers: registers(outcome, position),
         plan: budget.map_or(Vec::new(), |(_, budget)| budget.lines().map(plan_line).collect()),
-        application: application(outcome.world.control().axes().get(position)),
+        application: application(outcome.world.application().axes().get(position)),
         assumptions: wanted
             .profile
             .assumptions

@@ -1,9 +1,11 @@
-//! `isocat explain`: what a code, an object, a register or a mode means, from the data that the stack runs on.
+//! `isocat explain`: what a code, an object, a register, a mode or a key of a file means, from the data that the stack and
+//! the parsers run on; and the schemas of files for editors.
 
 use std::fmt::Write;
 
 use clap::Args;
 use isocat_engine::explain;
+use isocat_segment::keys;
 use isocat_sync::object::{self, INPUT_PARAMETER, OUTPUT_PARAMETER};
 use isocat_sync::table::{Column, Condition, Need, Rights, SUBS, lookup};
 use serde::Serialize;
@@ -20,17 +22,24 @@ Examples:
   isocat explain AssignActivate 0x0730
   isocat explain dc-sync0             a synchronization mode
   isocat explain modes                what each mode needs of 0x1C32 and 0x1C33
+  isocat explain input_shift          a key of a segment file or a profile, in each place where it may stand
+  isocat explain subdevice.cycle      a key in one place
+  isocat explain --schema segment-file > segment-file.schema.json     for editors: completion and checks
 
 A number that may be several things is explained as each, the likeliest first; AL, abort, object, register,
-AssignActivate or SI4 before it says which one is meant. Exit code: 0 explained, 2 not known.";
+AssignActivate or SI4 before it says which one is meant, and key before a word that is a key of a file.
+Exit code: 0 explained, 2 not known.";
 
 /// Arguments of `isocat explain`.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// A code, an object, a register, a mode, or "modes"
-    #[arg(required = true, value_name = "WHAT")]
+    /// A code, an object, a register, a mode, a key of a file, or "modes"
+    #[arg(required_unless_present = "schema", value_name = "WHAT")]
     what: Vec<String>,
+    /// Print the JSON schema of a kind of file, for editors
+    #[arg(long, value_name = "FILE", value_parser = ["segment-file", "profile"], conflicts_with_all = ["what", "json"])]
+    schema: Option<String>,
     /// Print for a program
     #[arg(long)]
     json: bool,
@@ -38,6 +47,10 @@ pub(super) struct Arguments {
 
 /// Explains.
 pub(super) fn run(arguments: &Arguments) -> u8 {
+    if let Some(name) = &arguments.schema {
+        let file = keys::FILES.iter().find(|file| file.name == name);
+        return print(&keys::schema(file.expect("the argument is one of these names")));
+    }
     let what = arguments.what.join(" ");
     if what == "modes" {
         return print(&if arguments.json { modes_json() } else { modes() });

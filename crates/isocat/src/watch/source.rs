@@ -11,10 +11,10 @@ use std::time::{Duration, Instant};
 use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::main_device::EVERY;
 use isocat_engine::status::{Board, Kind, Scribe, Status};
-use isocat_maindevice::Event;
+use isocat_maindevice::{Event, Motion};
 use isocat_segment::Scenario;
 use isocat_sim::observation::Observation;
-use isocat_sim::{Motion, Segment, Tap, World, run};
+use isocat_sim::{Segment, Tap, World, run};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 /// Gives statuses, each once.

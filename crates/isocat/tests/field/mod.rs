@@ -5,10 +5,10 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use isocat::{Nanos, Scenario, SegmentFile};
-use isocat_maindevice::{Error, Event};
+use isocat_maindevice::{Error, Event, Motion};
 use isocat_sim::judge::Grid;
 use isocat_sim::observation::{Observation, Observed};
-use isocat_sim::{Motion, Segment, Setup, Tap, World};
+use isocat_sim::{Segment, Setup, Tap, World};
 use isocat_subdevice::Step;
 use isocat_wire::time::{Picos, Time, True};
 use isocat_wire::{AlState, Command, datagram, frame};

@@ -18,6 +18,10 @@ pub(super) struct Place {
     pub(super) reads: bool,
     pub(super) clock: bool,
     pub(super) present: bool,
+    /// The cycle that its inputs were of when it was last lost; 0: none.
+    kept: u64,
+    /// The cycle that its chunk's inputs were of when it was last admitted: its own are not among them.
+    since: u64,
 }
 
 pub(super) struct Reference {
@@ -51,7 +55,8 @@ impl Cycle {
     /// frames stay as they are.
     pub fn set_present(&mut self, position: usize, present: bool) {
         if let Some(place) = self.places.get_mut(position) {
-            place.present = present;
+            let taken = place.chunk.map_or(0, |chunk| self.taken.chunks[chunk]);
+            place.set_present(present, taken);
         }
         self.take_stock();
     }
@@ -171,7 +176,24 @@ impl Place {
             reads: inputs.length > 0,
             clock: device.dc.has_clock(),
             present: device.admitted,
+            kept: 0,
+            since: 0,
         }
+    }
+
+    /// It is there or no longer; the inputs of its chunk are of cycle `taken`.
+    fn set_present(&mut self, present: bool, taken: u64) {
+        match (self.present, present) {
+            (true, false) => self.kept = self.inputs_cycle(taken),
+            (false, true) => self.since = taken,
+            _ => {}
+        }
+        self.present = present;
+    }
+
+    /// The cycle that its inputs are of, those of its chunk being of cycle `taken`; 0: of none.
+    pub(super) fn inputs_cycle(&self, taken: u64) -> u64 {
+        if self.present && taken > self.since { taken } else { self.kept }
     }
 }
 

@@ -8,7 +8,7 @@ pub(super) struct Asking {
     object: ObjectAddress,
     /// What the mailbox had spent before.
     before: Nanos,
-    service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)>>>,
+    service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)> + Send>>,
 }
 
 /// How well the segment runs.
@@ -23,7 +23,7 @@ impl MainDevice {
     /// the moments before. `None` without [`Config::quality`], and outside operation.
     pub fn snapshot(&self) -> Option<Snapshot<'_>> {
         let cycle = self.cycle.as_ref()?;
-        Some(self.quality.as_ref()?.snapshot(self.link.now(), cycle))
+        Some(self.quality.as_ref()?.snapshot(self.shared().port.now, cycle))
     }
 
     /// Time on the wire of the frames that were sent for it so far, and since when. A frame that was lost and sent
@@ -35,7 +35,7 @@ impl MainDevice {
     /// Whether there is something to read or to judge.
     pub(super) fn has_quality_to_look_at(&self) -> bool {
         let (Some(monitor), Some(cycle)) = (&self.quality, &self.cycle) else { return false };
-        monitor.is_due(self.link.now(), cycle.number())
+        monitor.is_due(self.shared().port.now, cycle.number())
     }
 
     /// Takes the answer to the entry that was asked for, and gives its mailbox back.
@@ -67,7 +67,7 @@ impl MainDevice {
         if let Some(cycles) = cycle.unled().and_then(|cycles| monitor.guidance(cycles)) {
             self.link.report(Event::ClocksUnled { cycles });
         }
-        let counts = self.link.with(|inner| inner.statistics);
+        let counts = self.link.board(|board| board.statistics);
         let mut changes = monitor.look(now, &self.segment, cycle, &counts);
         match &mut self.reading {
             Some(reading) => {
@@ -108,7 +108,7 @@ impl MainDevice {
             return;
         };
         let before = mailbox.spent();
-        let mut service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)>>> =
+        let mut service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)> + Send>> =
             Box::pin(async move {
                 let answer = coe::upload(&mut mailbox, object, false).await;
                 (mailbox, answer)

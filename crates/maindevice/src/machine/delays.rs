@@ -13,9 +13,9 @@ impl MainDevice {
         if let Some(latching) = &mut self.latching {
             let Poll::Ready(times) = poll(latching) else { return };
             self.latching = None;
-            self.link.with(|inner| match times {
-                Some(_) => inner.statistics.delay_latches += 1,
-                None => inner.statistics.delay_latches_lost += 1,
+            self.link.board(|board| match times {
+                Some(_) => board.statistics.delay_latches += 1,
+                None => board.statistics.delay_latches_lost += 1,
             });
             for change in watch.sample(now, times.as_ref()) {
                 self.take_change(change);

@@ -1,12 +1,13 @@
 //! SubDevices that go and come back while the segment runs.
 
 use super::*;
+use crate::board::Wish;
 
 /// SubDevices that go and come back.
 impl MainDevice {
     /// A SubDevice takes no part any more.
     pub(super) fn lose(&mut self, position: usize) {
-        let number = self.link.with(|inner| inner.cycle);
+        let number = self.link.board(|board| board.cycle);
         let device = &mut self.segment.devices[position];
         device.admitted = false;
         (device.al_status, device.al_code) = (AlStatus(0), AlStatusCode::NO_ERROR);
@@ -40,7 +41,7 @@ impl MainDevice {
     /// Another clock leads.
     pub(super) fn lead(&mut self, position: usize) {
         self.segment.reference = Some(position);
-        let number = self.link.with(|inner| inner.cycle);
+        let number = self.link.board(|board| board.cycle);
         if let Some(cycle) = &mut self.cycle {
             cycle.set_reference(&self.segment.devices[position]);
             cycle.hold_clocks(false);
@@ -53,7 +54,7 @@ impl MainDevice {
         if self.keeper.readmitting.is_some() {
             return;
         }
-        let (now, cycle) = self.link.with(|inner| (inner.now, inner.cycle));
+        let (now, cycle) = self.link.with(|shared| (shared.port.now, shared.board.cycle));
         let found = everybody.len() as u16;
         let is_out = |position| self.keeper.is_out(position);
         let Ok(places) = readmit::places(&self.segment, &everybody, is_out) else {
@@ -104,7 +105,7 @@ impl MainDevice {
         if let Some(task) = &mut self.keeper.readmitting {
             let ended = poll(task).is_ready();
             self.grant_wishes();
-            let outcomes = core::mem::take(&mut *self.keeper.outcomes.borrow_mut());
+            let outcomes = core::mem::take(&mut *self.keeper.outcomes.lock());
             for (position, outcome) in outcomes {
                 self.take_return(position, outcome);
             }
@@ -171,7 +172,7 @@ impl MainDevice {
     }
 
     pub(super) fn grant_wishes(&mut self) {
-        while let Some(wish) = self.link.with(|inner| inner.wishes.pop_front()) {
+        while let Some(wish) = self.link.board(|board| board.wishes.pop_front()) {
             match (wish, &mut self.cycle) {
                 (Wish::HoldClocks, Some(cycle)) => cycle.hold_clocks(true),
                 (Wish::Lead(position), Some(_)) => self.lead(position),
@@ -181,7 +182,7 @@ impl MainDevice {
     }
 
     pub(super) fn take_return(&mut self, position: usize, outcome: readmit::Outcome) {
-        let (now, number) = self.link.with(|inner| (inner.now, inner.cycle));
+        let (now, number) = self.link.with(|shared| (shared.port.now, shared.board.cycle));
         match outcome {
             Ok(one) => {
                 let (device, mailbox) = *one;

@@ -6,10 +6,10 @@ use isocat_sync::budget::Check;
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
-use super::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use super::clocks::ClockQuality;
 use super::objects::ObjectQuality;
 use super::ring::Ring;
+use crate::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use crate::cycle::Cycle;
 use crate::segment::{Segment, SubDevice, Timing};
 use crate::statistics::Statistics;

@@ -42,12 +42,13 @@ fn all(cycle: &mut Cycle, bench: &mut Bench, back: impl Fn(usize) -> bool) -> (u
     let link = bench.link.clone();
     let mut buffer = [0; MAX_LEN];
     let mut frames = Vec::new();
-    while let Some(len) = link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)) {
+    cycle.close(bench.now);
+    while let Some(len) = link.board(|board| cycle.transmit(bench.now, &mut buffer, board)) {
         frames.push(buffer[..len].to_vec());
     }
     for (at, frame) in frames.iter_mut().enumerate().filter(|(at, _)| back(*at)) {
         bench.segment.pass(frame);
-        let taken = link.with(|inner| cycle.receive(bench.now, frame, HEADERS, inner));
+        let taken = link.board(|board| cycle.receive(bench.now, frame, HEADERS, board));
         assert!(taken, "frame {at}");
     }
     (number, frames.len())
@@ -74,12 +75,13 @@ fn skipped_cycles_leave_groups_in_their_cycles() {
         let link = bench.link.clone();
         let mut buffer = [0; MAX_LEN];
         bench.now = due + Nanos(slept * 1_000_000 - 300_000);
-        assert_eq!(link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)), None);
+        cycle.close(bench.now);
+        assert_eq!(link.board(|board| cycle.transmit(bench.now, &mut buffer, board)), None);
         for _ in 0..20 {
             let (number, frames) = all(&mut cycle, &mut bench, |_| true);
             assert_eq!(frames, if number % 5 == 0 { 2 } else { 1 }, "{slept}: {number}");
         }
-        assert_eq!(link.with(|inner| inner.statistics.cycles_skipped), slept as u64);
+        assert_eq!(link.board(|board| board.statistics.cycles_skipped), slept as u64);
     }
 }
 
@@ -105,7 +107,7 @@ fn a_group_that_counts_wrongly_is_told_alone() {
     let seen: Vec<_> = events.iter().filter_map(wrong).collect();
     assert_eq!((seen.as_slice(), events.len()), (&[(1, 2, 0), (1, 2, 0)][..], 2), "{events:?}");
     let link = bench.link.clone();
-    assert_eq!(link.with(|inner| inner.statistics.working_counter_errors), 2);
+    assert_eq!(link.board(|board| board.statistics.working_counter_errors), 2);
 }
 
 #[test]
@@ -114,12 +116,12 @@ fn a_lost_slow_frame_is_counted_and_stops_nothing() {
     let mut cycle = running(&mut bench);
     while all(&mut cycle, &mut bench, |at| at == 0).1 != 2 {}
     let (lost, link) = (cycle.number(), bench.link.clone());
-    let complete = link.with(|inner| inner.complete_cycles);
+    let complete = link.board(|board| board.complete_cycles);
     for _ in 0..20 {
         let (number, frames) = all(&mut cycle, &mut bench, |_| true);
         assert_eq!(frames, if number % 5 == 0 { 2 } else { 1 }, "{number}");
     }
     assert_eq!(bench.events(), [Event::FrameLost { cycle: lost, frame: 1 }]);
-    assert_eq!(link.with(|inner| inner.statistics.frames_lost), 1);
-    assert_eq!(link.with(|inner| inner.complete_cycles), complete + 19);
+    assert_eq!(link.board(|board| board.statistics.frames_lost), 1);
+    assert_eq!(link.board(|board| board.complete_cycles), complete + 19);
 }

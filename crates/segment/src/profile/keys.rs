@@ -78,7 +78,7 @@ pub static FILE: Section = Section {
             name: "mailbox",
             kind: Kind::Table(&MAILBOX),
             need: Need::Without("a simple device: no mailbox and no objects"),
-            means: "Its mailbox.",
+            means: "Its mailbox, by which objects are read and written.",
             goes: "SM0 and SM1; words 0x18 to 0x1B of the SII",
             example: "{ receive = { start = 0x1000, length = 128 }, send = { start = 0x1080, \
                       length = 128 } }",

@@ -52,7 +52,7 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         objects: objects(root.tables("object")?)?,
         op_modes: op_modes(&root)?,
         times: times(&root.required_table("times")?)?,
-        behaviour: behaviour(root.table("behaviour")?)?,
+        behaviour: behaviour(&root.table_or_empty("behaviour")?)?,
         assumed: assumed(&root, file)?,
         deviations: deviations(&root)?,
         eeprom: None,
@@ -251,9 +251,8 @@ fn overrun(keys: &Keys<'_>) -> Result<Overrun, FileError> {
     Ok(Overrun { one_in: keys.get("one_in")?, by: keys.get("by")? })
 }
 
-fn behaviour(keys: Option<Keys<'_>>) -> Result<Placed<Behaviour>, FileError> {
+fn behaviour(keys: &Keys<'_>) -> Result<Placed<Behaviour>, FileError> {
     let usual = Behaviour::default();
-    let Some(keys) = keys else { return Ok(Placed { at: 0, value: usual }) };
     let value = Behaviour {
         missed_events: keys.choice("missed_events", &keys::MISSED_EVENTS)?,
         sync_error_limit: keys.get("sync_error_limit")?,

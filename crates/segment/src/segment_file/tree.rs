@@ -33,11 +33,10 @@ impl Ports {
     pub fn place<'a>(
         &mut self,
         keys: &Keys<'a>,
+        port: PortNumber,
         connect: Option<Value<'a>>,
         earlier: &[SubDevice],
-        profile: &Profile,
     ) -> Result<Place, FileError> {
-        let port = own_port(keys, profile)?;
         let upstream = match (&connect, earlier.last()) {
             (Some(value), None) => {
                 return Err(value.error(
@@ -96,7 +95,8 @@ pub(super) fn sort(devices: Vec<SubDevice>) -> Vec<SubDevice> {
     devices.into_iter().map(moved).collect()
 }
 
-fn own_port(keys: &Keys<'_>, profile: &Profile) -> Result<PortNumber, FileError> {
+/// Reads the device's own port.
+pub(super) fn own_port(keys: &Keys<'_>, profile: &Profile) -> Result<PortNumber, FileError> {
     let port = port_number(keys.get("port")?);
     match keys.value("port") {
         Some(value) if !profile.esc().has_port(port) => {

@@ -9,11 +9,11 @@
 #![allow(dead_code, reason = "bench, example and tests use different parts")]
 
 use isocat_esc::LAN9252;
-use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, Event};
+use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, Event, Motion};
 use isocat_sim::observation::Observation;
 use isocat_sim::segment::Segment;
 use isocat_sim::{
-    Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Motion, Setup, Tap, World,
+    Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, Tap, World,
 };
 use isocat_subdevice::description::{Behaviour, Description, ProcessDataArea};
 use isocat_subdevice::io::Io;

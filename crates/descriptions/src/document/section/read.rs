@@ -124,6 +124,15 @@ impl<'a> Keys<'a> {
         Ok(Some(Keys::open(value.table()?, section)?.with(self.base)))
     }
 
+    /// The table of a key; if it is not there, an empty one, whose keys have their defaults.
+    pub fn table_or_empty(&self, name: &'static str) -> Result<Keys<'a>, FileError> {
+        let Kind::Table(section) = self.key(name).kind else { panic!("{name} is no table") };
+        match self.table(name)? {
+            Some(keys) => Ok(keys),
+            None => Ok(Keys { table: self.table.empty(name), section, base: self.base }),
+        }
+    }
+
     /// The table of a key that must be there.
     pub fn required_table(&self, name: &'static str) -> Result<Keys<'a>, FileError> {
         match (self.table(name)?, self.key(name).need) {

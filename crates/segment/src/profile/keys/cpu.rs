@@ -140,7 +140,7 @@ pub(super) static BEHAVIOUR: Section = Section {
             "maximum_cycle_time",
             "Longest SYNC0 cycle that it accepts.",
             "no limit",
-            "AL status code 0x0035",
+            "AL status code 0x0036",
             r#""8ms""#,
         ),
         flag(

@@ -1,14 +1,13 @@
-//! The MainDevice's application of a run: drives move, other outputs count.
+//! An application that is ready made: drives move, other outputs count.
 //!
 //! A device that maps a control word (0x6040) and a target position (0x607A) is taken for a CiA 402
 //! drive: it is brought to "operation enabled" in cyclic synchronous position mode and follows a slow
 //! triangle. Outputs of all other devices carry a counter.
 
-use isocat_maindevice::MainDevice;
-use isocat_maindevice::segment::ProcessData;
-use isocat_wire::{AlState, AlStatus};
+use alloc::vec::Vec;
 
-use crate::world::Control;
+use crate::application::{Application, Cycle, Device};
+use crate::segment::{ProcessData, Segment, SubDevice};
 
 const CONTROL_WORD: u16 = 0x6040;
 const STATUS_WORD: u16 = 0x6041;
@@ -64,8 +63,8 @@ impl Motion {
         &self.axes
     }
 
-    fn find(main: &MainDevice) -> Vec<Axis> {
-        let axis = |device: &isocat_maindevice::segment::SubDevice| {
+    fn find(segment: &Segment) -> Vec<Axis> {
+        let axis = |device: &SubDevice| {
             if let Some(drive) = Drive::find(&device.outputs, &device.inputs) {
                 Axis::Drive(drive)
             } else if device.outputs.length > 0 {
@@ -74,21 +73,23 @@ impl Motion {
                 Axis::Nothing
             }
         };
-        main.segment().devices.iter().map(axis).collect()
+        segment.devices.iter().map(axis).collect()
     }
 }
 
-impl Control for Motion {
-    fn cycle(&mut self, main: &mut MainDevice, cycle: u64) {
+impl Application for Motion {
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) {
         if self.axes.is_empty() {
-            self.axes = Self::find(main);
+            self.axes = Self::find(cycle.main().segment());
         }
-        for (position, axis) in self.axes.iter_mut().enumerate() {
+        let number = cycle.number();
+        for mut device in cycle.devices() {
+            let Some(axis) = self.axes.get_mut(device.position()) else { continue };
             match axis {
-                Axis::Drive(drive) => drive.cycle(main, position, cycle),
+                Axis::Drive(drive) => drive.cycle(&mut device, number),
                 Axis::Outputs => {
-                    for (i, byte) in main.outputs_mut(position).iter_mut().enumerate() {
-                        *byte = (cycle as usize + i) as u8;
+                    for (i, byte) in device.outputs_mut().iter_mut().enumerate() {
+                        *byte = (number as usize + i) as u8;
                     }
                 }
                 Axis::Nothing => {}
@@ -113,8 +114,8 @@ impl Drive {
         })
     }
 
-    fn cycle(&mut self, main: &mut MainDevice, position: usize, cycle: u64) {
-        let inputs = main.inputs(position);
+    fn cycle(&mut self, device: &mut Device<'_>, cycle: u64) {
+        let inputs = device.inputs();
         let (Some(status), Some(actual)) =
             (bytes_at::<2>(inputs, self.status_word), bytes_at::<4>(inputs, self.position))
         else {
@@ -122,9 +123,7 @@ impl Drive {
         };
         let (status, actual) = (u16::from_le_bytes(status), i32::from_le_bytes(actual));
         // A device that left OP no longer updates its inputs: its last status word says nothing.
-        let al_status = main.segment().devices.get(position).map(|device| device.al_status);
-        let in_op = al_status == Some(AlStatus::new(AlState::Op));
-        let enabled = in_op && status & 0x6F == 0x27;
+        let enabled = device.is_in_operation() && status & 0x6F == 0x27;
         let mut target = self.commanded.unwrap_or(actual);
         if enabled {
             if self.enabled_cycles > 0 {
@@ -139,7 +138,7 @@ impl Drive {
         }
         self.commanded = Some(target);
         self.last = actual;
-        let outputs = main.outputs_mut(position);
+        let outputs = device.outputs_mut();
         put(outputs, self.control_word, &next_control_word(status).to_le_bytes());
         put(outputs, self.target, &target.to_le_bytes());
         if let Some(mode) = self.mode {
@@ -187,7 +186,7 @@ mod tests {
 
     #[test]
     fn the_way_to_operation_enabled() {
-        let mut words = vec![];
+        let mut words = Vec::new();
         for status in [0x0040, 0x0021, 0x0023, 0x0027, 0x0008] {
             words.push(next_control_word(status));
         }

@@ -1,0 +1,94 @@
+//! A MainDevice with its application: what is to be called after which input.
+
+use isocat_wire::time::{Host, Time};
+
+use crate::application::Application;
+use crate::event::Event;
+use crate::machine::MainDevice;
+use crate::ring::Port;
+
+/// Runs a [`MainDevice`] and an [`Application`] on it, in virtual time as well as on a wire.
+///
+/// - Input: [`handle_frame`](Self::handle_frame), [`handle_timeout`](Self::handle_timeout). If it completes a cycle, the
+///   application has been called when it returns, and the cycle's number comes back.
+/// - Output, to be drained after each input or request: [`poll_event`](Self::poll_event), which shows events to the
+///   application first, and [`poll_transmit`](Self::poll_transmit), with [`poll_secondary`](Self::poll_secondary)
+///   behind each frame in a ring; then [`next_timeout`](Self::next_timeout) anew.
+/// - Requests: [`main_mut`](Self::main_mut).
+pub struct Runner<A> {
+    main: MainDevice,
+    application: A,
+}
+
+impl<A: Application> Runner<A> {
+    /// A machine at its beginning, and the application that it is for.
+    pub fn new(main: MainDevice, application: A) -> Self {
+        Self { main, application }
+    }
+
+    /// Takes a frame that came in at a port, as [`MainDevice::handle_frame_at`]. Gives the number of the cycle that it
+    /// completed; the application has been called for it if process data run.
+    pub fn handle_frame(&mut self, port: Port, now: Time<Host>, frame: &[u8]) -> Option<u64> {
+        self.main.handle_frame_at(port, now, frame);
+        self.main.poll_cycle(&mut self.application)
+    }
+
+    /// Tells the time, as [`MainDevice::handle_timeout`]. Gives the number of the cycle that is over with it; the
+    /// application has been called for it if process data run.
+    pub fn handle_timeout(&mut self, now: Time<Host>) -> Option<u64> {
+        self.main.handle_timeout(now);
+        self.main.poll_cycle(&mut self.application)
+    }
+
+    /// The next thing that happened; the application has seen it.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        let event = self.main.poll_event()?;
+        self.application.event(&event);
+        Some(event)
+    }
+
+    /// See [`MainDevice::poll_transmit`].
+    pub fn poll_transmit(&mut self, now: Time<Host>, buffer: &mut [u8]) -> Option<usize> {
+        self.main.poll_transmit(now, buffer)
+    }
+
+    /// See [`MainDevice::poll_secondary`].
+    pub fn poll_secondary(&mut self, buffer: &mut [u8]) -> Option<usize> {
+        self.main.poll_secondary(buffer)
+    }
+
+    /// See [`MainDevice::next_timeout`].
+    pub fn next_timeout(&self) -> Option<Time<Host>> {
+        self.main.next_timeout()
+    }
+
+    /// The MainDevice, to ask something of it; what it has to send then is to be drained.
+    pub fn main_mut(&mut self) -> &mut MainDevice {
+        &mut self.main
+    }
+
+    /// The application.
+    pub fn application_mut(&mut self) -> &mut A {
+        &mut self.application
+    }
+
+    /// Both: the MainDevice to ask something of it, by what the application knows.
+    pub fn parts_mut(&mut self) -> (&mut MainDevice, &A) {
+        (&mut self.main, &self.application)
+    }
+
+    /// The end: both parts.
+    pub fn into_parts(self) -> (MainDevice, A) {
+        (self.main, self.application)
+    }
+
+    /// The MainDevice.
+    pub fn main(&self) -> &MainDevice {
+        &self.main
+    }
+
+    /// The application.
+    pub fn application(&self) -> &A {
+        &self.application
+    }
+}

@@ -34,6 +34,23 @@ pub enum Stage {
 }
 
 impl Stage {
+    /// All stages, in their order.
+    pub const ALL: [Self; 13] = [
+        Self::Scan,
+        Self::Sii,
+        Self::PreOp,
+        Self::Objects,
+        Self::Mode,
+        Self::Mapping,
+        Self::Clock,
+        Self::Plan,
+        Self::Phase,
+        Self::Sync,
+        Self::SafeOp,
+        Self::Op,
+        Self::Stop,
+    ];
+
     /// Name in messages.
     pub const fn name(self) -> &'static str {
         match self {

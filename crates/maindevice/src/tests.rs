@@ -24,6 +24,7 @@ use crate::link::{Exchange, Link, Travel};
 use crate::segment::{Chunk, DcCapability, ProcessImage, Segment, SubDevice};
 use crate::{Config, esm};
 
+mod complete;
 mod groups;
 mod mailbox;
 

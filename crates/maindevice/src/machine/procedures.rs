@@ -152,3 +152,55 @@ impl About {
 pub(super) fn poll<T: ?Sized + Future>(future: &mut Pin<Box<T>>) -> Poll<T::Output> {
     future.as_mut().poll(&mut Context::from_waker(Waker::noop()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken_up() -> impl Future<Output = Ended> + Send {
+        core::future::ready(Ended::Readmit)
+    }
+
+    /// Each level ends what the ones before it end, and nothing else; whoever waits for an answer is named.
+    #[test]
+    fn what_ends_is_told_by_its_kind() {
+        for (with, left) in [(Ends::WithTheWay, 7), (Ends::WithOperation, 1), (Ends::WithTheRun, 0)]
+        {
+            let mut procedures = Procedures::default();
+            assert!(procedures.is_empty());
+            for kind in Kind::ALL {
+                let request = (kind == Kind::Request).then_some((RequestId(7), true));
+                procedures.start(kind, About { position: Some(3), request }, taken_up());
+            }
+            let ended = procedures.end(with);
+            assert_eq!(ended.len(), Kind::ALL.len() - left);
+            let asked: Vec<_> = ended.iter().filter_map(|about| about.request).collect();
+            let expected: &[_] =
+                if with >= Ends::WithOperation { &[(RequestId(7), true)] } else { &[] };
+            assert_eq!(asked, expected);
+            assert_eq!(Kind::ALL.into_iter().filter(|kind| procedures.has(*kind)).count(), left);
+            assert_eq!(procedures.is_empty(), left == 0);
+        }
+    }
+
+    /// One that is through at once is not lost, and those about one SubDevice end alone.
+    #[test]
+    fn each_ends_once() {
+        let mut procedures = Procedures::default();
+        for position in 0..3 {
+            procedures.start(Kind::Recover, About::position(position), taken_up());
+        }
+        procedures.start(Kind::Recover, About::position(9), core::future::pending());
+        procedures.end_at(Kind::Recover, 1);
+        assert!(procedures.has_at(Kind::Recover, 0) && !procedures.has_at(Kind::Recover, 1));
+        let (mut from, mut ended) = (0, 0);
+        while procedures.go_on(Kind::Recover, &mut from).is_some() {
+            ended += 1;
+        }
+        assert_eq!(ended, 2);
+        assert!(!procedures.is_empty() && procedures.has_at(Kind::Recover, 9));
+        assert!(procedures.go_on(Kind::Look, &mut 0).is_none());
+        procedures.end_at(Kind::Recover, 9);
+        assert!(procedures.is_empty());
+    }
+}

@@ -14,14 +14,14 @@ use crate::quality::{self, ClockQuality, Snapshot};
 
 /// How well the segment runs.
 impl MainDevice {
-    /// What the clocks say that are read in the background ([`Config::quality`]); empty without, and before the segment
+    /// What the clocks say that are read in the background ([`Config::quality`](crate::Config::quality)); empty without, and before the segment
     /// is in operation. Stays when it ends.
     pub fn quality(&self) -> &[ClockQuality] {
         self.quality.as_ref().map_or(&[], |monitor| monitor.clocks())
     }
 
     /// All that is known at this moment: clocks, error counters and distances, states, working counters, margins, and
-    /// the moments before. `None` without [`Config::quality`], and outside operation.
+    /// the moments before. `None` without [`Config::quality`](crate::Config::quality), and outside operation.
     pub fn snapshot(&self) -> Option<Snapshot<'_>> {
         let cycle = self.cycle.as_ref()?;
         Some(self.quality.as_ref()?.snapshot(self.shared().port.now, cycle))

@@ -107,6 +107,6 @@ impl<'a> Exchanged<'a> {
     pub fn takes_part(&self, position: usize) -> bool {
         let chunk = self.places.get(position).and_then(|place| place.chunk);
         let every = chunk.map_or(0, |chunk| u64::from(self.chunks[chunk].every));
-        self.exchanging && (every == 1 || every > 1 && self.slot % every == 0)
+        self.exchanging && (every == 1 || every > 1 && self.slot.is_multiple_of(every))
     }
 }

@@ -52,21 +52,21 @@ kinds! {
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub(super) enum Ends {
     /// A SubDevice is lost: frames take another way.
-    WithTheWay,
+    Way,
     /// The way down begins.
-    WithOperation,
+    Operation,
     /// Nothing more is sent.
-    WithTheRun,
+    Run,
 }
 
 impl Kind {
     /// When it ends at the latest.
     pub(super) const fn ends(self) -> Ends {
         match self {
-            Kind::Rewrite | Kind::Latch | Kind::Clocks => Ends::WithTheWay,
-            Kind::Entry | Kind::Request | Kind::Look => Ends::WithOperation,
-            Kind::Shift | Kind::Readmit | Kind::Recover => Ends::WithOperation,
-            Kind::Read => Ends::WithTheRun,
+            Kind::Rewrite | Kind::Latch | Kind::Clocks => Ends::Way,
+            Kind::Entry | Kind::Request | Kind::Look => Ends::Operation,
+            Kind::Shift | Kind::Readmit | Kind::Recover => Ends::Operation,
+            Kind::Read => Ends::Run,
         }
     }
 }
@@ -149,7 +149,7 @@ impl MainDevice {
     pub(super) fn end_background(&mut self, with: Ends) {
         self.delay_watch = None;
         let ended = self.procedures.end(with);
-        if with >= Ends::WithOperation {
+        if with >= Ends::Operation {
             self.keeper = Keeper::default();
             self.refuse_all(&ended);
         }

@@ -35,7 +35,7 @@ pub(super) enum Ended {
     /// All that were being taken up have come to their end.
     Readmit,
     /// A SubDevice that left OP.
-    Recover(usize, Result<SubDevice, Cause>),
+    Recover(usize, Box<Result<SubDevice, Cause>>),
     /// A write of 0x0928; whether it was taken.
     Rewrite(Change, bool),
     /// A latch of the receive times; `None`: it did not come back whole.
@@ -164,8 +164,7 @@ mod tests {
     /// Each level ends what the ones before it end, and nothing else; whoever waits for an answer is named.
     #[test]
     fn what_ends_is_told_by_its_kind() {
-        for (with, left) in [(Ends::WithTheWay, 7), (Ends::WithOperation, 1), (Ends::WithTheRun, 0)]
-        {
+        for (with, left) in [(Ends::Way, 7), (Ends::Operation, 1), (Ends::Run, 0)] {
             let mut procedures = Procedures::default();
             assert!(procedures.is_empty());
             for kind in Kind::ALL {
@@ -176,7 +175,7 @@ mod tests {
             assert_eq!(ended.len(), Kind::ALL.len() - left);
             let asked: Vec<_> = ended.iter().filter_map(|about| about.request).collect();
             let expected: &[_] =
-                if with >= Ends::WithOperation { &[(RequestId(7), true)] } else { &[] };
+                if with >= Ends::Operation { &[(RequestId(7), true)] } else { &[] };
             assert_eq!(asked, expected);
             assert_eq!(Kind::ALL.into_iter().filter(|kind| procedures.has(*kind)).count(), left);
             assert_eq!(procedures.is_empty(), left == 0);

@@ -1,5 +1,6 @@
 //! SubDevices that go and come back while the segment runs.
 
+use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
@@ -31,7 +32,7 @@ impl MainDevice {
             cycle.set_present(position, false);
         }
         self.procedures.end_at(Kind::Recover, position);
-        self.end_background(Ends::WithTheWay);
+        self.end_background(Ends::Way);
         if self.segment.reference == Some(position) {
             self.link.report(Event::ReferenceLost { position, cycle: number });
         }
@@ -137,7 +138,7 @@ impl MainDevice {
             let Ended::Recover(position, result) = ended else { continue };
             let now = self.link.now();
             let (after, again) = self.keeper.attempted(position, self.config.recovery, now);
-            match result {
+            match *result {
                 Ok(device) => {
                     self.segment.devices[position] = device;
                     self.link.report(Event::Recovered { position, after });
@@ -231,7 +232,7 @@ impl MainDevice {
         let (link, config) = (self.link.clone(), self.config.clone());
         let recover = readmit::recover(link, config, self.segment.clone(), position);
         self.procedures.start(Kind::Recover, About::position(position), async move {
-            Ended::Recover(position, recover.await)
+            Ended::Recover(position, Box::new(recover.await))
         });
     }
 }

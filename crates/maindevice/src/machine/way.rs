@@ -188,7 +188,7 @@ impl MainDevice {
             Activity::Over => false,
         };
         if turns {
-            self.end_background(Ends::WithOperation);
+            self.end_background(Ends::Operation);
             self.begin_piece(Piece::LeaveOperation);
         }
         turns
@@ -206,7 +206,7 @@ impl MainDevice {
 
     /// Nothing more is sent.
     fn end(&mut self) {
-        self.end_background(Ends::WithTheRun);
+        self.end_background(Ends::Run);
         self.cycle = None;
         self.activity = Activity::Over;
     }

@@ -76,7 +76,7 @@ fn respond(
             let one_of = drop_one_of.load(Ordering::Relaxed);
             let is_cyclic = frame::payload(bytes).is_ok_and(|payload| payload[1] >= 0x80);
             cyclic += u64::from(is_cyclic && one_of > 0);
-            if good && !(is_cyclic && one_of > 0 && cyclic % one_of == 0) {
+            if good && !(is_cyclic && one_of > 0 && u64::is_multiple_of(cyclic, one_of)) {
                 let _ = socket.send(bytes);
             }
         }

@@ -53,7 +53,7 @@ impl Application for Witness {
         self.bases.resize(cycle.len(), None);
         let judged = self.take_time(cycle);
         self.unpunctual += u64::from(!judged);
-        if number % 3 == 0 {
+        if number.is_multiple_of(3) {
             let position = number as usize / 3 % cycle.len();
             cycle.read_memory(position, register::AL_STATUS.address, 6);
             self.requests.0 += 1;
@@ -90,7 +90,7 @@ impl Application for Witness {
             if !judged {
                 continue;
             }
-            if takes_part != (slot % every == 0) {
+            if takes_part != slot.is_multiple_of(every) {
                 wrong("its group takes part in other cycles");
             }
             let known = of.and_then(|of| self.slots.iter().find(|(number, _)| *number == of));

@@ -10,10 +10,11 @@ use isocat::timeline::Moment;
 use isocat_wire::time::{Nanos, Picos};
 use serde::Serialize;
 
+use crate::keys::{KEYS, Key};
 use crate::presets::{PRESETS, Preset};
 use crate::pulses::{self, RegisterRow};
 use crate::run::{self, Ran};
-use crate::state::{KEYS, Key, Problem, State};
+use crate::state::{Problem, State};
 use crate::{counter, edges, pictures};
 
 /// The whole answer; what does not apply is empty.
@@ -225,7 +226,7 @@ fn figures(ran: &Ran, position: usize) -> Figures {
     let margin = measured.sync0_margin.map(|margin| margin.min_ns);
     Figures {
         name: device.name.clone(),
-        mode: device.mode.clone(),
+        mode: device.mode.to_string(),
         state: device.registers.al_status.to_string(),
         sync0: measured.sync0_error.map_or(String::new(), |error| time(error.worst_ns)),
         margin: margin.map_or(String::new(), time),

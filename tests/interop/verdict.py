@@ -35,21 +35,24 @@ def lateness(peer, failure, stalls, refusals, cycle, drives):
     """Why the failure is lateness of the machine, in words, or None if it is not.
 
     `failure` is (what, begin, end), `stalls` are pairs (begin, length), `refusals` pairs (time, AL status code) of the SubDevices; all
-    times in seconds on one clock. `cycle` is the cycle in seconds, `drives` whether a SubDevice leaves OP for late frames."""
+    times in seconds on one clock. `cycle` is the cycle in seconds, `drives` whether there are SubDevices that leave OP for late frames."""
     what, begin, end = failure
     during = [(at, length) for at, length in stalls if at + length >= begin and at <= end]
     longest = max((length for _, length in during), default=0.0)
+    # SubDevices that fell, and whether the machine had stalled before each.
+    fell = [(at, code) for at, code in refusals if begin - REACH <= at <= end + REACH]
+    timely = all(code in TIMELY and stalled_before(at, stalls, cycle) for at, code in fell)
     match kind(what):
         case "frame":
             if longest >= PATIENCE[peer] / 2:
                 return f"the machine stalled for {longest * 1e3:.0f} ms"
         case "state":
-            fell = [(at, code) for at, code in refusals if begin - REACH <= at <= end + REACH]
-            if fell and all(code in TIMELY and stalled_before(at, stalls, cycle) for at, code in fell):
+            if fell and timely:
                 codes = ", ".join(sorted({f"0x{code:04X}" for _, code in fell}))
                 return f"AL status {codes}, each after a stall of a cycle or more"
-        case "rhythm":
-            struck = sum(length / cycle + (AWAY if drives else 0) for _, length in during if length >= cycle)
+        case "rhythm" if timely:
+            away = AWAY if drives and fell else 0
+            struck = sum(length / cycle + away for _, length in during if length >= cycle)
             if struck >= spoiled(what) / SPREAD:
                 return f"stalls took {struck:.0f} cycles"
     return None

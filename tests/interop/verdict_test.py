@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """The judge of foreign MainDevices, at its edges: python3 tests/interop/verdict_test.py"""
 import unittest
 
@@ -72,12 +73,16 @@ class Verdicts(unittest.TestCase):
             # Shorter than a cycle: the frame still comes in it.
             self.assertIsNone(judge(said, [(101.0 + n / 100, 0.0009) for n in range(100)]))
 
-    def test_a_drive_that_falls_is_away_for_long(self):
+    def test_a_drive_that_falls_after_a_stall_is_away_for_long(self):
         said = "5000 cycles, 0 with a wrong working counter; longest 9 ms; A: enabled 2900, behind 10, status 0x0627"
-        stalls = [(101.0, 0.002), (102.0, 0.002)]
-        self.assertIn("stalls", judge(said, stalls, drives=True))
-        self.assertIsNone(judge(said, stalls[:1], drives=True))
-        self.assertIsNone(judge(said, stalls))
+        stalls, falls = [(101.0, 0.002), (102.0, 0.002)], [(101.1, 0x001A), (102.1, 0x001A)]
+        self.assertIn("stalls", judge(said, stalls, falls, drives=True))
+        self.assertIsNone(judge(said, stalls[:1], falls[:1], drives=True))
+        self.assertIsNone(judge(said, stalls, falls))
+        # It did not fall, fell for another reason, or fell once without a stall.
+        self.assertIsNone(judge(said, stalls, drives=True))
+        self.assertIsNone(judge(said, stalls, [falls[0], (102.1, 0x001D)], drives=True))
+        self.assertIsNone(judge(said, stalls, [*falls, (104.0, 0x001A)], drives=True))
 
 
 if __name__ == "__main__":

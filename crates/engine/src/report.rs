@@ -7,6 +7,7 @@
 mod build;
 #[cfg(target_os = "linux")]
 pub mod interface;
+mod note;
 pub mod quality;
 pub mod scan;
 mod text;
@@ -19,6 +20,7 @@ use isocat_maindevice::Stage;
 use isocat_sim::Kind;
 use isocat_sync::SyncMode;
 use isocat_wire::AlState;
+pub use note::NoteKind;
 use schemars::JsonSchema;
 use serde::Serialize;
 pub(crate) use text::{BAD, GOOD, QUIET};
@@ -79,7 +81,9 @@ pub struct Note {
     /// Its name.
     pub device: Option<String>,
     /// Short name of the kind, for programs.
-    pub kind: &'static str,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub kind: NoteKind,
     /// What, with the figures.
     pub what: String,
 }

@@ -10,6 +10,8 @@
 
 use std::borrow::Cow;
 
+use isocat_sync::phase;
+use isocat_wire::AlState;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +19,7 @@ pub mod board;
 pub mod edges;
 pub mod main_device;
 mod names;
+mod stage;
 #[cfg(target_os = "linux")]
 #[cfg(test)]
 mod tests;
@@ -24,6 +27,8 @@ mod verdict;
 
 pub use board::Board;
 pub use main_device::Scribe;
+pub use names::{SERVO, servo_name};
+pub use stage::Stage;
 pub use verdict::{Verdict, place};
 
 /// Words, mostly fixed ones: setting them takes no memory.
@@ -42,7 +47,9 @@ pub struct Status {
     /// What kind of segment it is, which decides what can be known.
     pub kind: Kind,
     /// Where it is on its way up, "in operation", or "ended".
-    pub stage: Words,
+    #[serde(with = "names::stage")]
+    #[schemars(with = "String")]
+    pub stage: Stage,
     /// Why it ended or does not come up.
     pub failure: Option<String>,
     /// Now, from the beginning: of virtual time in a simulation, else of host time.
@@ -113,7 +120,9 @@ pub struct Host {
     /// The largest size of it in operation, `[t]` or `[m]`.
     pub phase_error_worst_ns: Option<f64>,
     /// Servo on the reference clock `[m]`: "free", "acquiring", "locked", "holdover"; empty without clocks.
-    pub servo: Words,
+    #[serde(with = "names::servo")]
+    #[schemars(with = "String")]
+    pub servo: Option<phase::State>,
     /// How much faster the reference clock runs than the host's, ppm `[m]`.
     pub rate_ppm: Option<f64>,
     /// Cycles begun `[m]`.
@@ -148,8 +157,10 @@ pub struct Device {
     pub is_reference: bool,
     /// It is asked to be in OP: false for one that may be absent and is.
     pub asked: bool,
-    /// AL state `[r]` (0x0130): INIT, PREOP, BOOT, SAFEOP, OP.
-    pub al_state: Words,
+    /// AL state `[r]` (0x0130): INIT, PREOP, BOOT, SAFEOP, OP; "unknown" for any other value.
+    #[serde(with = "names::al_state")]
+    #[schemars(with = "String")]
+    pub al_state: Option<AlState>,
     /// Error flag of the AL status `[r]`.
     pub al_error: bool,
     /// AL status code `[r]` (0x0134).
@@ -240,10 +251,6 @@ pub struct Event {
 
 /// The format.
 pub const FORMAT: u32 = 1;
-/// What the stage is called when all SubDevices that were asked for are in OP.
-pub const IN_OPERATION: &str = "in operation";
-/// What it is called when nothing more comes.
-pub const ENDED: &str = "ended";
 /// Sub-indices of the counters.
 pub const SUBS: [&str; 4] = ["0B", "0C", "0D", "20"];
 
@@ -255,7 +262,7 @@ impl Status {
             version: env!("CARGO_PKG_VERSION").into(),
             segment,
             kind,
-            stage: "begin".into(),
+            stage: Stage::Begin,
             failure: None,
             at_ns: 0,
             since_ns: 0,
@@ -270,12 +277,12 @@ impl Status {
 
     /// Whether it is in operation.
     pub fn in_operation(&self) -> bool {
-        self.stage == IN_OPERATION
+        self.stage == Stage::InOperation
     }
 
     /// Whether nothing more comes.
     pub fn has_ended(&self) -> bool {
-        self.stage == ENDED
+        self.stage == Stage::Ended
     }
 }
 
@@ -289,7 +296,7 @@ impl Device {
             has_sync: false,
             is_reference: false,
             asked: true,
-            al_state: "INIT".into(),
+            al_state: Some(AlState::Init),
             al_error: false,
             al_code: 0,
             error: None,
@@ -304,7 +311,12 @@ impl Device {
 
     /// `OP`, `SAFEOP+ERR`.
     pub fn state(&self) -> String {
-        format!("{}{}", self.al_state, if self.al_error { "+ERR" } else { "" })
+        format!("{}{}", self.state_name(), if self.al_error { "+ERR" } else { "" })
+    }
+
+    /// The state without its error flag.
+    pub fn state_name(&self) -> &'static str {
+        self.al_state.map_or(UNKNOWN, AlState::name)
     }
 
     /// How much its counters have risen in operation.
@@ -318,5 +330,7 @@ pub fn schema() -> serde_json::Value {
     crate::report::schema_of::<Status>()
 }
 
+/// The name of a state that is none.
+const UNKNOWN: &str = "unknown";
 /// Kinds of alarms that a SubDevice can have.
 const MOST_ALARMS: usize = 8;

@@ -165,14 +165,15 @@ impl<A: Application> Exchange<A> {
         clock::now() - at > span && self.begun >= cycle + SILENT_CYCLES
     }
 
-    /// The end: the application is given back.
-    pub fn into_application(self) -> A {
-        self.runner.into_parts().1
+    /// Both, to ask something of the MainDevice by what the application knows.
+    pub fn parts_mut(&mut self) -> (&mut MainDevice, &A) {
+        self.asked = true;
+        self.runner.parts_mut()
     }
 
-    /// The end: the recorder is given back.
-    pub fn into_recorder(self) -> Option<Recorder> {
-        self.recorder
+    /// The end: the application and the recorder are given back.
+    pub fn into_parts(self) -> (A, Option<Recorder>) {
+        (self.runner.into_parts().1, self.recorder)
     }
 
     /// Waits until an instant or a frame; tells whether a frame may be there.

@@ -1,6 +1,6 @@
 //! A MainDevice on a network interface: raw Ethernet, the host's clock, the real-time loop, and what a machine can do for it.
 //!
-//! [`Exchange`] is the loop: it drives a MainDevice with a [`RawSocket`], as punctually as the machine lets it, and counts how punctual
+//! [`Host`] is the whole of it for a program: a MainDevice with its application on a thread of its own. [`Exchange`] is the loop: it drives a MainDevice with a [`RawSocket`], as punctually as the machine lets it, and counts how punctual
 //! that was. [`clock`] is the one host clock. [`RealTime`] asks for what a loop wants of the machine, [`preflight`] looks at what harms
 //! it, [`recorder`] hands frames to a file without the loop waiting for it. [`Veth`] is a pair of interfaces in a network namespace of
 //! its own, for trying things on one machine.
@@ -13,6 +13,7 @@ pub mod clock;
 mod error;
 pub mod exchange;
 mod histogram;
+mod host;
 mod namespace;
 pub mod preflight;
 mod realtime;
@@ -24,6 +25,9 @@ mod traffic;
 pub use error::LinkError;
 pub use exchange::{Exchange, Figures, Waiting};
 pub use histogram::Histogram;
+pub use host::{Ended, Error, Host, Result, Running, STOP_LIMIT};
+pub use isocat_maindevice::{Application, Config, Cycle, Event};
+pub use isocat_wire::Nanos;
 pub use namespace::Veth;
 pub use realtime::{RealTime, Wish};
 pub use recorder::Recorder;

@@ -13,7 +13,7 @@ mod tests;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
-use isocat_engine::status::{Device, SUBS, Status};
+use isocat_engine::status::{Device, SERVO, SUBS, Status, servo_name};
 use prometheus::proto::{Counter, Gauge, LabelPair, Metric, MetricFamily, MetricType};
 use prometheus::{Encoder, TextEncoder};
 pub use server::{Page, Server};
@@ -157,10 +157,10 @@ fn of_host(status: &Status) -> Vec<Family> {
         "isocat_servo_state",
         "State of the servo on the reference clock: 1 for the present one",
     );
-    if !host.servo.is_empty() {
-        for state in ["free", "acquiring", "locked", "holdover"] {
-            let is = f64::from(u8::from(host.servo == state));
-            servo.push(vec![("state", state.to_owned())], Some(is));
+    if let Some(present) = host.servo {
+        for state in SERVO {
+            let is = f64::from(u8::from(present == state));
+            servo.push(vec![("state", servo_name(state).to_owned())], Some(is));
         }
     }
     let counter = |name, help, count: u64| Family::counter(name, help).with(Some(count as f64));
@@ -201,7 +201,7 @@ fn of_devices(status: &Status) -> Vec<Family> {
             "isocat_al_state",
             "AL state (register 0x0130): 1 INIT, 2 PREOP, 3 BOOT, 4 SAFEOP, 8 OP",
         )
-        .of_devices(status, |device| state_number(&device.al_state)),
+        .of_devices(status, |device| device.al_state.map(|state| f64::from(state as u8))),
         Family::gauge("isocat_al_error", "Error flag of the AL status: 1 or 0")
             .of_devices(status, |device| Some(f64::from(u8::from(device.al_error)))),
         Family::gauge("isocat_al_status_code", "AL status code (register 0x0134)")
@@ -323,17 +323,6 @@ fn counters(status: &Status) -> [Family; 2] {
         }
     }
     [value, risen]
-}
-
-fn state_number(state: &str) -> Option<f64> {
-    Some(match state {
-        "INIT" => 1.0,
-        "PREOP" => 2.0,
-        "BOOT" => 3.0,
-        "SAFEOP" => 4.0,
-        "OP" => 8.0,
-        _ => return None,
-    })
 }
 
 fn seconds(ns: Option<f64>) -> Option<f64> {

@@ -6,6 +6,7 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use isocat::plan::{Plan, PlanReport, proof, suggest};
+use isocat::report::NoteKind;
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_maindevice::plan::Target;
 use isocat_sim::observation::Observation;
@@ -264,14 +265,14 @@ fn a_line_that_does_not_fit_is_named() {
     assert_eq!(short.len(), 2, "{short:#?}");
     assert!(short.iter().all(|line| line.sign == "0x1C32:0B counts"));
     // SYNC0 behind the frame, but the second drive's copying is not done.
-    assert!(!report.warnings.iter().any(|note| note.kind == "sync0-in-frame"));
+    assert!(!report.warnings.iter().any(|note| note.kind == NoteKind::Sync0InFrame));
 }
 
 #[test]
 fn what_the_field_falls_into() {
     let kinds = |scenario: &Scenario| -> Vec<(usize, &str)> {
         let notes = report(scenario).warnings;
-        notes.iter().map(|note| (note.position.expect("a device"), note.kind)).collect()
+        notes.iter().map(|note| (note.position.expect("a device"), note.kind.name())).collect()
     };
     let mut scenario = built_in();
     let expected = [(0, "type-read-only"), (1, "type-read-only"), (3, "first-opmode-dc-off")];
@@ -299,7 +300,7 @@ fn a_base_cycle_of_two_pulses_has_two_phases() {
     scenario.devices[0].profile =
         isocat::profile::Profile::from_toml("two", &stated).expect("a profile");
     let notes = report(&scenario).warnings;
-    let note = notes.iter().find(|note| note.kind == "two-phases").expect("a warning");
+    let note = notes.iter().find(|note| note.kind == NoteKind::TwoPhases).expect("a warning");
     assert!(note.what.contains("2 phases"), "{}", note.what);
 }
 

@@ -106,7 +106,11 @@ fn golden(name: &str, text: &str) {
 }
 
 fn kinds(notes: &[isocat::report::scan::Note], position: usize) -> Vec<&'static str> {
-    notes.iter().filter(|note| note.position == Some(position)).map(|note| note.kind).collect()
+    notes
+        .iter()
+        .filter(|note| note.position == Some(position))
+        .map(|note| note.kind.name())
+        .collect()
 }
 
 /// What was found is what was built: parents, ports, and the speed of every clock within its error.
@@ -194,7 +198,8 @@ fn what_fails_at_one_ends_nothing_at_the_others() {
     let scan = Scan::of_setup(setup, &mut |_| {});
     assert_eq!((&scan.failure, &scan.way_down), (&None, &None));
     let report = report(&scan);
-    let found: Vec<_> = report.findings.iter().map(|note| (note.position, note.kind)).collect();
+    let found: Vec<_> =
+        report.findings.iter().map(|note| (note.position, note.kind.name())).collect();
     assert_eq!(found, [(Some(1), "not-read"), (Some(4), "not-read")]);
     assert!(report.findings[0].what.contains("no end mark 0xFFFF"), "{:?}", report.findings);
     assert!(report.findings[1].what.contains("refuses PREOP"), "{:?}", report.findings);

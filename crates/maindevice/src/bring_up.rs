@@ -19,6 +19,7 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
+use crate::board::Board;
 use crate::config::{Config, DeviceConfig, QualityWatch};
 use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
@@ -26,7 +27,7 @@ use crate::hot_connect::Present;
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, sync};
+use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, sync, timing};
 
 /// What a piece of the way works on, and gives back whether it got to its end or not.
 pub(crate) struct Work {
@@ -127,7 +128,7 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     clocks?;
 
     work.enter(Stage::Plan);
-    work.segment.timing = Some(mode::plan(&work.segment, config)?);
+    work.segment.timing = Some(timing::plan(&work.segment, config)?);
     Ok(())
 }
 
@@ -317,17 +318,17 @@ async fn operation(work: &mut Work) -> Result<(), Cause> {
     let (link, config) = (work.link.clone(), work.config.clone());
     let (link, config) = (&link, &*config);
     work.enter(Stage::Op);
-    let begin = link.with(|inner| inner.cycle);
+    let begin = link.board(|board| board.cycle);
     // So many exchanges of the slowest too.
     let slowest = work.segment.image.chunks.iter().map(|chunk| chunk.every).max().unwrap_or(1);
     let needed = COMPLETE_CYCLES * u64::from(slowest);
     let longer = Nanos(config.cycle.0 * (needed - COMPLETE_CYCLES) as i64);
     let due = link.now() + config.timeouts.safeop + longer;
-    let complete = |inner: &crate::link::Inner| inner.complete_cycles >= needed;
+    let complete = |board: &Board| board.complete_cycles >= needed;
     let has_data = !work.segment.image.chunks.is_empty();
     if has_data && !link.wait_for(due, complete).await {
         let ((expected, found), cycles) =
-            link.with(|inner| (inner.incomplete, inner.cycle - begin));
+            link.board(|board| (board.incomplete, board.cycle - begin));
         return Err(Cause::ProcessData { cycles, expected, found });
     }
     let synced = work.segment.devices.iter().any(|device| device.sync.is_some());

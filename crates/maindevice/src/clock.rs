@@ -19,12 +19,13 @@ use isocat_wire::dc::SystemTimeDifference;
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 
+use crate::board::Wish;
 use crate::config::Config;
 use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Latch, Times};
 use crate::error::{AccessError, Cause};
 use crate::event::Event;
 use crate::hot_connect::Present;
-use crate::link::{Exchange, Link, Travel, Wish};
+use crate::link::{Exchange, Link, Travel};
 use crate::segment::{DcCapability, Segment, Speed, SubDevice};
 
 /// Measures and sets delays and offsets, then drives the drift loop. Nothing to do without a clock.
@@ -112,7 +113,7 @@ pub(crate) async fn join(
     let led = segment.devices[before].admitted;
     let reference = if led { before.min(first) } else { first };
     if reference != before {
-        link.with(|inner| inner.wishes.push_back(Wish::HoldClocks));
+        link.board(|board| board.wishes.push_back(Wish::HoldClocks));
         link.sleep(Nanos(2 * config.cycle.0)).await;
     }
     for &position in &clocks {
@@ -139,8 +140,8 @@ pub(crate) async fn join(
         (before, time, device.delay.unwrap_or(Nanos::ZERO))
     } else {
         // Nobody has the time any more but the host.
-        let time = link.with(|inner| {
-            let (host, dc) = inner.reference_time;
+        let time = link.board(|board| {
+            let (host, dc) = board.reference_time;
             dc + (sent - host)
         });
         (first, time.count(), Nanos::ZERO)
@@ -184,7 +185,7 @@ pub(crate) async fn join(
     }
     if reference != before {
         segment.reference = Some(reference);
-        link.with(|inner| inner.wishes.push_back(Wish::Lead(reference)));
+        link.board(|board| board.wishes.push_back(Wish::Lead(reference)));
     }
     Ok(())
 }
@@ -235,7 +236,7 @@ pub(crate) async fn shift(
     let address = Address::Station(reference, register::SYSTEM_TIME.address);
     let travel = Travel { alone: true, once: true };
     let next = link.exchange(Command::Frmw, address, vec![0; 8], travel);
-    link.with(|inner| inner.statistics.drift_frames += 1);
+    link.board(|board| board.statistics.drift_frames += 1);
     for (position, delay, write) in writes {
         if write.expect(1).await.is_ok() {
             delays.push((position, delay));
@@ -301,14 +302,15 @@ pub(crate) async fn follow(
 ///
 /// What counts wrongly is seen by the cycle's own datagram.
 async fn hasten(link: &Link, reference: StationAddress) {
-    let due = link.with(|inner| {
-        let due = inner.hastened + PACE;
-        if inner.leading && inner.now >= due {
-            inner.hastened = inner.now;
-            inner.statistics.drift_frames += 1;
+    let now = link.now();
+    let due = link.board(|board| {
+        let due = board.hastened + PACE;
+        if board.leading && now >= due {
+            board.hastened = now;
+            board.statistics.drift_frames += 1;
             return None;
         }
-        Some(due.max(inner.now + PACE))
+        Some(due.max(now + PACE))
     });
     if let Some(due) = due {
         return link.until(due).await;
@@ -342,9 +344,9 @@ async fn latch_often(
             }
         }
     }
-    link.with(|inner| {
-        inner.statistics.delay_latches += wanted as u64;
-        inner.statistics.delay_latches_lost += lost as u64;
+    link.board(|board| {
+        board.statistics.delay_latches += wanted as u64;
+        board.statistics.delay_latches_lost += lost as u64;
     });
     Ok(latches)
 }
@@ -467,7 +469,7 @@ async fn converge(
         let converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
         if converged {
             burst.finish().await?;
-            link.with(|inner| inner.statistics.drift_burst = inner.statistics.drift_frames);
+            link.board(|board| board.statistics.drift_burst = board.statistics.drift_frames);
             return Ok(());
         }
         if link.now() >= end {
@@ -552,7 +554,7 @@ impl Burst<'_> {
         let address = Address::Station(self.station, register::SYSTEM_TIME.address);
         let travel = Travel { alone: true, once: true };
         let exchange = self.link.exchange(Command::Frmw, address, vec![0; 8], travel);
-        self.link.with(|inner| inner.statistics.drift_frames += 1);
+        self.link.board(|board| board.statistics.drift_frames += 1);
         self.in_flight.push(exchange);
     }
 

@@ -14,9 +14,9 @@ use isocat_wire::mailbox::{ErrorDetail, Protocol};
 use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{AbortCode, ObjectAddress, PortNumber};
 
-use crate::event::Stage;
+use crate::dc::DcCapability;
 use crate::kind::{Figure, Figured};
-use crate::segment::DcCapability;
+use crate::stage::Stage;
 
 /// A failure, with the stage at which it happened.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -760,4 +760,4 @@ impl fmt::Display for SdoError {
 }
 
 /// The bytes of an upload, or why there are none.
-pub type SdoResult = Result<Vec<u8>, SdoError>;
+pub(crate) type SdoResult = Result<Vec<u8>, SdoError>;

@@ -37,7 +37,7 @@ pub(crate) async fn change(
         let reached = status.state() == Ok(state) && !error;
         let refused = error && state != AlState::Init;
         if changed && (reached || refused) {
-            let cycle = link.with(|inner| inner.cycle);
+            let cycle = link.board(|board| board.cycle);
             let position = device.position;
             link.report(Event::StateChanged { position, status, code, cycle });
         }

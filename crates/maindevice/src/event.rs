@@ -1,73 +1,15 @@
 //! What the machine tells while it works.
 
 use alloc::vec::Vec;
-use core::fmt;
 
 use isocat_sync::delay::{Delay, Why};
 use isocat_sync::phase;
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::time::{Nanos, Picos};
 
+use crate::alarm::Change;
 use crate::error::{AccessError, Cause, Error, SdoError};
-use crate::quality::Change;
-
-/// The steps of the way up, in their order.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub enum Stage {
-    /// Reset, count, addresses, topology.
-    Scan,
-    /// SII of all SubDevices.
-    Sii,
-    /// Mailboxes, PREOP.
-    PreOp,
-    /// Object dictionary: assignment, mapping, 0x1C32 and 0x1C33.
-    Objects,
-    /// Mode of each SubDevice.
-    Mode,
-    /// SyncManagers, FMMUs, process image.
-    Mapping,
-    /// Delays, offsets, drift.
-    Clock,
-    /// Budget of one cycle.
-    Plan,
-    /// The host's clock onto the reference clock.
-    Phase,
-    /// SYNC units programmed, 0x1C32:01 and 0x1C33:01 written.
-    Sync,
-    /// SAFEOP.
-    SafeOp,
-    /// Process data complete, SYNC running, OP.
-    Op,
-    /// Back to INIT.
-    Stop,
-}
-
-impl Stage {
-    /// Name in messages.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Stage::Scan => "scan",
-            Stage::Sii => "SII",
-            Stage::PreOp => "PREOP",
-            Stage::Objects => "objects",
-            Stage::Mode => "mode",
-            Stage::Mapping => "mapping",
-            Stage::Clock => "clock",
-            Stage::Plan => "plan",
-            Stage::Phase => "phase",
-            Stage::Sync => "SYNC",
-            Stage::SafeOp => "SAFEOP",
-            Stage::Op => "OP",
-            Stage::Stop => "stop",
-        }
-    }
-}
-
-impl fmt::Display for Stage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
-    }
-}
+pub use crate::stage::Stage;
 
 /// Names an acyclic request until its event comes.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

@@ -15,9 +15,8 @@ use isocat_wire::time::Nanos;
 use crate::config::{Config, DeviceConfig};
 use crate::error::{Cause, Place};
 use crate::link::Link;
-use crate::scan::station_of;
-use crate::segment::{Identity, Segment, SubDevice};
-use crate::{mode, sii};
+use crate::segment::{Identity, Segment, SubDevice, station_of};
+use crate::sii;
 
 /// Whether fewer SubDevices may answer than are configured, and so many do.
 pub(crate) fn allows(config: &Config, count: usize) -> bool {
@@ -205,7 +204,7 @@ pub(crate) fn detour(segment: &Segment, position: usize) -> Nanos {
         }
         let inside = segment.devices.iter().filter(|device| within(device.position));
         let farthest = inside.filter_map(|device| device.delay).max();
-        let before = mode::delay(segment, above);
+        let before = segment.delay(above);
         let there = farthest.map_or(Nanos::ZERO, |farthest| (farthest - before).max(Nanos::ZERO));
         detour += Nanos(2 * there.0);
     }

@@ -4,11 +4,11 @@
 //! operation. Nothing here knows a socket, a thread or a clock. Inside, data take this way:
 //!
 //! 1. `link` holds datagrams that procedures await: it packs them into frames and hands the answers
-//!    back. Procedures are `async fn`s that the machine polls itself, many devices side by side.
+//!    back; `board` is what machine and procedures know of the run. Procedures are `async fn`s that the machine polls itself, many devices side by side.
 //! 2. `bring_up` is the way up in order. `scan` and `topology` find the SubDevices, `sii` reads who
 //!    they are, `esm` changes their states, `mailbox` and `coe` carry the object accesses of
-//!    `objects`. `mode` decides how each SubDevice is synchronized and plans the cycle, `mapping`
-//!    lays out the process image, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
+//!    `objects`. `mode` decides how each SubDevice is synchronized, `mapping`
+//!    lays out the process image, `timing` plans the cycle, `clock` makes all clocks one, with the delays that `delay` measures, `sync`
 //!    programs SYNC0 and sees that it runs.
 //! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
 //!    nothing.
@@ -72,10 +72,13 @@ pub mod plan;
 pub mod segment;
 pub mod statistics;
 
+mod alarm;
+mod board;
 mod bring_up;
 mod clock;
 mod coe;
 mod cycle;
+mod dc;
 mod delay;
 mod delay_watch;
 mod esm;
@@ -93,8 +96,10 @@ mod ring;
 mod runner;
 mod scan;
 mod sii;
+mod stage;
 mod survey;
 mod sync;
+mod timing;
 mod topology;
 
 #[cfg(test)]

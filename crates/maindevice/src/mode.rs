@@ -1,24 +1,21 @@
-//! Which mode each SubDevice runs in, and the plan of one cycle.
+//! Which mode each SubDevice runs in, and what it demands of the cycle then.
 
 use alloc::format;
 use alloc::string::String;
-use alloc::vec::Vec;
 
-use isocat_sync::budget::{self, Check, Line, Origin, Origins, budget, common_shift};
+use isocat_sync::budget::{self, Check, Line, Origin, Origins};
 use isocat_sync::object::{
     INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, SupportedTypes, SyncParameters, sub,
 };
-use isocat_sync::phase::Direction;
 use isocat_sync::start::Grid;
 use isocat_sync::{Pulses, SyncMode};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
 
 use crate::config::{AssumedTimes, Config, DeviceConfig};
-use crate::cycle;
 use crate::error::Cause;
-use crate::segment::{Segment, SubDevice, SyncObject, Timing};
-use crate::{hot_connect, mapping, sync};
+use crate::segment::{SubDevice, SyncObject};
+use crate::sync;
 
 /// Decides the mode of a SubDevice by wish, announcement (sub-index 04) and clock, and checks the
 /// cycle against its minimum.
@@ -271,110 +268,18 @@ fn stated(time: Option<Nanos>, assumed: Option<Nanos>, origin: &mut Origin) -> N
     assumed.unwrap_or(Nanos::ZERO)
 }
 
-/// Plans one cycle: SYNC0's phase, and every line of the budget of every SubDevice. Frames find the
-/// reference clock at phase 0 of system time.
-pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> {
-    // Two clocks within the threshold on either side of the reference.
-    let clock_error = config.clock_error.unwrap_or(Nanos(2 * config.drift_threshold.0));
-    let cycle = budget::Cycle {
-        cycle: config.cycle,
-        send: Nanos::ZERO,
-        jitter: config.host_jitter,
-        clock_error,
-    };
-    let frames = cycle::frames(
-        segment,
-        config.drift_compensation,
-        config.direction != Direction::FollowReference,
-    );
-    let times = cycle::chunk_times(&frames, segment.image.chunks.len());
-    let mut demands: Vec<budget::Device> =
-        segment.devices.iter().map(|device| demands_of(config, device)).collect();
-    for (chunk, times) in segment.image.chunks.iter().zip(times) {
-        let range = chunk.first..chunk.end;
-        for (device, demands) in segment.devices[range.clone()].iter().zip(&mut demands[range]) {
-            if !chunk.holds(device) {
-                continue;
-            }
-            let delay = delay(segment, device.position);
-            let (detour, early) = ring_detour(segment, config, delay);
-            let detour = detour + hot_connect::detour(segment, device.position);
-            demands.delay = delay;
-            let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
-            demands.outputs_arrival = outputs.then_some(delay + detour + times.stored);
-            // Outputs as late as in the fullest cycle, inputs as early as in the emptiest.
-            demands.inputs_fetched = inputs.then_some(delay - early + times.fetched - times.spread);
-            demands.frame_spread = times.spread;
-            if config.watchdog.is_some() {
-                demands.origins.watchdog = Origin::Intent;
-            }
-            demands.watchdog = mapping::watchdog(device, config.watchdog);
-            demands.inputs_read = inputs.then_some(delay + detour + times.read);
-        }
-    }
-    let common = common_shift(&cycle, &demands);
-    let sync0 = common.map(|common| config.shift.unwrap_or(common));
-    let shift = sync0.unwrap_or(Nanos::ZERO);
-    let devices: Vec<_> =
-        demands.iter().map(|device| (*device, budget(&cycle, shift, device))).collect();
-    let timing = Timing { cycle, sync0, frames, devices };
-    if !config.force {
-        let line = timing.frames_in_cycle().line();
-        if !line.fits() {
-            return Err(Cause::Frames { line });
-        }
-        for (device, (_, budget)) in segment.devices.iter().zip(&timing.devices) {
-            if let Some(line) = budget.failure() {
-                return Err(Cause::Plan { place: device.place(), line });
-            }
-        }
-    }
-    Ok(timing)
-}
-
-/// The demands as wishes and assumptions have them, still without arrivals.
-fn demands_of(config: &Config, device: &SubDevice) -> budget::Device {
-    let wish = config.devices.get(device.position);
-    let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
-    demands(device, assumed, wish)
-}
-
-/// By how much later and earlier than by its delay frames may come to a SubDevice of a ring that is cut: from the other
-/// end against the order of all, and from the first on back again; or from the other end to it alone.
-fn ring_detour(segment: &Segment, config: &Config, delay: Nanos) -> (Nanos, Nanos) {
-    if config.ring.is_none() {
-        return (Nanos::ZERO, Nanos::ZERO);
-    }
-    let whole = segment.devices.iter().filter_map(|device| device.delay).max();
-    let whole = whole.unwrap_or(Nanos::ZERO);
-    (whole, (delay - (whole - delay)).max(Nanos::ZERO))
-}
-
-/// The delay of a SubDevice; without one of its own, that of the next one upstream that has one.
-pub(crate) fn delay(segment: &Segment, position: usize) -> Nanos {
-    let mut at = Some(position);
-    while let Some(position) = at {
-        let device = &segment.devices[position];
-        if let Some(delay) = device.delay {
-            return delay;
-        }
-        at = device.parent.map(|(parent, _)| parent);
-    }
-    Nanos::ZERO
-}
-
 const NO_SYNC0_CYCLE: &str =
     "the device states no SYNC0 cycle (0x1C32:0A), and none is given for subordinated cycles";
 const UNKNOWN_MODES: &str = "no direction with process data tells its modes (0x1C32:04, 0x1C33:04)";
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
-    use crate::segment::{Chunk, DcCapability, ProcessImage};
+    use crate::segment::DcCapability;
     use isocat_wire::StationAddress;
 
     /// A drive with both sync objects: announces `types`, minimum cycle 250 us.
-    fn drive(outputs: u16, inputs: u16) -> SubDevice {
+    pub(crate) fn drive(outputs: u16, inputs: u16) -> SubDevice {
         let mut device = SubDevice::new(0, StationAddress(0x1001));
         device.dc = DcCapability::Clock64;
         (device.outputs.length, device.inputs.length) = (8, 8);
@@ -386,23 +291,6 @@ mod tests {
         };
         (device.output_sync, device.input_sync) = (object(outputs), object(inputs));
         device
-    }
-
-    /// Three in a ring: behind a cut at the first cable, the last one is reached past all and back; the middle one
-    /// hardly earlier than on a line behind a cut before it.
-    #[test]
-    fn frames_in_a_ring_may_go_the_long_way() {
-        let devices =
-            [0, 300, 700].map(|delay| SubDevice { delay: Some(Nanos(delay)), ..drive(0, 0) });
-        let segment = Segment { devices: devices.into(), ..Segment::default() };
-        let mut config = Config::new(Nanos::millis(1));
-        let detours = |config: &Config| {
-            [0, 300, 360, 700].map(|delay| ring_detour(&segment, config, Nanos(delay)))
-        };
-        assert_eq!(detours(&config), [(Nanos::ZERO, Nanos::ZERO); 4]);
-        config.ring = Some(crate::Ring::default());
-        let expected = [(700, 0), (700, 0), (700, 20), (700, 700)];
-        assert_eq!(detours(&config), expected.map(|(late, early)| (Nanos(late), Nanos(early))));
     }
 
     fn wish(mode: SyncMode) -> DeviceConfig {
@@ -446,44 +334,5 @@ mod tests {
         let sm = || Some(wish(SyncMode::SmSynchronous));
         assert!(chosen(drive(0x0427, 0x0027), 270_000, sm()).is_ok());
         assert!(chosen(drive(0x0427, 0x0027), 269_999, sm()).is_err());
-    }
-
-    fn planned(device: SubDevice, config: &Config) -> Result<Timing, Cause> {
-        let chunk =
-            Chunk { every: 1, logical: 0, length: 8, first: 0, end: 1, writers: 1, readers: 1 };
-        let image = ProcessImage { chunks: alloc::vec![chunk], read_write: true };
-        let segment = Segment {
-            devices: alloc::vec![device],
-            reference: Some(0),
-            image,
-            ..Segment::default()
-        };
-        plan(&segment, config)
-    }
-
-    #[test]
-    fn assumed_times_count_where_the_device_states_none() {
-        let mut config = Config::new(Nanos(1_000_000));
-        let assumed =
-            AssumedTimes { outputs_calc_and_copy: Some(Nanos(60_000)), ..AssumedTimes::default() };
-        config.devices = alloc::vec![DeviceConfig { assumed, ..DeviceConfig::default() }];
-        let mut device = drive(0x0027, 0x0027);
-        device.mode = SyncMode::DcSync0;
-        device.pulses = Pulses { sync0_cycle: config.cycle, ..Pulses::default() };
-        device.delay = Some(Nanos(300));
-        let timing = planned(device.clone(), &config).unwrap();
-        // Drift datagram 20, chunk 20, AL status 14, headers 16 bytes; preamble and FCS 12; at 80
-        // ns.
-        let arrival = 300 + (20 + 20 + 14 + 16 + 12) * 80;
-        assert_eq!(timing.devices[0].0.outputs_arrival, Some(Nanos(arrival)));
-        let line = timing.devices[0].1.line(Check::OutputsBeforeSync0).unwrap();
-        assert_eq!(line.needed, Nanos(arrival + 20_000 + 200 + 60_000));
-        // A phase of the user's, exactly enough and 1 ns too early.
-        config.shift = Some(line.needed);
-        assert!(planned(device.clone(), &config).is_ok());
-        config.shift = Some(line.needed - Nanos(1));
-        assert!(matches!(planned(device.clone(), &config), Err(Cause::Plan { .. })));
-        config.force = true;
-        assert!(planned(device, &config).is_ok());
     }
 }

@@ -13,7 +13,7 @@ use crate::config::Config;
 use crate::error::{Cause, Error};
 use crate::event::Stage;
 use crate::segment::Segment;
-use crate::{bring_up, hot_connect, mapping, mode, objects, sync};
+use crate::{bring_up, hot_connect, mapping, mode, objects, sync, timing};
 
 /// Decides mode and pulses, lays out the process image and plans the cycle, into the segment. As on the
 /// way up, a line that does not fit is an error unless [`Config::force`] is set.
@@ -29,7 +29,7 @@ pub fn plan(segment: &mut Segment, config: &Config) -> Result<(), Error> {
         mode::choose(device, config, wish).map_err(at(Stage::Mode))?;
     }
     segment.image = mapping::lay_out(&mut segment.devices).map_err(at(Stage::Mapping))?;
-    segment.timing = Some(mode::plan(segment, config).map_err(at(Stage::Plan))?);
+    segment.timing = Some(timing::plan(segment, config).map_err(at(Stage::Plan))?);
     Ok(())
 }
 

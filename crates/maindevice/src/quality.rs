@@ -15,12 +15,11 @@ use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::config::QualityWatch;
-use crate::cycle::Cycle;
+use crate::cycle::CyclicExchange;
 use crate::error::SdoResult;
 use crate::segment::Segment;
 use crate::statistics::Statistics;
 
-mod alarm;
 mod clocks;
 mod objects;
 mod pace;
@@ -29,7 +28,7 @@ mod snapshot;
 #[cfg(test)]
 mod tests;
 
-pub use alarm::{Alarm, Change, Found, What};
+pub use crate::alarm::{Alarm, Change, Found, What};
 pub use clocks::{ClockQuality, Reading};
 pub use objects::{EntryQuality, ObjectQuality};
 pub use snapshot::{DeviceQuality, Margin, Moment, Snapshot};
@@ -123,7 +122,7 @@ impl Monitor {
         &mut self,
         now: Time<Host>,
         segment: &Segment,
-        cycle: &mut Cycle,
+        cycle: &mut CyclicExchange,
         counts: &Statistics,
     ) -> Vec<Change> {
         let (clocks, objects) = (&mut self.clocks, &mut self.objects);
@@ -169,7 +168,7 @@ impl Monitor {
     }
 
     /// All that is known.
-    pub fn snapshot<'a>(&'a self, now: Time<Host>, cycle: &'a Cycle) -> Snapshot<'a> {
+    pub fn snapshot<'a>(&'a self, now: Time<Host>, cycle: &'a CyclicExchange) -> Snapshot<'a> {
         Snapshot {
             at: now,
             system: cycle.servo().dc_at(now),

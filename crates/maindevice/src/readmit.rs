@@ -14,7 +14,6 @@ use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
 use core::convert::Infallible;
-use core::future::Future;
 
 use isocat_wire::StationAddress;
 use isocat_wire::al::AlState;
@@ -32,7 +31,7 @@ use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, join};
 use crate::mailbox::Mailbox;
 use crate::segment::{Segment, SubDevice};
-use crate::{esm, mapping, mode, objects, scan, sii, sync};
+use crate::{esm, mapping, mode, objects, scan, sii, sync, timing};
 
 mod keeper;
 mod places;
@@ -43,17 +42,8 @@ pub(crate) use places::places;
 /// How one SubDevice came out of it.
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
 
-/// A re-admission of several under way.
-pub(crate) type Readmitting = dyn Future<Output = ()> + Send;
-
 /// Outcomes by position, as they come.
 pub(crate) type Outcomes = Arc<Mutex<Vec<(usize, Outcome)>>>;
-
-/// A recovery under way.
-pub(crate) type Recovering = dyn Future<Output = Result<SubDevice, Cause>> + Send;
-
-/// Delays being set right; gives the new ones by position.
-pub(crate) type Shifting = dyn Future<Output = Vec<(usize, Nanos)>> + Send;
 
 /// Those that are back, and everything that is needed to take them up.
 pub(crate) struct Return {
@@ -229,7 +219,7 @@ fn still_fits(config: &Config, segment: &Segment, device: &SubDevice) -> Result<
     let mut segment = segment.clone();
     segment.devices[device.position] = device.clone();
     let again = Config { force: true, shift: timing.sync0, ..config.clone() };
-    let planned = mode::plan(&segment, &again)?;
+    let planned = timing::plan(&segment, &again)?;
     let line = planned.devices.get(device.position).and_then(|(_, budget)| budget.failure());
     match line.filter(|_| !config.force) {
         Some(line) => Err(Cause::Plan { place: device.place(), line }),

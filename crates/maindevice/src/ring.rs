@@ -38,6 +38,7 @@ use isocat_wire::StationAddress;
 use isocat_wire::frame::{self, LOCALLY_ADMINISTERED, MAX_LEN, payload_offset};
 use isocat_wire::time::{Host, Nanos, Time};
 
+use crate::board::{RingState, View};
 use crate::config;
 use crate::link::CYCLIC_INDEX;
 
@@ -55,30 +56,6 @@ pub enum Port {
     Primary,
     /// The other end of a ring, behind the last one.
     Secondary,
-}
-
-/// What the copies that came back say of the ring.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub(crate) enum View {
-    /// Nothing yet.
-    #[default]
-    Unknown,
-    /// Frames come through from end to end.
-    Whole,
-    /// The same, but SubDevices look into what comes from the secondary port.
-    Reverse,
-    /// So many SubDevices answer to the primary port, and to the secondary port.
-    Cut { near: u16, far: u16 },
-}
-
-/// What procedures and machine share of the ring.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Shared {
-    /// Frames leave the primary port only.
-    pub line: bool,
-    /// Whose port towards the secondary port is closed.
-    exit: Option<StationAddress>,
-    pub view: View,
 }
 
 /// Frames under way in both directions.
@@ -205,7 +182,7 @@ impl Copies {
         port: Port,
         now: Time<Host>,
         frame: &[u8],
-        shared: &mut Shared,
+        shared: &mut RingState,
     ) -> Taken {
         let Some(from) = self.origin(frame) else { return Taken::AsItIs };
         if shared.line && from == Port::Primary {
@@ -255,7 +232,7 @@ impl Copies {
         from: Port,
         now: Time<Host>,
         frame: &[u8],
-        shared: &mut Shared,
+        shared: &mut RingState,
     ) -> Taken {
         let other = 1 - from as usize;
         match self.slots[at].state {
@@ -294,7 +271,7 @@ impl Copies {
     }
 
     /// The copy that came goes on without the other. `silent`: the other has not come for long.
-    fn alone(&mut self, at: usize, silent: bool, shared: &mut Shared) -> Taken {
+    fn alone(&mut self, at: usize, silent: bool, shared: &mut RingState) -> Taken {
         let slot = &mut self.slots[at];
         slot.state = State::Done;
         slot.until = Time::NEVER;
@@ -316,7 +293,7 @@ impl Copies {
     }
 
     /// A frame whose other copy is waited for no longer; to be called until it gives nothing.
-    pub fn expire(&mut self, now: Time<Host>, shared: &mut Shared) -> Option<Taken> {
+    pub fn expire(&mut self, now: Time<Host>, shared: &mut RingState) -> Option<Taken> {
         let at = self.slots.iter().position(|slot| slot.until <= now)?;
         let slot = &mut self.slots[at];
         slot.until = Time::NEVER;
@@ -396,7 +373,7 @@ fn is_cyclic(frame: &[u8]) -> bool {
 }
 
 /// What a broadcast read counted on either side.
-fn see(shared: &mut Shared, counts: merge::Counts) {
+fn see(shared: &mut RingState, counts: merge::Counts) {
     if let Some((near, far)) = counts.broadcast {
         shared.view = View::Cut { near, far };
     }

@@ -16,16 +16,8 @@ use crate::esm;
 use crate::hot_connect;
 use crate::link::{Link, Procedure, join};
 use crate::ring;
-use crate::segment::{DcCapability, EscInformation, Segment, SubDevice};
+use crate::segment::{DcCapability, EscInformation, Segment, SubDevice, station_of};
 use crate::topology::{self, Ports};
-
-/// Station address of the first SubDevice.
-const FIRST_STATION: u16 = 0x1001;
-
-/// Station address of a position.
-pub(crate) const fn station_of(position: usize) -> StationAddress {
-    StationAddress(FIRST_STATION.wrapping_add(position as u16))
-}
 
 /// Finds all SubDevices and brings them, whatever they did before, into INIT with nothing left over
 /// from an earlier run.
@@ -67,7 +59,7 @@ pub(crate) async fn complete(
 /// Counts the SubDevices; nothing is written to them.
 pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) -> Result<(), Cause> {
     let count = count(link).await?;
-    if link.with(|inner| inner.ring.is_some()) {
+    if link.board(|board| board.ring.is_some()) {
         // The copy from the other end is back by then.
         link.sleep(Nanos::millis(1)).await;
     }
@@ -132,7 +124,7 @@ async fn count(link: &Link) -> Result<u16, Cause> {
         if after < FIRST_ANSWER {
             continue;
         }
-        let counts = link.with(|inner| inner.statistics);
+        let counts = link.board(|board| board.statistics);
         if counts.frames_echoed > 0 {
             return Err(Cause::Empty);
         }

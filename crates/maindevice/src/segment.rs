@@ -16,6 +16,7 @@ use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord};
 use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{AbortCode, Command, PortNumber, StationAddress};
 
+pub use crate::dc::DcCapability;
 use crate::error::{Error, Place};
 
 /// All SubDevices behind the MainDevice's port, in processing order.
@@ -246,31 +247,6 @@ pub struct Identity {
     pub serial: u32,
 }
 
-/// What the DC unit of a SubDevice can do.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
-pub enum DcCapability {
-    /// Nothing.
-    #[default]
-    None,
-    /// Receive times only: 0x0900 answers, 0x0910 does not.
-    ReceiveTimes,
-    /// A system time of 32 bits.
-    Clock32,
-    /// A system time of 64 bits.
-    Clock64,
-}
-
-impl DcCapability {
-    /// Whether there is a system time.
-    pub const fn has_clock(self) -> bool {
-        matches!(self, Self::Clock32 | Self::Clock64)
-    }
-    /// Whether port receive times are latched.
-    pub const fn has_receive_times(self) -> bool {
-        !matches!(self, Self::None)
-    }
-}
-
 /// The SII, as far as it is used.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Sii {
@@ -334,6 +310,21 @@ pub struct ProcessData {
     pub length: u16,
     /// First byte in the process image.
     pub logical: u32,
+}
+
+impl Segment {
+    /// The delay of a SubDevice; without one of its own, that of the next one upstream that has one.
+    pub(crate) fn delay(&self, position: usize) -> Nanos {
+        let mut at = Some(position);
+        while let Some(position) = at {
+            let device = &self.devices[position];
+            if let Some(delay) = device.delay {
+                return delay;
+            }
+            at = device.parent.map(|(parent, _)| parent);
+        }
+        Nanos::ZERO
+    }
 }
 
 impl ProcessData {
@@ -534,3 +525,11 @@ impl SubDevice {
         Place { position: self.position, name: self.name.clone() }
     }
 }
+
+/// Station address of a position.
+pub(crate) const fn station_of(position: usize) -> StationAddress {
+    StationAddress(FIRST_STATION.wrapping_add(position as u16))
+}
+
+/// Station address of the first SubDevice.
+const FIRST_STATION: u16 = 0x1001;

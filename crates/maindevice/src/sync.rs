@@ -228,7 +228,7 @@ pub(crate) async fn reference_now(
     reference: &SubDevice,
 ) -> Result<Time<Dc>, AccessError> {
     let now = system_time(link, reference.station).await?;
-    let (_, near) = link.with(|inner| inner.reference_time);
+    let (_, near) = link.board(|board| board.reference_time);
     Ok(match reference.dc {
         DcCapability::Clock64 => now,
         _ => extend(now.count() as u32, near),

@@ -16,7 +16,7 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{StationAddress, frame};
 
-use crate::cycle::Cycle;
+use crate::cycle::CyclicExchange;
 use crate::error::{AccessProblem, Cause};
 use crate::event::Event;
 use crate::health::Answer;
@@ -210,9 +210,9 @@ impl Bench {
     pub fn run<T>(&mut self, procedure: impl Future<Output = T>) -> T {
         let mut procedure = Box::pin(procedure);
         for _ in 0..100_000 {
-            self.link.with(|inner| {
-                inner.now = self.now;
-                inner.forget_waits();
+            self.link.with(|shared| {
+                shared.port.now = self.now;
+                shared.port.forget_waits();
             });
             if let Poll::Ready(result) =
                 procedure.as_mut().poll(&mut Context::from_waker(Waker::noop()))
@@ -222,7 +222,7 @@ impl Bench {
             let mut returning = Vec::new();
             let mut buffer = [0; MAX_LEN];
             while let Some(len) =
-                self.link.with(|inner| inner.transmit(self.now, &mut buffer, MAX_LEN))
+                self.link.with(|shared| shared.transmit(self.now, &mut buffer, MAX_LEN))
             {
                 let mut frame = buffer[..len].to_vec();
                 let datagrams =
@@ -237,25 +237,22 @@ impl Bench {
                 }
             }
             if returning.is_empty() {
-                self.now = self.link.with(|inner| inner.next_timeout());
+                self.now = self.link.with(|shared| shared.port.next_timeout());
                 assert_ne!(self.now, Time::NEVER, "the procedure waits for nothing");
-                self.link.with(|inner| {
-                    inner.now = self.now;
-                    inner.handle_timeout();
-                });
+                self.link.with(|shared| shared.handle_timeout(self.now));
                 continue;
             }
             self.now += Nanos(10_000);
             for frame in returning {
                 let payload = frame::payload(&frame).unwrap();
-                assert!(self.link.with(|inner| inner.receive(payload)));
+                assert!(self.link.with(|shared| shared.receive(payload)));
             }
         }
         panic!("the procedure does not end");
     }
 
     pub fn events(&self) -> Vec<Event> {
-        core::iter::from_fn(|| self.link.with(|inner| inner.poll_event())).collect()
+        core::iter::from_fn(|| self.link.board(|board| board.poll_event())).collect()
     }
 }
 
@@ -300,7 +297,7 @@ fn lost_frames_are_sent_again_as_often_as_allowed() {
     bench.lose = std::vec![0, 1];
     let link = bench.link.clone();
     bench.run(link.read(STATION, register::AL_STATUS)).unwrap();
-    assert_eq!(link.with(|inner| inner.statistics.frames_lost), 2);
+    assert_eq!(link.board(|board| board.statistics.frames_lost), 2);
     assert_eq!(bench.now, Time::new(1_000_000 + 5_000_000 + 10_000_000 + 10_000));
 
     bench.lose = std::vec![3, 4, 5];
@@ -336,8 +333,8 @@ fn foreign_and_late_frames_are_not_taken() {
     let link = Bench::new(1).link;
     let exchange = link.fprd(STATION, 0x0130, 2);
     let mut buffer = [0; MAX_LEN];
-    let len = link.with(|inner| inner.transmit(Time::new(0), &mut buffer, MAX_LEN)).unwrap();
-    let receive = |bytes: &[u8]| link.with(|inner| inner.receive(bytes));
+    let len = link.with(|shared| shared.transmit(Time::new(0), &mut buffer, MAX_LEN)).unwrap();
+    let receive = |bytes: &[u8]| link.with(|shared| shared.receive(bytes));
     let payload = frame::payload(&buffer[..len]).unwrap();
     assert!(!receive(&[]) && !receive(&payload[..5]));
     let mut other = payload.to_vec();
@@ -358,12 +355,12 @@ fn dropped_exchanges_are_forgotten() {
     let link = bench.link.clone();
     drop(link.fprd(STATION, 0x0130, 2));
     let mut buffer = [0; MAX_LEN];
-    assert_eq!(link.with(|inner| inner.transmit(Time::new(0), &mut buffer, MAX_LEN)), None);
+    assert_eq!(link.with(|shared| shared.transmit(Time::new(0), &mut buffer, MAX_LEN)), None);
     let in_flight = link.fprd(STATION, 0x0130, 2);
-    let len = link.with(|inner| inner.transmit(Time::new(0), &mut buffer, MAX_LEN)).unwrap();
+    let len = link.with(|shared| shared.transmit(Time::new(0), &mut buffer, MAX_LEN)).unwrap();
     drop(in_flight);
     let payload = frame::payload(&buffer[..len]).unwrap();
-    assert!(link.with(|inner| inner.receive(payload)));
+    assert!(link.with(|shared| shared.receive(payload)));
     assert!(bench.run(link.read(STATION, register::AL_STATUS)).is_ok());
 }
 
@@ -372,7 +369,7 @@ fn sleeps_end_on_the_grain() {
     let mut bench = Bench::new(0);
     let link = bench.link.clone();
     bench.now = Time::new(1_000_001);
-    link.with(|inner| inner.now = Time::new(1_000_001));
+    link.with(|shared| shared.port.now = Time::new(1_000_001));
     bench.run(link.sleep(Nanos(10)));
     assert_eq!(bench.now, Time::new(1_050_000));
 }
@@ -445,14 +442,14 @@ fn cyclic_segment(bench: &mut Bench) -> Segment {
 }
 
 /// One cycle at its due time; gives the frame as it came back.
-fn exchange(cycle: &mut Cycle, bench: &mut Bench) -> Vec<u8> {
+fn exchange(cycle: &mut CyclicExchange, bench: &mut Bench) -> Vec<u8> {
     bench.now = cycle.due();
     bench.segment.time = 5_000_000_777 + bench.now.count();
     let link = bench.link.clone();
     let mut buffer = [0; MAX_LEN];
     cycle.close(bench.now);
-    let len = link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)).unwrap();
-    assert_eq!(link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)), None);
+    let len = link.board(|board| cycle.transmit(bench.now, &mut buffer, board)).unwrap();
+    assert_eq!(link.board(|board| cycle.transmit(bench.now, &mut buffer, board)), None);
     let mut frame = buffer[..len].to_vec();
     bench.segment.pass(&mut frame);
     frame
@@ -463,16 +460,16 @@ fn outputs_go_out_and_inputs_come_back() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     cycle.exchange_process_data(true);
     cycle.outputs_mut().copy_from_slice(&[1, 2, 3, 4]);
     let frame = exchange(&mut cycle, &mut bench);
     let link = bench.link.clone();
-    assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
+    assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     assert_eq!(bench.segment.escs[0].memory[0x1100..0x1102], [1, 2]);
     assert_eq!(bench.segment.escs[1].memory[0x1100..0x1102], [3, 4]);
     assert_eq!(cycle.inputs()[..2], [0xAA, 0xBB]);
-    assert!(!link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)), "taken once");
+    assert!(!link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)), "taken once");
     assert_eq!(bench.events(), []);
 }
 
@@ -481,25 +478,25 @@ fn inputs_are_taken_only_with_the_right_working_counter() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     cycle.exchange_process_data(true);
     let link = bench.link.clone();
     let fmmu = register::fmmu(0).load(&bench.segment.escs[1].memory);
     register::fmmu(0).store(&mut bench.segment.escs[1].memory, Fmmu::default());
     for _ in 0..3 {
         let frame = exchange(&mut cycle, &mut bench);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
+        assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     }
     assert_eq!(cycle.inputs()[..2], [0, 0]);
     register::fmmu(0).store(&mut bench.segment.escs[1].memory, fmmu);
     let frame = exchange(&mut cycle, &mut bench);
-    assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
+    assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     assert_eq!(cycle.inputs()[..2], [0xAA, 0xBB]);
     let events = bench.events();
     let wrong = Event::WorkingCounter { cycle: 1, chunk: 0, expected: 5, found: 3 };
     let right = Event::WorkingCounterRestored { cycle: 4, chunk: 0, cycles: 3 };
     assert!(events.contains(&wrong) && events.contains(&right), "{events:?}");
-    assert_eq!(link.with(|inner| inner.statistics.working_counter_errors), 3);
+    assert_eq!(link.board(|board| board.statistics.working_counter_errors), 3);
 }
 
 #[test]
@@ -507,15 +504,15 @@ fn a_lost_frame_is_counted_two_cycles_later_and_stops_nothing() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     let link = bench.link.clone();
     let lost = exchange(&mut cycle, &mut bench);
     for _ in 0..2 {
         let frame = exchange(&mut cycle, &mut bench);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
+        assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     }
     assert!(bench.events().contains(&Event::FrameLost { cycle: 1, frame: 0 }));
-    assert!(!link.with(|inner| cycle.receive(bench.now, &lost, HEADERS, inner)), "far too late");
+    assert!(!link.board(|board| cycle.receive(bench.now, &lost, HEADERS, board)), "far too late");
 }
 
 #[test]
@@ -523,18 +520,18 @@ fn frames_leave_at_phase_zero_of_system_time() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     let link = bench.link.clone();
     for _ in 0..50 {
         let frame = exchange(&mut cycle, &mut bench);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
+        assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     }
     assert!(cycle.is_locked());
     let mut at = Vec::new();
     for _ in 0..3 {
         let frame = exchange(&mut cycle, &mut bench);
         at.push(bench.segment.time % 1_000_000);
-        assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
+        assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     }
     assert!(at.iter().all(|phase| *phase <= 1 || *phase >= 999_999), "{at:?}");
 }
@@ -544,15 +541,15 @@ fn a_sleeper_skips_cycles_and_is_told() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     let link = bench.link.clone();
     let frame = exchange(&mut cycle, &mut bench);
-    assert!(link.with(|inner| cycle.receive(bench.now, &frame, HEADERS, inner)));
+    assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     let due = cycle.due();
     let mut buffer = [0; MAX_LEN];
-    let mut transmit = |cycle: &mut Cycle, now| {
+    let mut transmit = |cycle: &mut CyclicExchange, now| {
         cycle.close(now);
-        link.with(|inner| cycle.transmit(now, &mut buffer, inner)).is_some()
+        link.board(|board| cycle.transmit(now, &mut buffer, board)).is_some()
     };
     assert!(!transmit(&mut cycle, due + Nanos(-1)));
     // 40 cycles and a bit: nothing off the grid, nothing sent after the event.
@@ -565,7 +562,7 @@ fn a_sleeper_skips_cycles_and_is_told() {
     assert!(!transmit(&mut cycle, due + Nanos(41_000_000)), "one frame, no burst");
     assert_eq!(cycle.due(), due + Nanos(42_000_000));
     assert_eq!(cycle.number(), 2);
-    assert_eq!(link.with(|inner| inner.statistics.cycles_skipped), 41);
+    assert_eq!(link.board(|board| board.statistics.cycles_skipped), 41);
 
     // Late by less than half a cycle: at once. By half a cycle: on the grid. And who is late once more
     // sends all the same.

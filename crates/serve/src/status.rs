@@ -1,7 +1,7 @@
 //! What the judges of a served segment know, as a status: the answer to the request `watch`.
 
 use isocat_engine::status::edges::Onlooker;
-use isocat_engine::status::{Counter, Device, Event, IN_OPERATION, Kind, Status};
+use isocat_engine::status::{Counter, Device, Event, Kind, Stage, Status};
 use isocat_wire::AlState;
 use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos};
@@ -28,9 +28,9 @@ pub fn status(server: &Server, segment: &str, onlooker: &Onlooker) -> Status {
     let mut status = Status::new(segment.to_owned(), Kind::Served, cycle, limit);
     status.at_ns = served.now().as_nanos() as i64;
     status.stage = match (session.is_some(), judging) {
-        (false, _) => "no MainDevice sends".into(),
-        (true, false) => "a MainDevice brings it up".into(),
-        (true, true) => IN_OPERATION.into(),
+        (false, _) => Stage::NoMainDevice,
+        (true, false) => Stage::BroughtUp,
+        (true, true) => Stage::InOperation,
     };
     let began = judged.as_ref().filter(|_| judging).map(|judged| judged.began);
     status.operation_ns = began.map(|began| (served.now() - began).0 / 1000);
@@ -49,7 +49,7 @@ pub fn status(server: &Server, segment: &str, onlooker: &Onlooker) -> Status {
             out.is_reference = position == reference;
             // Who is not asked to be in OP by his MainDevice need not be.
             out.asked = esc.register(register::AL_CONTROL).state() == Ok(AlState::Op);
-            out.al_state = device.stack.state().name().into();
+            out.al_state = Some(device.stack.state());
             out.al_code = device.stack.status_code().0;
             out.al_error = esc.al_status().error();
             let before =

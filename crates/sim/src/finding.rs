@@ -46,6 +46,8 @@ kinds! {
         Failed = "failed" {
             /// Which kind of failure; the sentence names place, expected and found.
             cause: Cause,
+            /// Register 0x0134, if a state was refused or not reached; else null.
+            code: Option<AlStatusCode>,
         },
         /// Not all SubDevices were in OP within the time allowed.
         TooLong = "bring-up-too-long",
@@ -197,6 +199,13 @@ kinds! {
     }
 }
 
+impl Judged {
+    /// The way up failed.
+    pub fn failed(cause: Cause) -> Self {
+        Self::Failed { code: cause.al_status_code(), cause }
+    }
+}
+
 /// What was found, with its figures.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Kind {
@@ -232,8 +241,8 @@ impl Kind {
     pub fn al_status_code(&self) -> Option<AlStatusCode> {
         match self {
             Kind::Judged(Judged::LeftOp { code, .. } | Judged::NotInOp { code, .. }) => Some(*code),
-            Kind::Judged(Judged::Failed { cause })
-            | Kind::Change(
+            Kind::Judged(Judged::Failed { code, .. }) => *code,
+            Kind::Change(
                 SegmentChange::NotAdmitted { cause } | SegmentChange::NotRecovered { cause },
             ) => cause.al_status_code(),
             _ => None,

@@ -161,6 +161,10 @@ impl<A: Application, T: Tap> World<A, T> {
     pub fn application_mut(&mut self) -> &mut A {
         self.runner.application_mut()
     }
+    /// The end of the run: the application and the tap are given back.
+    pub fn into_parts(self) -> (A, Option<T>) {
+        (self.runner.into_parts().1, self.tap)
+    }
     /// The end of the run: the tap is given back.
     pub fn into_tap(self) -> Option<T> {
         self.tap

@@ -288,7 +288,7 @@ impl Job {
         let total = exchange.main().statistics();
         judge::judge(&mut outcome, &noted, &interface, carrier, self.difference_limit);
         judge::note(&mut outcome, &interface, jitter, total, before.zip(after));
-        outcome.recorder = exchange.into_recorder();
+        outcome.recorder = exchange.into_parts().1;
         Ok(outcome)
     }
 }

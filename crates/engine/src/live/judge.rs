@@ -36,7 +36,7 @@ pub(super) fn judge(
         End::Failed(error) => {
             let device = error.cause.place().map(|place| place.position);
             let place = Place { device, stage: Some(error.stage) };
-            let kind = Judged::Failed { cause: error.cause.clone() }.into();
+            let kind = Judged::failed(error.cause.clone()).into();
             findings.push(Finding { place, since: None, kind });
         }
         End::TooLong => findings.push(segment(None, Judged::TooLong)),

@@ -13,6 +13,7 @@ use isocat_wire::{ObjectAddress, datagram, frame};
 
 use super::Plan;
 use super::report::Note;
+use crate::report::NoteKind;
 
 /// All warnings of a plan, by position.
 pub(super) fn all(plan: &Plan, scenario: &Scenario) -> Vec<Note> {
@@ -25,18 +26,18 @@ pub(super) fn all(plan: &Plan, scenario: &Scenario) -> Vec<Note> {
             let device = Some(name.clone());
             notes.extend(what.map(|what| Note { position: Some(position), device, kind, what }));
         };
-        note("sync0-in-frame", sync0_in_frame(&timing.cycle, timing.sync0, planned));
-        note("free-run-by-sm", free_run_by_sm(found));
-        note("uneven-outputs", uneven_outputs(planned));
-        note("mailbox-no-room", mailbox_no_room(found, timing));
-        note("two-phases", two_phases(found, planned));
-        note("type-read-only", read_only_types(found));
+        note(NoteKind::Sync0InFrame, sync0_in_frame(&timing.cycle, timing.sync0, planned));
+        note(NoteKind::FreeRunBySm, free_run_by_sm(found));
+        note(NoteKind::UnevenOutputs, uneven_outputs(planned));
+        note(NoteKind::MailboxNoRoom, mailbox_no_room(found, timing));
+        note(NoteKind::TwoPhases, two_phases(found, planned));
+        note(NoteKind::TypeReadOnly, read_only_types(found));
         for (object, _) in types(found) {
-            note("type-not-announced", type_against_announcement(found, object));
+            note(NoteKind::TypeNotAnnounced, type_against_announcement(found, object));
         }
-        note("types-disagree", types_disagree(found));
-        note("opmode-sync-off", opmode_leaves_sync_off(found));
-        note("first-opmode-dc-off", first_opmode_is_off(found));
+        note(NoteKind::TypesDisagree, types_disagree(found));
+        note(NoteKind::OpmodeSyncOff, opmode_leaves_sync_off(found));
+        note(NoteKind::FirstOpmodeDcOff, first_opmode_is_off(found));
     }
     notes
 }

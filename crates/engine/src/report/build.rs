@@ -103,7 +103,7 @@ fn findings<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Vec<Finding> {
         Some(error) => Some((
             error.cause.place().map(|place| place.position),
             error.stage,
-            Judged::Failed { cause: error.cause.clone() },
+            Judged::failed(error.cause.clone()),
         )),
         None if outcome.began.is_none() => {
             Some((None, outcome.world.main().stage(), Judged::TooLong))

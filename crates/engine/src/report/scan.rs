@@ -11,10 +11,12 @@ mod objects;
 mod text;
 
 pub use build::Place;
+pub use esc::PortKind;
 use schemars::JsonSchema;
 use serde::Serialize;
 
 pub use super::Note;
+use super::typed;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-scan/1";
@@ -163,7 +165,9 @@ pub struct Port {
     /// Number, 0 to 3.
     pub port: usize,
     /// By register 0x0007: none, not configured, EBUS, MII.
-    pub kind: String,
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub kind: PortKind,
     /// A physical link (0x0110).
     pub link: bool,
     /// The loop is closed: frames turn round here (0x0110).

@@ -42,7 +42,7 @@ pub fn what(kind: &Kind, family: Family) -> String {
 
 fn judged(kind: &Judged, family: Family) -> String {
     match kind {
-        Judged::Failed { cause } => cause.to_string(),
+        Judged::Failed { cause, .. } => cause.to_string(),
         Judged::TooLong => "the segment did not reach OP in the time allowed".into(),
         Judged::EndedEarly => "ended by a signal before all SubDevices were in OP".into(),
         Judged::NothingAnswers { interface, carrier, unprocessed } => {

@@ -56,7 +56,7 @@ impl Board {
     /// Nothing more comes; says why, if that is bad news. Waits for whoever is looking.
     pub fn end(&self, failure: Option<String>) {
         while !self.fill(|sheet| {
-            sheet.status.stage = super::ENDED.into();
+            sheet.status.stage = super::Stage::Ended;
             sheet.status.failure.clone_from(&failure);
         }) {
             std::thread::yield_now();

@@ -14,7 +14,8 @@ use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::board::{Board, MOST_NOTES, Sheet};
-use super::{Counter, Device, Error, IN_OPERATION, Margin, Moment, Status, Words};
+use super::names::servo_name;
+use super::{Counter, Device, Error, Margin, Moment, Status, Words};
 
 /// Writes down what a MainDevice knows.
 pub struct Scribe {
@@ -169,7 +170,8 @@ impl Scribe {
             status.since_ns = self.filled_ns;
         }
         let operating = main.is_operating() && self.began_ns.is_some();
-        status.stage = if operating { IN_OPERATION } else { self.stage.name() }.into();
+        status.stage =
+            if operating { super::Stage::InOperation } else { super::Stage::Up(self.stage) };
         status.at_ns = at_ns;
         status.operation_ns = self.began_ns.map(|began| at_ns - began);
         self.fill_host(status, main);
@@ -185,7 +187,7 @@ impl Scribe {
         let phase = counts.phase_error;
         let worst = phase.min.0.abs().max(phase.max.0.abs());
         host.phase_error_worst_ns = (phase.count > 0).then_some(worst as f64);
-        host.servo = main.phase().map_or("", state_name).into();
+        host.servo = main.phase();
         host.rate_ppm = main.rate_ppb().map(|ppb| ppb as f64 / 1e3);
         host.cycles = counts.cycles;
         host.frames_sent = counts.frames_sent;
@@ -209,7 +211,7 @@ impl Scribe {
             self.marks = vec![Mark::default(); count];
         }
         for (device, (al_status, code)) in status.devices.iter_mut().zip(&self.states) {
-            device.al_state = state_words(*al_status);
+            device.al_state = al_status.state().ok();
             device.al_error = al_status.error();
             device.al_code = code.0;
         }
@@ -223,7 +225,7 @@ impl Scribe {
             device.is_reference = segment.reference == Some(found.position);
             device.asked =
                 found.admitted || !self.optional.get(found.position).is_some_and(|may| *may);
-            device.al_state = state_words(found.al_status);
+            device.al_state = found.al_status.state().ok();
             device.al_error = found.al_status.error();
             device.al_code = found.al_code.0;
             if let Some(mark) = self.marks.get_mut(found.position) {
@@ -330,20 +332,6 @@ pub fn alarm_words(alarm: Alarm) -> &'static str {
     }
 }
 
-fn state_name(state: phase::State) -> &'static str {
-    match state {
-        phase::State::Free => "free",
-        phase::State::Acquiring => "acquiring",
-        phase::State::Locked => "locked",
-        phase::State::Holdover => "holdover",
-    }
-}
-
-/// The state without its error flag.
-pub(super) fn state_words(status: AlStatus) -> Words {
-    status.state().map_or("unknown", AlState::name).into()
-}
-
 /// What happened, to be put into words by who takes it.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Note {
@@ -442,7 +430,7 @@ impl From<(i64, Note)> for super::Event {
                 (None, true, format!("{skipped} cycles skipped, {late} too late"))
             }
             Note::Phase(state) => {
-                let what = format!("servo {}", state_name(state));
+                let what = format!("servo {}", servo_name(state));
                 (None, state != phase::State::Locked, what)
             }
             Note::Count(expected, found) => {

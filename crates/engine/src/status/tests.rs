@@ -6,10 +6,10 @@ fn status() -> Status {
     let mut status = Status::new("x.toml".into(), Kind::Simulated, 1_000_000, 1_000);
     for position in 0..2 {
         let mut device = Device::new(position, format!("axis {position}"));
-        (device.al_state, device.has_sync) = ("OP".into(), true);
+        (device.al_state, device.has_sync) = (Some(AlState::Op), true);
         status.devices.push(device);
     }
-    status.stage = IN_OPERATION.into();
+    status.stage = Stage::InOperation;
     status
 }
 
@@ -26,17 +26,17 @@ fn verdicts_name_what_speaks_against_it() {
     assert!(status.verdict().good, "at the limit");
     status.devices[1].error = error(-1_001.0);
     says(&status, "Not in sync: SubDevice 1 (axis 1): SYNC error -1001 ns, limit 1000 ns", false);
-    status.host.servo = "holdover".into();
+    status.host.servo = Some(phase::State::Holdover);
     says(&status, "Not in sync: the servo is in holdover", false);
-    (status.devices[0].al_state, status.devices[0].al_error) = ("SAFEOP".into(), true);
+    (status.devices[0].al_state, status.devices[0].al_error) = (Some(AlState::SafeOp), true);
     status.devices[0].al_code = 0x1A;
     let words = "Not in sync: SubDevice 0 (axis 0) is in SAFEOP+ERR, AL status code 0x001A";
     says(&status, words, false);
     status.devices[0].asked = false;
     says(&status, "Not in sync: the servo is in holdover", false);
-    status.stage = "SII".into();
+    status.stage = Stage::Up(isocat_maindevice::Stage::Sii);
     says(&status, "On the way up: SII", false);
-    (status.stage, status.failure) = (ENDED.into(), Some("the cable is out".into()));
+    (status.stage, status.failure) = (Stage::Ended, Some("the cable is out".into()));
     says(&status, "The cable is out", false);
 }
 

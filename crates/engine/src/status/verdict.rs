@@ -1,6 +1,10 @@
 //! What a status comes to, in a line.
 
-use super::{Device, ENDED, Status};
+use isocat_sync::phase;
+use isocat_wire::AlState;
+
+use super::names::servo_name;
+use super::{Device, Stage, Status};
 
 /// Whether the segment is as it was asked to be, now.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -15,7 +19,7 @@ impl Status {
     /// What speaks against the segment now, the worst first; if nothing does, that it is in sync.
     pub fn verdict(&self) -> Verdict {
         if self.has_ended() {
-            let why = self.failure.as_deref().unwrap_or(ENDED);
+            let why = self.failure.as_deref().unwrap_or(Stage::Ended.name());
             return Verdict { good: self.failure.is_none(), words: capital(why) };
         }
         if !self.in_operation() {
@@ -37,8 +41,8 @@ impl Status {
             };
             format!("{} is in {}{code}", place(device), device.state())
         });
-        let servo = matches!(&*self.host.servo, "free" | "acquiring" | "holdover");
-        let servo = servo.then(|| format!("the servo is in {}", self.host.servo));
+        let servo = self.host.servo.filter(|state| *state != phase::State::Locked);
+        let servo = servo.map(|state| format!("the servo is in {}", servo_name(state)));
         let unled = self.host.unled_cycles;
         let unled = unled.map(|cycles| format!("clocks are not led for {cycles} cycles"));
         let beyond = |device: &&Device| {
@@ -67,7 +71,7 @@ impl Status {
 impl Device {
     /// Whether it is in OP, or need not be.
     pub fn is_in_op(&self) -> bool {
-        !self.asked || self.al_state == "OP" && !self.al_error
+        !self.asked || self.al_state == Some(AlState::Op) && !self.al_error
     }
 }
 

@@ -18,7 +18,7 @@ use isocat_wire::Nanos;
 use serde::Serialize;
 
 use super::files::Files;
-use super::{IN_SYNC, NOT_IN_SYNC, fail, print};
+use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::html::{self, Page};
 
 /// Shown below the help of `run`.
@@ -143,8 +143,16 @@ pub fn run(arguments: &Arguments) -> u8 {
     bar.finish_and_clear();
     let report = Report::new(&scenario, &outcome);
     let refused = outcome.failure.as_ref().is_some_and(|e| e.cause.fault() == Fault::Configuration);
-    let code = finish(arguments, &scenario, &report, outcome, refused);
-    if code != IN_SYNC || report.in_sync { code } else { NOT_IN_SYNC }
+    finish(arguments, &scenario, &report, outcome, refused)
+}
+
+/// What a run comes to, for scripts: by the judges, and not by anything that a sentence says.
+fn exit_code(report: &Report, refused: bool) -> u8 {
+    match (refused, report.in_sync) {
+        (true, _) => BAD_INPUT,
+        (false, true) => IN_SYNC,
+        (false, false) => NOT_IN_SYNC,
+    }
 }
 
 /// Writes everything that was asked for.
@@ -175,8 +183,10 @@ fn finish(
     if refused && !arguments.json {
         return fail(&refusal(Some(scenario), report.findings.first(), &report.verdict));
     }
-    let code = print(&if arguments.json { json(report) } else { report.text() });
-    if refused { super::BAD_INPUT } else { code }
+    match print(&if arguments.json { json(report) } else { report.text() }) {
+        IN_SYNC => exit_code(report, refused),
+        unwritten => unwritten,
+    }
 }
 
 /// A report as one JSON document.
@@ -313,4 +323,25 @@ pub fn progress_bar(duration: Nanos) -> ProgressBar {
     }
     bar.enable_steady_tick(Duration::from_millis(200));
     bar
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exit_codes_do_not_go_by_sentences() {
+        let text = "cycle = \"1ms\"\nfor = \"50ms\"\n[host]\ndrift_compensation = false\n\
+                    [[subdevice]]\ndevice = \"model_every_mode\"\n\
+                    [[subdevice]]\ndevice = \"model_every_mode\"\nclock = \"40ppm\"\n";
+        let file = SegmentFile::parse("test.toml", text).expect("it is right");
+        let mut report = isocat_engine::run(&Scenario::from(file));
+        assert!(!report.findings.is_empty(), "{}", report.verdict);
+        assert_eq!((exit_code(&report, false), exit_code(&report, true)), (NOT_IN_SYNC, BAD_INPUT));
+        report.verdict = "In sync: all is well.".into();
+        for finding in &mut report.findings {
+            finding.what = "nothing at all".into();
+        }
+        assert_eq!((exit_code(&report, false), exit_code(&report, true)), (NOT_IN_SYNC, BAD_INPUT));
+    }
 }

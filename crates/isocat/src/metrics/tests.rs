@@ -9,11 +9,11 @@ use super::*;
 /// A segment of two, with figures that are easy to find again.
 fn status() -> Status {
     let mut status = Status::new("a \"b\"\\c.toml".into(), Kind::Simulated, 1_000_000, 1_000);
-    status.stage = isocat_engine::status::IN_OPERATION.into();
+    status.stage = isocat_engine::status::Stage::InOperation;
     (status.at_ns, status.operation_ns) = (2_500_000_000, Some(2_000_000_000));
     status.host = Host {
         phase_error_ns: Some(-1_500.0),
-        servo: "locked".into(),
+        servo: Some(isocat_sync::phase::State::Locked),
         rate_ppm: Some(-47.0),
         frames_sent: 1234,
         frames_lost: 5,
@@ -23,7 +23,7 @@ fn status() -> Status {
         let mut device = Device::new(position, name.to_owned());
         device.mode = if position == 0 { "dc-sync0" } else { "free-run" }.into();
         device.has_sync = position == 0;
-        device.al_state = "OP".into();
+        device.al_state = Some(isocat_wire::AlState::Op);
         status.devices.push(device);
     }
     let axis = &mut status.devices[0];

@@ -340,12 +340,15 @@ impl Drawing<'_> {
         let pulse = self.acting().and_then(|pulse| self.ends(pulse)).map(|(earliest, _)| earliest);
         let inputs = self.ends(Moment::InputsAvailable).map(|(_, latest)| latest);
         let fetched = self.moments.of(Moment::Sm3).map(|span| span.earliest.0 as f64);
-        let pairs = [("outputs", ready.zip(pulse)), ("inputs", inputs.zip(fetched))];
-        if pairs.iter().all(|(_, pair)| pair.is_none()) {
+        let pairs = [
+            ("outputs", "the acting pulse", ready.zip(pulse)),
+            ("inputs", "the next frame", inputs.zip(fetched)),
+        ];
+        if pairs.iter().all(|(.., pair)| pair.is_none()) {
             return;
         }
         let y = self.frame.lane("margins", LANE) + 25.0;
-        for (what, pair) in pairs {
+        for (what, until, pair) in pairs {
             let Some((done, deadline)) = pair else { continue };
             let left = deadline - done;
             let class = if left < 0.0 { "bad" } else { "good" };
@@ -353,7 +356,6 @@ impl Drawing<'_> {
                 true => format!("{what} too late by {}", ns(-left)),
                 false => format!("{what} {}", ns(left)),
             };
-            let until = if what == "outputs" { "the acting pulse" } else { "the next frame" };
             let tip = format!(
                 "{what}: what is left until {until}, latest to earliest {from}: {}\nfrom {} to {}",
                 ns(left),

@@ -3,7 +3,7 @@
 //! Once a second of the segment's time: a line of the segment, and one for each of the SubDevices that are worst off, a few at
 //! most. What happens in between has a line at once.
 
-use isocat_engine::status::{Device, Event, Status};
+use isocat_engine::status::{Device, Event, Status, servo_name};
 
 use super::words;
 
@@ -100,8 +100,8 @@ fn summary(status: &Status) -> String {
     if let Some(phase) = host.phase_error_ns {
         text += &format!("  phase {}", words::time(phase));
     }
-    if !host.servo.is_empty() {
-        text += &format!("  servo {}", host.servo);
+    if let Some(servo) = host.servo {
+        text += &format!("  servo {}", servo_name(servo));
     }
     if let Some(ppm) = host.rate_ppm {
         text += &format!(" {ppm:+.2} ppm");

@@ -1,6 +1,6 @@
 //! The screen: head, host phase, table of SubDevices, what happened, keys.
 
-use isocat_engine::status::{Device, Event, SUBS, Status};
+use isocat_engine::status::{Device, Event, SUBS, Status, servo_name};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -77,7 +77,7 @@ fn draw_head(frame: &mut Frame<'_>, area: Rect, view: &View, status: &Status) {
     let style = if verdict.good { look.good() } else { look.bad() };
     let host = &status.host;
     let operation = status.operation_ns.map_or("-".to_owned(), words::seconds);
-    let servo = if host.servo.is_empty() { "-" } else { &host.servo };
+    let servo = host.servo.map_or("-", servo_name);
     let rate = host.rate_ppm.map_or("-".to_owned(), |ppm| format!("{ppm:+.2} ppm"));
     let cycle = words::cycle(status.cycle_ns);
     let mut state = format!("cycle {cycle}  in operation {operation}  servo {servo}, {rate} [m]");
@@ -212,7 +212,7 @@ fn cells(device: &Device, view: &View, wide: bool) -> Vec<Cell<'static>> {
     let plain = Style::new();
     let state = match (wide, device.al_code) {
         (_, _) if !device.asked => "absent".to_owned(),
-        (false, _) if device.al_error => format!("{}!", device.al_state),
+        (false, _) if device.al_error => format!("{}!", device.state_name()),
         (true, code @ 1..) => format!("{}, 0x{code:04X}", device.state()),
         _ => device.state(),
     };

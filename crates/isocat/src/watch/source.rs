@@ -96,7 +96,7 @@ impl Source {
                 match ask() {
                     Ok(next) => status = next,
                     Err(why) => {
-                        status.stage = isocat_engine::status::ENDED.into();
+                        status.stage = isocat_engine::status::Stage::Ended;
                         status.failure = Some(why);
                         status.events.clear();
                         // Nobody listens any more: fine.

@@ -1,9 +1,8 @@
 //! Screens as golden texts, keys, the edges of the gate, lines.
 
-use isocat_engine::status::{
-    Counter, Device, Error, Event, IN_OPERATION, Kind, Margin, Moment, Status,
-};
-use isocat_wire::Nanos;
+use isocat_engine::status::{Counter, Device, Error, Event, Kind, Margin, Moment, Stage, Status};
+use isocat_sync::phase;
+use isocat_wire::{AlState, Nanos};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::style::{Color, Modifier};
@@ -16,16 +15,16 @@ use super::{Gate, Trend, View, plain, screen};
 /// A segment of six in operation, one of which has fallen, with figures that tell apart.
 fn segment(at_ns: i64) -> Status {
     let mut status = Status::new("line.toml".into(), Kind::Simulated, 1_000_000, 1_000);
-    status.stage = IN_OPERATION.into();
+    status.stage = Stage::InOperation;
     (status.at_ns, status.since_ns) = (at_ns, at_ns - 100_000_000);
     status.operation_ns = Some(at_ns - 500_000_000);
     let host = &mut status.host;
     (host.phase_error_ns, host.phase_error_worst_ns) = (Some(4_012.4), Some(17_217.0));
-    (host.servo, host.rate_ppm) = ("locked".into(), Some(-47.0));
+    (host.servo, host.rate_ppm) = (Some(phase::State::Locked), Some(-47.0));
     (host.cycles, host.frames_sent, host.frames_lost) = (11_500, 29_486, 2);
     for position in 0..6 {
         let mut device = Device::new(position, format!("axis {position}"));
-        device.al_state = "OP".into();
+        device.al_state = Some(AlState::Op);
         device.mode = "dc-sync0".into();
         device.has_sync = true;
         let size = [8.0, -34.4, 2.0, 1_234.0, -11.0, 0.2][position];
@@ -43,7 +42,7 @@ fn segment(at_ns: i64) -> Status {
     }
     status.devices[0].is_reference = true;
     let fallen = &mut status.devices[3];
-    (fallen.al_state, fallen.al_error, fallen.al_code) = ("SAFEOP".into(), true, 0x1A);
+    (fallen.al_state, fallen.al_error, fallen.al_code) = (Some(AlState::SafeOp), true, 0x1A);
     fallen.outputs[0] = Counter { value: Some(4), risen: 7 };
     fallen.alarms.push("counter rises".into());
     let io = &mut status.devices[5];
@@ -341,7 +340,7 @@ fn one_edge_beyond_the_limit_begins_the_stretch_anew() {
 fn everything_else_breaks_a_stretch_too() {
     type Change = fn(&mut Status);
     let all: [(&str, Change); 9] = [
-        ("SubDevice 0 (axis 0) is in SAFEOP", |s| s.devices[0].al_state = "SAFEOP".into()),
+        ("SubDevice 0 (axis 0) is in SAFEOP", |s| s.devices[0].al_state = Some(AlState::SafeOp)),
         ("SubDevice 1 (axis 1) is in OP+ERR", |s| s.devices[1].al_error = true),
         ("counter rises", |s| s.devices[1].alarms.push("counter rises".into())),
         ("counters grew by 1", |s| s.devices[1].inputs[3].risen = 1),
@@ -349,7 +348,7 @@ fn everything_else_breaks_a_stretch_too() {
         ("2 cycles skipped", |s| s.host.cycles_skipped += 2),
         ("1 wrong working counters", |s| s.host.working_counter_errors += 1),
         ("clocks are not led for 100 cycles", |s| s.host.unled_cycles = Some(100)),
-        ("not in operation: OP", |s| s.stage = "OP".into()),
+        ("not in operation: OP", |s| s.stage = Stage::Up(isocat_maindevice::Stage::Op)),
     ];
     for (words, change) in all {
         let mut gate = gate();
@@ -412,7 +411,7 @@ fn without_sync_or_at_the_end_there_is_nothing_to_wait_for() {
     assert_eq!(outcome, None);
     assert!(gate.account().contains("no SubDevice works by SYNC"), "{}", gate.account());
     let mut status = good(1);
-    status.stage = isocat_engine::status::ENDED.into();
+    status.stage = Stage::Ended;
     status.failure = Some("the cable is out".into());
     let Some(Outcome::Closed(words)) = gate.take(&status) else { panic!("it closes") };
     assert!(words.ends_with("the cable is out"), "{words}");
@@ -444,7 +443,7 @@ isocat[12.000]: Not in sync: SubDevice 3 (axis 3) is in SAFEOP+ERR, AL status co
 ";
     assert_eq!(text, expected);
     let mut begun = Status::new("x.toml".into(), Kind::Wire, 0, 200);
-    begun.stage = "SII".into();
+    begun.stage = Stage::Up(isocat_maindevice::Stage::Sii);
     assert_eq!(plain::lines(&begun), "isocat[0.000]: On the way up: SII\n");
     let events: Vec<Event> = (0..22).map(|at| event(at, Some(9), true, "gone")).collect();
     let text = plain::events(&status, &events);

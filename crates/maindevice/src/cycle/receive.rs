@@ -2,13 +2,14 @@
 
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
-use super::Cycle;
+use super::CyclicExchange;
 use super::frames::Part;
 use super::presence::{Place, Reference};
+use crate::board::Board;
 use crate::event::Event;
-use crate::link::{CYCLIC_INDEX, Inner};
+use crate::link::CYCLIC_INDEX;
 
-impl Cycle {
+impl CyclicExchange {
     /// Takes a frame of the cycle that came back, whose datagrams begin at `start`; `false` if it is
     /// none.
     pub fn receive(
@@ -16,7 +17,7 @@ impl Cycle {
         now: Time<Host>,
         bytes: &[u8],
         start: usize,
-        inner: &mut Inner,
+        board: &mut Board,
     ) -> bool {
         let Some(&index) = bytes.get(start + 1) else { return false };
         if index < CYCLIC_INDEX {
@@ -39,7 +40,7 @@ impl Cycle {
         frame.flights[parity] = None;
         let cycle = frame.cycles[parity];
         self.closing.out -= usize::from(cycle == self.number);
-        inner.statistics.frames_received += 1;
+        board.statistics.frames_received += 1;
         let mut complete = true;
         let mut reference_time = None;
         // Out of the way, as all the rest is needed for what they bring.
@@ -49,9 +50,9 @@ impl Cycle {
             let wkc = u16::from_le_bytes([bytes[layout.wkc()], bytes[layout.wkc() + 1]]);
             match part {
                 Part::Drift => {
-                    reference_time = self.take_time(sent, data, wkc, cycle, inner);
+                    reference_time = self.take_time(sent, data, wkc, cycle, board);
                     if reference_time.is_none() && self.in_ring {
-                        reference_time = self.take_time_alone(sent, data, cycle, inner);
+                        reference_time = self.take_time_alone(sent, data, cycle, board);
                     }
                     // Planned when the frame left; planned better with what it brought back.
                     if cycle == self.number && self.is_sent() {
@@ -61,7 +62,7 @@ impl Cycle {
                 Part::Lead => {
                     let Some(written) = self.written[parity].take() else { continue };
                     // Of one SubDevice; without its access nothing was written.
-                    inner.statistics.working_counter_errors += u64::from(wkc != 1);
+                    board.statistics.working_counter_errors += u64::from(wkc != 1);
                     if let (Some(drive), Some(found), 1) = (&mut self.drive, reference_time, wkc) {
                         drive.came_back(written, found);
                     }
@@ -71,18 +72,18 @@ impl Cycle {
                     if wkc != self.answering {
                         self.answering = wkc;
                         let expected = self.count;
-                        inner.report(Event::CountChanged { cycle, expected, found: wkc });
+                        board.report(Event::CountChanged { cycle, expected, found: wkc });
                     }
                 }
                 Part::ReadWrite(chunk) | Part::Read(chunk) | Part::Write(chunk) => {
-                    complete &= self.take_chunk(part, chunk, data, wkc, cycle, inner);
+                    complete &= self.take_chunk(part, chunk, data, wkc, cycle, board);
                 }
             }
         }
         self.frames[at].datagrams = datagrams;
         // A chunk whose frame did not come back is not complete either, see `begin`.
         if !complete {
-            inner.complete_cycles = 0;
+            board.complete_cycles = 0;
         }
         self.servo.handle_timeout(now);
         true
@@ -95,7 +96,7 @@ impl Cycle {
         data: &[u8],
         wkc: u16,
         cycle: u64,
-        inner: &mut Inner,
+        board: &mut Board,
     ) -> Option<Time<Dc>> {
         let reference = self.reference.as_mut()?;
         let expected = if reference.reading { 1 } else { reference.clocks };
@@ -109,13 +110,13 @@ impl Cycle {
         };
         if told != reference.counted {
             reference.counted = told;
-            inner.report(Event::Drift { cycle, expected, found: told });
+            board.report(Event::Drift { cycle, expected, found: told });
         }
         if !reference.reading && wkc != reference.trusted && !self.in_ring {
             reference.doubted = Some(wkc);
         }
         if counted != expected {
-            inner.statistics.working_counter_errors += 1;
+            board.statistics.working_counter_errors += 1;
             // Without the reference's own access the data are ours; with it but not all others, a
             // clock is no longer led, and the time would still be right: but which of both it is
             // can't be told. In a ring it can, see `take_time_alone`.
@@ -127,7 +128,7 @@ impl Cycle {
             return None;
         }
         let dc = reference.extend(raw);
-        inner.reference_time = (sent, dc);
+        board.reference_time = (sent, dc);
         self.taken.time = (cycle, dc);
         if !reference.reading {
             reference.led = cycle;
@@ -137,7 +138,7 @@ impl Cycle {
             let cycle = self.cycle.0;
             let phase = (dc + -self.send_phase).phase(cycle as u64) as i64;
             let error = if phase > cycle / 2 { phase - cycle } else { phase };
-            inner.statistics.phase_error.add(Nanos(error));
+            board.statistics.phase_error.add(Nanos(error));
             self.latest = self.latest.max(Some(Nanos(error)));
         }
         Some(dc)
@@ -150,12 +151,12 @@ impl Cycle {
         sent: Time<Host>,
         data: &[u8],
         cycle: u64,
-        inner: &mut Inner,
+        board: &mut Board,
     ) -> Option<Time<Dc>> {
         let reference = self.reference.as_mut()?;
         let raw = data.first_chunk().map(|raw| u64::from_le_bytes(*raw)).filter(|raw| *raw > 0)?;
         let dc = reference.extend(raw);
-        inner.reference_time = (sent, dc);
+        board.reference_time = (sent, dc);
         self.taken.time = (cycle, dc);
         self.servo.sample(sent, dc);
         Some(dc)
@@ -169,7 +170,7 @@ impl Cycle {
         data: &[u8],
         wkc: u16,
         cycle: u64,
-        inner: &mut Inner,
+        board: &mut Board,
     ) -> bool {
         let chunk = &self.image.chunks[at];
         let count = |(writers, readers): (u16, u16)| match part {
@@ -183,10 +184,10 @@ impl Cycle {
         let wkc = if more { expected } else { wkc };
         let wrong = &mut self.wrong[at][usize::from(part == Part::Write(at))];
         if wkc != expected {
-            inner.statistics.working_counter_errors += 1;
-            inner.incomplete = (expected, wkc);
+            board.statistics.working_counter_errors += 1;
+            board.incomplete = (expected, wkc);
             if *wrong == 0 {
-                inner.report(Event::WorkingCounter { cycle, chunk: at, expected, found: wkc });
+                board.report(Event::WorkingCounter { cycle, chunk: at, expected, found: wkc });
             }
             *wrong += 1;
             return false;
@@ -208,7 +209,7 @@ impl Cycle {
         }
         let cycles = core::mem::take(wrong);
         if cycles > 0 {
-            inner.report(Event::WorkingCounterRestored { cycle, chunk: at, cycles });
+            board.report(Event::WorkingCounterRestored { cycle, chunk: at, cycles });
         }
         true
     }

@@ -4,28 +4,29 @@ use isocat_wire::command::Command;
 use isocat_wire::frame::duration_ns;
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::Cycle;
+use super::CyclicExchange;
 use super::frames::Part;
+use crate::board::Board;
 use crate::event::Event;
-use crate::link::{CYCLIC_INDEX, Inner};
+use crate::link::CYCLIC_INDEX;
 use crate::segment::GAP;
 
-impl Cycle {
+impl CyclicExchange {
     /// The next frame of the cycle, if one is due.
     pub fn transmit(
         &mut self,
         now: Time<Host>,
         buffer: &mut [u8],
-        inner: &mut Inner,
+        board: &mut Board,
     ) -> Option<usize> {
         if self.next_frame >= self.frames.len() {
             self.next_frame = 0;
         }
         if self.next_frame == 0 {
-            if now < self.due || self.is_open() || self.wait_for_grid(now, inner) {
+            if now < self.due || self.is_open() || self.wait_for_grid(now, board) {
                 return None;
             }
-            self.begin(now, inner);
+            self.begin(now, board);
         }
         let at = self.next_frame;
         let parity = (self.number & 1) as usize;
@@ -55,8 +56,8 @@ impl Cycle {
         frame.cycles[parity] = self.number;
         self.closing.out += 1;
         self.through = now.max(self.through) + Nanos(duration_ns(frame.bytes.len()) as i64) + GAP;
-        inner.statistics.frames_sent += 1;
-        inner.statistics.datagrams += frame.datagrams.len() as u64;
+        board.statistics.frames_sent += 1;
+        board.statistics.datagrams += frame.datagrams.len() as u64;
         self.next_frame = self.following(at);
         if self.next_frame >= self.frames.len() {
             let earliest = now.max(self.due) + Nanos(self.cycle.0 / 2);
@@ -91,7 +92,7 @@ impl Cycle {
     /// A caller who slept over half a cycle or more sends on the grid again, not somewhere in between:
     /// a frame there would meet SYNC0 at any phase. True if the cycle is put off. That never happens
     /// twice in a row, so that a host which is always late still sends.
-    pub(super) fn wait_for_grid(&mut self, now: Time<Host>, inner: &mut Inner) -> bool {
+    pub(super) fn wait_for_grid(&mut self, now: Time<Host>, board: &mut Board) -> bool {
         let late = now - self.due;
         if self.put_off || late.0 < self.cycle.0 / 2 {
             return false;
@@ -104,8 +105,8 @@ impl Cycle {
         self.put_off = true;
         self.due = due;
         let skipped = skipped.max(0) as u64;
-        inner.statistics.cycles_skipped += skipped;
-        inner.report(Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
+        board.statistics.cycles_skipped += skipped;
+        board.report(Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
         true
     }
 
@@ -127,18 +128,18 @@ impl Cycle {
     }
 
     /// Begins a cycle: what was sent two cycles ago and is not back is lost.
-    pub(super) fn begin(&mut self, now: Time<Host>, inner: &mut Inner) {
+    pub(super) fn begin(&mut self, now: Time<Host>, board: &mut Board) {
         let late = now - self.due;
         // Only of a cycle that was put off already; others wait for the grid.
         let skipped = (late.0 / self.cycle.0).max(0) as u64;
         self.put_off = false;
         self.number += 1;
         self.closing.out = 0;
-        inner.cycle = self.number;
-        inner.statistics.cycles += 1;
+        board.cycle = self.number;
+        board.statistics.cycles += 1;
         if skipped > 0 {
-            inner.statistics.cycles_skipped += skipped;
-            inner.report(Event::CyclesSkipped { cycle: self.number, late, skipped });
+            board.statistics.cycles_skipped += skipped;
+            board.report(Event::CyclesSkipped { cycle: self.number, late, skipped });
         }
         if self.wanted != self.exchanging || self.stale {
             self.exchanging = self.wanted;
@@ -149,28 +150,28 @@ impl Cycle {
             self.slot = self.number_by_time(now);
         }
         self.choose_drift();
-        inner.leading = self.reference.as_ref().is_some_and(|reference| !reference.reading);
+        board.leading = self.reference.as_ref().is_some_and(|reference| !reference.reading);
         let parity = (self.number & 1) as usize;
         if self.exchanging {
             // Counted up here and set back by whatever goes wrong.
-            inner.complete_cycles += 1;
+            board.complete_cycles += 1;
         }
         for (at, frame) in self.frames.iter_mut().enumerate() {
             if frame.flights[parity].take().is_some() {
-                inner.statistics.frames_lost += 1;
+                board.statistics.frames_lost += 1;
                 // Says nothing of the SubDevices: neither counts nor begins the count anew.
-                inner.complete_cycles = inner.complete_cycles.saturating_sub(1);
-                inner.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
+                board.complete_cycles = board.complete_cycles.saturating_sub(1);
+                board.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
             }
         }
         if self.reference.as_ref().is_some_and(|reference| reference.compensate) {
-            inner.statistics.drift_frames += 1;
+            board.statistics.drift_frames += 1;
         }
         self.servo.handle_timeout(now);
         let state = self.servo.state();
         if state != self.last_state {
             self.last_state = state;
-            inner.report(Event::Phase { cycle: self.number, state });
+            board.report(Event::Phase { cycle: self.number, state });
         }
     }
 

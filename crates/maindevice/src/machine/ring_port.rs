@@ -1,7 +1,16 @@
 //! The second port of a ring, and what its state means for those who lead the clocks.
 
-use super::*;
-use crate::ring::{Copies, Taken, View};
+use alloc::boxed::Box;
+
+use isocat_wire::time::{Host, Time};
+
+use super::way::Activity;
+use super::{MainDevice, in_hand, take};
+use crate::board::{RingState, View};
+use crate::config::Config;
+use crate::event::Event;
+use crate::link::Link;
+use crate::ring::{Copies, Port, Taken};
 
 /// The ring as the machine has it.
 pub(super) struct Ring {
@@ -23,7 +32,7 @@ enum Told {
 impl Ring {
     pub fn new(config: &Config, link: &Link, now: Time<Host>) -> Option<Box<Self>> {
         let ring = config.ring?;
-        link.with(|inner| inner.ring = Some(ring::Shared::default()));
+        link.board(|board| board.ring = Some(RingState::default()));
         Some(Box::new(Self {
             copies: Copies::new(config, ring, now),
             known: (View::Unknown, 0),
@@ -44,19 +53,19 @@ impl MainDevice {
     /// difference.
     #[inline(never)]
     pub fn handle_frame_at(&mut self, port: Port, now: Time<Host>, frame: &[u8]) {
-        let Self { ring, inner, cycle, config, .. } = self;
+        let Self { ring, shared, cycle, config, .. } = self;
         let Some(ring) = ring else { return self.handle_frame(now, frame) };
         let copies = &mut ring.copies;
-        let inner = in_hand(inner);
-        inner.now = now;
-        let taken = inner.ring.as_mut().map(|shared| copies.take(port, now, frame, shared));
+        let shared = in_hand(shared);
+        shared.port.now = now;
+        let taken = shared.board.ring.as_mut().map(|shared| copies.take(port, now, frame, shared));
         let taken = match taken {
             Some(Taken::Kept) => {
                 self.close_cycle(now);
                 return self.look_at_ring();
             }
-            Some(Taken::Merged) => take(inner, cycle, config, now, copies.merged()),
-            Some(Taken::AsItIs) | None => take(inner, cycle, config, now, frame),
+            Some(Taken::Merged) => take(shared, cycle, config, now, copies.merged()),
+            Some(Taken::AsItIs) | None => take(shared, cycle, config, now, frame),
         };
         self.look_at_ring();
         self.close_cycle(now);
@@ -75,8 +84,8 @@ impl MainDevice {
     /// A frame leaves the primary port.
     #[cold]
     pub(super) fn copy(&mut self, now: Time<Host>, frame: &[u8]) {
-        let Self { ring: Some(ring), inner, .. } = self else { return };
-        if in_hand(inner).ring.is_some_and(|shared| !shared.line) {
+        let Self { ring: Some(ring), shared, .. } = self else { return };
+        if in_hand(shared).board.ring.is_some_and(|shared| !shared.line) {
             ring.copies.sent(now, frame);
         }
     }
@@ -84,14 +93,14 @@ impl MainDevice {
     /// Copies that are waited for no longer.
     #[cold]
     pub(super) fn expire_copies(&mut self, now: Time<Host>) {
-        let Self { ring: Some(ring), inner, cycle, config, .. } = self else { return };
-        let (inner, copies) = (in_hand(inner), &mut ring.copies);
+        let Self { ring: Some(ring), shared, cycle, config, .. } = self else { return };
+        let (shared, copies) = (in_hand(shared), &mut ring.copies);
         loop {
-            let expired = inner.ring.as_mut().and_then(|ring| copies.expire(now, ring));
+            let expired = shared.board.ring.as_mut().and_then(|ring| copies.expire(now, ring));
             match expired {
                 None => break,
                 Some(Taken::Merged) => {
-                    take(inner, cycle, config, now, copies.merged());
+                    take(shared, cycle, config, now, copies.merged());
                 }
                 Some(Taken::Kept | Taken::AsItIs) => {}
             }
@@ -106,13 +115,13 @@ impl MainDevice {
 
     /// Tells when the ring is cut or whole, and chooses who leads the clocks behind the cut.
     fn look_at_ring(&mut self) {
-        let Self { ring: Some(ring), inner, cycle: Some(cycle), segment, activity, .. } = self
+        let Self { ring: Some(ring), shared, cycle: Some(cycle), segment, activity, .. } = self
         else {
             return;
         };
-        let inner = in_hand(inner);
-        inner.statistics.copies_lost = ring.copies.lost;
-        let Some(ring::Shared { line: false, view, .. }) = inner.ring else { return };
+        let shared = in_hand(shared);
+        shared.board.statistics.copies_lost = ring.copies.lost;
+        let Some(RingState { line: false, view, .. }) = shared.board.ring else { return };
         let known = (view, cycle.present());
         if !matches!(activity, Activity::Operating) || known == ring.known {
             return;
@@ -142,7 +151,7 @@ impl MainDevice {
                 if split != ring.split {
                     ring.split = split;
                     if let Some(position) = split {
-                        inner.report(Event::ClocksSplit { position, cycle: number });
+                        shared.board.report(Event::ClocksSplit { position, cycle: number });
                     }
                 }
                 if near + far > count {
@@ -156,7 +165,7 @@ impl MainDevice {
             return;
         }
         ring.told = told;
-        inner.report(match told {
+        shared.board.report(match told {
             Told::Cut(between) => Event::RingCut { cycle: number, between },
             _ => Event::RingHealed { cycle: number },
         });

@@ -8,9 +8,9 @@ use isocat_wire::dc::{ActivationStatus, SystemTimeDifference};
 use isocat_wire::register::{self, Value, features};
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use super::pace::{Pace, wire_time};
 use super::ring::Ring;
+use crate::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use crate::config::QualityWatch;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};

@@ -7,8 +7,8 @@ use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::alarm::{Alarm, Change, Found, Hysteresis, RAISE};
 use super::pace::Pace;
+use crate::alarm::{Alarm, Change, Found, Hysteresis, RAISE};
 use crate::error::{SdoError, SdoResult};
 use crate::segment::{SubDevice, SyncEntry, SyncObject};
 

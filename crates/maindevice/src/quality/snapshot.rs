@@ -6,11 +6,11 @@ use isocat_sync::budget::Check;
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
-use super::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
 use super::clocks::ClockQuality;
 use super::objects::ObjectQuality;
 use super::ring::Ring;
-use crate::cycle::Cycle;
+use crate::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
+use crate::cycle::CyclicExchange;
 use crate::segment::{Segment, SubDevice, Timing};
 use crate::statistics::Statistics;
 
@@ -184,7 +184,7 @@ impl Record {
     pub fn end_moment(
         &mut self,
         now: Time<Host>,
-        cycle: &mut Cycle,
+        cycle: &mut CyclicExchange,
         counts: &Statistics,
         difference: Nanos,
     ) -> Vec<Change> {

@@ -240,7 +240,7 @@ fn what_is_too_short_goes_on_nowhere() {
 /// Copies on their way, and a clock.
 struct Bench {
     copies: Copies,
-    shared: Shared,
+    shared: RingState,
     now: Time<Host>,
     index: u8,
 }
@@ -251,7 +251,7 @@ impl Bench {
         config.source = SOURCE;
         let now = Time::new(1_000_000_000);
         let copies = Copies::new(&config, config::Ring::default(), now);
-        Self { copies, shared: Shared::default(), now, index: 0 }
+        Self { copies, shared: RingState::default(), now, index: 0 }
     }
 
     /// Sends a count of everybody; gives both copies.

@@ -6,14 +6,14 @@ use isocat_wire::PortNumber;
 use isocat_wire::dl::DlStatus;
 use isocat_wire::register::{self, Value};
 
-use super::{Shared, View};
+use crate::board::{RingState, View};
 use crate::error::{Cause, Place, RingProblem};
 use crate::link::Link;
 use crate::segment::Segment;
 
 /// Sees that the ring can be used, as far as the frames so far tell.
 pub(crate) fn check(link: &Link) -> Result<(), Cause> {
-    let problem = match link.with(|inner| inner.ring.map(|ring| ring.view)) {
+    let problem = match link.board(|board| board.ring.map(|ring| ring.view)) {
         Some(View::Cut { near, far }) if far > 0 => RingProblem::Cut { near, far },
         Some(View::Reverse) => RingProblem::Reverse,
         _ => return Ok(()),
@@ -24,7 +24,7 @@ pub(crate) fn check(link: &Link) -> Result<(), Cause> {
 /// Makes a line of the ring: closes the port through which the last SubDevice sends to the secondary port. Nothing to
 /// do without a ring, or where nobody sends there.
 pub(crate) async fn close(link: &Link, segment: &Segment) -> Result<(), Cause> {
-    if link.with(|inner| inner.ring.is_none()) {
+    if link.board(|board| board.ring.is_none()) {
         return Ok(());
     }
     check(link)?;
@@ -43,8 +43,8 @@ pub(crate) async fn close(link: &Link, segment: &Segment) -> Result<(), Cause> {
     })?;
     let exit_of = exit.map(|(position, _)| segment.devices[position].station);
     // From here on one port does, wherever it comes back; should anything fail behind the write, it is undone.
-    link.with(|inner| {
-        if let Some(ring) = &mut inner.ring {
+    link.board(|board| {
+        if let Some(ring) = &mut board.ring {
             (ring.line, ring.exit) = (true, exit_of);
         }
     });
@@ -61,16 +61,16 @@ pub(crate) async fn close(link: &Link, segment: &Segment) -> Result<(), Cause> {
 
 /// Makes a ring of the line again.
 pub(crate) async fn open(link: &Link) -> Result<(), Cause> {
-    if let Some(station) = link.with(|inner| inner.ring.and_then(|ring| ring.exit)) {
+    if let Some(station) = link.board(|board| board.ring.and_then(|ring| ring.exit)) {
         link.fpwr(station, LOOPS, &AUTOMATIC.to_bytes()).expect(1).await?;
     }
-    link.with(|inner| inner.ring.iter_mut().for_each(|ring| *ring = Shared::default()));
+    link.board(|board| board.ring.iter_mut().for_each(|ring| *ring = RingState::default()));
     Ok(())
 }
 
 /// Whether a port is closed that must be opened before nothing more is sent.
 pub(crate) fn is_closed(link: &Link) -> bool {
-    link.with(|inner| inner.ring.is_some_and(|ring| ring.exit.is_some()))
+    link.board(|board| board.ring.is_some_and(|ring| ring.exit.is_some()))
 }
 
 /// The port at which frames leave for the other end, if one does: all SubDevices are passed by then. What hangs

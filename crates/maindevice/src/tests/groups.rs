@@ -20,10 +20,10 @@ fn grouped(bench: &mut Bench) -> Segment {
     segment
 }
 
-fn running(bench: &mut Bench) -> Cycle {
+fn running(bench: &mut Bench) -> CyclicExchange {
     let segment = grouped(bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     cycle.exchange_process_data(true);
     for _ in 0..50 {
         all(&mut cycle, bench, |_| true);
@@ -35,7 +35,11 @@ fn running(bench: &mut Bench) -> Cycle {
 
 /// One cycle at its due time. Gives its number by system time, and the frames that it had; `back` says which come
 /// back.
-fn all(cycle: &mut Cycle, bench: &mut Bench, back: impl Fn(usize) -> bool) -> (u64, usize) {
+fn all(
+    cycle: &mut CyclicExchange,
+    bench: &mut Bench,
+    back: impl Fn(usize) -> bool,
+) -> (u64, usize) {
     bench.now = cycle.due();
     bench.segment.time = 5_000_000_777 + bench.now.count();
     let number = (bench.segment.time + 500_000) / 1_000_000;
@@ -43,12 +47,12 @@ fn all(cycle: &mut Cycle, bench: &mut Bench, back: impl Fn(usize) -> bool) -> (u
     let mut buffer = [0; MAX_LEN];
     let mut frames = Vec::new();
     cycle.close(bench.now);
-    while let Some(len) = link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)) {
+    while let Some(len) = link.board(|board| cycle.transmit(bench.now, &mut buffer, board)) {
         frames.push(buffer[..len].to_vec());
     }
     for (at, frame) in frames.iter_mut().enumerate().filter(|(at, _)| back(*at)) {
         bench.segment.pass(frame);
-        let taken = link.with(|inner| cycle.receive(bench.now, frame, HEADERS, inner));
+        let taken = link.board(|board| cycle.receive(bench.now, frame, HEADERS, board));
         assert!(taken, "frame {at}");
     }
     (number, frames.len())
@@ -76,12 +80,12 @@ fn skipped_cycles_leave_groups_in_their_cycles() {
         let mut buffer = [0; MAX_LEN];
         bench.now = due + Nanos(slept * 1_000_000 - 300_000);
         cycle.close(bench.now);
-        assert_eq!(link.with(|inner| cycle.transmit(bench.now, &mut buffer, inner)), None);
+        assert_eq!(link.board(|board| cycle.transmit(bench.now, &mut buffer, board)), None);
         for _ in 0..20 {
             let (number, frames) = all(&mut cycle, &mut bench, |_| true);
             assert_eq!(frames, if number % 5 == 0 { 2 } else { 1 }, "{slept}: {number}");
         }
-        assert_eq!(link.with(|inner| inner.statistics.cycles_skipped), slept as u64);
+        assert_eq!(link.board(|board| board.statistics.cycles_skipped), slept as u64);
     }
 }
 
@@ -107,7 +111,7 @@ fn a_group_that_counts_wrongly_is_told_alone() {
     let seen: Vec<_> = events.iter().filter_map(wrong).collect();
     assert_eq!((seen.as_slice(), events.len()), (&[(1, 2, 0), (1, 2, 0)][..], 2), "{events:?}");
     let link = bench.link.clone();
-    assert_eq!(link.with(|inner| inner.statistics.working_counter_errors), 2);
+    assert_eq!(link.board(|board| board.statistics.working_counter_errors), 2);
 }
 
 #[test]
@@ -116,12 +120,12 @@ fn a_lost_slow_frame_is_counted_and_stops_nothing() {
     let mut cycle = running(&mut bench);
     while all(&mut cycle, &mut bench, |at| at == 0).1 != 2 {}
     let (lost, link) = (cycle.number(), bench.link.clone());
-    let complete = link.with(|inner| inner.complete_cycles);
+    let complete = link.board(|board| board.complete_cycles);
     for _ in 0..20 {
         let (number, frames) = all(&mut cycle, &mut bench, |_| true);
         assert_eq!(frames, if number % 5 == 0 { 2 } else { 1 }, "{number}");
     }
     assert_eq!(bench.events(), [Event::FrameLost { cycle: lost, frame: 1 }]);
-    assert_eq!(link.with(|inner| inner.statistics.frames_lost), 1);
-    assert_eq!(link.with(|inner| inner.complete_cycles), complete + 19);
+    assert_eq!(link.board(|board| board.statistics.frames_lost), 1);
+    assert_eq!(link.board(|board| board.complete_cycles), complete + 19);
 }

@@ -13,11 +13,13 @@ use isocat_wire::time::Picos;
 use isocat_wire::{PortNumber, StationAddress};
 
 use super::doubts::{self, Known, alias};
+use super::esc::PortKind;
 use super::objects::sync_object;
 use super::{
     Clock, Delay, Device, FORMAT, Mailbox, Note, OpMode, Pdo, PdoEntry, Port, ProcessData,
     ScanReport, State, SyncManager, esc,
 };
+use crate::report::NoteKind;
 use crate::scan::{Failure, Scan};
 
 /// Where a scan looked.
@@ -38,7 +40,7 @@ impl ScanReport {
             findings.push(note(
                 segment,
                 position(segment, problem),
-                "not-read",
+                NoteKind::NotRead,
                 problem.to_string(),
             ));
         }
@@ -47,22 +49,22 @@ impl ScanReport {
                 findings.push(note(
                     segment,
                     position(segment, error),
-                    "given-up",
+                    NoteKind::GivenUp,
                     error.to_string(),
                 ));
             }
             Some(Failure::TooLong(stage)) => {
                 let what = format!("the scan did not end, its last stage was {stage}");
-                findings.push(note(segment, None, "given-up", what));
+                findings.push(note(segment, None, NoteKind::GivenUp, what));
             }
             Some(Failure::Ended(why)) => {
-                findings.push(note(segment, None, "given-up", why.clone()))
+                findings.push(note(segment, None, NoteKind::GivenUp, why.clone()))
             }
             None => {}
         }
         if let Some(why) = &scan.way_down {
             let what = format!("SubDevices may not be back in INIT: {why}");
-            findings.push(note(segment, None, "way-down", what));
+            findings.push(note(segment, None, NoteKind::WayDown, what));
         }
         for device in &segment.devices {
             let at = Some(device.position);
@@ -132,7 +134,7 @@ impl Note {
     pub fn sentence(&self) -> String {
         match (self.position, self.device.as_deref()) {
             // What the MainDevice says names the SubDevice itself.
-            _ if matches!(self.kind, "not-read" | "given-up") => self.what.clone(),
+            _ if self.kind.names_its_device() => self.what.clone(),
             (Some(position), Some("")) | (Some(position), None) => {
                 format!("SubDevice {position}: {}", self.what)
             }
@@ -142,7 +144,7 @@ impl Note {
     }
 }
 
-fn note(segment: &Segment, position: Option<usize>, kind: &'static str, what: String) -> Note {
+fn note(segment: &Segment, position: Option<usize>, kind: NoteKind, what: String) -> Note {
     let device = position.and_then(|at| segment.devices.get(at)).map(|device| device.name.clone());
     Note { position, device, kind, what }
 }
@@ -205,7 +207,7 @@ fn port(segment: &Segment, found: &SubDevice, port: PortNumber) -> Port {
     let hangs = |other: &SubDevice| other.parent == Some((found.position, port));
     Port {
         port: port.index(),
-        kind: esc::port_kind(found.esc.ports, port).to_owned(),
+        kind: PortKind::of(found.esc.ports, port),
         link: status.link(port),
         loop_closed: status.loop_closed(port),
         signal: status.communication(port),

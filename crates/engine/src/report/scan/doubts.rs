@@ -9,7 +9,9 @@ use isocat_wire::register::{PROCESS_RAM, features};
 use isocat_wire::sii::sm_type;
 use isocat_wire::{AlState, PortNumber};
 
-use super::esc::{has_port, port_kind, sync_manager_use};
+use crate::report::NoteKind;
+
+use super::esc::{PortKind, sync_manager_use};
 
 /// How much of a SubDevice was read.
 #[derive(Clone, Copy)]
@@ -26,9 +28,9 @@ pub(super) struct Known {
 #[derive(Default)]
 pub(super) struct Doubts {
     /// Two things that it says and that can't both be so: kind and words.
-    pub contradictions: Vec<(&'static str, String)>,
+    pub contradictions: Vec<(NoteKind, String)>,
     /// What is allowed and leaves a question open.
-    pub open: Vec<(&'static str, String)>,
+    pub open: Vec<(NoteKind, String)>,
 }
 
 /// All doubts about a SubDevice, as far as it is known.
@@ -49,11 +51,11 @@ pub(super) fn of(device: &SubDevice, known: Known) -> Doubts {
 }
 
 impl Doubts {
-    fn contradicts(&mut self, kind: &'static str, what: String) {
+    fn contradicts(&mut self, kind: NoteKind, what: String) {
         self.contradictions.push((kind, what));
     }
 
-    fn asks(&mut self, kind: &'static str, what: String) {
+    fn asks(&mut self, kind: NoteKind, what: String) {
         self.open.push((kind, what));
     }
 
@@ -62,12 +64,12 @@ impl Doubts {
         let Some((status, code)) = device.observed.state_before else { return };
         if status.error() {
             self.asks(
-                "error-before",
+                NoteKind::ErrorBefore,
                 format!("it stood in an error before the scan: {status}, AL status code {code}"),
             );
         } else if status.state() != Ok(AlState::Init) {
             self.asks(
-                "in-use",
+                NoteKind::InUse,
                 format!(
                     "it was in {status}: whoever brought it there may run on; the \
                     scan took it to INIT"
@@ -79,10 +81,10 @@ impl Doubts {
     fn ports(&mut self, device: &SubDevice) {
         let (status, kinds) = (device.dl_status, device.esc.ports);
         for port in PortNumber::ALL {
-            if status.open(port) && !has_port(kinds, port) {
-                let kind = port_kind(kinds, port);
+            let kind = PortKind::of(kinds, port);
+            if status.open(port) && !kind.is_there() {
                 self.contradicts(
-                    "port-not-there",
+                    NoteKind::PortNotThere,
                     format!(
                         "frames leave through port {port} (0x0110), whose kind is \
                         \"{kind}\" (0x0007)"
@@ -90,7 +92,7 @@ impl Doubts {
                 );
             } else if status.link(port) && !status.communication(port) {
                 self.asks(
-                    "link-without-signal",
+                    NoteKind::LinkWithoutSignal,
                     format!(
                         "port {port} has a link and no signal (0x0110): what is \
                         behind it does not answer"
@@ -104,11 +106,11 @@ impl Doubts {
         let promised = device.esc.has(features::DC);
         match (promised, device.dc) {
             (true, DcCapability::None) => self.contradicts(
-                "no-receive-times",
+                NoteKind::NoReceiveTimes,
                 "0x0008 bit 2 promises distributed clocks, but 0x0900 does not answer".to_owned(),
             ),
             (true, DcCapability::ReceiveTimes) => self.asks(
-                "receive-times-only",
+                NoteKind::ReceiveTimesOnly,
                 "it has receive times and no system time (0x0910 does not answer)".to_owned(),
             ),
             _ => {}
@@ -117,7 +119,7 @@ impl Doubts {
             let range = between.map_or(String::new(), |(least, most)| {
                 format!("; {} to {} ns are possible", least.0 / 1_000, most.0 / 1_000)
             });
-            self.asks("delay-unknown", format!("its delay can't be known: {why}{range}"));
+            self.asks(NoteKind::DelayUnknown, format!("its delay can't be known: {why}{range}"));
         }
     }
 
@@ -125,12 +127,12 @@ impl Doubts {
         let alias = alias(device);
         if let Some(found) = device.observed.alias.filter(|found| *found != alias) {
             self.contradicts(
-                "alias",
+                NoteKind::Alias,
                 format!("its alias is {found} in register 0x0012 and {alias} in the SII"),
             );
         }
         if device.identity.vendor == 0 || device.identity.product == 0 {
-            self.asks("no-identity", "its SII names no vendor or no product".to_owned());
+            self.asks(NoteKind::NoIdentity, "its SII names no vendor or no product".to_owned());
         }
     }
 
@@ -138,7 +140,7 @@ impl Doubts {
         let (records, esc) = (&device.sii.sync_managers, &device.esc);
         if records.len() > usize::from(esc.sync_managers) {
             self.contradicts(
-                "too-few-sync-managers",
+                NoteKind::TooFewSyncManagers,
                 format!(
                     "its SII has {} SyncManagers, its ESC {} (0x0005)",
                     records.len(),
@@ -149,7 +151,7 @@ impl Doubts {
         let used = [&device.outputs, &device.inputs].iter().filter(|data| data.length > 0).count();
         if used > usize::from(esc.fmmus) {
             self.contradicts(
-                "too-few-fmmus",
+                NoteKind::TooFewFmmus,
                 format!(
                     "{used} FMMUs are needed for its process data, its ESC has {} (0x0004)",
                     esc.fmmus
@@ -160,7 +162,7 @@ impl Doubts {
             if record.kind != *kind && *kind != sm_type::UNUSED {
                 let (sii, object) = (sync_manager_use(record.kind), sync_manager_use(*kind));
                 self.contradicts(
-                    "sync-manager-use",
+                    NoteKind::SyncManagerUse,
                     format!(
                         "SyncManager {number} is for {sii} in its SII, for {object} \
                         in 0x1C00"
@@ -173,7 +175,7 @@ impl Doubts {
         for (at, (name, from, to)) in areas.iter().enumerate() {
             if *from < u32::from(PROCESS_RAM) || *to > end {
                 self.contradicts(
-                    "beyond-the-memory",
+                    NoteKind::BeyondTheMemory,
                     format!(
                         "{name} is at {from:#06x}..{to:#06x}, its process RAM at \
                         0x1000..{end:#06x} (0x0006)"
@@ -183,7 +185,7 @@ impl Doubts {
             for (other, begin, until) in &areas[at + 1..] {
                 if from < until && begin < to {
                     self.contradicts(
-                        "overlap",
+                        NoteKind::Overlap,
                         format!(
                             "{name} at {from:#06x}..{to:#06x} and {other} at \
                             {begin:#06x}..{until:#06x} overlap"
@@ -202,7 +204,7 @@ impl Doubts {
                 };
                 if (record.start, record.length) != (area.start, area.length) {
                     self.contradicts(
-                        "mailbox-area",
+                        NoteKind::MailboxArea,
                         format!(
                             "{} is {} bytes at {:#06x} in the head of its SII, {} bytes \
                                 at {:#06x} among its SyncManagers",
@@ -224,7 +226,7 @@ impl Doubts {
         let synced = wanting.filter(|word| word.activates()).count();
         if synced > 0 && !device.dc.has_clock() {
             self.contradicts(
-                "op-mode-without-clock",
+                NoteKind::OpModeWithoutClock,
                 format!("{synced} OpModes of its SII switch SYNC on, but it has no system time"),
             );
         }

@@ -1,5 +1,7 @@
 //! Registers of an ESC in words.
 
+use std::fmt;
+
 use isocat_maindevice::SubDevice;
 use isocat_maindevice::segment::DcCapability;
 use isocat_wire::PortNumber;
@@ -88,14 +90,41 @@ fn pins(word: u8) -> Vec<String> {
     vec![pin(0, word & 0x0F), pin(1, word >> 4)]
 }
 
-/// Register 0x0007.
-pub(super) fn port_kind(descriptor: u8, port: PortNumber) -> &'static str {
-    ["none", "not configured", "EBUS", "MII"][usize::from(descriptor >> (2 * port.index()) & 3)]
+/// What a port is, by register 0x0007.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PortKind {
+    /// There is no such port.
+    None,
+    /// Not configured (SII EEPROM).
+    NotConfigured,
+    /// EBUS.
+    Ebus,
+    /// MII, RMII or RGMII.
+    Mii,
 }
 
-/// Whether register 0x0007 says that there is such a port.
-pub(super) fn has_port(descriptor: u8, port: PortNumber) -> bool {
-    descriptor >> (2 * port.index()) & 3 > 1
+impl PortKind {
+    /// Of one port in the descriptor.
+    pub(super) fn of(descriptor: u8, port: PortNumber) -> Self {
+        let all = [Self::None, Self::NotConfigured, Self::Ebus, Self::Mii];
+        all[usize::from(descriptor >> (2 * port.index()) & 3)]
+    }
+
+    /// Whether there is such a port.
+    pub(super) fn is_there(self) -> bool {
+        matches!(self, Self::Ebus | Self::Mii)
+    }
+}
+
+impl fmt::Display for PortKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::None => "none",
+            Self::NotConfigured => "not configured",
+            Self::Ebus => "EBUS",
+            Self::Mii => "MII",
+        })
+    }
 }
 
 /// A control byte of a SyncManager.
@@ -193,10 +222,11 @@ mod tests {
     #[test]
     fn registers_in_words() {
         assert_eq!(words(&FEATURES, 0x1004), ["DC", "bit 12"]);
-        assert_eq!(port_kind(0x0B, PortNumber::P0), "MII");
-        assert_eq!(port_kind(0x0B, PortNumber::P1), "EBUS");
-        assert!(has_port(0x0B, PortNumber::P1) && !has_port(0x0B, PortNumber::P2));
-        assert!(!has_port(0x10, PortNumber::P2), "not configured");
+        assert_eq!(PortKind::of(0x0B, PortNumber::P0), PortKind::Mii);
+        assert_eq!(PortKind::of(0x0B, PortNumber::P1), PortKind::Ebus);
+        assert!(PortKind::of(0x0B, PortNumber::P1).is_there());
+        assert!(!PortKind::of(0x0B, PortNumber::P2).is_there());
+        assert!(!PortKind::of(0x10, PortNumber::P2).is_there(), "not configured");
         assert_eq!(control(0x64), "three buffers, MainDevice writes, AL event, watchdog");
         assert_eq!(control(0x22), "mailbox, MainDevice reads, AL event");
     }

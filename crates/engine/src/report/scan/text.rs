@@ -61,11 +61,13 @@ impl ScanReport {
     }
 
     fn write_notes(&self, out: &mut String, only: Option<usize>) -> fmt::Result {
-        for (title, notes) in [("Faults", &self.findings), ("Open questions", &self.doubts)] {
+        let parts = [("Faults", &self.findings, true), ("Open questions", &self.doubts, false)];
+        for (title, notes, in_verdict) in parts {
             let of = |note: &&Note| only.is_none_or(|only| note.position == Some(only));
             let notes: Vec<&Note> = notes.iter().filter(of).collect();
-            // The verdict has told a single one.
-            if notes.is_empty() || only.is_none() && title == "Faults" && notes.len() == 1 {
+            // The verdict has told a single fault.
+            let told = in_verdict && only.is_none() && notes.len() == 1;
+            if notes.is_empty() || told {
                 continue;
             }
             writeln!(out, "\n{title}")?;

@@ -170,7 +170,9 @@ const fn pdo(index: Kind, example: &'static str) -> [Key; 3] {
     ]
 }
 
-const ENTRIES: Kind = Kind::List(&Kind::Either(&[Kind::Row(&PDO_ROW), Kind::Table(&PADDING)]));
+const ENTRY_KINDS: &[Kind] = &[Kind::Row(&PDO_ROW), Kind::Table(&PADDING)];
+const ENTRY: Kind = Kind::Either(ENTRY_KINDS);
+const ENTRIES: Kind = Kind::List(&ENTRY);
 
 /// A mapped entry.
 pub(in super::super) static PDO_ROW: Row = Row {

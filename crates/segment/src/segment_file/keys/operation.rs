@@ -122,9 +122,11 @@ static DELAY_WATCH: Section = Section {
     rules: &[],
 };
 
+const RECOVERY_KINDS: &[Kind] = &[Kind::Choice(Choice(&RECOVERIES)), Kind::Table(&RECOVERY)];
+
 pub(super) const RECOVERY_KEY: Key = Key {
     name: "recovery",
-    kind: Kind::Either(&[Kind::Choice(Choice(&RECOVERIES)), Kind::Table(&RECOVERY)]),
+    kind: Kind::Either(RECOVERY_KINDS),
     need: Need::Default(r#""never""#),
     means: "What becomes of devices that leave OP by themselves: nothing, one attempt to bring \
             them back, or attempts after pauses that grow.",

@@ -13,6 +13,7 @@ use super::super::objects::{
     writable, wrong_length,
 };
 use super::Doubts;
+use crate::report::NoteKind;
 
 impl Doubts {
     /// Of both objects. `complete`: whatever the device has was read.
@@ -25,7 +26,7 @@ impl Doubts {
             match object {
                 Some(object) => self.sync_object(device, index, object, used),
                 None if used && complete => self.asks(
-                    "no-sync-object",
+                    NoteKind::NoSyncObject,
                     format!(
                         "it has no object 0x{index:04X}: nothing says how it can be synchronized"
                     ),
@@ -35,7 +36,7 @@ impl Doubts {
         }
         if complete && !both[0].2 && !both[1].2 && !device.sii.sync_managers.is_empty() {
             self.asks(
-                "nothing-assigned",
+                NoteKind::NothingAssigned,
                 "nothing is assigned in 0x1C12 and 0x1C13: whoever brings it up must assign PDOs"
                     .to_owned(),
             );
@@ -47,9 +48,12 @@ impl Doubts {
             let text = format!("0x1C32:04 announces {outputs}, 0x1C33:04 {inputs}");
             match own & other {
                 0 if own != 0 && other != 0 => {
-                    self.contradicts("types-exclude-each-other", text + ": no mode is in both");
+                    self.contradicts(
+                        NoteKind::TypesExcludeEachOther,
+                        text + ": no mode is in both",
+                    );
                 }
-                _ if own != other => self.asks("types-disagree", text),
+                _ if own != other => self.asks(NoteKind::TypesDisagree, text),
                 _ => {}
             }
         }
@@ -59,7 +63,7 @@ impl Doubts {
         let cycles = cycle(both[0].1).zip(cycle(both[1].1));
         if let Some((outputs, inputs)) = cycles.filter(|(outputs, inputs)| outputs != inputs) {
             self.asks(
-                "minimum-cycles-differ",
+                NoteKind::MinimumCyclesDiffer,
                 format!("its minimum cycle is {outputs} in 0x1C32:05, {inputs} in 0x1C33:05"),
             );
         }
@@ -70,13 +74,13 @@ impl Doubts {
         for entry in &object.entries {
             if let Err(code) = &entry.value {
                 self.contradicts(
-                    "not-readable",
+                    NoteKind::NotReadable,
                     format!("{} is described, but can't be read: abort {code}", at(entry.sub)),
                 );
             }
             if let (Some(bits), Ok(bytes)) = (wrong_length(entry), &entry.value) {
                 self.contradicts(
-                    "length",
+                    NoteKind::Length,
                     format!(
                         "{} has {} bytes, but is described as {bits} bits",
                         at(entry.sub),
@@ -89,8 +93,10 @@ impl Doubts {
         let types = match values.supported.filter(|types| types.0 & MODES != 0) {
             Some(types) => types,
             None if used => {
-                return self
-                    .asks("no-types", format!("{} announces no mode", at(sub::SUPPORTED_TYPES)));
+                return self.asks(
+                    NoteKind::NoTypes,
+                    format!("{} announces no mode", at(sub::SUPPORTED_TYPES)),
+                );
             }
             None => return,
         };
@@ -99,8 +105,8 @@ impl Doubts {
             let what = format!("{} shows {shown}, {why}: {types}", at(sub::SYNC_TYPE));
             // 0 may as well mean that nobody has chosen yet.
             match shown {
-                SyncType::FREE_RUN => self.asks("free-run-not-announced", what),
-                _ => self.contradicts("type-not-announced", what),
+                SyncType::FREE_RUN => self.asks(NoteKind::FreeRunNotAnnounced, what),
+                _ => self.contradicts(NoteKind::TypeNotAnnounced, what),
             }
         }
         self.announcement(device, index, object, types);
@@ -112,7 +118,7 @@ impl Doubts {
             .collect();
         if !ran.is_empty() {
             self.asks(
-                "counted",
+                NoteKind::Counted,
                 format!("0x{index:04X} has counted before the scan: {}", ran.join(", ")),
             );
         }
@@ -127,7 +133,7 @@ impl Doubts {
         if !unstated.is_empty() {
             let why = not_stated(object);
             self.asks(
-                "not-stated",
+                NoteKind::NotStated,
                 format!(
                     "modes that are announced ask for times in 0x{index:04X} that read {why}: {}",
                     unstated.join(", ")
@@ -149,7 +155,7 @@ impl Doubts {
         let dc = types.dc_sync0() || types.dc_sync1() || types.dc_subordinated();
         if dc && !device.dc.has_clock() {
             self.contradicts(
-                "dc-without-clock",
+                NoteKind::DcWithoutClock,
                 format!(
                     "{} announces {types}, but it has no system time",
                     at(sub::SUPPORTED_TYPES)
@@ -158,7 +164,7 @@ impl Doubts {
         }
         if types.shift() == ShiftBy::Reserved {
             self.contradicts(
-                "shift-reserved",
+                NoteKind::ShiftReserved,
                 format!("{} has 11 in bits 6:5, which means nothing", at(sub::SUPPORTED_TYPES)),
             );
         }
@@ -166,14 +172,14 @@ impl Doubts {
         if types.shift() == ShiftBy::LocalTimer && index == OUTPUT_PARAMETER {
             match shift.map(writable) {
                 None => self.contradicts(
-                    "no-shift",
+                    NoteKind::NoShift,
                     format!(
                         "a shift by local timer is announced, but {} is missing",
                         at(sub::SHIFT_TIME)
                     ),
                 ),
                 Some(Some(false)) => self.contradicts(
-                    "shift-read-only",
+                    NoteKind::ShiftReadOnly,
                     format!(
                         "a shift by local timer is announced, but {} can't be written",
                         at(sub::SHIFT_TIME)
@@ -184,7 +190,7 @@ impl Doubts {
         }
         if types.delay_should_be_measured() && types.delay_fixed() {
             self.asks(
-                "delay-both",
+                NoteKind::DelayBoth,
                 format!(
                     "{} says that delays are fixed (bit 11) and that they should be \
                         measured (bit 10)",
@@ -196,7 +202,7 @@ impl Doubts {
         let differ = |(least, delay): &(Nanos, Nanos)| *least > Nanos::ZERO && least != delay;
         if let Some((least, delay)) = delays.filter(|both| types.delay_fixed() && differ(both)) {
             self.asks(
-                "delay-not-fixed",
+                NoteKind::DelayNotFixed,
                 format!(
                     "delays are fixed (bit 11), but {} is {least} and {} {delay}",
                     at(sub::MINIMUM_DELAY_TIME),
@@ -207,7 +213,7 @@ impl Doubts {
         let unknown_cycle = values.sync0_cycle_time.is_none_or(|time| time == Nanos::ZERO);
         if types.dc_subordinated() && unknown_cycle && index == OUTPUT_PARAMETER {
             self.asks(
-                "no-sync0-cycle",
+                NoteKind::NoSync0Cycle,
                 format!(
                     "subordinated cycles are announced, but {} does not say which",
                     at(sub::SYNC0_CYCLE_TIME)
@@ -217,7 +223,7 @@ impl Doubts {
         if copies_too_long(object) {
             let time = |time: Option<Nanos>| time.unwrap_or_default();
             self.contradicts(
-                "copy-longer-than-cycle",
+                NoteKind::CopyLongerThanCycle,
                 format!(
                     "{} is {}, the minimum cycle in {} {}",
                     at(sub::CALC_AND_COPY_TIME),
@@ -236,7 +242,7 @@ impl Doubts {
             .collect();
         if !missing.is_empty() {
             self.asks(
-                "missing",
+                NoteKind::Missing,
                 format!(
                     "modes that it announces ask for sub-indices \
                 of 0x{index:04X} that it does not have: {}",

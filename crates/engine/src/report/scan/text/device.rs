@@ -8,7 +8,7 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
 use super::super::objects::NOT_STATED_AS_0;
-use super::super::{Delay, Device, Port, ProcessData, ScanReport, State, SyncObject};
+use super::super::{Delay, Device, Port, PortKind, ProcessData, ScanReport, State, SyncObject};
 
 /// Columns of a heading.
 const HEAD: usize = 15;
@@ -40,7 +40,9 @@ impl ScanReport {
             let features = device.esc.features_in_words.join(", ");
             line("features", format!("{:#06x}: {features}", device.esc.features))?;
         }
-        for port in device.ports.iter().filter(|port| full || port.link || port.kind != "none") {
+        for port in
+            device.ports.iter().filter(|port| full || port.link || port.kind != PortKind::None)
+        {
             line(if port.port == 0 { "ports" } else { "" }, self.port(port))?;
         }
         line("DC", self.dc(device, full))?;

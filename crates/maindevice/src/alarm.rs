@@ -136,7 +136,7 @@ impl fmt::Display for Found {
 
 /// Raised by several readings in a row, and let go by more.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Hysteresis {
+pub(crate) struct Hysteresis {
     up: bool,
     count: u8,
     raise: u8,
@@ -166,9 +166,9 @@ impl Hysteresis {
 }
 
 /// Readings in a row that raise an alarm.
-pub(super) const RAISE: u8 = 3;
+pub(crate) const RAISE: u8 = 3;
 /// Readings in a row that let it go.
-pub(super) const LET_GO: u8 = 8;
+pub(crate) const LET_GO: u8 = 8;
 
 #[cfg(test)]
 mod tests {

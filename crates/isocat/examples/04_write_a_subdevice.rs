@@ -3,11 +3,12 @@
 //! The same description and application run on a microcontroller (`firmware/` shows how); here the device stands in a simulated
 //! segment, so that every instant of it can be looked at.
 //!
-//! `cargo run --release -p isocat --example 05_write_a_subdevice`
+//! `cargo run --release -p isocat --example 04_write_a_subdevice`
 
 use isocat_esc::LAN9252;
-use isocat_maindevice::{Config, DeviceConfig};
-use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
+use isocat_maindevice::{Config, Cycle, DeviceConfig, Event};
+use isocat_sim::run::intent;
+use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Setup, World};
 use isocat_subdevice::describe::{
     RO, SyncStatement, assignment, end, identity, mapping, object, sync_manager_types,
     sync_parameter, value,
@@ -18,7 +19,7 @@ use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::{Header, MailboxArea, SmRecord, Writer, category, sm_type};
 use isocat_wire::sync_manager::SyncManager;
-use isocat_wire::time::{Nanos, Time};
+use isocat_wire::time::{Nanos, Picos, Time};
 
 /// What is fixed about the device. Values of the dictionary lie one behind the other: each begins where the one before ends.
 static DESCRIPTION: Description = Description {
@@ -151,15 +152,37 @@ fn main() {
     config.devices = vec![DeviceConfig { mode, ..DeviceConfig::default() }];
     let segment = vec![Connection::new(None, Cable::of_length(10_000), device)];
     let setup = Setup { seed: 1, config, host: HostModel::default(), segment };
-    let run = Run { setup, duration: Nanos::millis(200), sync0_limit: Nanos::micros(1) };
 
-    let outcome = run.execute(None::<isocat::NoTap>, &mut |_| {});
-
-    assert!(outcome.failure.is_none(), "{:?}", outcome.failure);
-    assert!(outcome.findings.is_empty(), "{:?}", outcome.findings);
-    let device = &outcome.world.main().segment().devices[0];
-    println!("station {}, mode {}: in sync for 200 ms", device.station, device.mode);
-    let inputs = outcome.world.main().inputs(0);
+    // The MainDevice's side: it asks for 350 K as soon as the oven is in OP.
+    let heat = |cycle: &mut Cycle<'_>| {
+        for mut device in cycle.devices().filter(|device| device.is_in_operation()) {
+            device.outputs_mut().copy_from_slice(&350_000u32.to_le_bytes());
+        }
+    };
+    let mut world = World::new(setup, heat, None::<isocat::NoTap>);
+    let mut end = Time::ZERO + Picos::from(Nanos::millis(20_000));
+    while world.step(end) {
+        while let Some(event) = world.poll_event() {
+            match event {
+                Event::InOperation { .. } => {
+                    let device = &world.main().segment().devices[0];
+                    println!("station {}, mode {}: in operation", device.station, device.mode);
+                    world.catch_up();
+                    world.begin_judging(intent(world.main(), Nanos::micros(1)));
+                    end = world.now() + Nanos::millis(200).into();
+                }
+                Event::Failed(error) => panic!("{error}"),
+                _ => {}
+            }
+        }
+    }
+    let judges = world.end_judging();
+    let device = &judges.devices()[0];
+    println!("{} SM events missed in 200 ms", device.missed.count());
+    let margin = Nanos(device.margin.margin().least() / 1000);
+    println!("outputs ready at least {margin} before SYNC0");
+    let inputs = world.main().inputs(0);
     let temperature = u32::from_le_bytes(inputs.try_into().expect("4 bytes"));
-    println!("the oven is at {} mK", temperature);
+    println!("the oven is at {temperature} mK");
+    assert!((349_000..350_001).contains(&temperature), "ten time constants are over");
 }

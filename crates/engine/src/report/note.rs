@@ -1,0 +1,122 @@
+//! Kinds of notes that plans and scans have.
+
+use std::fmt;
+
+use isocat_maindevice::kinds;
+
+kinds! {
+    /// What a note of a plan or of a scan is about.
+    #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+    pub enum NoteKind {
+        /// Something of the SubDevice could not be read.
+        NotRead = "not-read",
+        /// The scan could not go on.
+        GivenUp = "given-up",
+        /// SubDevices may not be back in INIT after the scan.
+        WayDown = "way-down",
+        /// Frames leave through a port that the ESC does not have.
+        PortNotThere = "port-not-there",
+        /// The ESC promises distributed clocks, and its receive times do not answer.
+        NoReceiveTimes = "no-receive-times",
+        /// 0x1C32:04 or 0x1C33:04 announces no mode.
+        NoTypes = "no-types",
+        /// Sub-index 01 of 0x1C32 or 0x1C33 shows Free Run, and sub-index 04 does not announce it.
+        FreeRunNotAnnounced = "free-run-not-announced",
+        /// Register 0x0012 and the SII state different alias addresses.
+        Alias = "alias",
+        /// The SII has more SyncManagers than the ESC.
+        TooFewSyncManagers = "too-few-sync-managers",
+        /// The process data need more FMMUs than the ESC has.
+        TooFewFmmus = "too-few-fmmus",
+        /// The SII and object 0x1C00 differ about what a SyncManager is for.
+        SyncManagerUse = "sync-manager-use",
+        /// An area lies outside the process RAM.
+        BeyondTheMemory = "beyond-the-memory",
+        /// Two areas share bytes of the process RAM.
+        Overlap = "overlap",
+        /// The SII states two areas for one mailbox.
+        MailboxArea = "mailbox-area",
+        /// An OpMode of the SII switches SYNC on, and the SubDevice has no system time.
+        OpModeWithoutClock = "op-mode-without-clock",
+        /// 0x1C32:04 and 0x1C33:04 announce no common mode.
+        TypesExcludeEachOther = "types-exclude-each-other",
+        /// An entry is described and can't be read.
+        NotReadable = "not-readable",
+        /// An entry has another length than its description says.
+        Length = "length",
+        /// 0x1C32:04 or 0x1C33:04 announces a DC mode, and the SubDevice has no system time.
+        DcWithoutClock = "dc-without-clock",
+        /// 0x1C32:04 or 0x1C33:04 has a reserved value in bits 6:5.
+        ShiftReserved = "shift-reserved",
+        /// A shift by local timer is announced, and the entry for it is missing.
+        NoShift = "no-shift",
+        /// A shift by local timer is announced, and the entry for it can't be written.
+        ShiftReadOnly = "shift-read-only",
+        /// Calc and copy time is longer than the minimum cycle.
+        CopyLongerThanCycle = "copy-longer-than-cycle",
+        /// Sub-index 01 of 0x1C32 or 0x1C33 shows a type that sub-index 04 does not announce.
+        TypeNotAnnounced = "type-not-announced",
+        /// The SubDevice stood in an error before the scan.
+        ErrorBefore = "error-before",
+        /// The SubDevice was in another state than INIT before the scan.
+        InUse = "in-use",
+        /// A port has a link, and what is behind it does not answer.
+        LinkWithoutSignal = "link-without-signal",
+        /// The SubDevice has receive times and no system time.
+        ReceiveTimesOnly = "receive-times-only",
+        /// The propagation delay can't be known from the receive times.
+        DelayUnknown = "delay-unknown",
+        /// The SII names no vendor or no product.
+        NoIdentity = "no-identity",
+        /// Object 0x1C32 or 0x1C33 is missing.
+        NoSyncObject = "no-sync-object",
+        /// Nothing is assigned in 0x1C12 and 0x1C13.
+        NothingAssigned = "nothing-assigned",
+        /// 0x1C32:04 and 0x1C33:04 announce different modes.
+        TypesDisagree = "types-disagree",
+        /// 0x1C32:05 and 0x1C33:05 state different minimum cycles.
+        MinimumCyclesDiffer = "minimum-cycles-differ",
+        /// Counters of 0x1C32 or 0x1C33 had counted before the scan.
+        Counted = "counted",
+        /// A time that an announced mode asks for is not stated.
+        NotStated = "not-stated",
+        /// 0x1C32:04 or 0x1C33:04 says that delays are fixed and that they should be measured.
+        DelayBoth = "delay-both",
+        /// Delays are announced as fixed, and minimum and maximum differ.
+        DelayNotFixed = "delay-not-fixed",
+        /// Subordinated cycles are announced, and 0x1C32:0A does not say which.
+        NoSync0Cycle = "no-sync0-cycle",
+        /// Sub-indices that an announced mode asks for are missing.
+        Missing = "missing",
+        /// SYNC0 comes while the frame passes: SubDevices behind see old outputs, those in front new ones.
+        Sync0InFrame = "sync0-in-frame",
+        /// The SubDevice is wanted in Free Run and will work by the SM event.
+        FreeRunBySm = "free-run-by-sm",
+        /// Outputs follow their pulse with a spread that judges do not let pass.
+        UnevenOutputs = "uneven-outputs",
+        /// A mailbox frame takes longer than what a cycle has to spare.
+        MailboxNoRoom = "mailbox-no-room",
+        /// The base cycle may begin at any of several SYNC0 pulses.
+        TwoPhases = "two-phases",
+        /// Types can't be written, and are not those of the mode.
+        TypeReadOnly = "type-read-only",
+        /// The mode needs SYNC, and each OpMode of the SubDevice leaves it off.
+        OpmodeSyncOff = "opmode-sync-off",
+        /// The first OpMode of the SubDevice switches DC off.
+        FirstOpmodeDcOff = "first-opmode-dc-off",
+    }
+}
+
+impl NoteKind {
+    /// Whether the sentence comes from the MainDevice, which names the SubDevice itself.
+    pub const fn names_its_device(self) -> bool {
+        matches!(self, Self::NotRead | Self::GivenUp)
+    }
+}
+
+/// Its name.
+impl fmt::Display for NoteKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}

@@ -1,0 +1,467 @@
+//! The whole of it for a program: a MainDevice with its application on a thread of its own, and calls that block the caller and never
+//! the cycle.
+//!
+//! The thread asks for real time ([`RealTime`]), measures how late it wakes, and runs the loop ([`Exchange`]). Calls of the caller
+//! travel to it through a queue that it looks at once in each step, without waiting.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{
+    Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel,
+};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use isocat_maindevice::statistics::Statistics;
+use isocat_maindevice::{
+    AccessError, Application, Config, Event, MainDevice, RequestId, SdoError, Segment,
+};
+use isocat_wire::ObjectAddress;
+use isocat_wire::time::Nanos;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::{
+    Exchange, Figures, LinkError, RawSocket, RealTime, Recorder, Waiting, Wish, clock, preflight,
+};
+
+/// An open interface, before anything was sent.
+///
+/// ```no_run
+/// use isocat_host::{Config, Cycle, Host, Nanos};
+///
+/// fn main() -> isocat_host::Result<()> {
+///     let copy = |cycle: &mut Cycle<'_>| {
+///         for mut device in cycle.devices().filter(|device| device.is_fresh()) {
+///             device.copy_inputs_to_outputs();
+///         }
+///     };
+///     let mut host = Host::open("eth0")?.pinned(3).start(Config::new(Nanos::millis(1)), copy);
+///     let segment = host.until_operation()?;
+///     println!("{} SubDevices in operation", segment.devices.len());
+///     host.until_signal()?;
+///     host.stop().map(|_| ())
+/// }
+/// ```
+#[derive(Debug)]
+pub struct Host {
+    socket: RawSocket,
+    wish: Wish,
+    recorder: Option<Recorder>,
+}
+
+impl Host {
+    /// Opens an interface of this thread's network namespace. Needs `cap_net_raw`.
+    pub fn open(interface: &str) -> Result<Self> {
+        Ok(Self::on(RawSocket::open(interface, None)?))
+    }
+
+    /// Takes an interface that is open.
+    pub fn on(socket: RawSocket) -> Self {
+        Self { socket, wish: Wish::default(), recorder: None }
+    }
+
+    /// The loop stays on this CPU.
+    pub fn pinned(mut self, cpu: usize) -> Self {
+        self.wish.cpu = Some(cpu);
+        self
+    }
+
+    /// The loop never sleeps: punctual on machines that wake late, for a CPU of its own.
+    pub fn busy(mut self) -> Self {
+        self.wish.busy = true;
+        self
+    }
+
+    /// Every frame goes to this recorder; [`Ended::recorder`] gives it back, to be finished.
+    pub fn recording(mut self, recorder: Recorder) -> Self {
+        self.recorder = Some(recorder);
+        self
+    }
+
+    /// Begins the way up, on a thread of its own. The application's calls come from that thread.
+    pub fn start<A: Application + Send + 'static>(
+        self,
+        config: Config,
+        application: A,
+    ) -> Running<A> {
+        let (wishes, orders) = sync_channel(ORDERS);
+        let (told, events) = sync_channel(EVENTS);
+        let work = move || run(self, config, application, orders, told);
+        let thread = std::thread::spawn(work);
+        Running { thread: Some(thread), wishes, events, seen: VecDeque::new(), ended: None }
+    }
+}
+
+/// A MainDevice at work on its own thread.
+///
+/// - Waiting: [`until_operation`](Self::until_operation), [`until_signal`](Self::until_signal), [`event`](Self::event).
+/// - Requests, answered while the cycle goes on: [`upload`](Self::upload), [`download`](Self::download),
+///   [`read_memory`](Self::read_memory).
+/// - A look inside: [`look`](Self::look), [`segment`](Self::segment), [`statistics`](Self::statistics).
+/// - The end: [`stop`](Self::stop). Dropped without it, the segment is taken down all the same, and nobody waits for it.
+///
+/// Once the loop has ended, every call gives the error that ended it.
+#[derive(Debug)]
+pub struct Running<A> {
+    thread: Option<JoinHandle<Finish<A>>>,
+    wishes: SyncSender<Order<A>>,
+    events: Receiver<Event>,
+    /// Events that were waited past.
+    seen: VecDeque<Event>,
+    ended: Option<Finish<A>>,
+}
+
+/// What is left of a MainDevice that took its segment down.
+#[derive(Debug)]
+pub struct Ended<A> {
+    /// The application.
+    pub application: A,
+    /// Counts.
+    pub statistics: Statistics,
+    /// How punctual the machine was in operation.
+    pub figures: Figures,
+    /// What the machine granted and refused for real time.
+    pub granted: Vec<String>,
+    /// What was refused, each with what to do about it.
+    pub refused: Vec<String>,
+    /// The recorder, to be finished.
+    pub recorder: Option<Recorder>,
+}
+
+/// The thread's end: what is left, and why if it was not asked for.
+type Finish<A> = (Ended<A>, Option<Error>);
+
+/// What goes wrong on the way.
+pub enum Error {
+    /// The interface.
+    Link(LinkError),
+    /// The segment: the MainDevice gave up.
+    MainDevice(isocat_maindevice::Error),
+    /// An object access; the SubDevice goes on.
+    Object(SdoError),
+    /// An access to memory; the SubDevice goes on.
+    Memory(AccessError),
+    /// The way down did not end within [`STOP_LIMIT`]; SubDevices may still be in OP.
+    StillUp,
+    /// The thread has ended, and why was told before.
+    Over,
+    /// A signal can't be waited for.
+    Signal(std::io::Error),
+}
+
+/// A result with this crate's [`Error`].
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// Longest time of the way down.
+pub const STOP_LIMIT: Nanos = Nanos::millis(5_000);
+
+impl<A: Application + Send + 'static> Running<A> {
+    /// Waits until all SubDevices are in OP; gives what was found.
+    pub fn until_operation(&mut self) -> Result<Segment> {
+        loop {
+            match self.receive(LOOK)? {
+                Some(Event::InOperation { .. }) => return self.segment(),
+                Some(event) => self.keep(event),
+                None => {}
+            }
+        }
+    }
+
+    /// Waits until SIGINT or SIGTERM comes, or the loop ends with an error.
+    pub fn until_signal(&mut self) -> Result<()> {
+        let asked = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM] {
+            signal_hook::flag::register(signal, asked.clone()).map_err(Error::Signal)?;
+        }
+        while !asked.load(Ordering::Relaxed) {
+            if let Some(event) = self.receive(LOOK)? {
+                self.keep(event);
+            }
+        }
+        Ok(())
+    }
+
+    /// The next thing that happened; `None` if nothing did for so long. Only the last thousand or so are kept;
+    /// [`Event::Dropped`] tells how many were not.
+    pub fn event(&mut self, within: Duration) -> Result<Option<Event>> {
+        match self.seen.pop_front() {
+            Some(event) => Ok(Some(event)),
+            None => self.receive(within),
+        }
+    }
+
+    /// Reads an object while the cycle goes on.
+    pub fn upload(&mut self, position: usize, object: ObjectAddress) -> Result<Vec<u8>> {
+        let answer = self.ask(move |main, _| main.upload(position, object))?;
+        match answer {
+            Event::Uploaded { result, .. } => result.map_err(Error::Object),
+            _ => Err(Error::Over),
+        }
+    }
+
+    /// Writes an object while the cycle goes on.
+    pub fn download(&mut self, position: usize, object: ObjectAddress, data: &[u8]) -> Result<()> {
+        let data = data.to_vec();
+        let answer = self.ask(move |main, _| main.download(position, object, &data))?;
+        match answer {
+            Event::Downloaded { result, .. } => result.map_err(Error::Object),
+            _ => Err(Error::Over),
+        }
+    }
+
+    /// Reads registers or memory while the cycle goes on.
+    pub fn read_memory(&mut self, position: usize, address: u16, len: usize) -> Result<Vec<u8>> {
+        let answer = self.ask(move |main, _| main.read_memory(position, address, len))?;
+        match answer {
+            Event::Read { result, .. } => result.map_err(Error::Memory),
+            _ => Err(Error::Over),
+        }
+    }
+
+    /// Looks at the MainDevice and the application, between two steps of the loop and on its thread: what `look` takes is time that the
+    /// cycle does not have.
+    pub fn look<R: Send + 'static>(
+        &mut self,
+        look: impl FnOnce(&MainDevice, &A) -> R + Send + 'static,
+    ) -> Result<R> {
+        let (answer, answered) = sync_channel(1);
+        let order = Order::Look(Box::new(move |main, application| {
+            // Whoever asked may have gone.
+            let _ = answer.send(look(main, application));
+        }));
+        self.order(order)?;
+        self.await_answer(&answered)
+    }
+
+    /// What was found: topology, identities, mapping, the plan.
+    pub fn segment(&mut self) -> Result<Segment> {
+        self.look(|main, _| main.segment().clone())
+    }
+
+    /// Counts so far.
+    pub fn statistics(&mut self) -> Result<Statistics> {
+        self.look(|main, _| main.statistics())
+    }
+
+    /// Takes the segment back to INIT and ends the thread.
+    pub fn stop(mut self) -> Result<Ended<A>> {
+        // If it has ended already, its end says why.
+        let _ = self.order(Order::Stop);
+        self.join();
+        match self.ended.take() {
+            Some((ended, None)) => Ok(ended),
+            Some((_, Some(error))) => Err(error),
+            None => Err(Error::Over),
+        }
+    }
+
+    /// Sends a request, and waits for the event that answers it.
+    fn ask(
+        &mut self,
+        request: impl FnOnce(&mut MainDevice, &A) -> RequestId + Send + 'static,
+    ) -> Result<Event> {
+        let (answer, answered) = sync_channel(1);
+        self.order(Order::Ask(Box::new(request), answer))?;
+        self.await_answer(&answered)
+    }
+
+    fn order(&mut self, order: Order<A>) -> Result<()> {
+        self.wishes.send(order).map_err(|_| self.why())
+    }
+
+    fn await_answer<R>(&mut self, answered: &Receiver<R>) -> Result<R> {
+        answered.recv().map_err(|_| self.why())
+    }
+
+    fn receive(&mut self, within: Duration) -> Result<Option<Event>> {
+        match self.events.recv_timeout(within) {
+            Ok(event) => Ok(Some(event)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(RecvTimeoutError::Disconnected) => Err(self.why()),
+        }
+    }
+
+    fn keep(&mut self, event: Event) {
+        if self.seen.len() >= EVENTS {
+            self.seen.pop_front();
+        }
+        self.seen.push_back(event);
+    }
+
+    /// Why the thread has ended, told once.
+    fn why(&mut self) -> Error {
+        self.join();
+        self.ended.as_mut().and_then(|(_, error)| error.take()).unwrap_or(Error::Over)
+    }
+
+    fn join(&mut self) {
+        if let Some(thread) = self.thread.take() {
+            let ended = thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            self.ended = Some(ended);
+        }
+    }
+}
+
+/// What the caller wants of the loop.
+enum Order<A> {
+    Ask(Box<dyn FnOnce(&mut MainDevice, &A) -> RequestId + Send>, SyncSender<Event>),
+    Look(Box<dyn FnOnce(&MainDevice, &A) + Send>),
+    Stop,
+}
+
+/// The thread.
+fn run<A: Application>(
+    host: Host,
+    config: Config,
+    application: A,
+    orders: Receiver<Order<A>>,
+    told: SyncSender<Event>,
+) -> Finish<A> {
+    let Host { socket, wish, recorder } = host;
+    let real_time = RealTime::ask(wish);
+    let waiting = match wish.busy {
+        true => Waiting::Busy,
+        false => Waiting::sleep(&preflight::wake_ups(config.cycle), config.cycle),
+    };
+    let exchange = Exchange::new(config, socket, waiting, recorder, application);
+    let mut work =
+        Work { exchange, orders, told, untold: 0, asked: Vec::new(), stopping: None, gone: false };
+    let error = work.run();
+    let Work { exchange, .. } = work;
+    let (statistics, figures) = (exchange.main().statistics(), *exchange.figures());
+    let (application, recorder) = exchange.into_parts();
+    let RealTime { granted, refused, .. } = real_time;
+    (Ended { application, statistics, figures, granted, refused, recorder }, error)
+}
+
+struct Work<A> {
+    exchange: Exchange<A>,
+    orders: Receiver<Order<A>>,
+    told: SyncSender<Event>,
+    /// Events that found no room.
+    untold: u64,
+    /// Requests that wait for their events.
+    asked: Vec<(RequestId, SyncSender<Event>)>,
+    /// When the way down is to be over.
+    stopping: Option<isocat_wire::Time<isocat_wire::time::Host>>,
+    /// Nobody will order anything any more.
+    gone: bool,
+}
+
+impl<A: Application> Work<A> {
+    /// Until it is stopped or something fails; gives what.
+    fn run(&mut self) -> Option<Error> {
+        loop {
+            match self.exchange.step(clock::now() + STEP) {
+                Ok(true) => {}
+                Ok(false) => return Some(Error::Over),
+                Err(error) => return Some(Error::Link(error)),
+            }
+            while let Some(event) = self.exchange.poll_event() {
+                match event {
+                    Event::Stopped => return None,
+                    Event::Failed(error) => return Some(Error::MainDevice(error)),
+                    Event::InOperation { .. } => self.exchange.measure(true),
+                    _ => {}
+                }
+                self.tell(event);
+            }
+            if self.stopping.is_some_and(|limit| clock::now() >= limit) {
+                return Some(Error::StillUp);
+            }
+            self.obey();
+        }
+    }
+
+    fn tell(&mut self, event: Event) {
+        let request = match &event {
+            Event::Uploaded { request, .. }
+            | Event::Downloaded { request, .. }
+            | Event::Read { request, .. } => Some(*request),
+            _ => None,
+        };
+        let asked = request.and_then(|id| self.asked.iter().position(|(asked, _)| *asked == id));
+        if let Some(at) = asked {
+            // Whoever asked may have gone.
+            let _ = self.asked.swap_remove(at).1.send(event);
+            return;
+        }
+        if self.untold > 0 {
+            let dropped = Event::Dropped { count: self.untold };
+            if self.told.try_send(dropped).is_ok() {
+                self.untold = 0;
+            }
+        }
+        if let Err(TrySendError::Full(_)) = self.told.try_send(event) {
+            self.untold += 1;
+        }
+    }
+
+    /// Does what was ordered meanwhile.
+    fn obey(&mut self) {
+        loop {
+            let order = match self.orders.try_recv() {
+                Ok(order) => order,
+                Err(TryRecvError::Empty) => return,
+                Err(TryRecvError::Disconnected) if self.gone => return,
+                Err(TryRecvError::Disconnected) => {
+                    self.gone = true;
+                    Order::Stop
+                }
+            };
+            match order {
+                Order::Ask(request, answer) => {
+                    let (main, application) = self.exchange.parts_mut();
+                    self.asked.push((request(main, application), answer));
+                }
+                Order::Look(look) => look(self.exchange.main(), self.exchange.application()),
+                Order::Stop if self.stopping.is_none() => {
+                    self.exchange.measure(false);
+                    self.exchange.main_mut().stop();
+                    self.stopping = Some(clock::now() + STOP_LIMIT);
+                }
+                Order::Stop => {}
+            }
+        }
+    }
+}
+
+impl From<LinkError> for Error {
+    fn from(error: LinkError) -> Self {
+        Self::Link(error)
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Link(error) => error.fmt(f),
+            Self::MainDevice(error) => error.fmt(f),
+            Self::Object(error) => error.fmt(f),
+            Self::Memory(error) => error.fmt(f),
+            Self::StillUp => f.write_str("the way down did not end; SubDevices may still be in OP"),
+            Self::Over => f.write_str("the MainDevice has ended"),
+            Self::Signal(error) => write!(f, "waiting for a signal: {error}"),
+        }
+    }
+}
+
+/// The words for people, so that a `main` that gives this error ends with them.
+impl fmt::Debug for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// Orders that may wait: more make their callers wait.
+const ORDERS: usize = 16;
+/// Events that wait for the caller; as many as the MainDevice keeps.
+const EVENTS: usize = 1024;
+/// How often a waiting caller looks for a signal.
+const LOOK: Duration = Duration::from_millis(50);
+/// The longest step of the loop: orders are seen within this where there is no cycle.
+const STEP: Nanos = Nanos::millis(5);

@@ -1,0 +1,321 @@
+//! Frames of procedures: datagrams that wait, that are under way and that are back, and when somebody wants to be woken.
+
+use alloc::collections::VecDeque;
+use alloc::vec::Vec;
+use core::task::Poll;
+
+use isocat_wire::command::Command;
+use isocat_wire::datagram::{self, Address, Layouts};
+use isocat_wire::frame::{ETHERCAT_HEADER_LEN, ETHERNET_HEADER_LEN, FrameWriter};
+use isocat_wire::time::{Host, Nanos, Time};
+
+use super::{CYCLIC_INDEX, Reply, Travel};
+use crate::statistics::Statistics;
+
+/// Bytes of a frame before its first datagram.
+const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
+/// Most frames of the link in flight. More than a long line needs to be filled, and few enough that
+/// an index comes again only long after its frame was given up.
+const MOST_FLIGHTS: usize = 24;
+/// A repetition waits for at most two to this power times as long as the first frame.
+const MOST_DOUBLINGS: u8 = 4;
+
+/// The queue, the frames in flight, the waits.
+pub(crate) struct Port {
+    /// Host time of the last input.
+    pub now: Time<Host>,
+    source: [u8; 6],
+    frame_timeout: Nanos,
+    retries: u8,
+    slots: Vec<Slot>,
+    free: Vec<usize>,
+    queue: VecDeque<usize>,
+    flights: Vec<Flight>,
+    next_index: u8,
+    /// Earliest end of a wait, collected anew in each round of polling.
+    wake: Time<Host>,
+}
+
+struct Slot {
+    state: SlotState,
+    command: Command,
+    address: Address,
+    data: Vec<u8>,
+    wkc: u16,
+    sent: Time<Host>,
+    retries: u8,
+    /// Losses so far.
+    losses: u8,
+    alone: bool,
+    /// Nobody waits any more.
+    abandoned: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum SlotState {
+    Queued,
+    InFlight,
+    Done,
+    Lost,
+    Free,
+}
+
+struct Flight {
+    index: u8,
+    deadline: Time<Host>,
+    slots: Vec<usize>,
+}
+
+impl Port {
+    pub fn new(now: Time<Host>, source: [u8; 6], frame_timeout: Nanos, retries: u8) -> Self {
+        Self {
+            now,
+            source,
+            frame_timeout,
+            retries,
+            slots: Vec::new(),
+            free: Vec::new(),
+            queue: VecDeque::new(),
+            flights: Vec::new(),
+            next_index: 0,
+            wake: Time::NEVER,
+        }
+    }
+
+    /// Queues a datagram; gives its slot.
+    pub fn enqueue(
+        &mut self,
+        command: Command,
+        address: Address,
+        data: Vec<u8>,
+        travel: Travel,
+    ) -> usize {
+        let slot = Slot {
+            state: SlotState::Queued,
+            command,
+            address,
+            data,
+            wkc: 0,
+            sent: Time::ZERO,
+            retries: if travel.once { 0 } else { self.retries },
+            losses: 0,
+            alone: travel.alone,
+            abandoned: false,
+        };
+        let at = match self.free.pop() {
+            Some(at) => {
+                self.slots[at] = slot;
+                at
+            }
+            None => {
+                self.slots.push(slot);
+                self.slots.len() - 1
+            }
+        };
+        self.queue.push_back(at);
+        at
+    }
+
+    /// The answer to a datagram, once; `None` inside: it is lost.
+    pub fn answer(&mut self, slot: usize) -> Poll<Option<Reply>> {
+        let slot = &mut self.slots[slot];
+        match slot.state {
+            SlotState::Done => Poll::Ready(Some(Reply {
+                data: core::mem::take(&mut slot.data),
+                wkc: slot.wkc,
+                sent: slot.sent,
+            })),
+            SlotState::Lost => Poll::Ready(None),
+            _ => Poll::Pending,
+        }
+    }
+
+    /// Whether a wait until `due` is over; if not, the machine wakes by then.
+    pub fn waits_until(&mut self, due: Time<Host>) -> bool {
+        if self.now < due {
+            self.wake = self.wake.min(due);
+        }
+        self.now < due
+    }
+
+    /// Builds the next frame of queued datagrams, of `most` bytes at most unless a single datagram
+    /// is longer; `None` if nothing is queued or too much is in flight.
+    pub fn transmit(
+        &mut self,
+        now: Time<Host>,
+        buffer: &mut [u8],
+        most: usize,
+        statistics: &mut Statistics,
+    ) -> Option<usize> {
+        if self.queue.is_empty() || self.flights.len() >= MOST_FLIGHTS {
+            return None;
+        }
+        let mut frame = FrameWriter::new(buffer, self.source);
+        let index = self.free_index();
+        let mut slots = Vec::new();
+        let mut len = HEADERS;
+        let mut losses = 0;
+        while let Some(&at) = self.queue.front() {
+            let slot = &mut self.slots[at];
+            let more = slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+            let first = slots.is_empty();
+            if !first && (slot.alone || len + more > most) {
+                break;
+            }
+            if frame.push(slot.command, index, slot.address, &slot.data).is_err() {
+                break;
+            }
+            self.queue.pop_front();
+            slot.state = SlotState::InFlight;
+            slot.sent = now;
+            slots.push(at);
+            losses = losses.max(slot.losses);
+            len += more;
+            if slot.alone {
+                break;
+            }
+        }
+        if slots.is_empty() {
+            // Longer than the caller's buffer: it will never go out.
+            if let Some(at) = self.queue.pop_front() {
+                self.lose(at);
+            }
+            return None;
+        }
+        self.next_index = (index + 1) % CYCLIC_INDEX;
+        statistics.frames_sent += 1;
+        statistics.datagrams += slots.len() as u64;
+        // Each repetition waits twice as long: whoever was asleep on the way gets time to wake.
+        let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS));
+        self.flights.push(Flight { index, deadline: now + patience, slots });
+        Some(frame.finish())
+    }
+
+    /// The next index that no frame in flight has.
+    fn free_index(&self) -> u8 {
+        let mut index = self.next_index;
+        while self.flights.iter().any(|flight| flight.index == index) {
+            index = (index + 1) % CYCLIC_INDEX;
+        }
+        index
+    }
+
+    /// Bytes on the wire of the first datagram queued, as a frame of its own; `None` if nothing is
+    /// queued.
+    pub fn first_len(&self) -> Option<usize> {
+        let &at = self.queue.front()?;
+        let len = self.slots[at].data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+        Some(len + HEADERS)
+    }
+
+    /// Takes the datagrams of a frame that came back; `false` if it is none of ours.
+    pub fn receive(&mut self, payload: &[u8], statistics: &mut Statistics) -> bool {
+        let Some(&index) = payload.get(1) else { return false };
+        let Some(at) = self.flights.iter().position(|flight| flight.index == index) else {
+            return false;
+        };
+        if !self.belongs(&self.flights[at].slots, payload) {
+            return false;
+        }
+        let flight = self.flights.swap_remove(at);
+        let mut layouts = Layouts::new();
+        for at in flight.slots {
+            let Some(Ok(layout)) = layouts.next(payload) else { break };
+            let slot = &mut self.slots[at];
+            slot.data.copy_from_slice(&payload[layout.data()..layout.wkc()]);
+            slot.wkc = u16::from_le_bytes([payload[layout.wkc()], payload[layout.wkc() + 1]]);
+            slot.state = SlotState::Done;
+            if slot.abandoned {
+                self.put_back(at);
+            }
+        }
+        statistics.frames_received += 1;
+        true
+    }
+
+    /// Whether a frame holds just these datagrams.
+    fn belongs(&self, slots: &[usize], payload: &[u8]) -> bool {
+        let mut layouts = Layouts::new();
+        for &at in slots {
+            let slot = &self.slots[at];
+            let Some(Ok(layout)) = layouts.next(payload) else { return false };
+            let header = layout.header;
+            // Positions are counted up on the way; the other half of the address stays.
+            let same_place = if slot.command.increments_position() {
+                header.ado() == (slot.address.raw() >> 16) as u16
+            } else {
+                header.address == slot.address.raw()
+            };
+            let same_length = usize::from(header.len) == slot.data.len();
+            if header.command != slot.command as u8 || !same_length || !same_place {
+                return false;
+            }
+        }
+        layouts.next(payload).is_none()
+    }
+
+    /// Gives up frames whose time is over.
+    #[inline]
+    pub fn handle_timeout(&mut self, statistics: &mut Statistics) {
+        let now = self.now;
+        while let Some(at) = self.flights.iter().position(|flight| flight.deadline <= now) {
+            let flight = self.flights.swap_remove(at);
+            statistics.frames_lost += 1;
+            for at in flight.slots {
+                let slot = &mut self.slots[at];
+                if slot.abandoned {
+                    self.put_back(at);
+                } else if slot.retries > 0 {
+                    slot.retries -= 1;
+                    slot.losses = slot.losses.saturating_add(1);
+                    slot.state = SlotState::Queued;
+                    self.queue.push_back(at);
+                } else {
+                    self.lose(at);
+                }
+            }
+        }
+    }
+
+    /// When a frame will be given up or a wait ends.
+    pub fn next_timeout(&self) -> Time<Host> {
+        let flights = self.flights.iter().map(|flight| flight.deadline);
+        flights.fold(self.wake, Time::min)
+    }
+
+    /// Frames that are under way.
+    pub fn in_flight(&self) -> usize {
+        self.flights.len()
+    }
+
+    /// Before each round of polling.
+    pub fn forget_waits(&mut self) {
+        self.wake = Time::NEVER;
+    }
+
+    fn lose(&mut self, at: usize) {
+        self.slots[at].state = SlotState::Lost;
+        if self.slots[at].abandoned {
+            self.put_back(at);
+        }
+    }
+
+    /// Nobody waits for a slot any more.
+    pub fn release(&mut self, at: usize) {
+        match self.slots[at].state {
+            SlotState::InFlight => self.slots[at].abandoned = true,
+            SlotState::Queued => {
+                self.queue.retain(|queued| *queued != at);
+                self.put_back(at);
+            }
+            SlotState::Done | SlotState::Lost => self.put_back(at),
+            SlotState::Free => {}
+        }
+    }
+
+    fn put_back(&mut self, at: usize) {
+        self.slots[at].state = SlotState::Free;
+        self.slots[at].data = Vec::new();
+        self.free.push(at);
+    }
+}

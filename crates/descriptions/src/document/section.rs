@@ -183,11 +183,11 @@ impl Kind {
 
     fn collect(&self, all: &mut Vec<&'static Section>) {
         match self {
-            Self::Table(section) | Self::Tables(section) => {
-                if !all.iter().any(|known| std::ptr::eq(*known, *section)) {
-                    all.push(section);
-                    section.keys.iter().for_each(|key| key.kind.collect(all));
-                }
+            Self::Table(section) | Self::Tables(section)
+                if !all.iter().any(|known| std::ptr::eq(*known, *section)) =>
+            {
+                all.push(section);
+                section.keys.iter().for_each(|key| key.kind.collect(all));
             }
             Self::Either(kinds) => kinds.iter().for_each(|kind| kind.collect(all)),
             Self::List(kind) | Self::Map { values: kind, .. } => kind.collect(all),

@@ -1,9 +1,9 @@
 //! Every key of segment files and profiles: where it may stand, and what can be made of its
 //! declaration.
 //!
-//! The declarations stand beside their parsers: [`segment_file::FILE`](crate::segment_file::FILE)
-//! and [`profile::FILE`](crate::profile::FILE). [`find`] looks a key up by its name, [`schema`]
-//! makes a JSON schema for editors, [`page`] the tables of the documentation.
+//! The declarations stand beside their parsers: [`segment_file::FILE`] and [`profile::FILE`].
+//! [`find`] looks a key up by its name, [`schema()`] makes a JSON schema for editors, [`page()`] the
+//! tables of the documentation.
 
 mod page;
 mod schema;

@@ -10,10 +10,11 @@ use isocat::timeline::Moment;
 use isocat_wire::time::{Nanos, Picos};
 use serde::Serialize;
 
+use crate::keys::{KEYS, Key};
 use crate::presets::{PRESETS, Preset};
 use crate::pulses::{self, RegisterRow};
 use crate::run::{self, Ran};
-use crate::state::{KEYS, Key, Problem, State};
+use crate::state::{Problem, State};
 use crate::{counter, edges, pictures};
 
 /// The whole answer; what does not apply is empty.

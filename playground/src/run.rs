@@ -11,6 +11,7 @@ use isocat_sim::{Segment, Tap};
 use isocat_wire::time::{Picos, Time, True};
 use std::fmt::Write;
 
+use crate::keys::{KEYS, Kind, in_file};
 use crate::state::{Problem, State};
 
 /// A run that is over.
@@ -120,26 +121,15 @@ pub fn segment_file(state: &State) -> String {
             cable.to_string().replace(' ', ""),
             plain(Ppb(share)),
         );
-        for (key, name) in OF_DEVICES {
-            if let Some(value) = time(key) {
-                let _ = writeln!(text, "{name} = {value}");
+        for key in KEYS.iter().filter(|key| matches!(key.kind, Kind::Duration { .. })) {
+            let in_device = key.of.filter(|path| path.starts_with("subdevice."));
+            if let (Some(path), Some(value)) = (in_device, time(key.name)) {
+                let _ = writeln!(text, "{} = {value}", in_file(path).key.name);
             }
         }
     }
     text
 }
-
-/// Keys of the page, and of a `[[subdevice]]`.
-const OF_DEVICES: [(&str, &str); 8] = [
-    ("calc-copy", "calc_copy"),
-    ("copy-time", "copy_time"),
-    ("delay", "delay"),
-    ("device-jitter", "jitter"),
-    ("shift", "shift"),
-    ("input-shift", "input_shift"),
-    ("sync1", "sync1"),
-    ("sync0-cycle", "sync0_cycle"),
-];
 
 fn quoted(time: Nanos) -> String {
     format!("\"{}\"", time.to_string().replace(' ', ""))
@@ -153,17 +143,13 @@ fn plain(rate: Ppb) -> String {
 fn key_in_line(file: &str, line: usize) -> Option<String> {
     let text = file.lines().nth(line.checked_sub(1)?)?;
     let name = text.split('=').next()?.trim();
-    let of_device = file.lines().take(line).any(|line| line == "[[subdevice]]");
-    let known = OF_DEVICES.iter().find(|(_, of)| *of == name && of_device).map(|(key, _)| *key);
-    let key = match (known, of_device, name) {
-        (Some(key), ..) => key,
-        (None, true, "clock") => "clocks",
-        (None, false, "shift") => "phase",
-        (None, false, "clock") => "host-clock",
-        (None, false, "jitter") => "host-jitter",
-        _ => name,
+    let heads = file.lines().take(line).filter(|line| line.starts_with('['));
+    let path = match heads.last().map(|head| head.trim_matches(['[', ']'])) {
+        Some(table) => format!("{table}.{name}"),
+        None => name.to_owned(),
     };
-    Some(key.to_owned())
+    let key = KEYS.iter().find(|key| key.of == Some(path.as_str()));
+    Some(key.map_or(name, |key| key.name).to_owned())
 }
 
 /// Sees the run: what the recording keeps, and what is too much for long runs.

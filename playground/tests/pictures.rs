@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use isocat::picture::{Picture, time, waves};
+use isocat::picture::{Picture, waves};
+use isocat::quantity::time;
 use isocat::timeline::Moment;
 use isocat_playground::run::{self, Ran};
 use isocat_playground::state::State;

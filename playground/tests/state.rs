@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use isocat::document::section::Kind as Declared;
 use isocat_playground::answer::of;
-use isocat_playground::state::{KEYS, Kind, State};
+use isocat_playground::keys::{KEYS, Kind, LONGEST_CYCLE, in_file};
+use isocat_playground::state::State;
 
 fn problems(key: &str, text: &str) -> Vec<(String, String)> {
     let texts = BTreeMap::from([(key.to_owned(), text.to_owned())]);
@@ -64,7 +66,7 @@ fn what_the_devices_can_t_do_is_told_by_key_too() {
 #[test]
 fn defaults_are_values() {
     assert!(State::read(&BTreeMap::new()).is_ok());
-    for key in KEYS {
+    for key in KEYS.iter() {
         assert!(!key.label.is_empty() && !key.help.is_empty() && !key.views.is_empty());
         // What has no value of its own must have one by default.
         if let Kind::Duration { own: None, .. } = key.kind {
@@ -93,4 +95,37 @@ fn the_file_on_the_page_is_one_for_the_command() {
     assert_eq!(file.subdevices.len(), 3);
     let report = isocat::run(&isocat::Scenario::from(file));
     assert_eq!(report.verdict, answer.verdict);
+}
+
+/// A key that stands for one of a segment file has no value that the file would not take.
+#[test]
+fn keys_keep_within_those_of_the_file() {
+    let mut keys = 0;
+    for key in KEYS.iter() {
+        let Some(path) = key.of else { continue };
+        keys += 1;
+        match (&key.kind, in_file(path).key.kind) {
+            // In the other part of the page these stand for registers alone.
+            (Kind::Duration { .. }, _) if key.views.len() > 1 && key.name != "cycle" => {}
+            (Kind::Duration { least, most, .. }, Declared::Duration { least: l, most: m, .. }) => {
+                assert!(*least >= l.at(LONGEST_CYCLE) && *most <= m.at(LONGEST_CYCLE), "{path}");
+            }
+            (Kind::Length { least, most }, Declared::Length { least: l, most: m })
+            | (Kind::Count { least, most }, Declared::Integer { least: l, most: m }) => {
+                assert!(*least >= l && *most <= m, "{path}");
+            }
+            (Kind::Rate { most }, Declared::Rate { least, most: m }) => {
+                assert!(*most <= m && -most >= least, "{path}");
+            }
+            (Kind::Choice { choices }, Declared::Choice(words)) => {
+                let words = words.0.words();
+                let known = |word: &str| words.iter().any(|(known, _)| *known == word);
+                assert!(choices.iter().all(|(word, _)| known(word)), "{path}");
+                assert_eq!(choices.len(), words.len(), "{path}: the page has them all");
+            }
+            (Kind::Choice { .. }, Declared::Boolean | Declared::Either(_)) => {}
+            (kind, declared) => panic!("{path}: {kind:?} for {declared:?}"),
+        }
+    }
+    assert_eq!(keys, 18);
 }

@@ -1,8 +1,9 @@
-//! Every key of segment files and profiles: where it may stand, and what can be made of its declaration.
+//! Every key of segment files and profiles: where it may stand, and what can be made of its
+//! declaration.
 //!
-//! The declarations stand beside their parsers: [`segment_file::FILE`](crate::segment_file::FILE) and
-//! [`profile::FILE`](crate::profile::FILE). [`find`] looks a key up by its name, [`schema`] makes a JSON schema for editors,
-//! [`page`] the tables of the documentation.
+//! The declarations stand beside their parsers: [`segment_file::FILE`] and [`profile::FILE`].
+//! [`find`] looks a key up by its name, [`schema()`] makes a JSON schema for editors, [`page()`] the
+//! tables of the documentation.
 
 mod page;
 mod schema;
@@ -43,7 +44,8 @@ pub struct Place {
 }
 
 impl Place {
-    /// The place as a path: `subdevice.input_shift`; the name alone at the top level and in what has no name.
+    /// The place as a path: `subdevice.input_shift`; the name alone at the top level and in what
+    /// has no name.
     pub fn path(&self) -> String {
         match bare(self.section) {
             section if section.is_empty() || section.contains(' ') => self.key.name.to_owned(),
@@ -61,7 +63,8 @@ pub fn all() -> impl Iterator<Item = Place> {
     })
 }
 
-/// The places of a key: by its name (`input_shift`), or by its table and its name (`subdevice.input_shift`).
+/// The places of a key: by its name (`input_shift`), or by its table and its name
+/// (`subdevice.input_shift`).
 pub fn find(name: &str) -> Vec<Place> {
     all().filter(|place| place.key.name == name || place.path() == name).collect()
 }

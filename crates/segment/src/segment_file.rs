@@ -25,7 +25,8 @@
 //! opmode = "DC"                 # by name, or by number from 0; default: the first, for drives the first with SYNC0
 //! ```
 //!
-//! With `count = 50` a table stands for fifty equal devices in a line. Every key is declared in [`FILE`].
+//! With `count = 50` a table stands for fifty equal devices in a line. Every key is declared in
+//! [`FILE`].
 //!
 //! Every mistake is a [`FileError`] with file, line and column, what was expected and the nearest
 //! known name.
@@ -59,7 +60,8 @@ pub use tree::Place;
 
 use keys::MOST_DEVICES;
 
-/// A segment, checked: every device exists, every number is in range. Ranges and defaults stand with the keys in [`FILE`].
+/// A segment, checked: every device exists, every number is in range. Ranges and defaults stand
+/// with the keys in [`FILE`].
 #[derive(Clone, Debug)]
 pub struct SegmentFile {
     /// The file, as errors name it.
@@ -70,9 +72,11 @@ pub struct SegmentFile {
     pub duration: Nanos,
     /// Seed of everything random in the simulation. Key `seed`.
     pub seed: u64,
-    /// Wanted position of SYNC0 after the start of the cycle. Key `shift`; `None`: the plan chooses.
+    /// Wanted position of SYNC0 after the start of the cycle. Key `shift`; `None`: the plan
+    /// chooses.
     pub shift: Option<Nanos>,
-    /// Watchdog of the process data, register 0x0420. Key `watchdog`; `None`: as the chips have it, 100 ms.
+    /// Watchdog of the process data, register 0x0420. Key `watchdog`; `None`: as the chips have it,
+    /// 100 ms.
     pub watchdog: Option<Nanos>,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
@@ -89,20 +93,22 @@ pub struct Host {
     pub clock: Ppb,
     /// Peak-to-peak lateness of its wake-ups. Key `jitter`.
     pub jitter: Nanos,
-    /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`. Without it a simulation shows
-    /// how clocks run apart.
+    /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`.
+    /// Without it a simulation shows how clocks run apart.
     pub drift_compensation: bool,
 }
 
 /// `[[subdevice]]`: one device.
 #[derive(Clone, Debug)]
 pub struct SubDevice {
-    /// What reports call it. Key `name`; default: the device's id and its place in the file from 0. With `count = N`, N equal
-    /// devices stand one behind the other in the place of one; the name of each then ends in its number among them, from 0.
+    /// What reports call it. Key `name`; default: the device's id and its place in the file from 0.
+    /// With `count = N`, N equal devices stand one behind the other in the place of one; the name
+    /// of each then ends in its number among them, from 0.
     pub name: String,
-    /// The device, with what the file says differently already in it. Keys `device`, or `esi`, `type`, `revision` and
-    /// `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time` (what its CPU really needs), `delay` (what it states
-    /// in 0x1C32:09), `jitter` (of its CPU), `misbehave` (what it does wrong, by name).
+    /// The device, with what the file says differently already in it. Keys `device`, or `esi`,
+    /// `type`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
+    /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU),
+    /// `misbehave` (what it does wrong, by name).
     pub profile: &'static Profile,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
@@ -112,24 +118,27 @@ pub struct SubDevice {
     pub cable: Length,
     /// How long signals take on that cable. Key `cable_delay`.
     pub cable_delay: DelayPerMetre,
-    /// How much longer the way out takes on that cable than the way back; the mean stays. Key `cable_asymmetry`.
+    /// How much longer the way out takes on that cable than the way back; the mean stays. Key
+    /// `cable_asymmetry`.
     pub cable_asymmetry: Nanos,
     /// How fast its clock runs. Key `clock`.
     pub clock: Ppb,
-    /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`. Its constant part is
-    /// [`SubDevice::clock`].
+    /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`. Its
+    /// constant part is [`SubDevice::clock`].
     pub clock_shape: ClockModel,
-    /// Its own cycle, for a device slower than the bus: SYNC0 comes and process data travel once in it. Key `cycle`; `None`:
-    /// the bus cycle.
+    /// Its own cycle, for a device slower than the bus: SYNC0 comes and process data travel once in
+    /// it. Key `cycle`; `None`: the bus cycle.
     pub cycle: Option<Nanos>,
     /// Wanted shift of its Outputs Valid, 0x1C32:03. Key `shift`; `None` leaves the device's own.
     pub shift: Option<Nanos>,
-    /// Wanted shift of its Input Latch, 0x1C33:03. Key `input_shift`; `None` leaves the device's own.
+    /// Wanted shift of its Input Latch, 0x1C33:03. Key `input_shift`; `None` leaves the device's
+    /// own.
     pub input_shift: Option<Nanos>,
-    /// From SYNC0 to SYNC1, for the modes "dc-shift-sync1" and "dc-sync1". Key `sync1`; `None`: a quarter of the cycle, and
-    /// for "dc-sync1" what the device needs.
+    /// From SYNC0 to SYNC1, for the modes "dc-shift-sync1" and "dc-sync1". Key `sync1`; `None`: a
+    /// quarter of the cycle, and for "dc-sync1" what the device needs.
     pub sync1: Option<Nanos>,
-    /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: what the device states in 0x1C32:0A.
+    /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: what the device
+    /// states in 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
     /// It may be absent, and come while the segment runs (hot connect). Key `optional`.
     pub optional: bool,

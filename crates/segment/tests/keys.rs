@@ -1,7 +1,9 @@
-//! Every key that is declared is read, and read as declared; what is made of the declarations is what is committed.
+//! Every key that is declared is read, and read as declared; what is made of the declarations is
+//! what is committed.
 //!
-//! With `ISOCAT_KEYS` set to a folder, the files that are tried here are left there, for another reader of the schemas:
-//! those that are accepted in `good`, those that a schema can refuse in `bad`.
+//! With `ISOCAT_KEYS` set to a folder, the files that are tried here are left there, for another
+//! reader of the schemas: those that are accepted in `good`, those that a schema can refuse in
+//! `bad`.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,8 +1,9 @@
 //! Keys of a file, declared once: a table of a file is a [`Section`] of [`Key`]s.
 //!
-//! What a key is called, what values it has, what holds without it, what it does and where its value goes stands in its
-//! [`Key`] and nowhere else. The parser reads by it ([`Keys`]), and explanations, the schemas for editors, the tables of the
-//! documentation and the playground's controls are made of it.
+//! What a key is called, what values it has, what holds without it, what it does and where its
+//! value goes stands in its [`Key`] and nowhere else. The parser reads by it ([`Keys`]), and
+//! explanations, the schemas for editors, the tables of the documentation and the playground's
+//! controls are made of it.
 
 mod read;
 mod words;
@@ -140,7 +141,8 @@ pub enum Kind {
     Pattern {
         /// What it should be, in words.
         expected: &'static str,
-        /// The form as a regular expression of ECMA 262. It may be wider than what the parser takes.
+        /// The form as a regular expression of ECMA 262. It may be wider than what the parser
+        /// takes.
         pattern: &'static str,
     },
     /// One of some words.
@@ -181,11 +183,11 @@ impl Kind {
 
     fn collect(&self, all: &mut Vec<&'static Section>) {
         match self {
-            Self::Table(section) | Self::Tables(section) => {
-                if !all.iter().any(|known| std::ptr::eq(*known, *section)) {
-                    all.push(section);
-                    section.keys.iter().for_each(|key| key.kind.collect(all));
-                }
+            Self::Table(section) | Self::Tables(section)
+                if !all.iter().any(|known| std::ptr::eq(*known, *section)) =>
+            {
+                all.push(section);
+                section.keys.iter().for_each(|key| key.kind.collect(all));
             }
             Self::Either(kinds) => kinds.iter().for_each(|kind| kind.collect(all)),
             Self::List(kind) | Self::Map { values: kind, .. } => kind.collect(all),
@@ -237,7 +239,8 @@ pub struct Cell {
     pub kind: Kind,
 }
 
-/// The words of a key that has words. The list itself also has what each word stands for, see [`Keys::choice`].
+/// The words of a key that has words. The list itself also has what each word stands for, see
+/// [`Keys::choice`].
 #[derive(Clone, Copy)]
 pub struct Choice(pub &'static (dyn Words + Sync));
 

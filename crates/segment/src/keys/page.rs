@@ -56,10 +56,7 @@ fn words(kind: &Kind) -> Vec<(&'static str, &'static str)> {
     match kind {
         Kind::Choice(choice) => choice.0.words(),
         Kind::Either(kinds) => kinds.iter().flat_map(words).collect(),
-        Kind::List(kind) => match kind {
-            Kind::Choice(choice) => choice.0.words(),
-            _ => Vec::new(),
-        },
+        Kind::List(Kind::Choice(choice)) => choice.0.words(),
         _ => Vec::new(),
     }
 }

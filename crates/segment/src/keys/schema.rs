@@ -1,7 +1,7 @@
 //! A JSON schema for editors: what keys there are, what they mean, and which values they have.
 //!
-//! Editors of TOML know draft 7 and the extension `x-taplo`, which explains each word of a list. Ranges of quantities with
-//! units are beyond a schema; their form is not.
+//! Editors of TOML know draft 7 and the extension `x-taplo`, which explains each word of a list.
+//! Ranges of quantities with units are beyond a schema; their form is not.
 
 use isocat_descriptions::document::section::{
     Cell, Choice, Key, Kind, Limit, Need, Row, Rule, Section,

@@ -1,7 +1,9 @@
-//! Every key of a profile, declared: name, values, what holds without it, what it does, where it goes.
+//! Every key of a profile, declared: name, values, what holds without it, what it does, where it
+//! goes.
 //!
-//! The parser reads by these tables, and `isocat explain`, `docs/profile.md` and `docs/profile.schema.json` are made of them.
-//! A new key is added here and read in `parse.rs` or `rows.rs`; a test refuses a key that has only one of both.
+//! The parser reads by these tables, and `isocat explain`, `docs/profile.md` and
+//! `docs/profile.schema.json` are made of them. A new key is added here and read in `parse.rs` or
+//! `rows.rs`; a test refuses a key that has only one of both.
 
 mod cpu;
 mod object;

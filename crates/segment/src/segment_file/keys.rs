@@ -1,7 +1,9 @@
-//! Every key of a segment file, declared: name, values, what holds without it, what it does, where it goes.
+//! Every key of a segment file, declared: name, values, what holds without it, what it does, where
+//! it goes.
 //!
-//! The parser reads by these tables, and `isocat explain`, `docs/segment-file.md` and `docs/segment-file.schema.json` are made
-//! of them. A new key is added here and read in `segment_file.rs`; a test refuses a key that has only one of both.
+//! The parser reads by these tables, and `isocat explain`, `docs/segment-file.md` and
+//! `docs/segment-file.schema.json` are made of them. A new key is added here and read in
+//! `segment_file.rs`; a test refuses a key that has only one of both.
 
 mod clock;
 mod operation;

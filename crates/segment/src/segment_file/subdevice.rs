@@ -1,4 +1,5 @@
-//! One `[[subdevice]]`: from its keys to a device, each value checked against what the device can do.
+//! One `[[subdevice]]`: from its keys to a device, each value checked against what the device can
+//! do.
 
 use std::path::Path;
 
@@ -87,8 +88,8 @@ fn device(
     Ok((device_profile(source, &device)?, None))
 }
 
-/// A built-in profile by its id, or a profile file by its path: a name that ends in `.toml` or has a
-/// slash in it.
+/// A built-in profile by its id, or a profile file by its path: a name that ends in `.toml` or has
+/// a slash in it.
 fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Profile, FileError> {
     let name = device.name("a profile's name, or the path of a profile file")?;
     if !name.ends_with(".toml") && !name.contains('/') {
@@ -106,7 +107,8 @@ fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Pro
     Profile::from_toml(&path, &text)
 }
 
-/// `calc_copy`, `delay`, `copy_time`, `jitter`, `misbehave`: the device with what it says and does differently.
+/// `calc_copy`, `delay`, `copy_time`, `jitter`, `misbehave`: the device with what it says and does
+/// differently.
 fn with_times(keys: &Keys<'_>, profile: &'static Profile) -> Result<&'static Profile, FileError> {
     let overrides = Overrides {
         stated_calc_and_copy: keys.find("calc_copy")?,
@@ -130,7 +132,8 @@ struct OpMode {
     notes: Vec<String>,
 }
 
-/// `mode`, held against the device and its OpMode. A mode that differs from that of the OpMode has pulses of its own.
+/// `mode`, held against the device and its OpMode. A mode that differs from that of the OpMode has
+/// pulses of its own.
 fn mode(
     keys: &Keys<'_>,
     profile: &Profile,

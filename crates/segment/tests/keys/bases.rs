@@ -2,7 +2,8 @@
 
 use isocat_segment::keys::Place;
 
-/// A file with this line (`None`: an empty one) for the key of a place; what it needs beside it is there.
+/// A file with this line (`None`: an empty one) for the key of a place; what it needs beside it is
+/// there.
 pub fn file(place: &Place, line: Option<&str>) -> String {
     let (name, head) = (place.key.name, place.section.head);
     let Base { before, lines, after, inline } = base(place.file.name, head, name);

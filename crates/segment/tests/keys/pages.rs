@@ -1,4 +1,5 @@
-//! Schemas and tables of the documentation are made of the declarations. `UPDATE_GOLDEN=1` writes them anew.
+//! Schemas and tables of the documentation are made of the declarations. `UPDATE_GOLDEN=1` writes
+//! them anew.
 
 use std::path::PathBuf;
 

@@ -8,8 +8,9 @@ use crate::quantity::{DelayPerMetre, Length, Ppb};
 
 /// A table of a file beside the [`Section`] that declares its keys.
 ///
-/// Asking for a key that the section does not declare, or for a value that its kind does not have, is a mistake of the
-/// program and panics, whatever the file says: the first file that is read shows it.
+/// Asking for a key that the section does not declare, or for a value that its kind does not have,
+/// is a mistake of the program and panics, whatever the file says: the first file that is read
+/// shows it.
 #[derive(Clone, Copy, Debug)]
 pub struct Keys<'a> {
     table: Table<'a>,
@@ -50,8 +51,8 @@ impl<'a> Keys<'a> {
         value.map(|value| T::read(&value, &key.kind, self.base)).transpose()
     }
 
-    /// What the word of a key stands for; `words` is the list that its [`Kind::Choice`] has. For a key that must be
-    /// there or has a default.
+    /// What the word of a key stands for; `words` is the list that its [`Kind::Choice`] has. For a
+    /// key that must be there or has a default.
     pub fn choice<T: Copy>(&self, name: &'static str, words: &[Word<T>]) -> Result<T, FileError> {
         let key = self.key(name);
         match (self.find_choice(name, words)?, key.need) {
@@ -94,8 +95,8 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The values of a list; empty if the key is not there and has no need to be. `things` says in an error what the
-    /// list is of.
+    /// The values of a list; empty if the key is not there and has no need to be. `things` says in
+    /// an error what the list is of.
     pub fn list(&self, name: &'static str, things: &str) -> Result<Vec<Value<'a>>, FileError> {
         match (self.value(name), self.key(name).need) {
             (Some(value), _) => value.array(things),
@@ -106,7 +107,8 @@ impl<'a> Keys<'a> {
         }
     }
 
-    /// The values of a list that a key has by itself, each with its place; empty if the key is not there.
+    /// The values of a list that a key has by itself, each with its place; empty if the key is not
+    /// there.
     pub fn items<T: Scalar>(
         &self,
         name: &'static str,
@@ -241,7 +243,8 @@ impl<'a> Cells<'a> {
 
 /// A value that a key can have by itself.
 pub trait Scalar: Sized {
-    /// Reads it and holds it against the range of its kind; `base` is the quantity that limits depend on.
+    /// Reads it and holds it against the range of its kind; `base` is the quantity that limits
+    /// depend on.
     fn read(value: &Value<'_>, kind: &Kind, base: i64) -> Result<Self, FileError>;
 }
 

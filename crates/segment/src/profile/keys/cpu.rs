@@ -261,8 +261,11 @@ pub(in super::super) static LOSS_CODES: [Word<LossCodes>; 2] = [
     ("drive", "0x0032 on the way up, 0x0034 in OP", LossCodes::DRIVE),
 ];
 
+/// Which of the quantities it is.
+type Quantity = fn(&mut Measured) -> &mut bool;
+
 /// What can be measured.
-pub(in super::super) static MEASURED: [Word<fn(&mut Measured) -> &mut bool>; 5] = [
+pub(in super::super) static MEASURED: [Word<Quantity>; 5] = [
     ("cycle", "sub-index 02, the shortest cycle; without DC only", |m| &mut m.cycle),
     ("shift", "sub-index 03, from the event to Outputs Valid or Input Latch", |m| &mut m.shift),
     ("minimum-cycle", "sub-index 05, the longest work of a cycle", |m| &mut m.minimum_cycle),

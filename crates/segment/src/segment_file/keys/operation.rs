@@ -1,4 +1,5 @@
-//! What the MainDevice does beside the exchange: `[quality]`, `[delay_watch]`, `recovery`, `direction`.
+//! What the MainDevice does beside the exchange: `[quality]`, `[delay_watch]`, `recovery`,
+//! `direction`.
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Section, Word};
 use isocat_wire::time::Nanos;

@@ -1,0 +1,324 @@
+//! The keys of the page: its controls are made of them, and the address line is read by them.
+//!
+//! A key that stands for one of a segment file takes its sentence, its values, its range and what
+//! holds without it from that key's declaration ([`isocat::keys`]). The page has its own label for
+//! it, and often a range that is less wide: of what a page can run and show while somebody waits.
+
+use std::sync::LazyLock;
+
+use isocat::document::section::{Kind as Declared, Need};
+use isocat::keys::{Place, find};
+use serde::Serialize;
+
+/// A key of the page.
+#[derive(Clone, Debug, Serialize)]
+pub struct Key {
+    /// As it stands in the address line.
+    pub name: &'static str,
+    /// What the page calls it.
+    pub label: &'static str,
+    /// A sentence or two more.
+    pub help: String,
+    /// What values it has.
+    pub kind: Kind,
+    /// The value that needs not be said.
+    pub default: String,
+    /// The part of the page that has it: `run`, `pulses`, or both.
+    pub views: &'static [&'static str],
+    /// Which heading it stands under.
+    pub group: &'static str,
+    /// The key of a segment file that it stands for, as a path.
+    #[serde(skip)]
+    pub of: Option<&'static str>,
+}
+
+/// What values a key has.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "kind", rename_all = "lowercase")]
+pub enum Kind {
+    /// One of some words: word, and what it means.
+    Choice {
+        /// The words.
+        choices: Vec<(&'static str, &'static str)>,
+    },
+    /// A span of time, ns; `own` means that nothing is asked for.
+    Duration {
+        /// Least.
+        least: i64,
+        /// Most.
+        most: i64,
+        /// What an arrow key adds, ns.
+        step: i64,
+        /// What stands in the place of a value if there is none: `None`, there must be one.
+        own: Option<&'static str>,
+    },
+    /// A length, mm.
+    Length {
+        /// Least.
+        least: i64,
+        /// Most.
+        most: i64,
+    },
+    /// A deviation of clocks, ppb.
+    Rate {
+        /// Largest, either way.
+        most: i64,
+    },
+    /// A whole number.
+    Count {
+        /// Least.
+        least: i64,
+        /// Most.
+        most: i64,
+    },
+}
+
+/// The word for a value that nobody asks for.
+pub const OWN: &str = "own";
+
+const RUN: &[&str] = &["run"];
+const PULSES: &[&str] = &["pulses"];
+const BOTH: &[&str] = &["run", "pulses"];
+/// Longest bus cycle that the page shows, ns.
+pub const LONGEST_CYCLE: i64 = 20_000_000;
+/// A time that a device could state, ns; more is nothing that a cycle of the page could show.
+const LONGEST_TIME: i64 = 10_000_000;
+
+/// All keys.
+pub static KEYS: LazyLock<Vec<Key>> = LazyLock::new(|| {
+    let mut keys = vec![page(
+        "view",
+        "Look at",
+        "A whole segment, or the SYNC unit of one ESC alone.",
+        choice(&[("run", "a segment that runs"), ("pulses", "SYNC signal generation")]),
+        "run",
+        BOTH,
+    )];
+    keys.extend(under("Synchronization", synchronization()));
+    keys.extend(under("Devices", devices()));
+    keys.extend(under("Clocks and host", clocks_and_host()));
+    keys.extend(under("Synchronization", pulses()));
+    keys
+});
+
+fn synchronization() -> Vec<Key> {
+    vec![
+        of_file("mode", "subdevice.mode", "Synchronization mode")
+            .choices(&[
+                ("free-run", "Free Run"),
+                ("sm", "SM-synchronous"),
+                ("dc-sync0", "DC SYNC0 (SM/SYNC0)"),
+                ("dc-shift-sync1", "DC, inputs at SYNC1 (SM/SYNC0/SYNC1)"),
+                ("dc-sync1", "DC SYNC1"),
+                ("dc-subordinated", "DC, subordinated cycles"),
+            ])
+            .default("dc-sync0"),
+        of_file("cycle", "cycle", "Bus cycle")
+            .between(100_000, LONGEST_CYCLE)
+            .default("1ms")
+            .in_both(),
+        of_file("phase", "shift", "SYNC0 in the cycle").own("the plan chooses"),
+        of_file("sync1", "subdevice.sync1", "SYNC1 behind SYNC0")
+            .also("In the SYNC unit any distance.")
+            .between(0, 60_000_000)
+            .own("as the mode has it")
+            .in_both(),
+        of_file("sync0-cycle", "subdevice.sync0_cycle", "SYNC0 cycle")
+            .also("In the SYNC unit any cycle; 0 ns is single shot.")
+            .between(0, LONGEST_CYCLE)
+            .own("the bus cycle")
+            .in_both(),
+        of_file("shift", "subdevice.shift", "Shift of Outputs Valid").own("none"),
+        of_file("input-shift", "subdevice.input_shift", "Shift of Input Latch").own("none"),
+    ]
+}
+
+fn devices() -> Vec<Key> {
+    vec![
+        of_file("device", "subdevice.device", "Device")
+            .also("All SubDevices are of it.")
+            .choices(&[
+                ("model_every_mode", "model with every mode"),
+                ("kollmorgen_akd2g", "drive: Kollmorgen AKD2G"),
+                ("hpmicro_ecat_cia402_ssc", "drive: SSC sample (HPMicro)"),
+                ("beckhoff_el2502-0010", "PWM terminal: Beckhoff EL2502-0010"),
+            ])
+            .default("model_every_mode"),
+        page("devices", "Number of devices", "One behind the other.", count(1, 8), "3", RUN),
+        of_file("calc-copy", "subdevice.calc_copy", "Calc and copy time, stated")
+            .between(1, LONGEST_TIME),
+        of_file("copy-time", "subdevice.copy_time", "… and really needed")
+            .between(1, LONGEST_TIME)
+            .step(1)
+            .own("as stated"),
+        of_file("delay", "subdevice.delay", "Delay time").between(0, LONGEST_TIME),
+        of_file("device-jitter", "subdevice.jitter", "Jitter of the device")
+            .between(0, 1_000_000)
+            .step(100)
+            .own("the device's own"),
+        of_file("cable", "subdevice.cable", "Cable between devices").between(10, 1_000_000),
+        Key {
+            help: "Each device its own share of it, some fast, some slow.".into(),
+            ..of_file("clocks", "subdevice.clock", "Clocks are off by up to").default("50ppm")
+        },
+    ]
+}
+
+fn clocks_and_host() -> Vec<Key> {
+    vec![
+        of_file("host-clock", "host.clock", "Clock of the host"),
+        of_file("host-jitter", "host.jitter", "Jitter of the host")
+            .between(0, 5_000_000)
+            .default("20us"),
+        of_file("drift-compensation", "host.drift_compensation", "Drift compensation"),
+        page(
+            "force",
+            "Run although the plan does not fit",
+            "Without it the MainDevice refuses, and says by which line.",
+            choice(&SWITCH),
+            "off",
+            RUN,
+        ),
+        page(
+            "cycles",
+            "Cycles",
+            "How many are judged once all devices are in OP.",
+            count(50, 2_000),
+            "300",
+            RUN,
+        ),
+        of_file("seed", "seed", "Seed").between(0, 1_000_000),
+    ]
+}
+
+fn pulses() -> Vec<Key> {
+    let span = |most, step, own| Kind::Duration { least: 0, most, step, own };
+    vec![
+        page(
+            "pulse",
+            "Pulse length",
+            "Register 0x0982, from the EEPROM, in steps of 10 ns; 0 ns is acknowledge mode.",
+            span(655_350, 10, None),
+            "100us",
+            PULSES,
+        ),
+        page(
+            "acknowledge",
+            "Acknowledge behind the edge",
+            "When the local CPU reads 0x098E or 0x098F.",
+            span(60_000_000, 1_000, Some("never")),
+            OWN,
+            PULSES,
+        ),
+    ]
+}
+
+/// A key of the page alone.
+fn page(
+    name: &'static str,
+    label: &'static str,
+    help: &str,
+    kind: Kind,
+    default: &str,
+    views: &'static [&'static str],
+) -> Key {
+    let (help, default) = (help.to_owned(), default.to_owned());
+    Key { name, label, help, kind, default, views, group: "", of: None }
+}
+
+/// A key that stands for the one of a segment file at `path`.
+fn of_file(name: &'static str, path: &'static str, label: &'static str) -> Key {
+    let place = in_file(path);
+    let help = format!("{} Goes to: {}.", place.key.means, place.key.goes);
+    let (own, default) = match place.key.need {
+        Need::Default(text) if text == "true" => (None, "on".to_owned()),
+        Need::Default(text) => (None, text.trim_matches('"').to_owned()),
+        Need::Without(words) => (Some(words), OWN.to_owned()),
+        Need::Required(_) | Need::Sometimes(..) => (None, String::new()),
+    };
+    let kind = match place.key.kind {
+        Declared::Duration { least, most, .. } => {
+            let (least, most) = (least.at(LONGEST_CYCLE), most.at(LONGEST_CYCLE));
+            Kind::Duration { least, most, step: 1_000, own }
+        }
+        Declared::Length { least, most } => Kind::Length { least, most },
+        Declared::Rate { most, .. } => Kind::Rate { most },
+        Declared::Integer { least, most } => count(least, most),
+        Declared::Boolean => choice(&SWITCH),
+        // Its words are chosen by the page.
+        _ => choice(&[]),
+    };
+    Key { name, label, help, kind, default, views: RUN, group: "", of: Some(path) }
+}
+
+/// The key of a segment file at a path.
+pub fn in_file(path: &str) -> Place {
+    let mut places = find(path).into_iter().filter(|place| place.path() == path);
+    places.next().unwrap_or_else(|| panic!("segment files have no key {path}"))
+}
+
+impl Key {
+    /// A sentence behind that of the file's key.
+    fn also(mut self, words: &str) -> Self {
+        self.help = format!("{} {words}", self.help);
+        self
+    }
+
+    /// A range of the page's own.
+    fn between(mut self, from: i64, to: i64) -> Self {
+        match &mut self.kind {
+            Kind::Duration { least, most, .. }
+            | Kind::Length { least, most }
+            | Kind::Count { least, most } => (*least, *most) = (from, to),
+            other => panic!("{other:?} has no range"),
+        }
+        self
+    }
+
+    fn step(mut self, by: i64) -> Self {
+        if let Kind::Duration { step, .. } = &mut self.kind {
+            *step = by;
+        }
+        self
+    }
+
+    /// What stands in the place of a value, in words short enough for a control.
+    fn own(mut self, words: &'static str) -> Self {
+        if let Kind::Duration { own, .. } = &mut self.kind {
+            *own = Some(words);
+        }
+        self
+    }
+
+    /// Some of its words, as the page calls them.
+    fn choices(self, choices: &[(&'static str, &'static str)]) -> Self {
+        Self { kind: choice(choices), ..self }
+    }
+
+    /// A value that needs not be said on the page; there must be one then.
+    fn default(mut self, text: &str) -> Self {
+        if let Kind::Duration { own, .. } = &mut self.kind {
+            *own = None;
+        }
+        Self { default: text.to_owned(), ..self }
+    }
+
+    /// Both parts of the page have it.
+    fn in_both(self) -> Self {
+        Self { views: BOTH, ..self }
+    }
+}
+
+fn under(group: &'static str, keys: Vec<Key>) -> impl Iterator<Item = Key> {
+    keys.into_iter().map(move |key| Key { group, ..key })
+}
+
+fn choice(choices: &[(&'static str, &'static str)]) -> Kind {
+    Kind::Choice { choices: choices.to_vec() }
+}
+
+const fn count(least: i64, most: i64) -> Kind {
+    Kind::Count { least, most }
+}
+
+const SWITCH: [(&str, &str); 2] = [("on", "on"), ("off", "off")];

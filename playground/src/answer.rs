@@ -225,7 +225,7 @@ fn figures(ran: &Ran, position: usize) -> Figures {
     let margin = measured.sync0_margin.map(|margin| margin.min_ns);
     Figures {
         name: device.name.clone(),
-        mode: device.mode.clone(),
+        mode: device.mode.to_string(),
         state: device.registers.al_status.to_string(),
         sync0: measured.sync0_error.map_or(String::new(), |error| time(error.worst_ns)),
         margin: margin.map_or(String::new(), time),

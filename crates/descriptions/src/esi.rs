@@ -12,7 +12,7 @@
 //!   which.
 //!
 //! ```
-//! use isocat::esi::EsiFile;
+//! use isocat_descriptions::esi::EsiFile;
 //! let text = br##"<EtherCATInfo><Vendor><Id>#x1</Id><Name>Nobody</Name></Vendor><Descriptions><Groups/>
 //!     <Devices><Device Physics="YY"><Type ProductCode="#x2" RevisionNo="3">Box</Type></Device></Devices>
 //!     </Descriptions></EtherCATInfo>"##;

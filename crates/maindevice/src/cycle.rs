@@ -39,7 +39,7 @@ use presence::{Place, Reference};
 pub(crate) use receive::extend;
 
 /// The exchange and its state.
-pub(crate) struct Cycle {
+pub(crate) struct CyclicExchange {
     cycle: Nanos,
     send_phase: Nanos,
     servo: Servo,
@@ -55,7 +55,7 @@ pub(crate) struct Cycle {
     image: ProcessImage,
     /// Process data run; before that only the drift datagram and AL status.
     exchanging: bool,
-    /// What [`Cycle::exchanging`] becomes with the next cycle.
+    /// What `exchanging` becomes with the next cycle.
     wanted: bool,
     source: [u8; 6],
     frames: Vec<CyclicFrame>,
@@ -100,7 +100,7 @@ pub(crate) struct Cycle {
     latest: Option<Nanos>,
 }
 
-impl Cycle {
+impl CyclicExchange {
     /// An exchange that begins at `start` without process data.
     pub fn new(
         config: &crate::Config,

@@ -760,4 +760,4 @@ impl fmt::Display for SdoError {
 }
 
 /// The bytes of an upload, or why there are none.
-pub type SdoResult = Result<Vec<u8>, SdoError>;
+pub(crate) type SdoResult = Result<Vec<u8>, SdoError>;

@@ -15,7 +15,7 @@ use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::config::QualityWatch;
-use crate::cycle::Cycle;
+use crate::cycle::CyclicExchange;
 use crate::error::SdoResult;
 use crate::segment::Segment;
 use crate::statistics::Statistics;
@@ -122,7 +122,7 @@ impl Monitor {
         &mut self,
         now: Time<Host>,
         segment: &Segment,
-        cycle: &mut Cycle,
+        cycle: &mut CyclicExchange,
         counts: &Statistics,
     ) -> Vec<Change> {
         let (clocks, objects) = (&mut self.clocks, &mut self.objects);
@@ -168,7 +168,7 @@ impl Monitor {
     }
 
     /// All that is known.
-    pub fn snapshot<'a>(&'a self, now: Time<Host>, cycle: &'a Cycle) -> Snapshot<'a> {
+    pub fn snapshot<'a>(&'a self, now: Time<Host>, cycle: &'a CyclicExchange) -> Snapshot<'a> {
         Snapshot {
             at: now,
             system: cycle.servo().dc_at(now),

@@ -14,7 +14,6 @@ use alloc::sync::Arc;
 use alloc::vec;
 use alloc::vec::Vec;
 use core::convert::Infallible;
-use core::future::Future;
 
 use isocat_wire::StationAddress;
 use isocat_wire::al::AlState;
@@ -43,17 +42,8 @@ pub(crate) use places::places;
 /// How one SubDevice came out of it.
 pub(crate) type Outcome = Result<Box<(SubDevice, Option<Mailbox>)>, Cause>;
 
-/// A re-admission of several under way.
-pub(crate) type Readmitting = dyn Future<Output = ()> + Send;
-
 /// Outcomes by position, as they come.
 pub(crate) type Outcomes = Arc<Mutex<Vec<(usize, Outcome)>>>;
-
-/// A recovery under way.
-pub(crate) type Recovering = dyn Future<Output = Result<SubDevice, Cause>> + Send;
-
-/// Delays being set right; gives the new ones by position.
-pub(crate) type Shifting = dyn Future<Output = Vec<(usize, Nanos)>> + Send;
 
 /// Those that are back, and everything that is needed to take them up.
 pub(crate) struct Return {

@@ -16,7 +16,7 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{StationAddress, frame};
 
-use crate::cycle::Cycle;
+use crate::cycle::CyclicExchange;
 use crate::error::{AccessProblem, Cause};
 use crate::event::Event;
 use crate::health::Answer;
@@ -442,7 +442,7 @@ fn cyclic_segment(bench: &mut Bench) -> Segment {
 }
 
 /// One cycle at its due time; gives the frame as it came back.
-fn exchange(cycle: &mut Cycle, bench: &mut Bench) -> Vec<u8> {
+fn exchange(cycle: &mut CyclicExchange, bench: &mut Bench) -> Vec<u8> {
     bench.now = cycle.due();
     bench.segment.time = 5_000_000_777 + bench.now.count();
     let link = bench.link.clone();
@@ -460,7 +460,7 @@ fn outputs_go_out_and_inputs_come_back() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     cycle.exchange_process_data(true);
     cycle.outputs_mut().copy_from_slice(&[1, 2, 3, 4]);
     let frame = exchange(&mut cycle, &mut bench);
@@ -478,7 +478,7 @@ fn inputs_are_taken_only_with_the_right_working_counter() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     cycle.exchange_process_data(true);
     let link = bench.link.clone();
     let fmmu = register::fmmu(0).load(&bench.segment.escs[1].memory);
@@ -504,7 +504,7 @@ fn a_lost_frame_is_counted_two_cycles_later_and_stops_nothing() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     let link = bench.link.clone();
     let lost = exchange(&mut cycle, &mut bench);
     for _ in 0..2 {
@@ -520,7 +520,7 @@ fn frames_leave_at_phase_zero_of_system_time() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     let link = bench.link.clone();
     for _ in 0..50 {
         let frame = exchange(&mut cycle, &mut bench);
@@ -541,13 +541,13 @@ fn a_sleeper_skips_cycles_and_is_told() {
     let mut bench = Bench::new(2);
     let segment = cyclic_segment(&mut bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     let link = bench.link.clone();
     let frame = exchange(&mut cycle, &mut bench);
     assert!(link.board(|board| cycle.receive(bench.now, &frame, HEADERS, board)));
     let due = cycle.due();
     let mut buffer = [0; MAX_LEN];
-    let mut transmit = |cycle: &mut Cycle, now| {
+    let mut transmit = |cycle: &mut CyclicExchange, now| {
         cycle.close(now);
         link.board(|board| cycle.transmit(now, &mut buffer, board)).is_some()
     };

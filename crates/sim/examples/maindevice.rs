@@ -98,6 +98,7 @@ fn main() -> ExitCode {
 fn cycle(main: &mut MainDevice, buffers: &mut [Vec<u8>], answers: &mut Vec<Answer>, devices: u16) {
     let Some(due) = main.next_timeout() else { return };
     main.handle_timeout(due);
+    main.poll_cycle(&mut ());
     let mut lengths = [0; MOST_FRAMES];
     let mut number = 0;
     while let Some(len) = main.poll_transmit(due, &mut buffers[number]) {
@@ -111,6 +112,7 @@ fn cycle(main: &mut MainDevice, buffers: &mut [Vec<u8>], answers: &mut Vec<Answe
     for ((buffer, len), answer) in buffers.iter_mut().zip(lengths).zip(&*answers).take(number) {
         answer.write(&mut buffer[..len], due);
         main.handle_frame(back, &buffer[..len]);
+        main.poll_cycle(&mut ());
     }
     while main.poll_event().is_some() {}
     let _next = main.next_timeout();

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use isocat_wire::time::{Dc, Host, Time};
 
-use super::Cycle;
+use super::CyclicExchange;
 use super::presence::Place;
 use crate::segment::{Chunk, SubDevice};
 
@@ -40,7 +40,7 @@ pub(crate) struct Exchanged<'a> {
     slot: u64,
 }
 
-impl Cycle {
+impl CyclicExchange {
     /// Closes the present cycle if none of its frames is under way, or the next one is due. To be called behind each
     /// input, when what came in has been taken.
     #[inline]

@@ -9,7 +9,7 @@ use isocat_wire::frame::{FrameWriter, MAX_LEN};
 use isocat_wire::register;
 use isocat_wire::time::{Host, Time};
 
-use super::Cycle;
+use super::CyclicExchange;
 use super::layout::{Parts, TIME_LEN, ZEROS, plan_frames};
 
 /// One frame of the cycle and where its datagrams are.
@@ -37,7 +37,7 @@ pub(super) enum Part {
     AlStatus,
 }
 
-impl Cycle {
+impl CyclicExchange {
     /// Builds the frames of a cycle.
     pub(super) fn build(&mut self) {
         self.frames.clear();

@@ -6,7 +6,7 @@ use isocat_wire::StationAddress;
 use isocat_wire::command::Command;
 use isocat_wire::time::{Dc, Nanos, Time};
 
-use super::Cycle;
+use super::CyclicExchange;
 use super::frames::{Mark, Part};
 use crate::segment::{DcCapability, ProcessImage, SubDevice};
 
@@ -50,7 +50,7 @@ pub(super) struct Reference {
     pub(super) seen: bool,
 }
 
-impl Cycle {
+impl CyclicExchange {
     /// A SubDevice takes part in the exchange from now on, or no longer. Expected working counters follow; the
     /// frames stay as they are.
     pub fn set_present(&mut self, position: usize, present: bool) {

@@ -2,14 +2,14 @@
 
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
-use super::Cycle;
+use super::CyclicExchange;
 use super::frames::Part;
 use super::presence::{Place, Reference};
 use crate::board::Board;
 use crate::event::Event;
 use crate::link::CYCLIC_INDEX;
 
-impl Cycle {
+impl CyclicExchange {
     /// Takes a frame of the cycle that came back, whose datagrams begin at `start`; `false` if it is
     /// none.
     pub fn receive(

@@ -4,14 +4,14 @@ use isocat_wire::command::Command;
 use isocat_wire::frame::duration_ns;
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::Cycle;
+use super::CyclicExchange;
 use super::frames::Part;
 use crate::board::Board;
 use crate::event::Event;
 use crate::link::CYCLIC_INDEX;
 use crate::segment::GAP;
 
-impl Cycle {
+impl CyclicExchange {
     /// The next frame of the cycle, if one is due.
     pub fn transmit(
         &mut self,

@@ -1,126 +1,157 @@
-//! What is read in the background while the segment runs.
+//! What runs beside the cycle: one list of kinds, and what becomes of each when.
+//!
+//! A kind that is added here needs an answer to each question below, or it does not compile: when there is work for it
+//! ([`MainDevice::is_due`]), what that work is ([`MainDevice::work_on`]), and when it ends ([`Kind::ends`]). Its procedures
+//! are in [`Procedures`](super::procedures::Procedures) with all others. So the machine is quiet exactly if there are no
+//! procedures and nothing is due.
 
-use super::*;
+use isocat_wire::al::{AlState, AlStatus};
 
-/// An entry that is being read; its mailbox is with it.
-pub(super) struct Asking {
-    pub(super) position: usize,
-    object: ObjectAddress,
-    /// What the mailbox had spent before.
-    before: Nanos,
-    service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)> + Send>>,
+use super::way::Activity;
+use super::{MainDevice, in_hand};
+use crate::readmit::Keeper;
+
+/// Declares the kinds, and a list of all.
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $kind:ident,)*) => {
+        /// Kinds of procedures, in the order in which they go on.
+        #[derive(Clone, Copy, PartialEq, Eq, Debug)]
+        pub(super) enum Kind { $($(#[$doc])* $kind,)* }
+
+        impl Kind {
+            /// All of them.
+            pub(super) const ALL: [Self; [$(Kind::$kind),*].len()] = [$(Kind::$kind),*];
+        }
+    };
 }
 
-/// How well the segment runs.
+kinds! {
+    /// Reads an entry of an object in the background.
+    Entry,
+    /// Accesses an object that the application asked for.
+    Request,
+    /// Reads memory that the application asked for.
+    Read,
+    /// Looks at the states of all SubDevices.
+    Look,
+    /// Sets delays right when frames take another way.
+    Shift,
+    /// Takes up SubDevices that are back.
+    Readmit,
+    /// Brings back a SubDevice that left OP.
+    Recover,
+    /// Writes a delay that was measured anew.
+    Rewrite,
+    /// Latches receive times, to measure delays.
+    Latch,
+    /// Reads the registers of clocks.
+    Clocks,
+}
+
+/// What ends a procedure before it is through. What comes later ends all that the earlier ones end.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(super) enum Ends {
+    /// A SubDevice is lost: frames take another way.
+    WithTheWay,
+    /// The way down begins.
+    WithOperation,
+    /// Nothing more is sent.
+    WithTheRun,
+}
+
+impl Kind {
+    /// When it ends at the latest.
+    pub(super) const fn ends(self) -> Ends {
+        match self {
+            Kind::Rewrite | Kind::Latch | Kind::Clocks => Ends::WithTheWay,
+            Kind::Entry | Kind::Request | Kind::Look => Ends::WithOperation,
+            Kind::Shift | Kind::Readmit | Kind::Recover => Ends::WithOperation,
+            Kind::Read => Ends::WithTheRun,
+        }
+    }
+}
+
+/// What runs beside the cycle.
 impl MainDevice {
-    /// What the clocks say that are read in the background ([`Config::quality`]); empty without, and before the segment
-    /// is in operation. Stays when it ends.
-    pub fn quality(&self) -> &[ClockQuality] {
-        self.quality.as_ref().map_or(&[], |monitor| monitor.clocks())
-    }
-
-    /// All that is known at this moment: clocks, error counters and distances, states, working counters, margins, and
-    /// the moments before. `None` without [`Config::quality`], and outside operation.
-    pub fn snapshot(&self) -> Option<Snapshot<'_>> {
-        let cycle = self.cycle.as_ref()?;
-        Some(self.quality.as_ref()?.snapshot(self.shared().port.now, cycle))
-    }
-
-    /// Time on the wire of the frames that were sent for it so far, and since when. A frame that was lost and sent
-    /// again counts once.
-    pub fn quality_wire_time(&self) -> Option<(Nanos, Time<Host>)> {
-        self.quality.as_ref().map(|monitor| (monitor.spent(), monitor.began()))
-    }
-
-    /// Whether there is something to read or to judge.
-    pub(super) fn has_quality_to_look_at(&self) -> bool {
-        let (Some(monitor), Some(cycle)) = (&self.quality, &self.cycle) else { return false };
-        monitor.is_due(self.shared().port.now, cycle.number())
-    }
-
-    /// Takes the answer to the entry that was asked for, and gives its mailbox back.
-    pub(super) fn work_on_entry(&mut self) {
-        let Some(asking) = &mut self.asking else { return };
-        let Poll::Ready((mailbox, answer)) = poll(&mut asking.service) else { return };
-        let (position, object) = (asking.position, asking.object);
-        let cost = mailbox.spent() - asking.before;
-        self.asking = None;
-        // One that was lost meanwhile has none, or has got another when it came back.
-        let admitted = self.segment.devices.get(position).is_some_and(|device| device.admitted);
-        if let Some(place) = self.mailboxes.get_mut(position).filter(|place| place.is_none())
-            && admitted
-        {
-            *place = Some(mailbox);
-        }
-        let now = self.link.now();
-        if let Some(monitor) = &mut self.quality {
-            // That of one that is gone is no surprise.
-            let changes = monitor.take_entry((position, object), now, &answer, cost, admitted);
-            self.report_alarms(changes);
-        }
-    }
-
-    pub(super) fn work_on_quality(&mut self) {
-        let Activity::Operating = self.activity else { return };
-        let now = self.link.now();
-        let (Some(monitor), Some(cycle)) = (&mut self.quality, &mut self.cycle) else { return };
-        if let Some(cycles) = cycle.unled().and_then(|cycles| monitor.guidance(cycles)) {
-            self.link.report(Event::ClocksUnled { cycles });
-        }
-        let counts = self.link.board(|board| board.statistics);
-        let mut changes = monitor.look(now, &self.segment, cycle, &counts);
-        match &mut self.reading {
-            Some(reading) => {
-                if let Poll::Ready(found) = poll(reading) {
-                    self.reading = None;
-                    for (index, registers) in found {
-                        changes.extend(monitor.take_clock(index, registers));
-                    }
-                }
-            }
-            None => {
-                let wanted = monitor.clocks_to_read(now);
-                if !wanted.is_empty() {
-                    let mut reading: Pin<Box<ReadingClocks>> =
-                        Box::pin(quality::read(self.link.clone(), wanted));
-                    // The first poll queues its datagrams.
-                    let _pending = poll(&mut reading).is_pending();
-                    self.reading = Some(reading);
-                }
-            }
-        }
-        self.report_alarms(changes);
-        self.ask_for_entry(now);
-    }
-
-    /// Reads an entry if it is time, through a mailbox that nobody uses or waits for.
-    fn ask_for_entry(&mut self, now: Time<Host>) {
-        if self.asking.is_some() {
+    /// Lets everything go on that can.
+    pub(super) fn work(&mut self) {
+        in_hand(&mut self.shared).port.forget_waits();
+        if self.is_quiet() {
             return;
         }
-        let Self { quality: Some(monitor), mailboxes, jobs, .. } = self else { return };
-        let is_free = |position: usize| {
-            mailboxes.get(position).is_some_and(Option::is_some)
-                && !jobs.iter().any(|job| job.position == position)
-        };
-        let Some((position, object)) = monitor.entry_to_read(now, is_free) else { return };
-        let Some(mut mailbox) = self.mailboxes.get_mut(position).and_then(Option::take) else {
-            return;
-        };
-        let before = mailbox.spent();
-        let mut service: Pin<Box<dyn Future<Output = (Mailbox, SdoResult)> + Send>> =
-            Box::pin(async move {
-                let answer = coe::upload(&mut mailbox, object, false).await;
-                (mailbox, answer)
-            });
-        // The first poll queues its first datagram; it can't be done yet.
-        let _pending = poll(&mut service).is_pending();
-        self.asking = Some(Asking { position, object, before, service });
+        self.lend(|machine| {
+            machine.work_on_way();
+            for kind in Kind::ALL {
+                machine.work_on(kind);
+            }
+        });
     }
 
-    fn report_alarms(&self, changes: Vec<quality::Change>) {
-        for change in changes {
-            self.link.report(Event::Alarm(change));
+    /// Lets procedures at what they share with the machine while `f` runs.
+    pub(super) fn lend<R>(&mut self, f: impl FnOnce(&mut Self) -> R) -> R {
+        if let Some(shared) = self.shared.take() {
+            self.link.lay_back(shared);
+        }
+        let result = f(self);
+        self.shared = Some(self.link.take());
+        result
+    }
+
+    /// Whether nothing but the cycle runs.
+    fn is_quiet(&self) -> bool {
+        matches!(self.activity, Activity::Operating)
+            && !self.stopping
+            && self.procedures.is_empty()
+            && !Kind::ALL.iter().any(|kind| self.is_due(*kind))
+    }
+
+    /// Whether there is something to begin, in operation.
+    #[inline]
+    fn is_due(&self, kind: Kind) -> bool {
+        match kind {
+            Kind::Request => !self.jobs.is_empty(),
+            Kind::Look => {
+                self.checked.is_some()
+                    || self.cycle.as_ref().is_none_or(|cycle| {
+                        cycle.al_status != AlStatus::new(AlState::Op).0
+                            || cycle.answering() != cycle.present()
+                    })
+            }
+            Kind::Shift => self.cycle.as_ref().is_none_or(|cycle| cycle.doubts_clocks()),
+            Kind::Latch => {
+                let now = self.shared().port.now;
+                self.delay_watch.as_ref().is_some_and(|watch| watch.due(now))
+            }
+            // Entries are read with clocks.
+            Kind::Clocks => self.has_quality_to_look_at(),
+            // Begun at once by who asks for it, or by what another one found.
+            Kind::Entry | Kind::Read | Kind::Readmit | Kind::Recover | Kind::Rewrite => false,
+        }
+    }
+
+    /// Goes on with what is under way, and begins what is due.
+    fn work_on(&mut self, kind: Kind) {
+        match kind {
+            Kind::Entry => self.work_on_entry(),
+            Kind::Request => self.work_on_requests(),
+            Kind::Read => self.work_on_reads(),
+            Kind::Look => self.work_on_looks(),
+            Kind::Shift => self.work_on_shift(),
+            Kind::Readmit => self.work_on_returns(),
+            Kind::Recover => self.work_on_recoveries(),
+            Kind::Rewrite => self.work_on_rewriting(),
+            Kind::Latch => self.work_on_latches(),
+            Kind::Clocks => self.work_on_quality(),
+        }
+    }
+
+    /// Ends what ends with this. Object accesses are answered.
+    pub(super) fn end_background(&mut self, with: Ends) {
+        self.delay_watch = None;
+        let ended = self.procedures.end(with);
+        if with >= Ends::WithOperation {
+            self.keeper = Keeper::default();
+            self.refuse_all(&ended);
         }
     }
 }

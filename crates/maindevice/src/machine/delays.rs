@@ -1,18 +1,26 @@
 //! Delays that are measured again while the segment runs.
 
-use super::*;
+use isocat_wire::register;
+
+use super::MainDevice;
+use super::background::Kind;
+use super::procedures::{About, Ended};
+use super::way::Activity;
+use crate::delay;
+use crate::delay_watch::Change;
+use crate::event::Event;
 
 /// Delays while the segment runs.
 impl MainDevice {
     /// Latches when it is time, and tells what has changed.
-    pub(super) fn work_on_delays(&mut self) {
+    pub(super) fn work_on_latches(&mut self) {
         let Activity::Operating = self.activity else { return };
-        self.end_rewriting();
         let now = self.link.now();
         let Some(watch) = &mut self.delay_watch else { return };
-        if let Some(latching) = &mut self.latching {
-            let Poll::Ready(times) = poll(latching) else { return };
-            self.latching = None;
+        if self.procedures.has(Kind::Latch) {
+            let Some(Ended::Latch(times)) = self.procedures.go_on(Kind::Latch, &mut 0) else {
+                return;
+            };
             self.link.board(|board| match times {
                 Some(_) => board.statistics.delay_latches += 1,
                 None => board.statistics.delay_latches_lost += 1,
@@ -22,15 +30,13 @@ impl MainDevice {
             }
         } else if watch.due(now) {
             let (link, stations) = (self.link.clone(), delay::stations(&self.segment));
-            let mut latching: Pin<Box<Latching>> =
-                Box::pin(async move { delay::latch(&link, &stations).await.ok() });
-            // The first poll queues its datagram.
-            let _pending = poll(&mut latching).is_pending();
-            self.latching = Some(latching);
+            self.procedures.start(Kind::Latch, About::default(), async move {
+                Ended::Latch(delay::latch(&link, &stations).await.ok())
+            });
         }
     }
 
-    pub(super) fn take_change(&mut self, change: Change) {
+    fn take_change(&mut self, change: Change) {
         let Change { position, written, found } = change;
         let Some(found) = found else {
             return self.link.report(Event::DelayRestored { position, written });
@@ -42,8 +48,8 @@ impl MainDevice {
                 let address = register::SYSTEM_TIME_DELAY.address;
                 let data = (delay.0 as u32).to_le_bytes();
                 let write = self.link.fpwr(device.station, address, &data);
-                let write = async move { (change, write.expect(1).await.is_ok()) };
-                self.rewriting.push(Box::pin(write));
+                let write = async move { Ended::Rewrite(change, write.expect(1).await.is_ok()) };
+                self.procedures.start(Kind::Rewrite, About::position(position), write);
             }
             None => {
                 let rewritten = false;
@@ -52,14 +58,12 @@ impl MainDevice {
         }
     }
 
-    pub(super) fn end_rewriting(&mut self) {
-        let mut at = 0;
-        while at < self.rewriting.len() {
-            let Poll::Ready((change, rewritten)) = poll(&mut self.rewriting[at]) else {
-                at += 1;
-                continue;
-            };
-            drop(self.rewriting.swap_remove(at));
+    /// Tells which delays were written.
+    pub(super) fn work_on_rewriting(&mut self) {
+        let Activity::Operating = self.activity else { return };
+        let mut from = 0;
+        while let Some(ended) = self.procedures.go_on(Kind::Rewrite, &mut from) {
+            let Ended::Rewrite(change, rewritten) = ended else { continue };
             let Change { position, written, found: Some(found) } = change else { continue };
             if rewritten {
                 let device = &mut self.segment.devices[position];
@@ -70,12 +74,5 @@ impl MainDevice {
             }
             self.link.report(Event::DelayChanged { position, written, found, rewritten });
         }
-    }
-
-    pub(super) fn forget_delays(&mut self) {
-        self.reading = None;
-        self.delay_watch = None;
-        self.latching = None;
-        self.rewriting.clear();
     }
 }

@@ -1,7 +1,19 @@
 //! SubDevices that go and come back while the segment runs.
 
-use super::*;
+use alloc::vec::Vec;
+
+use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
+
+use super::MainDevice;
+use super::background::{Ends, Kind};
+use super::procedures::{About, Ended};
+use super::way::Activity;
 use crate::board::Wish;
+use crate::clock;
+use crate::delay_watch::DelayWatch;
+use crate::event::Event;
+use crate::health::Found;
+use crate::readmit::{self, Return};
 
 /// SubDevices that go and come back.
 impl MainDevice {
@@ -18,8 +30,8 @@ impl MainDevice {
         if let Some(cycle) = &mut self.cycle {
             cycle.set_present(position, false);
         }
-        self.keeper.recovering.retain(|(other, _)| *other != position);
-        self.forget_delays();
+        self.procedures.end_at(Kind::Recover, position);
+        self.end_background(Ends::WithTheWay);
         if self.segment.reference == Some(position) {
             self.link.report(Event::ReferenceLost { position, cycle: number });
         }
@@ -51,7 +63,7 @@ impl MainDevice {
 
     /// More answer than take part: those that are where they belong are taken up.
     pub(super) fn welcome(&mut self, everybody: Vec<Found>) {
-        if self.keeper.readmitting.is_some() {
+        if self.procedures.has(Kind::Readmit) {
             return;
         }
         let (now, cycle) = self.link.with(|shared| (shared.port.now, shared.board.cycle));
@@ -86,49 +98,43 @@ impl MainDevice {
         let segment = self.segment.clone();
         let outcomes = self.keeper.outcomes.clone();
         let work = Return { link, config, segment, everybody, places, back, outcomes };
-        let mut task: Pin<Box<readmit::Readmitting>> = Box::pin(readmit::readmit(work));
-        // The first poll queues its datagrams.
-        let _pending = poll(&mut task).is_pending();
-        self.keeper.readmitting = Some(task);
+        self.procedures.start(Kind::Readmit, About::default(), async {
+            readmit::readmit(work).await;
+            Ended::Readmit
+        });
     }
 
-    /// Goes on with what is under way, and takes its end.
+    /// Goes on with those that are being taken up, and takes the end of each.
     pub(super) fn work_on_returns(&mut self) {
-        let Activity::Operating = self.activity else {
-            // Nothing is set right on the way up or down, and the clocks are led all the same.
-            if let Some(cycle) = &mut self.cycle {
-                cycle.trust_clocks();
-            }
+        let Activity::Operating = self.activity else { return };
+        if !self.procedures.has(Kind::Readmit) {
             return;
-        };
-        self.work_on_shift();
-        if let Some(task) = &mut self.keeper.readmitting {
-            let ended = poll(task).is_ready();
-            self.grant_wishes();
-            let outcomes = core::mem::take(&mut *self.keeper.outcomes.lock());
-            for (position, outcome) in outcomes {
-                self.take_return(position, outcome);
+        }
+        let ended = self.procedures.go_on(Kind::Readmit, &mut 0).is_some();
+        self.grant_wishes();
+        let outcomes = core::mem::take(&mut *self.keeper.outcomes.lock());
+        for (position, outcome) in outcomes {
+            self.take_return(position, outcome);
+        }
+        if ended {
+            // A reference that was to lead and did not get so far.
+            if let Some(cycle) = &mut self.cycle {
+                cycle.hold_clocks(false);
             }
-            if ended {
-                self.keeper.readmitting = None;
-                // A reference that was to lead and did not get so far.
-                if let Some(cycle) = &mut self.cycle {
-                    cycle.hold_clocks(false);
-                }
-                if self.segment.devices.iter().all(|device| device.admitted) {
-                    let now = self.link.now();
-                    let watch = |config| DelayWatch::new(config, &self.segment, now);
-                    self.delay_watch = self.config.delay_watch.and_then(watch);
-                }
+            if self.segment.devices.iter().all(|device| device.admitted) {
+                let now = self.link.now();
+                let watch = |config| DelayWatch::new(config, &self.segment, now);
+                self.delay_watch = self.config.delay_watch.and_then(watch);
             }
         }
-        let mut at = 0;
-        while at < self.keeper.recovering.len() {
-            let Poll::Ready(result) = poll(&mut self.keeper.recovering[at].1) else {
-                at += 1;
-                continue;
-            };
-            let (position, _) = self.keeper.recovering.swap_remove(at);
+    }
+
+    /// Goes on with those that are being brought back to OP.
+    pub(super) fn work_on_recoveries(&mut self) {
+        let Activity::Operating = self.activity else { return };
+        let mut from = 0;
+        while let Some(ended) = self.procedures.go_on(Kind::Recover, &mut from) {
+            let Ended::Recover(position, result) = ended else { continue };
             let now = self.link.now();
             let (after, again) = self.keeper.attempted(position, self.config.recovery, now);
             match result {
@@ -145,7 +151,11 @@ impl MainDevice {
     /// wrong time throws the clocks off further.
     pub(super) fn work_on_shift(&mut self) {
         let Some(cycle) = &mut self.cycle else { return };
-        if self.keeper.shifting.is_none() && cycle.doubts_clocks() {
+        let Activity::Operating = self.activity else {
+            // Nothing is set right on the way up or down, and the clocks are led all the same.
+            return cycle.trust_clocks();
+        };
+        if !self.procedures.has(Kind::Shift) && cycle.doubts_clocks() {
             let reference = self.segment.reference.filter(|_| self.config.readmission.is_some());
             let Some(reference) = reference else { return cycle.trust_clocks() };
             let led = |device: &&crate::SubDevice| {
@@ -156,11 +166,11 @@ impl MainDevice {
             let clocks = self.segment.devices.iter().filter(led).cloned().collect();
             let (link, threshold) = (self.link.clone(), self.config.drift_threshold);
             let station = self.segment.devices[reference].station;
-            self.keeper.shifting = Some(Box::pin(clock::shift(link, threshold, station, clocks)));
+            let shift = clock::shift(link, threshold, station, clocks);
+            let shift = async { Ended::Shift(shift.await) };
+            self.procedures.start(Kind::Shift, About::default(), shift);
         }
-        let Some(task) = &mut self.keeper.shifting else { return };
-        if let Poll::Ready(delays) = poll(task) {
-            self.keeper.shifting = None;
+        if let Some(Ended::Shift(delays)) = self.procedures.go_on(Kind::Shift, &mut 0) {
             for (position, delay) in delays {
                 self.segment.devices[position].delay = Some(delay);
                 if let Some(quality) = &mut self.quality {
@@ -219,10 +229,9 @@ impl MainDevice {
         };
         self.link.report(Event::Recovering { position, status, code, attempt });
         let (link, config) = (self.link.clone(), self.config.clone());
-        let mut task: Pin<Box<readmit::Recovering>> =
-            Box::pin(readmit::recover(link, config, self.segment.clone(), position));
-        // The first poll queues its datagram.
-        let _pending = poll(&mut task).is_pending();
-        self.keeper.recovering.push((position, task));
+        let recover = readmit::recover(link, config, self.segment.clone(), position);
+        self.procedures.start(Kind::Recover, About::position(position), async move {
+            Ended::Recover(position, recover.await)
+        });
     }
 }

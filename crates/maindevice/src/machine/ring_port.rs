@@ -1,8 +1,16 @@
 //! The second port of a ring, and what its state means for those who lead the clocks.
 
-use super::*;
+use alloc::boxed::Box;
+
+use isocat_wire::time::{Host, Time};
+
+use super::way::Activity;
+use super::{MainDevice, in_hand, take};
 use crate::board::{RingState, View};
-use crate::ring::{Copies, Taken};
+use crate::config::Config;
+use crate::event::Event;
+use crate::link::Link;
+use crate::ring::{Copies, Port, Taken};
 
 /// The ring as the machine has it.
 pub(super) struct Ring {

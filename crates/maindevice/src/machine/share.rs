@@ -1,6 +1,11 @@
 //! What acyclic frames may take of a cycle's time on the wire.
 
-use super::*;
+use isocat_wire::frame::{self, duration_ns};
+use isocat_wire::time::{Host, Nanos, Time};
+
+use crate::config::Config;
+use crate::cycle::CyclicExchange;
+use crate::segment::GAP;
 
 /// Share of acyclic frames in the present cycle.
 #[derive(Default)]
@@ -28,7 +33,7 @@ impl Share {
     /// everything would wait for it: the next cycle is late then.
     pub(super) fn room(
         &mut self,
-        cycle: &Cycle,
+        cycle: &CyclicExchange,
         config: &Config,
         now: Time<Host>,
         first: usize,

@@ -10,7 +10,7 @@ use super::clocks::ClockQuality;
 use super::objects::ObjectQuality;
 use super::ring::Ring;
 use crate::alarm::{Alarm, Change, Found, Hysteresis, LET_GO, RAISE};
-use crate::cycle::Cycle;
+use crate::cycle::CyclicExchange;
 use crate::segment::{Segment, SubDevice, Timing};
 use crate::statistics::Statistics;
 
@@ -184,7 +184,7 @@ impl Record {
     pub fn end_moment(
         &mut self,
         now: Time<Host>,
-        cycle: &mut Cycle,
+        cycle: &mut CyclicExchange,
         counts: &Statistics,
         difference: Nanos,
     ) -> Vec<Change> {

@@ -1,27 +1,22 @@
 //! Those that are lost or out of OP: who is in hand, and when somebody is tried again.
 
-use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;
-use core::pin::Pin;
 
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::{Outcomes, Readmitting, Recovering, Shifting};
+use super::Outcomes;
 use crate::config::{Readmission, Recovery};
 use crate::error::Cause;
 use crate::segment::Segment;
 
-/// What is known of those that are lost or out of OP, and what is being done.
+/// What is known of those that are lost or out of OP.
 #[derive(Default)]
 pub(crate) struct Keeper {
     /// By position.
     absences: Vec<Absence>,
-    pub readmitting: Option<Pin<Box<Readmitting>>>,
+    /// How those came out of it that were being taken up.
     pub outcomes: Outcomes,
-    /// Delays being set right.
-    pub shifting: Option<Pin<Box<Shifting>>>,
-    pub recovering: Vec<(usize, Pin<Box<Recovering>>)>,
 }
 
 /// One SubDevice's troubles.
@@ -41,11 +36,6 @@ impl Keeper {
     /// For so many SubDevices.
     pub fn new(count: usize) -> Self {
         Self { absences: vec![Absence::default(); count], ..Self::default() }
-    }
-
-    /// Whether nothing is under way.
-    pub fn is_idle(&self) -> bool {
-        self.readmitting.is_none() && self.recovering.is_empty() && self.shifting.is_none()
     }
 
     /// Who of those found is to be taken up now.

@@ -20,10 +20,10 @@ fn grouped(bench: &mut Bench) -> Segment {
     segment
 }
 
-fn running(bench: &mut Bench) -> Cycle {
+fn running(bench: &mut Bench) -> CyclicExchange {
     let segment = grouped(bench);
     let config = Config::new(Nanos(1_000_000));
-    let mut cycle = Cycle::new(&config, &segment, bench.now, config.source);
+    let mut cycle = CyclicExchange::new(&config, &segment, bench.now, config.source);
     cycle.exchange_process_data(true);
     for _ in 0..50 {
         all(&mut cycle, bench, |_| true);
@@ -35,7 +35,11 @@ fn running(bench: &mut Bench) -> Cycle {
 
 /// One cycle at its due time. Gives its number by system time, and the frames that it had; `back` says which come
 /// back.
-fn all(cycle: &mut Cycle, bench: &mut Bench, back: impl Fn(usize) -> bool) -> (u64, usize) {
+fn all(
+    cycle: &mut CyclicExchange,
+    bench: &mut Bench,
+    back: impl Fn(usize) -> bool,
+) -> (u64, usize) {
     bench.now = cycle.due();
     bench.segment.time = 5_000_000_777 + bench.now.count();
     let number = (bench.segment.time + 500_000) / 1_000_000;

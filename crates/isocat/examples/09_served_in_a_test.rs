@@ -1,7 +1,7 @@
 //! The served segment inside a test: somebody's MainDevice against simulated SubDevices, without an interface, in a time that the test
 //! moves. Here it is isocat's own MainDevice; any other takes its place between `poll_transmit` and `handle_frame`.
 //!
-//! `cargo test -p isocat --example 10_served_in_a_test`, or `cargo run` for the summary.
+//! `cargo test -p isocat --example 09_served_in_a_test`, or `cargo run` for the summary.
 
 use std::collections::VecDeque;
 

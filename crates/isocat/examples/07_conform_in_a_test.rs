@@ -2,7 +2,7 @@
 //!
 //! On a real interface the wire is `isocat::conform::wire::RawWire` instead; the rest stays.
 //!
-//! `cargo test -p isocat --example 08_conform_in_a_test`, or `cargo run` for the table.
+//! `cargo test -p isocat --example 07_conform_in_a_test`, or `cargo run` for the table.
 
 use isocat::columns::plain;
 use isocat::conform::report::ConformanceReport;

@@ -3,7 +3,7 @@
 //! The same description and application run on a microcontroller (`firmware/` shows how); here the device stands in a simulated
 //! segment, so that every instant of it can be looked at.
 //!
-//! `cargo run --release -p isocat --example 05_write_a_subdevice`
+//! `cargo run --release -p isocat --example 04_write_a_subdevice`
 
 use isocat_esc::LAN9252;
 use isocat_maindevice::{Config, Cycle, DeviceConfig, Event};

@@ -1,6 +1,6 @@
 //! The plan of a segment that a program makes up: does it fit, which line is the tightest, what would fit?
 //!
-//! `cargo run --release -p isocat --example 06_plan_from_code`
+//! `cargo run --release -p isocat --example 05_plan_from_code`
 
 use isocat::plan::{Plan, suggest::suggest};
 use isocat::{Nanos, Scenario, SegmentFile};

@@ -3,7 +3,7 @@
 //! This one asks what no built-in judge does: do the outputs of the two drives of the built-in segment become valid within 1 us of each
 //! other, in every cycle?
 //!
-//! `cargo run --release -p isocat --example 07_judge_of_ones_own`
+//! `cargo run --release -p isocat --example 06_judge_of_ones_own`
 
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_sim::Tap;

@@ -9,10 +9,10 @@ mod linux {
     use std::time::{Duration, Instant};
 
     use criterion::{BenchmarkId, Criterion};
-    use isocat::serve::{Answer, Server};
-    use isocat::{Nanos, Scenario, SegmentFile};
     use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
-    use isocat_wire::time::{Host, Time};
+    use isocat_segment::{Scenario, SegmentFile};
+    use isocat_serve::{Answer, Server};
+    use isocat_wire::time::{Host, Nanos, Time};
 
     const CYCLE: Nanos = Nanos::millis(1);
 

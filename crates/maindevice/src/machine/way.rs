@@ -1,0 +1,213 @@
+//! The way up and down: which piece of it runs, and what comes behind it.
+
+use alloc::boxed::Box;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::Poll;
+
+use isocat_wire::time::{Host, Time};
+
+use super::MainDevice;
+use super::background::Ends;
+use super::procedures::poll;
+use crate::bring_up::{self, End, Work};
+use crate::cycle::CyclicExchange;
+use crate::delay_watch::DelayWatch;
+use crate::error::{Cause, Error};
+use crate::event::{Event, Stage};
+use crate::quality::Monitor;
+use crate::readmit::Keeper;
+use crate::ring;
+use crate::survey;
+
+/// What the machine is about.
+pub(super) enum Activity {
+    /// A piece of the way up or down.
+    Task(Piece, Pin<Box<dyn Future<Output = End> + Send>>),
+    /// The host locks onto the reference clock.
+    Locking { since: Time<Host> },
+    /// All SubDevices are in OP.
+    Operating,
+    /// A survey is through; SubDevices are in PREOP.
+    Surveyed,
+    /// Nothing more is sent.
+    Over,
+}
+
+/// The pieces of the way, see [`bring_up`].
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Piece {
+    Prepare,
+    Synchronize,
+    Operate,
+    Survey,
+    LeaveOperation,
+    Stop,
+    OpenRing,
+}
+
+impl Activity {
+    /// A piece of the way at its beginning.
+    pub(super) fn of(piece: Piece, work: Work) -> Self {
+        let task: Pin<Box<dyn Future<Output = End> + Send>> = match piece {
+            Piece::Prepare => Box::pin(bring_up::prepare(work)),
+            Piece::Survey => Box::pin(survey::survey(work)),
+            Piece::Synchronize => Box::pin(bring_up::synchronize(work)),
+            Piece::Operate => Box::pin(bring_up::operate(work)),
+            Piece::LeaveOperation => Box::pin(bring_up::leave_operation(work)),
+            Piece::Stop => Box::pin(bring_up::stop(work)),
+            Piece::OpenRing => Box::pin(bring_up::open_ring(work)),
+        };
+        Self::Task(piece, task)
+    }
+}
+
+/// The way up and down.
+impl MainDevice {
+    pub(super) fn work_on_way(&mut self) {
+        loop {
+            if self.stopping && self.begin_stop() {
+                continue;
+            }
+            match &mut self.activity {
+                Activity::Task(piece, task) => {
+                    let piece = *piece;
+                    let Poll::Ready((work, result)) = poll(task) else { return };
+                    self.stage = work.stage;
+                    self.segment = work.segment;
+                    self.mailboxes = work.mailboxes;
+                    self.after(piece, result);
+                }
+                Activity::Locking { since } => {
+                    let since = *since;
+                    let Some(cycle) = &self.cycle else { return };
+                    if cycle.is_locked() && cycle.number() > 0 {
+                        self.begin_piece(Piece::Synchronize);
+                        continue;
+                    }
+                    let after = self.link.now() - since;
+                    if after < cycle.lock_patience(self.config.timeouts.phase) {
+                        return;
+                    }
+                    let error = cycle.servo().last_error();
+                    self.fail(Error { stage: Stage::Phase, cause: Cause::Phase { error, after } });
+                }
+                Activity::Operating | Activity::Surveyed | Activity::Over => return,
+            }
+        }
+    }
+
+    /// Goes on behind a piece of the way.
+    fn after(&mut self, piece: Piece, result: Result<(), Error>) {
+        // The way down goes on to its end whatever happens on it.
+        match (piece, result) {
+            (Piece::LeaveOperation, _) => {
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.exchange_process_data(false);
+                }
+                self.begin_piece(Piece::Stop);
+            }
+            (Piece::Stop, Ok(())) => {
+                self.link.report(Event::Stopped);
+                self.end();
+            }
+            (Piece::OpenRing, _) => {
+                if let Some(error) = self.failure.take() {
+                    self.link.report(Event::Failed(error));
+                }
+                self.end();
+            }
+            (_, Err(error)) => self.fail(error),
+            (Piece::Prepare, Ok(())) => self.begin_cycle(),
+            (Piece::Synchronize, Ok(())) => {
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.exchange_process_data(true);
+                }
+                self.begin_piece(Piece::Operate);
+            }
+            (Piece::Operate, Ok(())) => self.begin_operation(),
+            (Piece::Survey, Ok(())) => {
+                self.activity = Activity::Surveyed;
+                self.link.report(Event::Surveyed);
+            }
+        }
+    }
+
+    fn begin_cycle(&mut self) {
+        let now = self.link.now();
+        self.link.board(|board| {
+            if self.segment.reference.is_some() && self.config.drift_compensation {
+                board.statistics.time_to_converged = Some(now - self.begin);
+            }
+        });
+        self.cycle =
+            Some(CyclicExchange::new(&self.config, &self.segment, now, self.config.source));
+        self.stage = Stage::Phase;
+        self.link.report(Event::Progress(Stage::Phase));
+        self.activity = Activity::Locking { since: now };
+    }
+
+    fn begin_operation(&mut self) {
+        let (now, begin) = (self.link.now(), self.begin);
+        self.link.board(|board| {
+            board.statistics.time_to_operation = Some(now - begin);
+            board.statistics.bring_up_frames = board.statistics.frames_sent;
+            let cycle = board.cycle;
+            board.report(Event::InOperation { cycle, after: now - begin });
+        });
+        if let Some(cycle) = &mut self.cycle {
+            cycle.measuring = true;
+        }
+        let watch = |config| DelayWatch::new(config, &self.segment, now);
+        self.delay_watch = self.config.delay_watch.and_then(watch);
+        let (number, counts) = self.link.board(|board| (board.cycle, board.statistics));
+        let monitor = |config| Monitor::new(config, &self.segment, now, number, &counts);
+        self.quality = self.config.quality.map(monitor);
+        self.keeper = Keeper::new(self.segment.devices.len());
+        self.activity = Activity::Operating;
+    }
+
+    fn begin_piece(&mut self, piece: Piece) {
+        let work = Work {
+            link: self.link.clone(),
+            config: self.config.clone(),
+            segment: self.segment.clone(),
+            mailboxes: core::mem::take(&mut self.mailboxes),
+            stage: self.stage,
+        };
+        self.activity = Activity::of(piece, work);
+    }
+
+    /// Turns round, if the machine is on its way up or in operation.
+    fn begin_stop(&mut self) -> bool {
+        let turns = match &self.activity {
+            Activity::Task(piece, _) => {
+                !matches!(piece, Piece::LeaveOperation | Piece::Stop | Piece::OpenRing)
+            }
+            Activity::Locking { .. } | Activity::Operating | Activity::Surveyed => true,
+            Activity::Over => false,
+        };
+        if turns {
+            self.end_background(Ends::WithOperation);
+            self.begin_piece(Piece::LeaveOperation);
+        }
+        turns
+    }
+
+    fn fail(&mut self, error: Error) {
+        self.stage = error.stage;
+        if ring::is_closed(&self.link) {
+            self.failure = Some(error);
+            return self.begin_piece(Piece::OpenRing);
+        }
+        self.link.report(Event::Failed(error));
+        self.end();
+    }
+
+    /// Nothing more is sent.
+    fn end(&mut self) {
+        self.end_background(Ends::WithTheRun);
+        self.cycle = None;
+        self.activity = Activity::Over;
+    }
+}

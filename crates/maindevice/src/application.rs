@@ -65,6 +65,23 @@ impl<F: FnMut(&mut Cycle<'_>)> Application for F {
     }
 }
 
+/// When the application is called.
+impl MainDevice {
+    /// Calls the application if the last input has completed a cycle, and gives the cycle's number: all of its frames are
+    /// back, or the next one is due and what is not back was given up. Once for each cycle, in order; the
+    /// application is not called for those without process data. To be called behind each input, before
+    /// [`poll_transmit`](Self::poll_transmit): a cycle that nobody asked for is not told any more when the next one is
+    /// over.
+    #[inline]
+    pub fn poll_cycle<A: Application + ?Sized>(&mut self, application: &mut A) -> Option<u64> {
+        let (number, has_data) = self.take_closed()?;
+        if has_data {
+            application.cycle(&mut Cycle { main: self, number });
+        }
+        Some(number)
+    }
+}
+
 /// One cycle that is complete, in the hands of the application.
 ///
 /// - What came back: [`devices`](Self::devices), [`device`](Self::device), [`inputs`](Self::inputs),
@@ -79,10 +96,6 @@ pub struct Cycle<'a> {
 }
 
 impl<'a> Cycle<'a> {
-    pub(crate) fn new(main: &'a mut MainDevice, number: u64) -> Self {
-        Self { main, number }
-    }
-
     /// Its number, from 1 on. Cycles before process data count too, so the first call has a higher one.
     pub fn number(&self) -> u64 {
         self.number

@@ -9,7 +9,6 @@ use isocat_sync::phase;
 use isocat_wire::frame;
 use isocat_wire::time::{Dc, Host, Time};
 
-use crate::application::{self, Application};
 use crate::bring_up::Work;
 use crate::config::Config;
 use crate::cycle::CyclicExchange;
@@ -186,18 +185,10 @@ impl MainDevice {
         self.work();
     }
 
-    /// Calls the application if the last input has completed a cycle, and gives the cycle's number: all of its frames are
-    /// back, or the next one is due and what is not back was given up. Once for each cycle, in order; the
-    /// application is not called for those without process data. To be called behind each input, before
-    /// [`poll_transmit`](Self::poll_transmit): a cycle that nobody asked for is not told any more when the next one is
-    /// over.
+    /// The cycle that is over with the last input, once; and whether process data ran in it.
     #[inline]
-    pub fn poll_cycle<A: Application + ?Sized>(&mut self, application: &mut A) -> Option<u64> {
-        let (number, has_data) = self.cycle.as_mut()?.take_closed()?;
-        if has_data {
-            application.cycle(&mut application::Cycle::new(self, number));
-        }
-        Some(number)
+    pub(crate) fn take_closed(&mut self) -> Option<(u64, bool)> {
+        self.cycle.as_mut()?.take_closed()
     }
 
     /// Writes the next frame to send at once into `buffer` and gives its length; `None` if there is

@@ -4,6 +4,7 @@ use std::fmt::Display;
 
 use isocat_sim::observation::Observed;
 use isocat_subdevice::Step;
+use isocat_sync::SyncMode;
 use isocat_sync::object::ShiftBy;
 use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
@@ -259,18 +260,18 @@ impl Case<'_, '_> {
     /// Whether a mode can be asked for.
     pub fn reachable(&self, mode: Mode) -> Done {
         if let Some(why) = mode.untried {
-            return Err(not_applicable(format!("{} is not tried: {why}", mode.name)));
+            return Err(not_applicable(format!("{} is not tried: {why}", mode.name())));
         }
         if mode.uses_dc() && !self.s.has_dc {
             return Err(not_applicable("it has no clock"));
         }
-        if mode.name == "dc-sync1" && !self.s.chooses_type() {
+        if mode.mode == SyncMode::DcSync1 && !self.s.chooses_type() {
             return Err(not_applicable(
                 "DC SYNC1 can't be asked for: 0x1C32:01 is read only, and the registers alone ask for \
                  SYNC0 shifted by SYNC1",
             ));
         }
-        let others = self.s.modes.iter().any(|other| other.name == "sm");
+        let others = self.s.modes.iter().any(|other| other.mode == SyncMode::SmSynchronous);
         if mode.bit == 0 && others && !self.s.chooses_type() {
             return Err(not_applicable(
                 "Free Run can't be asked for: 0x1C32:01 is read only, and SM-synchronous goes before",
@@ -311,15 +312,15 @@ impl Case<'_, '_> {
     /// The mode of this check in the tables of ETG.1020.
     pub fn column(&self, object: &SyncObject) -> Column {
         let shifted = object.types().shift() == ShiftBy::LocalTimer;
-        match (self.mode.name, shifted) {
-            ("free-run", _) => Column::FreeRun,
-            ("sm", false) => Column::Sm,
-            ("sm", true) => Column::SmShift,
-            ("dc-sync0", false) => Column::Dc,
-            ("dc-sync0", true) => Column::DcShift,
-            ("dc-shift-sync1", _) => Column::DcShiftSync1,
-            ("dc-sync1", _) => Column::DcSync1,
-            _ => Column::DcSubordinated,
+        match (self.mode.mode, shifted) {
+            (SyncMode::FreeRun, _) => Column::FreeRun,
+            (SyncMode::SmSynchronous, false) => Column::Sm,
+            (SyncMode::SmSynchronous, true) => Column::SmShift,
+            (SyncMode::DcSync0, false) => Column::Dc,
+            (SyncMode::DcSync0, true) => Column::DcShift,
+            (SyncMode::DcShiftSync1, _) => Column::DcShiftSync1,
+            (SyncMode::DcSync1, _) => Column::DcSync1,
+            (SyncMode::DcSubordinated, _) => Column::DcSubordinated,
         }
     }
 

@@ -44,7 +44,7 @@ impl Hints {
         Ok(Self {
             outputs: profile.assignment.outputs.clone(),
             inputs: profile.assignment.inputs.clone(),
-            modes: profile.modes().map(|mode| mode.name().to_owned()).collect(),
+            modes: profile.modes().collect(),
             identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
             deviations: profile.deviations.clone(),
         })
@@ -115,7 +115,7 @@ fn apply(rule: &Rule, t: &mut Tester<'_>, s: &Subject) -> Result<RuleResult, Str
             if let Err(Stop::Trouble(Trouble { what, own: true })) = done {
                 return Err(what);
             }
-            let name = each.then_some(mode.name);
+            let name = each.then_some(mode.name());
             let good = evidence.iter().all(|evidence| evidence.right)
                 && matches!(done, Ok(()) | Err(Stop::NotApplicable(_)));
             match t.was_late() {

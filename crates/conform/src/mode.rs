@@ -1,10 +1,12 @@
 //! The synchronization modes as data: what announces each, how it is set up, what it reads back.
 
+use isocat_sync::SyncMode;
+
 /// One way to synchronize a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Mode {
-    /// Its name in reports and segment files.
-    pub name: &'static str,
+    /// Which.
+    pub mode: SyncMode,
     /// Bit of 0x1C32:04 and 0x1C33:04 that is its own.
     pub bit: u8,
     /// All bits of 0x1C32:04 and 0x1C33:04 that it needs.
@@ -22,6 +24,11 @@ pub struct Mode {
 }
 
 impl Mode {
+    /// Its name in reports and segment files.
+    pub const fn name(&self) -> &'static str {
+        self.mode.name()
+    }
+
     /// Whether SYNC0 takes part.
     pub const fn uses_dc(&self) -> bool {
         self.activation != 0
@@ -51,7 +58,7 @@ impl Mode {
 /// All modes, least synchronized first.
 pub const MODES: [Mode; 6] = [
     Mode {
-        name: "free-run",
+        mode: SyncMode::FreeRun,
         bit: 0,
         needs: 0x01,
         output_type: 0,
@@ -61,7 +68,7 @@ pub const MODES: [Mode; 6] = [
         untried: None,
     },
     Mode {
-        name: "sm",
+        mode: SyncMode::SmSynchronous,
         bit: 1,
         needs: 0x02,
         output_type: 1,
@@ -71,7 +78,7 @@ pub const MODES: [Mode; 6] = [
         untried: None,
     },
     Mode {
-        name: "dc-sync0",
+        mode: SyncMode::DcSync0,
         bit: 2,
         needs: 0x04,
         output_type: 2,
@@ -81,7 +88,7 @@ pub const MODES: [Mode; 6] = [
         untried: None,
     },
     Mode {
-        name: "dc-shift-sync1",
+        mode: SyncMode::DcShiftSync1,
         bit: 3,
         needs: 0x0C,
         output_type: 2,
@@ -91,7 +98,7 @@ pub const MODES: [Mode; 6] = [
         untried: None,
     },
     Mode {
-        name: "dc-sync1",
+        mode: SyncMode::DcSync1,
         bit: 3,
         needs: 0x08,
         output_type: 3,
@@ -101,7 +108,7 @@ pub const MODES: [Mode; 6] = [
         untried: None,
     },
     Mode {
-        name: "dc-subordinated",
+        mode: SyncMode::DcSubordinated,
         bit: 4,
         needs: 0x18,
         output_type: 3,

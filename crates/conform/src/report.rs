@@ -72,7 +72,7 @@ pub struct ModeResult {
 impl ModeResult {
     /// Of the table of modes.
     pub fn new(mode: &Mode) -> Self {
-        Self { name: mode.name, untried: mode.untried }
+        Self { name: mode.name(), untried: mode.untried }
     }
 }
 

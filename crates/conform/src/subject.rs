@@ -2,6 +2,7 @@
 
 use isocat_segment::profile::Deviation;
 use isocat_sync::SupportedTypes;
+use isocat_sync::SyncMode;
 use isocat_sync::object::{
     ERROR_SETTINGS, INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
 };
@@ -23,7 +24,7 @@ pub struct Hints {
     /// The same for SM3.
     pub inputs: Vec<u16>,
     /// Modes of a SubDevice that can't be asked.
-    pub modes: Vec<String>,
+    pub modes: Vec<SyncMode>,
     /// Who it is, with the vendor's number and the product code; `None` for whoever there is.
     pub identity: Option<(u32, u32)>,
     /// Rules that it is known to break.
@@ -143,12 +144,12 @@ impl Subject {
                     .sum();
                 direction.len = bits.div_ceil(8) as u16;
             }
-            subject.modes = (MODES.into_iter())
-                .filter(|mode| hints.modes.iter().any(|name| name == mode.name))
-                .collect();
+            subject.modes =
+                (MODES.into_iter()).filter(|mode| hints.modes.contains(&mode.mode)).collect();
             if hints.modes.is_empty() {
                 // Who does not say otherwise works on the arrival of frames.
-                subject.modes = MODES.into_iter().filter(|mode| mode.name == "sm").collect();
+                subject.modes =
+                    MODES.into_iter().filter(|mode| mode.mode == SyncMode::SmSynchronous).collect();
             }
         }
         Ok((subject, al))

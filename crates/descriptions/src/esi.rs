@@ -265,7 +265,7 @@ impl EsiFile {
     ///
     /// Without a wish it is the highest revision. With one it must be that revision, or else the newest that is not
     /// newer than the wish.
-    pub fn device(&self, type_name: &str, revision: Option<u32>) -> Result<Choice<'_>, String> {
+    pub fn device(&self, type_name: &str, revision: Option<u32>) -> Result<Choice<'_>, NoChoice> {
         let type_name = type_name.trim();
         let of_type = |device: &&EsiDevice| device.type_name == type_name;
         let known = || self.devices.iter().filter(|device| device.product_code.is_some());
@@ -281,7 +281,7 @@ impl EsiFile {
                     format!("no type \"{type_name}\" in the file; {}", name_hint(type_name, names))
                 }
             };
-            return Err(message);
+            return Err(NoChoice { of_revision: false, message });
         }
         candidates.sort_by_key(|device| device.revision.unwrap_or(0));
         let number = |device: &EsiDevice| device.revision.unwrap_or(0);
@@ -290,7 +290,8 @@ impl EsiFile {
             let all: Vec<_> =
                 candidates.iter().map(|device| format!("{:#010x}", number(device))).collect();
             let (wanted, all) = (revision.unwrap_or(0), all.join(", "));
-            return Err(format!("no revision {wanted:#010x} or older in the file; it has: {all}"));
+            let message = format!("no revision {wanted:#010x} or older in the file; it has: {all}");
+            return Err(NoChoice { of_revision: true, message });
         };
         let mut notes = Vec::new();
         let found = number(device);
@@ -377,6 +378,15 @@ impl EsiFile {
 /// The code of a data type as PDOs name it; a name that is unknown or does not fit counts by its bits.
 pub fn data_type(name: &str, bits: u32) -> isocat_wire::coe::DataType {
     dictionary::by_name(name, bits).unwrap_or_else(|| dictionary::by_bits(bits))
+}
+
+/// Why no device of a file was chosen.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct NoChoice {
+    /// The type is there, and no revision of it fits; else the type can't be chosen.
+    pub of_revision: bool,
+    /// What was asked for, and what there is.
+    pub message: String,
 }
 
 /// A device of a file, and what should be known about its choice.

@@ -17,6 +17,7 @@ pub mod words;
 #[cfg(target_os = "linux")]
 pub use build::{span, spread};
 use isocat_maindevice::Stage;
+use isocat_segment::profile::Doubt;
 use isocat_sim::Kind;
 use isocat_sync::SyncMode;
 use isocat_wire::AlState;
@@ -330,9 +331,6 @@ pub struct PlanLine {
     pub slack_ns: i64,
 }
 
-/// How items of [`Assumption`] begin that are doubts about a maker's description.
-const DOUBT: &str = "description: ";
-
 /// A value that a device's maker does not publish, or a doubt about its description (ESI).
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -343,4 +341,17 @@ pub struct Assumption {
     pub value: String,
     /// Why.
     pub why: String,
+    /// The name of the doubt, if it is one about the description.
+    #[serde(skip)]
+    #[schemars(skip)]
+    pub doubt: Option<&'static str>,
+}
+
+/// A doubt about a maker's description.
+impl From<&Doubt> for Assumption {
+    fn from(doubt: &Doubt) -> Self {
+        let item = format!("description: {}", doubt.kind);
+        let why = doubt.what.clone();
+        Self { item, value: String::new(), why, doubt: Some(doubt.kind) }
+    }
 }

@@ -47,14 +47,20 @@ pub enum LinkError {
 }
 
 impl LinkError {
+    /// Of something that was done to an interface.
     pub(super) fn os(what: &'static str, name: &str, error: io::Error) -> Self {
+        Self::needing("cap_net_raw", what, name, error)
+    }
+
+    /// Of entering a network namespace.
+    pub(super) fn entering(namespace: &str, error: io::Error) -> Self {
+        let capabilities = "cap_net_raw,cap_sys_admin";
+        Self::needing(capabilities, "entering the network namespace", namespace, error)
+    }
+
+    fn needing(capability: &'static str, what: &'static str, name: &str, error: io::Error) -> Self {
         match error.kind() {
             io::ErrorKind::PermissionDenied => {
-                let capability = if what.starts_with("entering") {
-                    "cap_net_raw,cap_sys_admin"
-                } else {
-                    "cap_net_raw"
-                };
                 Self::Permission { what: format!("{what} {name}"), capability }
             }
             _ => Self::Os { what, name: name.to_owned(), error },

@@ -14,7 +14,7 @@ pub(super) fn inside<T: Send>(
     namespace: &str,
     work: impl FnOnce() -> T + Send,
 ) -> Result<T, LinkError> {
-    let failed = |error| LinkError::os("entering the network namespace", namespace, error);
+    let failed = |error| LinkError::entering(namespace, error);
     let file = File::open(path(namespace)).map_err(|error| match error.kind() {
         std::io::ErrorKind::NotFound => LinkError::UnknownNamespace(namespace.to_owned()),
         _ => failed(error),

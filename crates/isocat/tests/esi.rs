@@ -171,7 +171,7 @@ fn op_modes_become_modes() {
     assert_eq!(mode(0, 1).mode, SyncMode::DcSync0);
     let fixed = mode(0, 2);
     assert_eq!((fixed.mode, fixed.sync0_cycle), (SyncMode::DcSubordinated, Some(Nanos(250_000))));
-    assert!(fixed.notes.iter().any(|note| note.starts_with("latch-units: ")), "{:?}", fixed.notes);
+    assert!(fixed.notes.iter().any(|note| note.kind == "latch-units"), "{:?}", fixed.notes);
     assert_eq!(mode(5, 0).sync0_cycle, Some(Nanos(250_000)));
     // Not a multiple of the fixed time; and one.
     let error = of(0, 2, 900_000).unwrap_err();
@@ -209,10 +209,13 @@ fn a_segment_of_described_devices_comes_up() {
         "a drive's default is the first with SYNC0"
     );
     let notes = &file.subdevices[0].notes;
-    for name in
-        ["opmode: \"DC\" is taken", "revision: the newest of 2", "first-opmode-without-dc: "]
-    {
-        assert!(notes.iter().any(|note| note.starts_with(name)), "{name}: {notes:#?}");
+    for (kind, what) in [
+        ("opmode", "\"DC\" is taken"),
+        ("revision", "the newest of 2"),
+        ("first-opmode-without-dc", ""),
+    ] {
+        let told = notes.iter().any(|note| note.kind == kind && note.what.starts_with(what));
+        assert!(told, "{kind}: {notes:#?}");
     }
     let report = run(&Scenario::from(file));
     assert!(report.in_sync, "{} {:#?}", report.verdict, report.findings);
@@ -329,9 +332,8 @@ fn drive_segment(text: &str, keys: &str) -> Result<SegmentFile, FileError> {
 }
 
 /// Names of the notes on the one device.
-fn noted(file: &SegmentFile) -> Vec<&str> {
-    let notes = &file.subdevices[0].notes;
-    notes.iter().map(|note| note.split_once(": ").unwrap().0).collect()
+fn noted(file: &SegmentFile) -> Vec<&'static str> {
+    file.subdevices[0].notes.iter().map(|note| note.kind).collect()
 }
 
 #[test]
@@ -364,8 +366,8 @@ fn a_profile_of_a_channel_makes_a_drive() {
     let file = drive_segment(&text, "").unwrap();
     let note = file.subdevices[0].notes.last().unwrap();
     assert!(
-        note.starts_with("drive-not-enabled: ") && note.contains("lack 0x607A of 32"),
-        "{note}"
+        note.kind == "drive-not-enabled" && note.what.contains("lack 0x607A of 32"),
+        "{note:?}"
     );
 }
 
@@ -395,7 +397,8 @@ fn a_mode_that_the_op_mode_is_not_for_is_refused() {
     // Nobody asked for the OpMode: the mode counts, and that is said.
     let file = drive_segment(BOX, "mode = \"sm\"").unwrap();
     assert_eq!(file.subdevices[0].mode, Some(SyncMode::SmSynchronous));
-    assert!(file.subdevices[0].notes[0].starts_with("mode: \"sm\" as asked for"));
+    let note = &file.subdevices[0].notes[0];
+    assert!(note.kind == "mode" && note.what.starts_with("\"sm\" as asked for"), "{note:?}");
 }
 
 #[test]

@@ -211,3 +211,86 @@ fn nothing_is_left_over() {
         ["tod\u{6f}!(", "unimplemente\u{64}!(", "db\u{67}!(", "FIXM\u{45}", "#[ignor\u{65}"];
     nowhere(&sources("crates"), &words, "no parked work");
 }
+
+/// Packages that look at findings, states and plans: judges' documents, diagnoses and views.
+const READERS: [&str; 7] = [
+    "crates/engine/src",
+    "crates/serve/src",
+    "crates/recorders/src",
+    "crates/conform/src",
+    "crates/host/src",
+    "crates/isocat/src",
+    "playground/src",
+];
+
+/// Where sentences are made that other code could search.
+const SENTENCES: [&str; 7] = [
+    "crates/engine/src/report/words.rs",
+    "crates/engine/src/live/judge.rs",
+    "crates/engine/src/status/verdict.rs",
+    "crates/engine/src/diagnosis.rs",
+    "crates/maindevice/src/change.rs",
+    "crates/maindevice/src/error.rs",
+    "crates/maindevice/src/alarm.rs",
+];
+
+/// The text literals of some Rust code that stand behind one of these words.
+fn literals_behind<'a>(code: &'a str, words: &[&str]) -> Vec<&'a str> {
+    let mut begins = Vec::new();
+    for word in words {
+        begins.extend(code.match_indices(word).map(|(at, _)| at + word.len()));
+    }
+    begins.into_iter().filter_map(|begin| code[begin..].split('"').next()).collect()
+}
+
+/// Nothing reads what we ourselves have put into words: what decides goes by types.
+#[test]
+fn nothing_searches_our_own_words() {
+    let program = |text: &str| text.split("#[cfg(test)]").next().unwrap_or_default().to_owned();
+    let sentences: Vec<String> = SENTENCES
+        .iter()
+        .map(|path| program(&fs::read_to_string(root().join(path)).expect("a readable file")))
+        .collect();
+    // Every second part between quotation marks is a literal.
+    let sentences: Vec<&str> =
+        sentences.iter().flat_map(|text| text.split('"').skip(1).step_by(2)).collect();
+    assert!(sentences.iter().any(|what| what.contains("off the grid")), "{sentences:?}");
+    let states = (0..=15).filter_map(|code| isocat_wire::AlState::try_from(code).ok());
+    let names: Vec<&str> = (isocat_sync::SyncMode::ALL.iter().map(|mode| mode.name()))
+        .chain(states.map(|state| state.name()))
+        .chain(isocat_sync::Moment::ALL.iter().map(|moment| moment.name()))
+        .chain(isocat_sync::budget::Check::OF_DEVICE.iter().map(|check| check.name()))
+        .chain(isocat_maindevice::Stage::ALL.iter().map(|stage| stage.name()))
+        .chain(isocat_sim::Kind::descriptions().map(|kind| kind.name))
+        .chain(isocat::report::NoteKind::DESCRIPTIONS.iter().map(|kind| kind.name))
+        .chain(["absent", "joining", "locked", "holdover", "in operation", "ended"])
+        .collect();
+    assert!(["OP", "free-run", "SYNC0", "cycles-skipped"].iter().all(|name| names.contains(name)));
+    let mut found = Vec::new();
+    for (path, text) in READERS.iter().flat_map(|folder| sources(folder)) {
+        if path.file_name().is_some_and(|name| name == "tests.rs") {
+            continue;
+        }
+        let code = program(&text);
+        let searched = literals_behind(
+            &code,
+            &[
+                ".contains(\"",
+                ".starts_with(\"",
+                ".ends_with(\"",
+                ".find(\"",
+                ".split_once(\"",
+                ".rsplit_once(\"",
+                ".strip_prefix(\"",
+                ".strip_suffix(\"",
+            ],
+        );
+        // What is shorter than a word is punctuation.
+        let ours = |what: &&str| what.len() > 3 && sentences.iter().any(|s| s.contains(*what));
+        let compared = literals_behind(&code, &["== \"", "!= \""]);
+        let named = |what: &&str| names.contains(what);
+        let all = searched.into_iter().filter(ours).chain(compared.into_iter().filter(named));
+        found.extend(all.map(|what| format!("{}: \"{what}\"", path.display())));
+    }
+    assert!(found.is_empty(), "go by the type, not by its words:\n{}", found.join("\n"));
+}

@@ -96,7 +96,7 @@ mod sii;
 #[cfg(test)]
 mod tests;
 
-pub use esi::{NotSimulated, Obstacle, RunAs};
+pub use esi::{Doubt, NotSimulated, Obstacle, RunAs};
 pub use isocat_descriptions::document::{FileError, FilePlace, name_hint};
 pub use keys::FILE;
 pub(crate) use keys::MODES;

@@ -40,6 +40,7 @@ use isocat_sim::ClockModel;
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
+use crate::profile::Doubt;
 use crate::profile::Profile;
 
 mod clock;
@@ -145,7 +146,7 @@ pub struct SubDevice {
     /// When an optional one gets its power, from the start of the simulation. Key `arrives`.
     pub arrives: Nanos,
     /// What is doubtful about a device from a maker's description: `name: words`.
-    pub notes: Vec<String>,
+    pub notes: Vec<Doubt>,
     /// Line of the file at which it begins, for messages.
     pub line: usize,
 }

@@ -5,71 +5,99 @@
 
 use isocat_wire::{AbortCode, AlState, AlStatusCode, Nanos, ObjectAddress};
 
-/// One thing that a device does wrong.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
-pub enum Misbehaviour {
+/// Declares the vocabulary: what each word means, the word, and the fault with what it needs.
+macro_rules! vocabulary {
+    ($($(#[doc = $means:literal])+ $word:literal $fault:ident $(($($needs:ty),+))?,)+) => {
+        /// One thing that a device does wrong.
+        #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+        pub enum Misbehaviour {
+            $($(#[doc = $means])+ $fault $(($($needs),+))?,)+
+        }
+
+        impl Misbehaviour {
+            /// The vocabulary: each word, and what it means.
+            pub const WORDS: &'static [(&'static str, &'static str)] =
+                &[$(($word, concat!($($means),+).trim_ascii()),)+];
+
+            /// The word for it.
+            pub const fn word(&self) -> &'static str {
+                match self {
+                    $(Self::$fault { .. } => $word,)+
+                }
+            }
+
+            /// What a word means; `None`: it is none of the vocabulary.
+            pub fn means(word: &str) -> Option<&'static str> {
+                let mut words = Self::WORDS.iter();
+                words.find(|(known, _)| *known == word).map(|(_, means)| *means)
+            }
+        }
+    };
+}
+
+vocabulary! {
     /// The entry always reads this number; what the device goes by stays right.
-    WrongValue(ObjectAddress, u32),
+    "wrong-value" WrongValue(ObjectAddress, u32),
     /// SDO information tells this type code for the entry.
-    WrongType(ObjectAddress, u16),
+    "wrong-type" WrongType(ObjectAddress, u16),
     /// The entry does not exist: not for SDOs, not for SDO information.
-    MissingEntry(ObjectAddress),
+    "missing-entry" MissingEntry(ObjectAddress),
     /// The entry can't be written, and SDO information says so.
-    ReadOnly(ObjectAddress),
+    "read-only" ReadOnly(ObjectAddress),
     /// Complete access to the object gives its bytes in wrong places.
-    ShiftedCompleteAccess(u16),
+    "shifted-complete-access" ShiftedCompleteAccess(u16),
     /// The entry can't be read in SAFEOP and OP, whatever its access word says.
-    RefusesRead(ObjectAddress),
+    "refuses-read" RefusesRead(ObjectAddress),
     /// The entry can't be written in this state, whatever its access word says.
-    RefusesWrite(ObjectAddress, AlState),
+    "refuses-write" RefusesWrite(ObjectAddress, AlState),
     /// The entry can be written in every state, whatever its access word says.
-    AcceptsWrite(ObjectAddress),
+    "accepts-write" AcceptsWrite(ObjectAddress),
     /// The entry takes this number, which it must refuse.
-    AcceptsValue(ObjectAddress, u32),
+    "accepts-value" AcceptsValue(ObjectAddress, u32),
     /// Transfers of the entry that must fail with this code fail with the general error.
-    WrongAbort(ObjectAddress, AbortCode),
+    "wrong-abort" WrongAbort(ObjectAddress, AbortCode),
     /// The sub-index of a sync object counts, but always reads 0.
-    FrozenCounter(ObjectAddress),
+    "frozen-counter" FrozenCounter(ObjectAddress),
     /// The sub-index of a sync object reads so much more than it counted, once it has counted.
-    WrongCounter(ObjectAddress, u32),
+    "wrong-counter" WrongCounter(ObjectAddress, u32),
     /// The counters are not cleared at PREOP to SAFEOP, nor on the way back.
-    KeepsCounters,
+    "keeps-counters" KeepsCounters,
     /// Sub-index 08, bit 1 clears nothing.
-    IgnoresReset,
+    "ignores-reset" IgnoresReset,
     /// The limit of missed events is so much higher than it says.
-    WrongLimit(u16),
+    "wrong-limit" WrongLimit(u16),
     /// 0x1C32:00 and 0x1C33:00 read 0 in SAFEOP and OP when the direction is not transmitted, but their
     /// sub-indices stay.
-    HalfHidden,
+    "half-hidden" HalfHidden,
     /// The state is never entered (INIT: not from SAFEOP and OP): 0x0001.
-    RefusedState(AlState),
+    "refused-state" RefusedState(AlState),
     /// A set-up that must be refused with this code is accepted; with a number, only if register 0x0981
     /// has this value.
-    AcceptsSetup(AlStatusCode, Option<u8>),
+    "accepts-setup" AcceptsSetup(AlStatusCode, Option<u8>),
     /// What must be told by this code, in this state, is told as 0x0001.
-    WrongAlCode(AlStatusCode, AlState),
+    "wrong-al-code" WrongAlCode(AlStatusCode, AlState),
     /// The error with this code is not given up when it is acknowledged; INIT is the only way out.
-    KeepsError(AlStatusCode),
+    "keeps-error" KeepsError(AlStatusCode),
     /// A request is followed although the error was not acknowledged.
-    ForgetsError,
+    "forgets-error" ForgetsError,
     /// Everything but the copying of outputs comes so much later.
-    LateApplication(Nanos),
+    "late-application" LateApplication(Nanos),
     /// The copying of outputs begins so much later.
-    LateCopy(Nanos),
+    "late-copy" LateCopy(Nanos),
     /// Every so many-th SM2 event goes by unnoticed.
-    MissedCopy(u32),
+    "missed-copy" MissedCopy(u32),
     /// At SYNC0 cycles shorter than this, every other SM2 event goes by unnoticed.
-    ShortOfTime(Nanos),
+    "short-of-time" ShortOfTime(Nanos),
     /// SYNC0 is never noticed.
-    DeadSync0,
+    "dead-sync0" DeadSync0,
     /// The shift time has no effect.
-    IgnoresShift,
+    "ignores-shift" IgnoresShift,
     /// Who does not choose a type gets SM-synchronous operation, whatever the SYNC unit is set to.
-    IgnoresSyncUnit,
+    "ignores-sync-unit" IgnoresSyncUnit,
     /// SAFEOP is entered without inputs in the buffer.
-    NoFirstInputs,
+    "no-first-inputs" NoFirstInputs,
     /// The mailbox is answered so much later.
-    SlowMailbox(Nanos),
+    "slow-mailbox" SlowMailbox(Nanos),
 }
 
 use Misbehaviour::*;

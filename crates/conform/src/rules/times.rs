@@ -2,6 +2,7 @@
 
 use isocat_sim::observation::Observed;
 use isocat_subdevice::Step;
+use isocat_sync::SyncMode;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, sub};
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos};
@@ -140,7 +141,7 @@ fn near(c: &mut Case<'_, '_>, place: String, stated: Nanos, range: Option<(Picos
 
 /// The pulse that lets outputs act.
 fn acting(c: &Case<'_, '_>, object: &SyncObject) -> Observed {
-    let shifted = c.mode.name == "dc-shift-sync1" && object.types().shift() == ShiftBy::Sync1;
+    let shifted = c.mode.mode == SyncMode::DcShiftSync1 && object.types().shift() == ShiftBy::Sync1;
     // In subordinated cycles every SYNC0 acts.
     let sync1 = c.mode.output_type == 3 && c.mode.subordinated_cycles() == 1;
     if sync1 || shifted { Observed::Sync1 } else { Observed::Sync0 }
@@ -195,7 +196,7 @@ fn input_time(c: &mut Case<'_, '_>) -> Done {
 }
 
 fn valid_after_frame(c: &mut Case<'_, '_>) -> Done {
-    if c.mode.name != "sm" {
+    if c.mode.mode != SyncMode::SmSynchronous {
         return Err(not_applicable("only SM-synchronous mode"));
     }
     simulated(c)?;

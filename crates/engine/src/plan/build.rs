@@ -139,7 +139,7 @@ impl Plan {
             position,
             name: file.name.clone(),
             profile: file.profile.id.clone(),
-            description: file.notes.iter().map(|note| doubt(note)).collect(),
+            description: file.notes.iter().map(Doubt::from).collect(),
             mode: planned.mode,
             mode_reason: found.mode_reason.clone(),
             delay_ns: planned.delay.0,
@@ -160,12 +160,6 @@ impl Plan {
                 .collect(),
         }
     }
-}
-
-/// A note on a maker's description, `name: words`.
-fn doubt(note: &str) -> Doubt {
-    let (kind, what) = note.split_once(": ").unwrap_or(("doubt", note));
-    Doubt { kind: kind.to_owned(), what: what.to_owned() }
 }
 
 /// `0x1001:0910`, `0x0130` of all, `0x00000000` of the process image.

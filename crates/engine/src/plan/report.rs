@@ -157,6 +157,12 @@ pub struct Doubt {
     pub what: String,
 }
 
+impl From<&isocat_segment::profile::Doubt> for Doubt {
+    fn from(doubt: &isocat_segment::profile::Doubt) -> Self {
+        Self { kind: doubt.kind.to_owned(), what: doubt.what.clone() }
+    }
+}
+
 /// An event of the cycle in which the frame is sent, by the reference clock: from the begin of that bus cycle on.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]

@@ -206,16 +206,11 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
                 item: a.item.clone(),
                 value: a.value.clone(),
                 why: a.why.clone(),
+                doubt: None,
             })
-            .chain(wanted.notes.iter().map(|note| doubt(note)))
+            .chain(wanted.notes.iter().map(Assumption::from))
             .collect(),
     }
-}
-
-/// A doubt about a maker's description, `name: words`.
-fn doubt(note: &str) -> Assumption {
-    let (name, words) = note.split_once(": ").unwrap_or(("doubt", note));
-    Assumption { item: format!("{DOUBT}{name}"), value: String::new(), why: words.to_owned() }
 }
 
 fn true_time(bench: &DeviceBench, mode: SyncMode) -> DeviceTrueTime {

@@ -8,7 +8,7 @@ use isocat_sync::SyncMode;
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
 
-use super::{Counters, DOUBT, Device, DeviceRegisters, Finding, Report, Span, Spread};
+use super::{Counters, Device, DeviceRegisters, Finding, Report, Span, Spread};
 
 /// Findings and SubDevices that a reader wants to see before the rest.
 const MOST_FINDINGS: usize = 12;
@@ -180,7 +180,7 @@ impl Report {
             notes.extend(device.registers.unknown_delay(device.position));
         }
         for device in self.devices.iter().take(MOST_DEVICES) {
-            let doubts = device.assumptions.iter().filter_map(|a| a.item.strip_prefix(DOUBT));
+            let doubts = device.assumptions.iter().filter_map(|assumed| assumed.doubt);
             let doubts: Vec<_> = doubts.collect();
             if !doubts.is_empty() {
                 let (position, doubts) = (device.position, doubts.join(", "));
@@ -190,7 +190,7 @@ impl Report {
             }
         }
         let assumed = self.devices.iter().flat_map(|device| &device.assumptions);
-        let assumed = assumed.filter(|assumed| !assumed.item.starts_with(DOUBT)).count();
+        let assumed = assumed.filter(|assumed| assumed.doubt.is_none()).count();
         if assumed > 0 {
             notes.push(format!(
                 "{assumed} values are assumed because the makers do not publish them; \

@@ -30,7 +30,7 @@ mod objects;
 mod op_mode;
 mod startup;
 
-pub use op_mode::RunAs;
+pub use op_mode::{Doubt, RunAs};
 
 /// Why a device of a description can't be a virtual SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]

@@ -9,6 +9,7 @@ use isocat_descriptions::esi::{EsiDevice, EsiFile};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
+use crate::profile::Doubt;
 use crate::profile::{ApplicationKind, Profile, RunAs};
 
 /// Descriptions that were read for this segment, by path.
@@ -46,12 +47,13 @@ pub(super) fn device(
     let kind = keys.required("type")?;
     let revision = keys.value("revision");
     let wanted = keys.find("revision")?;
-    let choice = file.device(kind.name("a type of the description")?, wanted).map_err(|words| {
-        let place = revision.filter(|_| words.starts_with("no revision")).unwrap_or(kind);
-        place.error(words)
-    })?;
+    let choice =
+        file.device(kind.name("a type of the description")?, wanted).map_err(|refused| {
+            let place = revision.filter(|_| refused.of_revision).unwrap_or(kind);
+            place.error(refused.message)
+        })?;
     let (op_mode, mut notes) = op_mode(choice.device, keys.value("opmode"))?;
-    notes.extend(choice.note.map(|note| format!("revision: {note}")));
+    notes.extend(choice.note.map(|note| Doubt::new("revision", note)));
     let device = choice.device;
     let told = |error: crate::profile::NotSimulated| error.error;
     let profile = Profile::from_esi(file, device, op_mode).map_err(told)?;
@@ -59,9 +61,9 @@ pub(super) fn device(
     notes.append(&mut run_as.notes);
     for warning in &device.warnings {
         // What was said of this OpMode at this cycle is more than what the file alone tells.
-        let name = format!("{}: ", warning.kind);
-        if !notes.iter().any(|note| note.starts_with(&name)) {
-            notes.push(name + &warning.message);
+        let kind = warning.kind.name();
+        if !notes.iter().any(|note| note.kind == kind) {
+            notes.push(Doubt::new(kind, warning.message.clone()));
         }
     }
     if device.profile.is_drive() && profile.application == ApplicationKind::Io {
@@ -95,9 +97,9 @@ pub(super) fn agree(
         }
         None => {
             let words = format!(
-                "mode: \"{mode}\" as asked for; the OpMode that is taken stands for {names}, its times are not used"
+                "\"{mode}\" as asked for; the OpMode that is taken stands for {names}, its times are not used"
             );
-            run_as.notes.insert(0, words);
+            run_as.notes.insert(0, Doubt::new("mode", words));
             Ok(())
         }
     }
@@ -107,7 +109,7 @@ pub(super) fn agree(
 fn op_mode(
     device: &EsiDevice,
     value: Option<Value<'_>>,
-) -> Result<(Option<usize>, Vec<String>), FileError> {
+) -> Result<(Option<usize>, Vec<Doubt>), FileError> {
     let modes = device.op_modes();
     let names = || modes.iter().map(|mode| mode.name.as_str());
     let Some(value) = value else {
@@ -117,7 +119,8 @@ fn op_mode(
         let note = match number {
             Some(number) if modes.len() > 1 => {
                 let why = if drive { "the first with SYNC0, as for drives" } else { "the first" };
-                vec![format!("opmode: \"{}\" is taken, {why}", modes[number].name)]
+                let words = format!("\"{}\" is taken, {why}", modes[number].name);
+                vec![Doubt::new("opmode", words)]
             }
             _ => Vec::new(),
         };
@@ -136,13 +139,14 @@ fn op_mode(
         return Err(value.error(message).with_hint(name_hint(name, names())));
     };
     let same = names().filter(|known| *known == name).count();
-    let note = (same > 1)
-        .then(|| format!("opmode: {same} are called \"{name}\"; number {number} is taken"));
-    Ok((Some(number), note.into_iter().collect()))
+    let note =
+        (same > 1).then(|| format!("{same} are called \"{name}\"; number {number} is taken"));
+    let notes = note.map(|note| Doubt::new("opmode", note)).into_iter().collect();
+    Ok((Some(number), notes))
 }
 
 /// Why a drive is treated as inputs and outputs.
-fn not_enabled(file: &EsiFile, device: &EsiDevice, op_mode: Option<usize>) -> String {
+fn not_enabled(file: &EsiFile, device: &EsiDevice, op_mode: Option<usize>) -> Doubt {
     let image = file.image(device, op_mode.and_then(|number| device.op_modes().get(number)));
     let has = |index: u16, bits: u16| {
         let mut entries = image.all().flat_map(|pdo| &pdo.entries);
@@ -157,7 +161,8 @@ fn not_enabled(file: &EsiFile, device: &EsiDevice, op_mode: Option<usize>) -> St
         true => "its process data do not begin at whole bytes".to_owned(),
         false => format!("its process data lack {}", lacking.join(", ")),
     };
-    format!("drive-not-enabled: a drive (CiA 402), but {why}: it is not enabled and does not move")
+    let words = format!("a drive (CiA 402), but {why}: it is not enabled and does not move");
+    Doubt::new("drive-not-enabled", words)
 }
 
 /// Objects that a drive which follows positions has in its process data, with their bits.

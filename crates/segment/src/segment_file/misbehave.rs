@@ -9,161 +9,63 @@ use isocat_wire::{AbortCode, AlState, AlStatusCode, ObjectAddress};
 
 use crate::profile::Profile;
 
-/// A name, an example of what stands behind it, what it means, and its reader.
-type Word =
-    (&'static str, &'static str, &'static str, fn(&mut Arguments<'_>) -> Option<Misbehaviour>);
+/// A word of [`Misbehaviour::WORDS`], an example of what stands behind it, and its reader.
+type Word = (&'static str, &'static str, fn(&mut Arguments<'_>) -> Option<Misbehaviour>);
 
-/// The vocabulary.
+/// How each word is read.
 const WORDS: [Word; 30] = [
-    (
-        "wrong-value",
-        "1C32:05 7",
-        "The entry always reads this number; what the device goes by stays right",
-        |a| Some(Misbehaviour::WrongValue(a.object()?, a.number()?)),
-    ),
-    ("wrong-type", "1C32:05 0x06", "SDO information tells this type code for the entry", |a| {
+    ("wrong-value", "1C32:05 7", |a| Some(Misbehaviour::WrongValue(a.object()?, a.number()?))),
+    ("wrong-type", "1C32:05 0x06", |a| {
         Some(Misbehaviour::WrongType(a.object()?, a.number()?.try_into().ok()?))
     }),
-    (
-        "missing-entry",
-        "1C32:0C",
-        "The entry does not exist: not for SDOs, not for SDO information",
-        |a| Some(Misbehaviour::MissingEntry(a.object()?)),
-    ),
-    ("read-only", "1C32:03", "The entry can't be written, and SDO information says so", |a| {
-        Some(Misbehaviour::ReadOnly(a.object()?))
-    }),
-    (
-        "shifted-complete-access",
-        "1C32",
-        "Complete access to the object gives its bytes in wrong places",
-        |a| Some(Misbehaviour::ShiftedCompleteAccess(a.index()?)),
-    ),
-    (
-        "refuses-read",
-        "1C32:05",
-        "The entry can't be read in SAFEOP and OP, whatever its access word says",
-        |a| Some(Misbehaviour::RefusesRead(a.object()?)),
-    ),
-    (
-        "refuses-write",
-        "1C32:08 OP",
-        "The entry can't be written in this state, whatever its access word says",
-        |a| Some(Misbehaviour::RefusesWrite(a.object()?, a.state()?)),
-    ),
-    (
-        "accepts-write",
-        "1C32:05",
-        "The entry can be written in every state, whatever its access word says",
-        |a| Some(Misbehaviour::AcceptsWrite(a.object()?)),
-    ),
-    ("accepts-value", "1C32:01 127", "The entry takes this number, which it must refuse", |a| {
+    ("missing-entry", "1C32:0C", |a| Some(Misbehaviour::MissingEntry(a.object()?))),
+    ("read-only", "1C32:03", |a| Some(Misbehaviour::ReadOnly(a.object()?))),
+    ("shifted-complete-access", "1C32", |a| Some(Misbehaviour::ShiftedCompleteAccess(a.index()?))),
+    ("refuses-read", "1C32:05", |a| Some(Misbehaviour::RefusesRead(a.object()?))),
+    ("refuses-write", "1C32:08 OP", |a| Some(Misbehaviour::RefusesWrite(a.object()?, a.state()?))),
+    ("accepts-write", "1C32:05", |a| Some(Misbehaviour::AcceptsWrite(a.object()?))),
+    ("accepts-value", "1C32:01 127", |a| {
         Some(Misbehaviour::AcceptsValue(a.object()?, a.number()?))
     }),
-    (
-        "wrong-abort",
-        "1C32:01 0x06090030",
-        "Transfers of the entry that must fail with this code fail with the general error",
-        |a| Some(Misbehaviour::WrongAbort(a.object()?, AbortCode(a.number()?))),
-    ),
-    (
-        "frozen-counter",
-        "1C32:0B",
-        "The sub-index of a sync object counts, but always reads 0",
-        |a| Some(Misbehaviour::FrozenCounter(a.object()?)),
-    ),
-    (
-        "wrong-counter",
-        "1C32:0B 2",
-        "The sub-index of a sync object reads so much more than it counted, once it has counted",
-        |a| Some(Misbehaviour::WrongCounter(a.object()?, a.number().filter(|more| *more > 0)?)),
-    ),
-    (
-        "keeps-counters",
-        "",
-        "The counters are not cleared at PREOP to SAFEOP, nor on the way back",
-        |_| Some(Misbehaviour::KeepsCounters),
-    ),
-    ("ignores-reset", "", "Sub-index 08, bit 1 clears nothing", |_| {
-        Some(Misbehaviour::IgnoresReset)
+    ("wrong-abort", "1C32:01 0x06090030", |a| {
+        Some(Misbehaviour::WrongAbort(a.object()?, AbortCode(a.number()?)))
     }),
-    ("wrong-limit", "3", "The limit of missed events is so much higher than it says", |a| {
-        Some(Misbehaviour::WrongLimit(a.number()?.try_into().ok()?))
+    ("frozen-counter", "1C32:0B", |a| Some(Misbehaviour::FrozenCounter(a.object()?))),
+    ("wrong-counter", "1C32:0B 2", |a| {
+        Some(Misbehaviour::WrongCounter(a.object()?, a.number().filter(|more| *more > 0)?))
     }),
-    (
-        "half-hidden",
-        "",
-        "0x1C32:00 and 0x1C33:00 read 0 in SAFEOP and OP when the direction is not transmitted, but their sub-indices stay",
-        |_| Some(Misbehaviour::HalfHidden),
-    ),
-    (
-        "refused-state",
-        "OP",
-        "The state is never entered (INIT: not from SAFEOP and OP): 0x0001",
-        |a| Some(Misbehaviour::RefusedState(a.state()?)),
-    ),
-    (
-        "accepts-setup",
-        "0x0030 0x05",
-        "A set-up that must be refused with this code is accepted; with a number, only if register 0x0981 has this value",
-        |a| {
-            let code = a.code()?;
-            let activation = match a.rest() {
-                true => Some(a.number()?.try_into().ok()?),
-                false => None,
-            };
-            Some(Misbehaviour::AcceptsSetup(code, activation))
-        },
-    ),
-    (
-        "wrong-al-code",
-        "0x001B OP",
-        "What must be told by this code, in this state, is told as 0x0001",
-        |a| Some(Misbehaviour::WrongAlCode(a.code()?, a.state()?)),
-    ),
-    (
-        "keeps-error",
-        "0x001A",
-        "The error with this code is not given up when it is acknowledged; INIT is the only way out",
-        |a| Some(Misbehaviour::KeepsError(a.code()?)),
-    ),
-    ("forgets-error", "", "A request is followed although the error was not acknowledged", |_| {
-        Some(Misbehaviour::ForgetsError)
+    ("keeps-counters", "", |_| Some(Misbehaviour::KeepsCounters)),
+    ("ignores-reset", "", |_| Some(Misbehaviour::IgnoresReset)),
+    ("wrong-limit", "3", |a| Some(Misbehaviour::WrongLimit(a.number()?.try_into().ok()?))),
+    ("half-hidden", "", |_| Some(Misbehaviour::HalfHidden)),
+    ("refused-state", "OP", |a| Some(Misbehaviour::RefusedState(a.state()?))),
+    ("accepts-setup", "0x0030 0x05", |a| {
+        let code = a.code()?;
+        let activation = match a.rest() {
+            true => Some(a.number()?.try_into().ok()?),
+            false => None,
+        };
+        Some(Misbehaviour::AcceptsSetup(code, activation))
     }),
-    ("late-application", "5us", "Everything but the copying of outputs comes so much later", |a| {
-        Some(Misbehaviour::LateApplication(a.time()?))
-    }),
-    ("late-copy", "40us", "The copying of outputs begins so much later", |a| {
-        Some(Misbehaviour::LateCopy(a.time()?))
-    }),
-    ("missed-copy", "3", "Every so many-th SM2 event goes by unnoticed", |a| {
+    ("wrong-al-code", "0x001B OP", |a| Some(Misbehaviour::WrongAlCode(a.code()?, a.state()?))),
+    ("keeps-error", "0x001A", |a| Some(Misbehaviour::KeepsError(a.code()?))),
+    ("forgets-error", "", |_| Some(Misbehaviour::ForgetsError)),
+    ("late-application", "5us", |a| Some(Misbehaviour::LateApplication(a.time()?))),
+    ("late-copy", "40us", |a| Some(Misbehaviour::LateCopy(a.time()?))),
+    ("missed-copy", "3", |a| {
         Some(Misbehaviour::MissedCopy(a.number().filter(|every| *every > 0)?))
     }),
-    (
-        "short-of-time",
-        "300us",
-        "At SYNC0 cycles shorter than this, every other SM2 event goes by unnoticed",
-        |a| Some(Misbehaviour::ShortOfTime(a.time()?)),
-    ),
-    ("dead-sync0", "", "SYNC0 is never noticed", |_| Some(Misbehaviour::DeadSync0)),
-    ("ignores-shift", "", "The shift time has no effect", |_| Some(Misbehaviour::IgnoresShift)),
-    (
-        "ignores-sync-unit",
-        "",
-        "Who does not choose a type gets SM-synchronous operation, whatever the SYNC unit is set to",
-        |_| Some(Misbehaviour::IgnoresSyncUnit),
-    ),
-    ("no-first-inputs", "", "SAFEOP is entered without inputs in the buffer", |_| {
-        Some(Misbehaviour::NoFirstInputs)
-    }),
-    ("slow-mailbox", "1200ms", "The mailbox is answered so much later", |a| {
-        Some(Misbehaviour::SlowMailbox(a.time()?))
-    }),
+    ("short-of-time", "300us", |a| Some(Misbehaviour::ShortOfTime(a.time()?))),
+    ("dead-sync0", "", |_| Some(Misbehaviour::DeadSync0)),
+    ("ignores-shift", "", |_| Some(Misbehaviour::IgnoresShift)),
+    ("ignores-sync-unit", "", |_| Some(Misbehaviour::IgnoresSyncUnit)),
+    ("no-first-inputs", "", |_| Some(Misbehaviour::NoFirstInputs)),
+    ("slow-mailbox", "1200ms", |a| Some(Misbehaviour::SlowMailbox(a.time()?))),
 ];
 
 /// The vocabulary for people: each word with an example of what stands behind it, and what it means.
 pub fn vocabulary() -> impl Iterator<Item = (String, &'static str)> {
-    WORDS.iter().map(|(name, example, means, _)| (format!("{name} {example}"), *means))
+    WORDS.iter().map(|(name, example, _)| (format!("{name} {example}"), means(name)))
 }
 
 /// The words of the vocabulary, for the key's declaration.
@@ -171,8 +73,14 @@ pub(super) struct Vocabulary;
 
 impl Words for Vocabulary {
     fn words(&self) -> Vec<(&'static str, &'static str)> {
-        WORDS.iter().map(|(name, _, means, _)| (*name, *means)).collect()
+        WORDS.iter().map(|(name, ..)| (*name, means(name))).collect()
     }
+}
+
+/// What a word means, as it stands in a table: without the full stop.
+fn means(word: &str) -> &'static str {
+    let means = Misbehaviour::means(word).expect("the word is one of the vocabulary");
+    means.strip_suffix('.').unwrap_or(means)
 }
 
 /// Reads the key: a list of texts, each a word and what it needs.
@@ -231,7 +139,7 @@ fn one(value: &Value<'_>) -> Result<Misbehaviour, FileError> {
     let text = value.name("a fault, such as \"missed-copy 3\"")?;
     let mut arguments = Arguments(text.split_whitespace());
     let name = arguments.0.next().unwrap_or_default();
-    let Some((name, example, _, read)) = WORDS.iter().find(|word| word.0 == name) else {
+    let Some((name, example, read)) = WORDS.iter().find(|word| word.0 == name) else {
         return Err(value
             .error(format!("unknown fault \"{name}\""))
             .with_hint(name_hint(name, WORDS.iter().map(|word| word.0))));
@@ -284,5 +192,23 @@ impl Arguments<'_> {
         let name = self.0.next()?;
         let states = [AlState::Init, AlState::PreOp, AlState::SafeOp, AlState::Op];
         states.into_iter().find(|state| state.name() == name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_word_of_the_vocabulary_is_read_from_its_example() {
+        let readers: Vec<_> = WORDS.iter().map(|word| word.0).collect();
+        let words: Vec<_> = Misbehaviour::WORDS.iter().map(|word| word.0).collect();
+        assert_eq!(readers, words);
+        for (word, example, read) in WORDS {
+            let mut arguments = Arguments(example.split_whitespace());
+            let fault = read(&mut arguments).unwrap_or_else(|| panic!("{word} {example}"));
+            assert_eq!(fault.word(), word);
+            assert!(!arguments.rest() && !means(word).ends_with('.'), "{word} {example}");
+        }
     }
 }

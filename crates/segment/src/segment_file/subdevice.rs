@@ -11,6 +11,7 @@ use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
 
 use super::{Place, SubDevice, clock, esi, misbehave};
+use crate::profile::Doubt;
 use crate::profile::{self, Overrides, Profile, RunAs};
 
 /// Reads a table. Its name and place are still those that the table alone tells.
@@ -129,7 +130,7 @@ fn with_times(keys: &Keys<'_>, profile: &'static Profile) -> Result<&'static Pro
 struct OpMode {
     sync1: Option<Nanos>,
     sync0_cycle: Option<Nanos>,
-    notes: Vec<String>,
+    notes: Vec<Doubt>,
 }
 
 /// `mode`, held against the device and its OpMode. A mode that differs from that of the OpMode has

@@ -9,6 +9,22 @@ use isocat_wire::time::Nanos;
 use super::super::Profile;
 use super::{NotSimulated, Obstacle};
 
+/// Something that is doubtful in a description, or not done as it says.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Doubt {
+    /// Its fixed name, for programs.
+    pub kind: &'static str,
+    /// What, in words.
+    pub what: String,
+}
+
+impl Doubt {
+    /// Of this name, in these words.
+    pub fn new(kind: &'static str, what: String) -> Self {
+        Self { kind, what }
+    }
+}
+
 /// What a MainDevice is asked for so that a device runs as its OpMode says.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct RunAs {
@@ -20,8 +36,8 @@ pub struct RunAs {
     pub sync1: Option<Nanos>,
     /// Cycle of SYNC0, where it is a part of the bus cycle.
     pub sync0_cycle: Option<Nanos>,
-    /// What is doubtful, or not done as the file says: `name: words`.
-    pub notes: Vec<String>,
+    /// What is doubtful, or not done as the file says.
+    pub notes: Vec<Doubt>,
 }
 
 impl RunAs {
@@ -47,8 +63,8 @@ impl RunAs {
             .registers(bus, &unit)
             .map_err(|problem| stopped(Obstacle::Sync0Cycle, problem.to_string()))?;
         let found: Vec<Warning> = registers.warnings.iter().collect();
-        let mut notes: Vec<String> =
-            found.iter().map(|warning| format!("{}: {warning}", warning.name())).collect();
+        let mut notes: Vec<Doubt> =
+            found.iter().map(|warning| Doubt::new(warning.name(), warning.to_string())).collect();
         if registers.count == 0 {
             return Ok(Self::without_sync(profile, notes));
         }
@@ -72,29 +88,29 @@ impl RunAs {
         let chosen = *supported.unwrap_or(&candidates[0]);
         if registers.phase() != Nanos::ZERO {
             let from = if registers.input_based { "inputs" } else { "outputs" };
-            notes.push(format!(
-                "shift-time-sync0: {} behind the reference point of the {from}; the phase is the plan's",
+            let words = format!(
+                "{} behind the reference point of the {from}; the phase is the plan's",
                 registers.phase()
-            ));
+            );
+            notes.push(Doubt::new("shift-time-sync0", words));
         }
         let word = AssignActivate(mode.assign_activate);
         if word.0 & LATCH_AT_PDI != 0 {
-            notes
-                .push(format!("latch-units: {word} leaves latch units to the device; not written"));
+            let words = format!("{word} leaves latch units to the device; not written");
+            notes.push(Doubt::new("latch-units", words));
         }
         // SYNC0 is what SYNC1 is counted from and what these modes copy outputs by.
         let sync1_alone = word.makes_sync1() && !word.makes_sync0();
         if sync1_alone {
             let written = AssignActivate::SYNC0_AND_SYNC1;
-            notes.push(format!(
-                "sync0-added: {word} has no SYNC0, which mode {chosen} needs; {written} is written"
-            ));
+            let words =
+                format!("{word} has no SYNC0, which mode {chosen} needs; {written} is written");
+            notes.push(Doubt::new("sync0-added", words));
         }
         let behind = registers.behind_sync0();
         if chosen == SyncMode::DcSubordinated && behind != Nanos::ZERO {
-            notes.push(format!(
-                "shift-time-sync1: SYNC1 should come {behind} behind a SYNC0; it comes with it"
-            ));
+            let words = format!("SYNC1 should come {behind} behind a SYNC0; it comes with it");
+            notes.push(Doubt::new("shift-time-sync1", words));
         }
         Ok(Self {
             mode: chosen,
@@ -111,18 +127,16 @@ impl RunAs {
     }
 
     /// SYNC off: SM-synchronous, unless the device announces something else.
-    fn without_sync(profile: &Profile, mut notes: Vec<String>) -> Self {
+    fn without_sync(profile: &Profile, mut notes: Vec<Doubt>) -> Self {
         let types = profile.supported_types();
         let mode = match (profile.states_modes(), types.sm_synchronous()) {
             // Where nothing is announced, Free Run is what nobody can refuse.
             (true, false) => SyncMode::FreeRun,
             (true, true) => SyncMode::SmSynchronous,
             (false, _) => {
-                notes.push(
-                    "sync-mode-not-stated: the description does not say by what the device works without \
-                     SYNC; SM-synchronous is taken"
-                        .to_owned(),
-                );
+                let words = "the description does not say by what the device works without SYNC; \
+                             SM-synchronous is taken";
+                notes.push(Doubt::new("sync-mode-not-stated", words.to_owned()));
                 SyncMode::SmSynchronous
             }
         };

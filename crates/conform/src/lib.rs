@@ -6,6 +6,7 @@
 //!
 //! That the rules are not blind is proven by devices that break each of them: see
 //! [`Misbehaviour`](isocat_subdevice::Misbehaviour).
+#![forbid(unsafe_code)]
 
 pub mod case;
 pub mod evidence;

@@ -165,12 +165,6 @@ impl<A: Application> Exchange<A> {
         clock::now() - at > span && self.begun >= cycle + SILENT_CYCLES
     }
 
-    /// Both, to ask something of the MainDevice by what the application knows.
-    pub fn parts_mut(&mut self) -> (&mut MainDevice, &A) {
-        self.asked = true;
-        self.runner.parts_mut()
-    }
-
     /// The end: the application and the recorder are given back.
     pub fn into_parts(self) -> (A, Option<Recorder>) {
         (self.runner.into_parts().1, self.recorder)

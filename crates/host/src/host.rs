@@ -194,7 +194,7 @@ impl<A: Application + Send + 'static> Running<A> {
 
     /// Reads an object while the cycle goes on.
     pub fn upload(&mut self, position: usize, object: ObjectAddress) -> Result<Vec<u8>> {
-        let answer = self.ask(move |main, _| main.upload(position, object))?;
+        let answer = self.ask(move |main| main.upload(position, object))?;
         match answer {
             Event::Uploaded { result, .. } => result.map_err(Error::Object),
             _ => Err(Error::Over),
@@ -204,7 +204,7 @@ impl<A: Application + Send + 'static> Running<A> {
     /// Writes an object while the cycle goes on.
     pub fn download(&mut self, position: usize, object: ObjectAddress, data: &[u8]) -> Result<()> {
         let data = data.to_vec();
-        let answer = self.ask(move |main, _| main.download(position, object, &data))?;
+        let answer = self.ask(move |main| main.download(position, object, &data))?;
         match answer {
             Event::Downloaded { result, .. } => result.map_err(Error::Object),
             _ => Err(Error::Over),
@@ -213,7 +213,7 @@ impl<A: Application + Send + 'static> Running<A> {
 
     /// Reads registers or memory while the cycle goes on.
     pub fn read_memory(&mut self, position: usize, address: u16, len: usize) -> Result<Vec<u8>> {
-        let answer = self.ask(move |main, _| main.read_memory(position, address, len))?;
+        let answer = self.ask(move |main| main.read_memory(position, address, len))?;
         match answer {
             Event::Read { result, .. } => result.map_err(Error::Memory),
             _ => Err(Error::Over),
@@ -260,7 +260,7 @@ impl<A: Application + Send + 'static> Running<A> {
     /// Sends a request, and waits for the event that answers it.
     fn ask(
         &mut self,
-        request: impl FnOnce(&mut MainDevice, &A) -> RequestId + Send + 'static,
+        request: impl FnOnce(&mut MainDevice) -> RequestId + Send + 'static,
     ) -> Result<Event> {
         let (answer, answered) = sync_channel(1);
         self.order(Order::Ask(Box::new(request), answer))?;
@@ -304,10 +304,16 @@ impl<A: Application + Send + 'static> Running<A> {
     }
 }
 
+/// Asks something of the MainDevice.
+type Request = Box<dyn FnOnce(&mut MainDevice) -> RequestId + Send>;
+
+/// Looks at the MainDevice and the application.
+type Look<A> = Box<dyn FnOnce(&MainDevice, &A) + Send>;
+
 /// What the caller wants of the loop.
 enum Order<A> {
-    Ask(Box<dyn FnOnce(&mut MainDevice, &A) -> RequestId + Send>, SyncSender<Event>),
-    Look(Box<dyn FnOnce(&MainDevice, &A) + Send>),
+    Ask(Request, SyncSender<Event>),
+    Look(Look<A>),
     Stop,
 }
 
@@ -413,8 +419,7 @@ impl<A: Application> Work<A> {
             };
             match order {
                 Order::Ask(request, answer) => {
-                    let (main, application) = self.exchange.parts_mut();
-                    self.asked.push((request(main, application), answer));
+                    self.asked.push((request(self.exchange.main_mut()), answer));
                 }
                 Order::Look(look) => look(self.exchange.main(), self.exchange.application()),
                 Order::Stop if self.stopping.is_none() => {

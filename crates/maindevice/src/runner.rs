@@ -72,11 +72,6 @@ impl<A: Application> Runner<A> {
         &mut self.application
     }
 
-    /// Both: the MainDevice to ask something of it, by what the application knows.
-    pub fn parts_mut(&mut self) -> (&mut MainDevice, &A) {
-        (&mut self.main, &self.application)
-    }
-
     /// The end: both parts.
     pub fn into_parts(self) -> (MainDevice, A) {
         (self.main, self.application)

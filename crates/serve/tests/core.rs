@@ -67,7 +67,7 @@ impl Line {
         }
     }
 
-    fn to_operation(&mut self) {
+    fn bring_up(&mut self) {
         let up = self.run(Nanos::millis(20_000), |event| {
             assert!(!matches!(event, Event::Failed(_)), "{event:?}");
             matches!(event, Event::InOperation { .. })
@@ -83,9 +83,9 @@ fn scenario(count: usize) -> Scenario {
 }
 
 #[test]
-fn a_foreign_main_device_comes_into_operation_and_is_judged() {
+fn a_foreign_main_device_comes_inbring_up_and_is_judged() {
     let mut line = Line::new(&scenario(3));
-    line.to_operation();
+    line.bring_up();
     assert!(!line.run(Nanos::millis(500), |_| false));
     assert!(line.server.session().is_some_and(|session| session.is_judged()));
     let judged = line.server.judged().expect("judged");
@@ -97,7 +97,7 @@ fn a_foreign_main_device_comes_into_operation_and_is_judged() {
 fn process_data_are_seen_and_set() {
     let mut line = Line::new(&scenario(3));
     assert_eq!(line.server.outputs(1), None, "no outputs before OP");
-    line.to_operation();
+    line.bring_up();
     let len = line.main.outputs_mut(1).len();
     line.main.outputs_mut(1).fill(0xA5);
     line.server.set_inputs(1, Some(&[0x5A]));
@@ -138,7 +138,7 @@ fn a_device_has_the_callers_application() {
     let steps = Arc::new(AtomicU32::new(0));
     let own = PlusOne { steps: steps.clone(), value: 0 };
     let mut line = Line::new(Setup::from(&scenario(2)).with_application(1, own));
-    line.to_operation();
+    line.bring_up();
     line.main.outputs_mut(1)[0] = 41;
     line.run(Nanos::millis(5), |_| false);
     assert_eq!(line.main.inputs(1)[0], 42);

@@ -8,14 +8,14 @@
 //! [`Misbehaviour`](isocat_subdevice::Misbehaviour).
 #![forbid(unsafe_code)]
 
-pub mod case;
+mod case;
 pub mod evidence;
-pub mod mailbox;
-pub mod mode;
+mod mailbox;
+mod mode;
 pub mod report;
 pub mod rules;
 pub mod subject;
-pub mod tester;
+mod tester;
 pub mod wire;
 
 use case::{Case, Done, Stop};

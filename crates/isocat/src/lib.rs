@@ -27,7 +27,7 @@
 pub mod cli;
 pub mod html;
 #[cfg(feature = "cli")]
-pub mod metrics;
+mod metrics;
 pub mod picture;
 #[cfg(feature = "cli")]
 pub mod watch;

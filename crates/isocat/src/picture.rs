@@ -6,7 +6,7 @@
 //! and dark), and everything that has a figure carries it as its title. What is in the group `stretch` may be stretched along the
 //! axis of time; texts with the class `moves` keep their shape and move along.
 
-pub mod bars;
+pub(crate) mod bars;
 pub mod cycle;
 mod frame;
 pub mod series;

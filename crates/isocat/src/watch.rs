@@ -6,18 +6,18 @@
 //! `terminal` is the loop with a terminal.
 
 mod cycle;
-pub mod gate;
-pub mod plain;
+pub(crate) mod gate;
+pub(crate) mod plain;
 mod screen;
 pub mod source;
-pub mod terminal;
+pub(crate) mod terminal;
 #[cfg(test)]
 mod tests;
-pub mod trend;
-pub mod view;
+pub(crate) mod trend;
+pub(crate) mod view;
 mod words;
 
-pub use gate::Gate;
+pub(crate) use gate::Gate;
 pub use source::Source;
-pub use trend::Trend;
-pub use view::View;
+pub(crate) use trend::Trend;
+pub(crate) use view::View;

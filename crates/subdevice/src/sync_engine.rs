@@ -356,7 +356,10 @@ impl SyncEngine {
         let sync0 = self.last_sync0.zip(supervision_time(cycle)).map(|(last, t)| last + t);
         let sync1 = self.last_sync1.zip(supervision_time_sync1(cycle, sync1));
         let sync1 = sync1.map(|(last, allowed)| last + allowed);
-        [sync0, sync1].into_iter().flatten().min()
+        match (sync0, sync1) {
+            (Some(sync0), Some(sync1)) => Some(sync0.min(sync1)),
+            (one, other) => one.or(other),
+        }
     }
 
     /// When the local timer is due; Free Run in SAFEOP and OP only.

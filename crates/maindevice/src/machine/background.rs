@@ -81,10 +81,22 @@ impl MainDevice {
         }
         self.lend(|machine| {
             machine.work_on_way();
+            if machine.is_only_on_the_way() {
+                return;
+            }
             for kind in Kind::ALL {
                 machine.work_on(kind);
             }
         });
+    }
+
+    /// Whether the way up or down is all that goes on: nothing of the background begins then, but requests that wait and
+    /// clocks that are doubted.
+    fn is_only_on_the_way(&self) -> bool {
+        !matches!(self.activity, Activity::Operating)
+            && self.procedures.is_empty()
+            && self.jobs.is_empty()
+            && !self.cycle.as_ref().is_some_and(|cycle| cycle.doubts_clocks())
     }
 
     /// Lets procedures at what they share with the machine while `f` runs.

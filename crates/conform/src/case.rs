@@ -241,11 +241,11 @@ impl Case<'_, '_> {
     /// A mode in OP, some cycles ago.
     pub fn op(&mut self, mode: Mode, cycle: Nanos) -> Done {
         self.safe_op(mode, cycle)?;
-        self.to_op()
+        self.enter_op()
     }
 
     /// From SAFEOP to OP.
-    pub fn to_op(&mut self) -> Done {
+    pub fn enter_op(&mut self) -> Done {
         self.t.run(SETTLING)?;
         let al = self.t.change(AlState::Op, OP_PATIENCE)?;
         blocked(al, AlState::Op, "MODE-03")?;

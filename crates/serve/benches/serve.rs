@@ -11,7 +11,7 @@ mod linux {
     use criterion::{BenchmarkId, Criterion};
     use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
     use isocat_segment::{Scenario, SegmentFile};
-    use isocat_serve::{Answer, Server};
+    use isocat_serve::{Answer, Server, Setup};
     use isocat_wire::time::{Host, Nanos, Time};
 
     const CYCLE: Nanos = Nanos::millis(1);
@@ -23,7 +23,8 @@ mod linux {
         );
         let file = SegmentFile::parse("bench", &text).expect("a segment file");
         let mut now = Time::new(1_000_000_000);
-        let mut server = Server::new(&Scenario::from(file), now);
+        let mut server =
+            Server::new(Setup::from(&Scenario::from(file)).without_process_data(), now);
         let mut main = MainDevice::new(Config::new(CYCLE), now);
         let mut buffer = [0; FRAME_LEN];
         let mut frames = Vec::new();
@@ -76,6 +77,15 @@ mod linux {
     pub fn answers(criterion: &mut Criterion) {
         for devices in [10, 100] {
             let (mut server, mut now, frames) = in_operation(devices);
+            // Once through unmeasured: what is allocated with the first cycle in operation depends on the heap that the way up left.
+            for frame in &frames {
+                let mut bytes = frame.clone();
+                server.frame(now, &mut bytes);
+                server.after(&bytes);
+                now += Nanos::micros(130);
+            }
+            server.catch_up(now + Nanos::micros(600));
+            now += CYCLE;
             let mut group = criterion.benchmark_group("serve");
             for part in ["answer", "after", "pause"] {
                 group.bench_function(BenchmarkId::new(part, devices), |bencher| {

@@ -12,22 +12,31 @@ use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, ObjectAddress};
 
 /// What the caller and the device share.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct ProcessData {
-    /// Outputs as the device took them last; `None` while they are in their safe state.
-    outputs: Option<Vec<u8>>,
+    /// Outputs as the device took them last. The room stays, so that a cycle allocates nothing.
+    outputs: Vec<u8>,
+    /// The device drives its outputs; else they are in their safe state.
+    driven: bool,
     /// The caller's inputs; `None`: the application's own.
     inputs: Option<Vec<u8>>,
 }
 
 /// The caller's end of a [`Door`].
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Handle(Arc<Mutex<ProcessData>>);
 
 impl Handle {
+    /// Of a device whose outputs have so many bytes at most.
+    pub fn new(most_outputs: u16) -> Self {
+        let outputs = Vec::with_capacity(most_outputs.into());
+        Self(Arc::new(Mutex::new(ProcessData { outputs, driven: false, inputs: None })))
+    }
+
     /// Outputs as the device took them last; `None` while they are in their safe state.
     pub fn outputs(&self) -> Option<Vec<u8>> {
-        self.lock().outputs.clone()
+        let data = self.lock();
+        data.driven.then(|| data.outputs.clone())
     }
 
     /// Sets the inputs, or gives them back to the application.
@@ -58,10 +67,11 @@ impl Application for Door {
     }
 
     fn map_outputs(&mut self, outputs: &[u8]) {
-        let kept = &mut self.data.lock().outputs;
-        let kept = kept.get_or_insert_default();
-        kept.clear();
-        kept.extend_from_slice(outputs);
+        let mut data = self.data.lock();
+        data.driven = true;
+        data.outputs.clear();
+        data.outputs.extend_from_slice(outputs);
+        drop(data);
         self.application.map_outputs(outputs);
     }
 
@@ -86,12 +96,12 @@ impl Application for Door {
     }
 
     fn safe_outputs(&mut self) {
-        self.data.lock().outputs = None;
+        self.data.lock().driven = false;
         self.application.safe_outputs();
     }
 
     fn power_off(&mut self) {
-        self.data.lock().outputs = None;
+        self.data.lock().driven = false;
         self.application.power_off();
     }
 

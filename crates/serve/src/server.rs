@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::{Event as Told, Status};
 use isocat_sim::observation::Observed;
-use isocat_sim::{Passage, Served};
+use isocat_sim::{Connection, Passage, Served};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
@@ -198,8 +198,11 @@ const MOST_STRETCHES: usize = 256;
 impl Server {
     /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
-        let Setup { mut segment, names, seed, sync0_limit } = setup.into();
-        let doors: Vec<Handle> = segment.iter().map(|_| Handle::default()).collect();
+        let Setup { mut segment, names, seed, sync0_limit, shows_process_data } = setup.into();
+        let outputs = |connection: &Connection| connection.device.description.outputs.max_length;
+        let shown = if shows_process_data { &segment[..] } else { &[] };
+        let doors: Vec<Handle> =
+            shown.iter().map(|connection| Handle::new(outputs(connection))).collect();
         for (connection, door) in segment.iter_mut().zip(&doors) {
             let application = std::mem::replace(&mut connection.device.application, Box::new(()));
             connection.device.application = door.before(application);
@@ -339,14 +342,14 @@ impl Server {
     }
 
     /// The outputs of the device at `position`, as it took them last; `None` while they are in their safe state, and where there is no
-    /// such device.
+    /// such device or the [`Setup`] does without process data.
     pub fn outputs(&self, position: usize) -> Option<Vec<u8>> {
         self.doors.get(position)?.outputs()
     }
 
     /// Sets the inputs of the device at `position` from the next time on that it maps them; `None` gives them back to its application.
     /// Bytes beyond its process image are left out; bytes that are not set stay its application's. Nothing happens where there is no
-    /// such device.
+    /// such device or the [`Setup`] does without process data.
     pub fn set_inputs(&mut self, position: usize, inputs: Option<&[u8]>) {
         if let Some(door) = self.doors.get(position) {
             door.set_inputs(inputs);

@@ -94,6 +94,18 @@ fn a_foreign_main_device_comes_inbring_up_and_is_judged() {
 }
 
 #[test]
+fn a_server_may_do_without_process_data() {
+    let mut line = Line::new(Setup::from(&scenario(2)).without_process_data());
+    line.bring_up();
+    line.main.outputs_mut(1).fill(0x11);
+    line.server.set_inputs(1, Some(&[0x22]));
+    line.run(Nanos::millis(5), |_| false);
+    assert_eq!(line.server.outputs(1), None);
+    // The profile's application copies its outputs.
+    assert_eq!(line.main.inputs(1)[0], 0x11);
+}
+
+#[test]
 fn process_data_are_seen_and_set() {
     let mut line = Line::new(&scenario(3));
     assert_eq!(line.server.outputs(1), None, "no outputs before OP");

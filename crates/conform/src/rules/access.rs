@@ -122,7 +122,7 @@ fn in_state(c: &mut Case<'_, '_>, state: AlState) -> Done {
             let mode = c.any_mode()?;
             c.safe_op(mode, c.cycle())
         }
-        _ => c.to_op(),
+        _ => c.enter_op(),
     }
 }
 

@@ -101,7 +101,7 @@ fn read_back(c: &mut Case<'_, '_>) -> Done {
     c.safe_op(c.mode, c.cycle())?;
     for state in [AlState::SafeOp, AlState::Op] {
         if state == AlState::Op {
-            c.to_op()?;
+            c.enter_op()?;
         }
         for object in c.s.live_objects() {
             let wanted = u64::from(c.sync_type(object, c.mode));

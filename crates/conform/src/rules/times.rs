@@ -273,7 +273,7 @@ pub(super) fn shifted(c: &mut Case<'_, '_>, shift: u32) -> Done {
     }
     // The set-up took a while: the unit may have begun.
     c.exchange(cycle, grid);
-    c.to_op()
+    c.enter_op()
 }
 
 fn shift(c: &mut Case<'_, '_>) -> Done {

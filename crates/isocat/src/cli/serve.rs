@@ -10,7 +10,7 @@ use isocat_segment::Scenario;
 use isocat_serve::control::{self, Requests};
 use isocat_serve::server::{Event, Server};
 use isocat_serve::service::{self, Audience, Reply, Style};
-use isocat_serve::{Fault, Summary};
+use isocat_serve::{Fault, Setup, Summary};
 use isocat_wire::AlState;
 use isocat_wire::time::{Host, Time};
 use serde_json::json;
@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> u8 {
         return fail(&message);
     }
     let began = clock::now();
-    let mut server = Server::new(&scenario, began);
+    let mut server = Server::new(Setup::from(&scenario).without_process_data(), began);
     let mut teller = Teller::new(arguments.json, began, scenario.source.clone());
     teller.greet(&scenario, &interface, veth.as_ref());
     let style = Style { busy: arguments.busy };

@@ -1,8 +1,8 @@
 //! The conformance suite: does a SubDevice synchronize as it says, seen from the MainDevice's side?
 //!
-//! [`wire`] carries frames, in virtual time or on a real interface; [`tester`] and [`mailbox`] make registers,
+//! [`wire`] carries frames, in virtual time or on a real interface; `tester` and `mailbox` make registers,
 //! states, objects and an exchange of it, each frame at its own instant. [`subject`] is what the SubDevice tells about
-//! itself, [`rules`] what it has to do, and [`case`] what a rule works with. Of all that comes a [`report`].
+//! itself, [`rules`] what it has to do, and `case` what a rule works with. Of all that comes a [`report`].
 //!
 //! That the rules are not blind is proven by devices that break each of them: see
 //! [`Misbehaviour`](isocat_subdevice::Misbehaviour).

@@ -49,7 +49,7 @@ use way::{Activity, Piece};
 ///   [`Runner`](crate::Runner) keeps this order.
 /// - A ring ([`Config::ring`]): what its second port sends comes from [`poll_secondary`], to be drained after each frame
 ///   of [`poll_transmit`], and [`handle_frame_at`] takes what came in at either port.
-/// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`] has them in each cycle.
+/// - Process data: [`outputs_mut`] and [`inputs`], as the [`Application`](crate::Application) has them in each cycle.
 /// - Wishes while it runs: [`upload`], [`download`], [`read_memory`], [`stop`].
 /// - State: [`segment`], [`statistics`], [`stage`], [`next_cycle`], [`frames_in_flight`].
 ///

@@ -29,7 +29,8 @@ if [ "$(id -u)" -ne 0 ] || ! command -v ip >/dev/null; then
   echo "examples on an interface: left out, they need root and ip"
   exit 0
 fi
-namespace=isocat-examples
+# At most eleven characters: the interfaces are named after it.
+namespace=examples
 segment=$(mktemp --suffix=.toml)
 log=$(mktemp)
 printf 'cycle = "2ms"\n[[subdevice]]\ndevice = "simple_io16"\ncount = 2\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\n' >"$segment"

@@ -5,8 +5,7 @@
 
 use std::time::{Duration, Instant};
 
-use isocat_host::{Application, Config, Cycle, Host, Nanos};
-use isocat_wire::ObjectAddress;
+use isocat_host::{Application, Config, Cycle, Host, Nanos, ObjectAddress};
 
 /// Each SubDevice gets its inputs back as outputs.
 #[derive(Default)]

@@ -18,8 +18,8 @@ use isocat_maindevice::statistics::Statistics;
 use isocat_maindevice::{
     AccessError, Application, Config, Event, MainDevice, RequestId, SdoError, Segment,
 };
-use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
+use isocat_wire::{AlState, AlStatus, AlStatusCode, ObjectAddress};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::{
@@ -81,6 +81,8 @@ impl Host {
     }
 
     /// Begins the way up, on a thread of its own. The application's calls come from that thread.
+    ///
+    /// The config is taken as [`on_a_socket`] has it: time stamps of a socket are not exact.
     pub fn start<A: Application + Send + 'static>(
         self,
         config: Config,
@@ -126,12 +128,28 @@ pub struct Ended<A> {
     pub granted: Vec<String>,
     /// What was refused, each with what to do about it.
     pub refused: Vec<String>,
+    /// SubDevices that were not in OP when the way down began: position, AL status and AL status code. Empty if all were.
+    pub fallen: Vec<(usize, AlStatus, AlStatusCode)>,
     /// The recorder, to be finished.
     pub recorder: Option<Recorder>,
 }
 
 /// The thread's end: what is left, and why if it was not asked for.
 type Finish<A> = (Ended<A>, Option<Error>);
+
+/// A config for a socket of an ordinary Linux machine. Where it has the defaults of a machine with exact time stamps, it gets what such a
+/// socket needs: some 10 us of noise in the stamps ([`Config::stamp_noise`], at most a twentieth of the cycle), and 20 ms until a frame
+/// is given up, since a machine that stalls has not lost it.
+pub fn on_a_socket(mut config: Config) -> Config {
+    let exact = Config::new(config.cycle);
+    if config.stamp_noise == exact.stamp_noise {
+        config.stamp_noise = STAMP_NOISE.min(Nanos(config.cycle.0 / 20));
+    }
+    if config.timeouts.frame == exact.timeouts.frame {
+        config.timeouts.frame = FRAME_TIMEOUT;
+    }
+    config
+}
 
 /// What goes wrong on the way.
 pub enum Error {
@@ -169,7 +187,9 @@ impl<A: Application + Send + 'static> Running<A> {
         }
     }
 
-    /// Waits until SIGINT or SIGTERM comes, or the loop ends with an error.
+    /// Waits until SIGINT or SIGTERM comes, or the loop ends with an error. SubDevices that leave OP meanwhile end nothing: they are
+    /// events ([`event`](Self::event)), and [`Ended::fallen`] names those that were not back. Before this is called, a signal ends
+    /// the process as ever, with the SubDevices in whatever state they are.
     pub fn until_signal(&mut self) -> Result<()> {
         let asked = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM] {
@@ -326,20 +346,37 @@ fn run<A: Application>(
     told: SyncSender<Event>,
 ) -> Finish<A> {
     let Host { socket, wish, recorder } = host;
+    let config = on_a_socket(config);
     let real_time = RealTime::ask(wish);
     let waiting = match wish.busy {
         true => Waiting::Busy,
         false => Waiting::sleep(&preflight::wake_ups(config.cycle), config.cycle),
     };
     let exchange = Exchange::new(config, socket, waiting, recorder, application);
-    let mut work =
-        Work { exchange, orders, told, untold: 0, asked: Vec::new(), stopping: None, gone: false };
+    let mut work = Work {
+        exchange,
+        orders,
+        told,
+        untold: 0,
+        asked: Vec::new(),
+        fallen: Vec::new(),
+        stopping: None,
+        gone: false,
+    };
     let error = work.run();
-    let Work { exchange, .. } = work;
+    let Work { exchange, fallen, .. } = work;
     let (statistics, figures) = (exchange.main().statistics(), *exchange.figures());
     let (application, recorder) = exchange.into_parts();
     let RealTime { granted, refused, .. } = real_time;
-    (Ended { application, statistics, figures, granted, refused, recorder }, error)
+    (Ended { application, statistics, figures, granted, refused, fallen, recorder }, error)
+}
+
+/// SubDevices that take part and are not in OP.
+fn fallen(main: &MainDevice) -> Vec<(usize, AlStatus, AlStatusCode)> {
+    let op = AlStatus::new(AlState::Op);
+    let devices = main.segment().devices.iter();
+    let fallen = devices.filter(|device| device.admitted && device.al_status != op);
+    fallen.map(|device| (device.position, device.al_status, device.al_code)).collect()
 }
 
 struct Work<A> {
@@ -350,6 +387,8 @@ struct Work<A> {
     untold: u64,
     /// Requests that wait for their events.
     asked: Vec<(RequestId, SyncSender<Event>)>,
+    /// Those that were not in OP when the way down began.
+    fallen: Vec<(usize, AlStatus, AlStatusCode)>,
     /// When the way down is to be over.
     stopping: Option<isocat_wire::Time<isocat_wire::time::Host>>,
     /// Nobody will order anything any more.
@@ -424,6 +463,7 @@ impl<A: Application> Work<A> {
                 Order::Look(look) => look(self.exchange.main(), self.exchange.application()),
                 Order::Stop if self.stopping.is_none() => {
                     self.exchange.measure(false);
+                    self.fallen = fallen(self.exchange.main());
                     self.exchange.main_mut().stop();
                     self.stopping = Some(clock::now() + STOP_LIMIT);
                 }
@@ -462,6 +502,11 @@ impl fmt::Debug for Error {
 
 impl std::error::Error for Error {}
 
+/// Between reading the clock and the first bit on the wire lies the kernel's way through the driver.
+/// Some microseconds, and far more at times; measured on a virtual machine with veth.
+const STAMP_NOISE: Nanos = Nanos::micros(10);
+/// From sending a frame to giving it up. A machine that stalls for tens of milliseconds has not lost it.
+pub const FRAME_TIMEOUT: Nanos = Nanos::millis(20);
 /// Orders that may wait: more make their callers wait.
 const ORDERS: usize = 16;
 /// Events that wait for the caller; as many as the MainDevice keeps.

@@ -25,9 +25,14 @@ mod traffic;
 pub use error::LinkError;
 pub use exchange::{Exchange, Figures, Waiting};
 pub use histogram::Histogram;
-pub use host::{Ended, Error, Host, Result, Running, STOP_LIMIT};
-pub use isocat_maindevice::{Application, Config, Cycle, Event};
-pub use isocat_wire::Nanos;
+pub use host::{Ended, Error, FRAME_TIMEOUT, Host, Result, Running, STOP_LIMIT, on_a_socket};
+pub use isocat_maindevice::application::Device;
+pub use isocat_maindevice::statistics::Statistics;
+pub use isocat_maindevice::{
+    Application, Config, Cycle, DeviceConfig, Event, QualityWatch, Recovery, SdoError, Segment,
+    SubDevice,
+};
+pub use isocat_wire::{AlStatus, AlStatusCode, Nanos, ObjectAddress};
 pub use namespace::Veth;
 pub use realtime::{RealTime, Wish};
 pub use recorder::Recorder;

@@ -233,7 +233,7 @@ pub(super) fn board(config: &Config, scenario: &Scenario, options: &Options) -> 
 
 /// What the MainDevice is asked for on a real interface.
 pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
-    let mut config = match options.any {
+    let config = match options.any {
         true => Config {
             drift_compensation: scenario.drift_compensation,
             force: scenario.force,
@@ -241,10 +241,7 @@ pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
         },
         false => scenario.config(),
     };
-    config.timeouts.frame = FRAME_TIMEOUT;
-    // The one place where the noise of stamps is set for real interfaces.
-    config.stamp_noise = STAMP_NOISE.min(Nanos(config.cycle.0 / 20));
-    config
+    isocat_host::on_a_socket(config)
 }
 
 /// Writes everything that was asked for.
@@ -313,8 +310,3 @@ const LOOK: std::time::Duration = std::time::Duration::from_millis(100);
 const DEFAULT_CYCLE: Nanos = Nanos::millis(1);
 const SHORTEST_CYCLE: Nanos = Nanos::micros(10);
 const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);
-/// From sending a frame to giving it up. A machine that stalls for tens of milliseconds has not lost it.
-pub(super) const FRAME_TIMEOUT: Nanos = Nanos::millis(20);
-/// Between reading the clock and the first bit on the wire lies the kernel's way through the driver.
-/// Some microseconds, and far more at times; measured on a virtual machine with veth.
-const STAMP_NOISE: Nanos = Nanos::micros(10);

@@ -66,7 +66,7 @@ fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
         Err(error) => return fail(&format!("signals can't be caught: {error}")),
     };
     let mut config = isocat_engine::scan::config(!arguments.quick);
-    config.timeouts.frame = super::interface::FRAME_TIMEOUT;
+    config.timeouts.frame = isocat_host::FRAME_TIMEOUT;
     let bar = progress_bar(isocat_wire::Nanos::ZERO);
     let told = &mut |stage: isocat_maindevice::Stage| bar.set_message(stage.name());
     let scan = isocat_engine::live::scan::scan(config, socket, &stop, told);

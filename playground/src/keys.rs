@@ -231,7 +231,7 @@ fn of_file(name: &'static str, path: &'static str, label: &'static str) -> Key {
     let place = in_file(path);
     let help = format!("{} Goes to: {}.", place.key.means, place.key.goes);
     let (own, default) = match place.key.need {
-        Need::Default(text) if text == "true" => (None, "on".to_owned()),
+        Need::Default("true") => (None, "on".to_owned()),
         Need::Default(text) => (None, text.trim_matches('"').to_owned()),
         Need::Without(words) => (Some(words), OWN.to_owned()),
         Need::Required(_) | Need::Sometimes(..) => (None, String::new()),

@@ -14,7 +14,6 @@ mod text;
 pub mod typed;
 pub mod words;
 
-#[cfg(target_os = "linux")]
 pub use build::{span, spread};
 use isocat_maindevice::Stage;
 use isocat_segment::profile::Doubt;

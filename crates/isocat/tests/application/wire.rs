@@ -154,22 +154,29 @@ fn the_same_application_runs_on_an_interface() {
             "{frames} frames a cycle: {} calls, {} unpunctual, fresh {:?}, stale {:?}, apart {:?}",
             witness.calls, witness.unpunctual, witness.fresh, witness.stale, witness.apart
         );
-        // A frame may be held up between two of one cycle without the first being late: seldom.
-        assert!(witness.wrong.len() < 10, "{:#?}", witness.wrong);
+        // What the machine's lateness can't do.
+        let wrong = |what: &&String| NEVER.iter().any(|never| what.contains(never));
+        let wrong: Vec<_> = witness.wrong.iter().filter(wrong).collect();
+        assert!(wrong.is_empty(), "{wrong:#?}");
         assert!(witness.calls > 500, "{}", witness.calls);
         assert!(witness.stale.iter().all(|count| *count > 0), "frames were dropped");
-        assert!(witness.fresh[0] > 10 * witness.stale[0]);
         assert!(witness.requests.1 > 100, "{:?}", witness.requests);
     }
 }
 
 impl Witness {
-    /// Whether the machine was punctual in half of the cycles at least, and the first device was in OP for 300.
+    /// Whether the machine was punctual in half of the cycles at least, the first device was in OP for 300, all were when frames
+    /// began to be dropped, and a frame was held up between two of one cycle seldom.
     fn saw_enough(&self) -> bool {
-        let in_operation = self.fresh.first().zip(self.stale.first()).map_or(0, |(a, b)| a + b);
-        self.unpunctual * 2 <= self.calls && in_operation >= 300
+        let counts = self.fresh.first().zip(self.stale.first());
+        let in_operation = counts.is_some_and(|(a, b)| a + b >= 300 && *a > 10 * b);
+        let dropped = self.stale.iter().all(|count| *count > 0);
+        self.unpunctual * 2 <= self.calls && in_operation && dropped && self.wrong.len() < 10
     }
 }
+
+/// What a witness says of a MainDevice that is wrong, however late the machine is.
+const NEVER: [&str; 3] = ["behind cycle", "two moments", "can't be fresh"];
 
 /// Whether this process may make wires at all.
 fn can_run() -> bool {

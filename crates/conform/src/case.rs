@@ -430,11 +430,11 @@ fn blocked(al: Al, wanted: AlState, by: &'static str) -> Done {
 }
 
 /// How long a change of state may take, OP with DC aside.
-pub const STATE_PATIENCE: Nanos = Nanos::millis(3_000);
+pub(crate) const STATE_PATIENCE: Nanos = Nanos::millis(3_000);
 /// A SubDevice gives OP up after 9 s as a rule.
-pub const OP_PATIENCE: Nanos = Nanos::millis(12_000);
+pub(crate) const OP_PATIENCE: Nanos = Nanos::millis(12_000);
 /// From the set-up of the SYNC unit to its first pulse.
-pub const LEAD_IN: Nanos = Nanos::millis(20);
+pub(crate) const LEAD_IN: Nanos = Nanos::millis(20);
 /// Cycles before anything is asked.
 const SETTLING: u64 = 5;
 /// Of a SubDevice that states none.

@@ -13,7 +13,7 @@ pub fn now() -> Time<Host> {
 }
 
 /// Wall time less host time at this moment, ns.
-pub fn wall_offset() -> i64 {
+pub(crate) fn wall_offset() -> i64 {
     read(ClockId::Realtime).wrapping_sub(now().count()) as i64
 }
 

@@ -172,7 +172,7 @@ impl Fault {
 }
 
 /// The commands, for messages.
-pub const COMMANDS: &str = "pull, plug, power-cycle, drop, loss, delay, status or stop";
+pub(crate) const COMMANDS: &str = "pull, plug, power-cycle, drop, loss, delay, status or stop";
 
 fn device(text: &str, names: &[String]) -> Result<usize, String> {
     let text = text.trim();

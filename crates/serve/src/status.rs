@@ -9,9 +9,9 @@ use isocat_wire::time::{Nanos, Picos};
 use crate::server::{self, Server};
 
 /// Of so many intervals `recent` is said, so that who asks now and then misses none.
-pub const INTERVALS: usize = 20;
+pub(crate) const INTERVALS: usize = 20;
 /// How long an interval is.
-pub const INTERVAL: Picos = Picos(100_000_000_000);
+pub(crate) const INTERVAL: Picos = Picos(100_000_000_000);
 /// Events that are told again and again.
 pub const MOST_EVENTS: usize = 64;
 

@@ -16,7 +16,7 @@ pub fn text<T: fmt::Display, S: Serializer>(value: &T, out: S) -> Result<S::Ok, 
 }
 
 /// A value by its `Display`, or null.
-pub fn some_text<T, S>(value: &Option<T>, out: S) -> Result<S::Ok, S::Error>
+pub(crate) fn some_text<T, S>(value: &Option<T>, out: S) -> Result<S::Ok, S::Error>
 where
     T: fmt::Display,
     S: Serializer,

@@ -31,7 +31,7 @@ pub struct Sheet {
 }
 
 /// Notes that wait to be taken.
-pub const MOST_NOTES: usize = 256;
+pub(crate) const MOST_NOTES: usize = 256;
 
 impl Board {
     /// With a first status.

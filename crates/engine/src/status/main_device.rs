@@ -319,7 +319,7 @@ fn moments(main: &MainDevice, position: usize) -> Vec<Moment> {
 }
 
 /// Few words for a column.
-pub fn alarm_words(alarm: Alarm) -> &'static str {
+pub(crate) fn alarm_words(alarm: Alarm) -> &'static str {
     match alarm {
         Alarm::Difference => "clock off",
         Alarm::NotConverging => "not converging",

@@ -22,7 +22,7 @@ use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::html::{self, Page};
 
 /// Shown below the help of `run`.
-pub const EXAMPLES: &str = "\
+pub(crate) const EXAMPLES: &str = "\
 Examples:
   isocat run my.toml --for 1min             a segment of your own
   isocat run --report run.html              the report as a page with timing diagrams
@@ -196,7 +196,7 @@ pub fn json(report: &impl Serialize) -> String {
 }
 
 /// Writes a report to the file that was asked for, if one was: as its ending says.
-pub fn write_report(
+pub(crate) fn write_report(
     path: Option<&Path>,
     report: &impl Serialize,
     text: &str,
@@ -212,7 +212,7 @@ pub fn write_report(
 }
 
 /// Whether a report is wanted as a page.
-pub fn is_page(path: Option<&Path>) -> bool {
+pub(crate) fn is_page(path: Option<&Path>) -> bool {
     let ending = path.and_then(Path::extension).and_then(|ending| ending.to_str());
     matches!(ending, Some("html" | "htm"))
 }
@@ -306,13 +306,13 @@ impl Arguments {
     }
 }
 
-pub fn unwritable(what: &str, path: Option<&Path>, error: &std::io::Error) -> String {
+pub(crate) fn unwritable(what: &str, path: Option<&Path>, error: &std::io::Error) -> String {
     let path = path.map_or(String::new(), |path| path.display().to_string());
     format!("the {what} file {path} can't be written: {error}")
 }
 
 /// Shown on a terminal only, and only if the run takes a while.
-pub fn progress_bar(duration: Nanos) -> ProgressBar {
+pub(crate) fn progress_bar(duration: Nanos) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }

@@ -18,14 +18,14 @@ pub fn figure(picture: Option<&Picture>, words: &str) -> Markup {
 }
 
 /// A figure that a reader looks for first.
-pub fn tile(what: &str, value: &str, from: &str) -> Markup {
+pub(crate) fn tile(what: &str, value: &str, from: &str) -> Markup {
     html! {
         div.tile { div.value { (value) } div.what { (what) " " (origin(from)) } }
     }
 }
 
 /// The same with something wrong.
-pub fn bad_tile(bad: bool, what: &str, value: &str, from: &str) -> Markup {
+pub(crate) fn bad_tile(bad: bool, what: &str, value: &str, from: &str) -> Markup {
     html! {
         div.tile.bad[bad] { div.value { (value) } div.what { (what) " " (origin(from)) } }
     }
@@ -97,7 +97,7 @@ pub fn range(span: &Span) -> String {
 }
 
 /// Mean, deviation and worst of an error, in three cells.
-pub fn error_cells(spread: Option<&Spread>) -> Markup {
+pub(crate) fn error_cells(spread: Option<&Spread>) -> Markup {
     html! {
         @match spread {
             Some(spread) => {
@@ -111,7 +111,7 @@ pub fn error_cells(spread: Option<&Spread>) -> Markup {
 }
 
 /// 0B, 0C, 0D, 20 in four cells; those that counted stand out.
-pub fn counter_cells(counters: &Counters) -> Markup {
+pub(crate) fn counter_cells(counters: &Counters) -> Markup {
     let all = [
         counters.sm_event_missed,
         counters.cycle_time_too_small,

@@ -28,7 +28,7 @@ pub fn time(ns: f64) -> String {
 }
 
 /// As [`time`], a dash for none.
-pub fn maybe(ns: Option<f64>) -> String {
+pub(crate) fn maybe(ns: Option<f64>) -> String {
     ns.map_or_else(|| "-".to_owned(), time)
 }
 

@@ -29,7 +29,7 @@ struct Buffer {
 }
 
 /// Rows of a row group: about 8 MB.
-pub const GROUP_ROWS: usize = 65_536;
+pub(crate) const GROUP_ROWS: usize = 65_536;
 const MAGIC: &[u8; 4] = b"PAR1";
 
 impl<W: Write> Parquet<W> {

@@ -132,7 +132,7 @@ pub struct RecordedDevice {
 }
 
 /// Incidents that are kept.
-pub(crate) const MOST_INCIDENTS: usize = 200;
+pub const MOST_INCIDENTS: usize = 200;
 /// Cyclic frames of one cycle.
 const MOST_LEFT: usize = 64;
 /// Missed events of one SubDevice that are kept.

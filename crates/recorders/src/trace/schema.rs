@@ -46,7 +46,7 @@ pub struct TrackDescriptor {
 }
 
 /// `TrackDescriptor.ChildTracksOrdering.EXPLICIT`: children stand by their ranks.
-pub(crate) const EXPLICIT: i32 = 3;
+pub const EXPLICIT: i32 = 3;
 
 /// `perfetto.protos.ProcessDescriptor`.
 #[derive(Clone, PartialEq, Message)]

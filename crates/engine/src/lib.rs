@@ -29,7 +29,7 @@ pub fn run(scenario: &Scenario) -> Report {
     Report::new(scenario, &outcome)
 }
 
-/// A tap for runs that nobody watches. It has no values, so its calls cost nothing.
+/// The tap of a run without a tap. No value of it exists, so its calls cost nothing.
 #[derive(Debug)]
 pub enum NoTap {}
 

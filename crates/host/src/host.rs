@@ -102,7 +102,8 @@ impl Host {
 /// - Requests, answered while the cycle goes on: [`upload`](Self::upload), [`download`](Self::download),
 ///   [`read_memory`](Self::read_memory).
 /// - A look inside: [`look`](Self::look), [`segment`](Self::segment), [`statistics`](Self::statistics).
-/// - The end: [`stop`](Self::stop). Dropped without it, the segment is taken down all the same, and nobody waits for it.
+/// - The end: [`stop`](Self::stop). If it is dropped instead, the thread takes the segment down
+///   by itself, and the caller does not wait for that.
 ///
 /// Once the loop has ended, every call gives the error that ended it.
 #[derive(Debug)]
@@ -248,7 +249,7 @@ impl<A: Application + Send + 'static> Running<A> {
     ) -> Result<R> {
         let (answer, answered) = sync_channel(1);
         let order = Order::Look(Box::new(move |main, application| {
-            // Whoever asked may have gone.
+            // The caller may have given up waiting.
             let _ = answer.send(look(main, application));
         }));
         self.order(order)?;
@@ -391,7 +392,7 @@ struct Work<A> {
     fallen: Vec<(usize, AlStatus, AlStatusCode)>,
     /// When the way down is to be over.
     stopping: Option<isocat_wire::Time<isocat_wire::time::Host>>,
-    /// Nobody will order anything any more.
+    /// The caller has dropped its end: no orders will come.
     gone: bool,
 }
 
@@ -429,7 +430,7 @@ impl<A: Application> Work<A> {
         };
         let asked = request.and_then(|id| self.asked.iter().position(|(asked, _)| *asked == id));
         if let Some(at) = asked {
-            // Whoever asked may have gone.
+            // The caller may have given up waiting.
             let _ = self.asked.swap_remove(at).1.send(event);
             return;
         }

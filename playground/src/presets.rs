@@ -27,13 +27,13 @@ pub const PRESETS: [Preset; 15] = [
         id: "slack-0",
         title: "Slack 0 ns",
         shows: "Outputs are ready in the very nanosecond of SYNC0: in time. The counter 0x1C32:0B stays 0.",
-        state: "devices=2&clocks=0ppm&host-clock=0ppm&host-jitter=0ns&phase=300us&copy-time=292950ns",
+        state: "devices=2&clocks=0ppm&host-clock=0ppm&host-jitter=0ns&phase=300us&copy-time=292670ns",
     },
     Preset {
         id: "slack-1",
         title: "Slack -1 ns",
         shows: "One nanosecond more copy time: the last device finds no new outputs at SYNC0 and counts in 0x1C32:0B.",
-        state: "devices=2&clocks=0ppm&host-clock=0ppm&host-jitter=0ns&phase=300us&copy-time=292951ns",
+        state: "devices=2&clocks=0ppm&host-clock=0ppm&host-jitter=0ns&phase=300us&copy-time=292671ns",
     },
     Preset {
         id: "slack-jitter",

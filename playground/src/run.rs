@@ -1,5 +1,6 @@
 //! A run of the whole segment: the state as a segment file, the simulation as the command has it, and an onlooker.
 
+use isocat::profile::{self, Profile};
 use isocat::quantity::{Length, Ppb};
 use isocat::recording::{Recorded, Recording};
 use isocat::{Nanos, Report, Scenario, SegmentFile};
@@ -111,16 +112,23 @@ pub fn segment_file(state: &State) -> String {
         text += "drift_compensation = false\n";
     }
     let cable = Length(state.number("cable").unwrap_or(10_000));
+    let on_ebus = profile::built_in(state.word("device")).is_some_and(Profile::is_on_ebus);
+    if on_ebus {
+        // Terminals stand at the side of the MainDevice and have no cable.
+        text += "port = \"ebus\"\n";
+    }
     for number in 0..state.number("devices").unwrap_or(1) as usize {
         let share = state.number("clocks").unwrap_or(0) * SHARES[number % SHARES.len()] / 100;
         let _ = write!(
             text,
-            "\n[[subdevice]]\ndevice = \"{}\"\nname = \"device {number}\"\nmode = \"{}\"\ncable = \"{}\"\nclock = \"{}\"\n",
+            "\n[[subdevice]]\ndevice = \"{}\"\nname = \"device {number}\"\nmode = \"{}\"\nclock = \"{}\"\n",
             state.word("device"),
             state.word("mode"),
-            cable.to_string().replace(' ', ""),
             plain(Ppb(share)),
         );
+        if !on_ebus {
+            let _ = writeln!(text, "cable = \"{}\"", cable.to_string().replace(' ', ""));
+        }
         for key in KEYS.iter().filter(|key| matches!(key.kind, Kind::Duration { .. })) {
             let in_device = key.of.filter(|path| path.starts_with("subdevice."));
             if let (Some(path), Some(value)) = (in_device, time(key.name)) {

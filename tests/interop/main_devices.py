@@ -48,7 +48,7 @@ SEGMENTS = {
     "4 simple": (SIMPLE.format(4), 1000, range(4), {}),
     # A cycle that forgives late frames of a few ms: drives take two missed SM events in a row for a fault.
     # By default nothing is assigned in device 3, as in its maker's file.
-    "built-in": (None, 4000, [0, 1, 3], {3: [(0x1C12, 0x1600), (0x1C13, 0x1A00)]}),
+    "built-in": (None, 4000, [0, 1, 4], {4: [(0x1C12, 0x1600), (0x1C13, 0x1A00)]}),
     "50 simple": (SIMPLE.format(50), 1000, [], {}),
 }
 # As above, with a fault that no MainDevice may get past, and the step that has to fail for it.

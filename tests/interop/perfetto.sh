@@ -38,7 +38,7 @@ for rows in events.values():
     rows.sort(key=lambda row: row[0])
 names = sorted(processes.values())
 assert names == ["MainDevice", "SubDevice 0 (AKD2G axis 1)", "SubDevice 1 (AKD2G axis 2)",
-                 "SubDevice 2 (EL2502-0010 PWM)", "SubDevice 3 (SSC drive axis 3)"], names
+                 "SubDevice 2 (EK1100)", "SubDevice 3 (EL2502-0010 PWM)", "SubDevice 4 (SSC drive axis 3)"], names
 steps = ["copy outputs", "application", "outputs valid", "latch inputs", "copy inputs"]
 wanted = ["AL state", "SYNC0", "SYNC1", "SM2", "SM3", "SM event missed", *steps, "SYNC0 error", "0x092C"]
 for name in names[1:]:

@@ -126,7 +126,7 @@ await check('bad values are named, with what is expected', async open => {
 });
 
 await check('the last nanosecond: the counter begins to count', async open => {
-  const page = await open('#devices=2&clocks=0ppm&host-clock=0ppm&host-jitter=0ns&phase=300us&copy-time=292950ns');
+  const page = await open('#devices=2&clocks=0ppm&host-clock=0ppm&host-jitter=0ns&phase=300us&copy-time=292670ns');
   assert.match(await verdict(page), /^In sync/);
   assert.equal(await page.locator('#counter svg').count(), 0);
   await page.focus('#key-copy-time');

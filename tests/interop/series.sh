@@ -11,7 +11,7 @@ if [ -z "${ISOCAT:-}" ]; then
   cargo build --release --quiet
   ISOCAT="${CARGO_TARGET_DIR:-target}/release/isocat"
 fi
-# More rows than a row group has: 4 SubDevices, 20 s in cycles of 1 ms.
+# More rows than a row group has: 5 SubDevices, 20 s in cycles of 1 ms.
 for ending in csv parquet; do
   "$ISOCAT" run --for 20s --seed 7 --series "$folder/run.$ending" --json > "$folder/$ending.json"
 done

@@ -20,9 +20,9 @@ expect "none is malformed" "$(count "_ws.malformed || _ws.expert.severity >= 838
 inbound="eth.src[0] == 12"  # the first ESC sets the locally administered bit: 10 becomes 12
 expect "answers carry the source address that the first ESC changes" "$(count "$inbound")" -eq $((all / 2))
 # BRD counts every SubDevice; APWR of the station address exactly one; FPRD of an empty mailbox none.
-expect "BRD 0x0000 counted by four" "$(count "$inbound && ecat.cmd == 0x07 && ecat.ado == 0x0000 && ecat.cnt == 4")" -gt 0
-expect "four station addresses by APWR" "$(count "$inbound && ecat.cmd == 0x02 && ecat.ado == 0x0010 && ecat.cnt == 1")" -ge 1
-expect "FRMW of the system time counted by four" "$(count "$inbound && ecat.cmd == 0x0e && ecat.ado == 0x0910 && ecat.cnt == 4")" -gt 100
+expect "BRD 0x0000 counted by five" "$(count "$inbound && ecat.cmd == 0x07 && ecat.ado == 0x0000 && ecat.cnt == 5")" -gt 0
+expect "five station addresses by APWR" "$(count "$inbound && ecat.cmd == 0x02 && ecat.ado == 0x0010 && ecat.cnt == 1")" -ge 1
+expect "FRMW of the system time counted by five" "$(count "$inbound && ecat.cmd == 0x0e && ecat.ado == 0x0910 && ecat.cnt == 5")" -gt 100
 # Four SubDevices with outputs and inputs: 4 x (2 + 1).
 expect "LRW counted 12 in operation" "$(count "$inbound && ecat.cmd == 0x0c && ecat.cnt == 12")" -gt 150
 # A datagram that goes out carries a working counter of 0.

@@ -37,7 +37,7 @@ for size in "80 24" "200 50"; do
   read -r width height <<< "$size"
   name="${width}x$height"
   begin "$width" "$height" "'$isocat' watch"
-  until_pane "$name" 'In sync: 3 of 4 SubDevices with SYNC, all in OP'
+  until_pane "$name" 'In sync: 3 of 5 SubDevices with SYNC, all in OP'
   until_pane "$name" '^3 .*SSC.* OP .* ns .* us .*\+[0-9.]+ '
   has "$name" '^host phase .* [▁▂▃▄▅▆▇█]+$'
   has "$name" 'all in OP: in operation'
@@ -111,8 +111,8 @@ says 'isocat watch --metrics'
 echo "ok: exit codes of the gate and of bad input"
 
 code 0 "$isocat" watch --plain --speed max --within 5s
-[ "$(grep -cE '^isocat\[[1-5]\.000\]: in sync  4 of 4 in OP' "$folder/out.txt")" = 5 ] || failed "lines a second" "$folder/out.txt"
-grep -qE '^isocat\[4\.000\]: 3 SSC drive axis 3  error +-?[0-9]+ ns worst [0-9]+ ns  margin [0-9.]+ us  freq [+-][0-9.]+ ppm  OP$' "$folder/out.txt" || failed "a SubDevice's line" "$folder/out.txt"
+[ "$(grep -cE '^isocat\[[1-5]\.000\]: in sync  5 of 5 in OP' "$folder/out.txt")" = 5 ] || failed "lines a second" "$folder/out.txt"
+grep -qE '^isocat\[4\.000\]: 4 SSC drive axis 3  error +-?[0-9]+ ns worst [0-9]+ ns  margin [0-9.]+ us  freq [+-][0-9.]+ ppm  OP$' "$folder/out.txt" || failed "a SubDevice's line" "$folder/out.txt"
 set +o pipefail
 "$isocat" watch --plain --speed max 2> "$folder/err.txt" | head -5 > "$folder/out.txt"
 [ "${PIPESTATUS[0]}" = 0 ] || failed "a reader that went away is no error" "$folder/err.txt"

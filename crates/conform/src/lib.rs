@@ -1,8 +1,9 @@
 //! The conformance suite: does a SubDevice synchronize as it says, seen from the MainDevice's side?
 //!
-//! [`wire`] carries frames, in virtual time or on a real interface; `tester` and `mailbox` make registers,
-//! states, objects and an exchange of it, each frame at its own instant. [`subject`] is what the SubDevice tells about
-//! itself, [`rules`] what it has to do, and `case` what a rule works with. Of all that comes a [`report`].
+//! [`wire`] carries frames, in virtual time or on a real interface; `tester` and `mailbox` make
+//! registers, states, objects and an exchange of it, each frame at its own instant. [`subject`] is
+//! what the SubDevice tells about itself, [`rules`] what it has to do, and `case` what a rule works
+//! with. Of all that comes a [`report`].
 //!
 //! That the rules are not blind is proven by devices that break each of them: see
 //! [`Misbehaviour`](isocat_subdevice::Misbehaviour).
@@ -20,6 +21,7 @@ pub mod wire;
 
 use case::{Case, Done, Stop};
 use isocat_descriptions::document::{FileError, name_hint};
+use isocat_segment::profile::{self, Profile};
 use isocat_segment::segment_file::SubDevice;
 use isocat_wire::AlState;
 use mode::MODES;
@@ -138,9 +140,17 @@ fn apply(rule: &Rule, t: &mut Tester<'_>, s: &Subject) -> Result<RuleResult, Str
 /// A machine that is late is given so many chances.
 const MOST_ATTEMPTS: u32 = 3;
 
-/// A segment file with just this device.
+/// A segment file with just this device, a built-in profile or the path of a profile file. A
+/// terminal stands at the side of the MainDevice, on EBUS.
 pub fn segment_of(device: &str) -> String {
-    format!("cycle = \"1ms\"\n[[subdevice]]\nname = \"{device}\"\ndevice = \"{device}\"\n")
+    let host = if is_on_ebus(device) { "host = { port = \"ebus\" }\n" } else { "" };
+    format!("cycle = \"1ms\"\n{host}[[subdevice]]\nname = \"{device}\"\ndevice = \"{device}\"\n")
+}
+
+/// What can't be read is refused with its reason where the segment file is.
+fn is_on_ebus(device: &str) -> bool {
+    let of_file = || Profile::from_toml(device, &std::fs::read_to_string(device).ok()?).ok();
+    profile::built_in(device).or_else(of_file).is_some_and(Profile::is_on_ebus)
 }
 
 /// How many SubDevices there are.

@@ -196,7 +196,7 @@ impl Subject {
     }
 
     /// The sync objects of the directions that are transmitted.
-    pub fn live_objects(&self) -> impl Iterator<Item = &SyncObject> {
+    pub(crate) fn live_objects(&self) -> impl Iterator<Item = &SyncObject> {
         self.sync_objects().filter(|object| self.transmits(object))
     }
 
@@ -219,7 +219,7 @@ impl Subject {
     }
 
     /// Whether the MainDevice may choose the type in every sync object.
-    pub fn chooses_type(&self) -> bool {
+    pub(crate) fn chooses_type(&self) -> bool {
         let mut objects = self.sync_objects().peekable();
         objects.peek().is_some() && objects.all(|object| object.writable(sub::SYNC_TYPE))
     }

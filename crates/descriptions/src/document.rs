@@ -389,7 +389,7 @@ impl<'a> Value<'a> {
     }
 
     /// A delay per metre within a range.
-    pub fn delay_per_metre(
+    pub(crate) fn delay_per_metre(
         &self,
         range: RangeInclusive<DelayPerMetre>,
     ) -> Result<DelayPerMetre, FileError> {

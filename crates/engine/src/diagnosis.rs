@@ -64,6 +64,7 @@ pub fn diagnose(
             remedies: Vec::new(),
         };
         case.outputs();
+        case.late();
         case.consequence();
         case.frames();
         case.clock();
@@ -186,6 +187,45 @@ impl Case<'_> {
             self.causes.push(short);
             self.remedies.push(
                 "isocat plan FILE --suggest tells the phase and the smallest cycle that fit."
+                    .into(),
+            );
+        }
+    }
+
+    /// Outputs or inputs that miss their cycle though they come regularly.
+    fn late(&mut self) {
+        let device = &self.report.devices[self.position];
+        let cycle = device.cycle_ns.unwrap_or(self.report.cycle_ns).max(self.report.cycle_ns);
+        let of_device = |finding: &&crate::report::Finding| finding.position == Some(self.position);
+        let kinds: Vec<_> =
+            self.report.findings.iter().filter(of_device).map(|finding| &finding.kind).collect();
+        let mut causes = Vec::new();
+        for kind in kinds {
+            match (kind, device.true_time.outputs_age, device.true_time.inputs_age) {
+                (Kind::Judged(Judged::OutputsLate { .. }), Some(age), _) => causes.push(format!(
+                    "Its outputs are {} old on average when they act, in a cycle of {}: their frame comes when the event that \
+                     fetches them has passed, or when they can't be ready any more, and they wait for the next.",
+                    time(age.mean_ns),
+                    Nanos(cycle)
+                )),
+                (Kind::Judged(Judged::InputsLate { .. }), _, Some(age)) => causes.push(format!(
+                    "Its inputs are {} old on average when they arrive, in a cycle of {}: they stand in the buffer when the frame \
+                     that was to bring them has passed.",
+                    time(age.mean_ns),
+                    Nanos(cycle)
+                )),
+                _ => {}
+            }
+        }
+        if causes.is_empty() {
+            return;
+        }
+        self.causes.extend(causes);
+        if let Some(short) = self.short_line().filter(|short| !self.causes.contains(short)) {
+            self.causes.push(short);
+            self.remedies.push(
+                "isocat plan FILE shows by how much: another phase (shift), a shorter input_shift, another sync1 or a longer \
+                 cycle makes room; isocat plan FILE --suggest tells the phase and the smallest cycle that fit."
                     .into(),
             );
         }

@@ -317,8 +317,14 @@ fn register_meaning(address: u16, value: Option<u32>) -> Option<Meaning> {
             (0x092C, _) => {
                 let difference = SystemTimeDifference(value);
                 let size = Nanos::from_u32(difference.magnitude());
-                let side = if difference.nanos().0 < 0 { "behind" } else { "ahead of" };
-                format!("the local clock is {size} {side} the time received")
+                let (older, newer) = match difference.is_negative() {
+                    false => ("ahead of", "behind"),
+                    true => ("behind", "ahead of"),
+                };
+                format!(
+                    "the local clock is {size} {older} the time received ({newer} it on chips whose register text \
+                     has bit 31 the other way round)"
+                )
             }
             (0x0980, Ok(word)) => return Some(word_meaning(word)),
             (0x0928 | 0x09A0 | 0x09A4, _) => Nanos::from_u32(value).to_string(),

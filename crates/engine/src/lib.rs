@@ -1,12 +1,15 @@
 //! Plans a segment, runs it, and says how good it was.
 //!
-//! Data's way: what a [`Scenario`]'s timing will be, [`plan`] tells before anything is sent, and [`plan::proof`] holds that against
-//! true time. A run in virtual time ([`run`]) ends in a [`report`]; [`recording`] keeps what pictures are drawn of, [`timeline`] the
-//! cycles of one SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a segment is before any cycle. While a segment
-//! runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs on a real interface. [`explain`] gives codes, objects and
-//! registers their meaning.
+//! Data's way: what a [`Scenario`]'s timing will be, [`plan`] tells before anything is sent, and
+//! [`plan::proof`] holds that against true time. A run in virtual time ([`run`]) ends in a
+//! [`report`]; [`recording`] keeps what pictures are drawn of, [`timeline`] the cycles of one
+//! SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a
+//! segment is before any cycle, [`calibrate`] measures what its chips do that no data sheet tells.
+//! While a segment runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs
+//! on a real interface. [`explain`] gives codes, objects and registers their meaning.
 #![forbid(unsafe_code)]
 
+pub mod calibrate;
 pub mod diagnosis;
 pub mod explain;
 #[cfg(target_os = "linux")]
@@ -14,6 +17,7 @@ pub mod live;
 pub mod moment;
 pub mod plan;
 pub mod recording;
+pub mod replay;
 pub mod report;
 pub mod scan;
 pub mod status;

@@ -65,9 +65,12 @@ impl Plan {
         std::iter::once((None, timing.frames_in_cycle())).chain(of_devices)
     }
 
-    /// The line with the least slack.
+    /// The line of the cycle with the least slack; where a line does not fit, the one that lacks
+    /// most.
     pub fn tightest(&self) -> (Option<usize>, Demand) {
-        let least = self.demands().min_by_key(|(_, demand)| demand.slack());
+        let counts = |demand: &Demand| demand.check.is_of_cycle() || !demand.line().fits();
+        let demands = self.demands().filter(|(_, demand)| counts(demand));
+        let least = demands.min_by_key(|(_, demand)| demand.slack());
         least.expect("the frames have a line")
     }
 

@@ -21,7 +21,6 @@ use isocat_sim::run::intent;
 use isocat_sim::{Segment, Tap};
 use isocat_sync::{Moment, phase};
 use isocat_wire::AlState;
-use isocat_wire::register::SYSTEM_TIME_DIFFERENCE;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use series::{Histogram, Series};
 
@@ -269,7 +268,7 @@ impl Tap for Recording {
             for (position, device) in self.devices.iter_mut().enumerate() {
                 let steered = device.judge.is_some() && position != reference;
                 if let Some(chip) = segment.devices().get(position).filter(|_| steered) {
-                    let difference = chip.esc.register(SYSTEM_TIME_DIFFERENCE).nanos();
+                    let difference = chip.esc.system_time_difference();
                     device.difference.push(since, Picos::from(difference).0);
                 }
             }

@@ -4,7 +4,9 @@
 //! time, `registers` was read from the SubDevice over the wire, `main_device` is what the MainDevice
 //! measured or counted with its own clock, `plan` was computed before the run.
 
+pub mod age;
 mod build;
+pub mod calibrate;
 #[cfg(target_os = "linux")]
 pub mod interface;
 mod note;
@@ -28,7 +30,7 @@ pub(crate) use text::{BAD, GOOD, QUIET};
 use typed::{KindDocument, StateRead};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/4";
+pub const FORMAT: &str = "isocat-run-report/5";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -209,14 +211,28 @@ pub struct Device {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DeviceTrueTime {
+    /// What its oscillator is off, as far as that is constant.
+    pub clock: Oscillator,
     /// SYNC0 edges against the ideal grid of the reference clock; null without SYNC0.
     pub sync0_error: Option<Spread>,
-    /// From the SM2 event to SYNC0.
+    /// From the SM2 event to the next SYNC0, also where outputs act at SYNC1.
     pub sm2_to_sync0: Option<Span>,
-    /// From the end of copying and calculating to SYNC0: what was left; negative where SYNC0 came first.
+    /// From the end of copying and calculating to the pulse at which outputs act, SYNC0 or SYNC1:
+    /// what was left; negative where the pulse came first.
     pub sync0_margin: Option<Span>,
-    /// From SYNC0 to valid outputs.
+    /// From the pulse at which outputs act, SYNC0 or SYNC1, to valid outputs.
     pub outputs_delay: Option<Span>,
+    /// Age of outputs when they act for the first time: from the first bit of the frame that
+    /// brought them, at the MainDevice; null without outputs.
+    pub outputs_age: Option<Span>,
+    /// Frames whose outputs acted a whole cycle or more later than in their cycle.
+    pub outputs_late: u64,
+    /// Age of inputs when they arrive: from Input Latch to the last bit, back at the MainDevice, of
+    /// the first frame that brings them; null without inputs.
+    pub inputs_age: Option<Span>,
+    /// Inputs that arrived a whole cycle or more later than with the first frame that could bring
+    /// them.
+    pub inputs_late: u64,
     /// SYNC0 edges that found no outputs ready.
     pub missed_events: u64,
     /// Highest value that 0x1C32:0B took.
@@ -225,6 +241,17 @@ pub struct DeviceTrueTime {
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]
     pub state: AlState,
+}
+
+/// How far a simulated oscillator is off.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Oscillator {
+    /// How much faster than true time it runs, parts per billion.
+    pub deviation_ppb: i64,
+    /// Within what it was drawn by the seed, either way, parts per billion; null if the segment
+    /// file gives it.
+    pub drawn_within_ppb: Option<i64>,
 }
 
 /// One SubDevice as its registers and objects show it.

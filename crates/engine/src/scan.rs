@@ -41,7 +41,7 @@ impl Scan {
     /// Scans the virtual segment of a scenario. `objects`: read them by SDO.
     pub fn of(scenario: &Scenario, objects: bool, progress: &mut dyn FnMut(Stage)) -> Self {
         let mut setup = scenario.run().setup;
-        setup.config = config(objects);
+        setup.config = Config { hop_jitter: scenario.hop_jitter, ..config(objects) };
         Self::of_setup(setup, progress)
     }
 

@@ -1,7 +1,11 @@
 //! Chip profiles: what differs between the ESCs that devices are built with.
 
+use isocat_wire::dc::DifferencePolarity;
 use isocat_wire::register::features;
 use isocat_wire::{Nanos, Picos, PortNumber};
+
+use crate::dc::drift_law::DriftLaw;
+use crate::rx_fifo::RxFifo;
 
 /// One kind of ESC: its identification, its limits and its delays.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -28,11 +32,26 @@ pub struct Chip {
     pub dc_units: DcUnits,
     /// Register 0x0936 exists: receive times of ports 1-3 can be latched for frames that enter there.
     pub receive_time_latch_mode: bool,
+    /// A write to 0x0900 enables ports 1-3 to stamp the next frame that arrives there, whatever is
+    /// in it (ESC20 and ET1200). So frames that are still behind the port spoil the receive times;
+    /// other chips stamp the frame that wrote, wherever others are. Reverse mode (0x0936) is not
+    /// concerned.
+    pub stamps_next_frame: bool,
+    /// The PDI and not ECAT writes the system time unit (0x0910-0x0935): an option of the IP core
+    /// for devices that bridge two segments. What the PDI writes to 0x0910-0x0913 is compared with
+    /// the last positive edge of LATCH0 (0x09B0) when byte 0x0913 is written.
+    pub system_time_by_pdi: bool,
+    /// Which read by the PDI clears bit 4 of the AL event request, register 0x0220. Setting: no
+    /// text decides it.
+    pub activation_event: ActivationEvent,
     /// Reset value of DL control, register 0x0100.
     pub dl_control: u32,
     /// Bytes that one EEPROM read gives, 4 or 8.
     pub eeprom_read_len: u8,
-    /// Reserved bits of register 0x0502 that read 1.
+    /// Reserved bits of register 0x0502 that read 1 from power-on until SAFEOP is first reached,
+    /// then 0. Captured on the ET1200: the bit survives that the EEPROM is offered to the PDI and
+    /// taken back, and it was gone after a SyncManager and a FMMU were set up and SAFEOP was
+    /// reached. Which of these clears it is not known.
     pub eeprom_status_reserved: u16,
     /// How long an EEPROM read keeps the interface busy. Setting: short, so that bring-up in virtual
     /// time is not all EEPROM; a real I2C read of 8 bytes at 100 kHz takes about 1 ms.
@@ -40,11 +59,15 @@ pub struct Chip {
     /// How long an EEPROM write keeps the interface busy. Setting: the transfer on the I2C bus.
     pub eeprom_write_time: Nanos,
     /// How long the EEPROM then burns and acknowledges no command (0x0502 bit 13). Setting: the
-    /// longest time that the usual parts state.
+    /// longest time that the usual parts state, 5 ms. Parts in use were captured with 2.1 to 2.7
+    /// ms.
     pub eeprom_burn_time: Nanos,
     /// The PDI emulates the EEPROM: commands go to it by AL event bit 5, a read gives four bytes. What
     /// the image holds is then no more than the configuration that the core was generated with.
     pub eeprom_emulated: bool,
+    /// SyncManager status bits 6 and 7 say that a buffer is in use. The captured ET1100 has not got
+    /// them.
+    pub sm_buffer_in_use: bool,
     /// Register 0x0108, the offset between the read and the write address of a read-write command.
     pub physical_offset: bool,
     /// Registers 0x0138 and 0x0139, which override the RUN and ERR LEDs.
@@ -52,6 +75,10 @@ pub struct Chip {
     /// Register 0x014E bit 0: what reading acknowledges elsewhere, the PDI acknowledges by writing. A
     /// choice of whoever generates a core or configures the PDI.
     pub acknowledge_by_write: bool,
+    /// How the drift loop turns time differences into a speed. No maker publishes it.
+    pub drift_law: DriftLaw,
+    /// What the sign of register 0x092C means.
+    pub difference_polarity: DifferencePolarity,
     /// MII management.
     pub mii: MiiManagement,
     /// What the registers from 0x0E00 on hold, 256 bytes at most: on an ASIC the values of its
@@ -63,6 +90,8 @@ pub struct Chip {
     pub forwarding_delay: Picos,
     /// Through the PHY of an MII port, one way (receive or transmit). EBUS ports have none.
     pub phy_delay: Picos,
+    /// The receive FIFOs: how much a frame's time varies from hop to hop.
+    pub rx_fifo: RxFifo,
 }
 
 /// Whether the system time, SYNC and latch units exist.
@@ -73,6 +102,16 @@ pub enum DcUnits {
     ByEeprom,
     /// All units exist whatever the EEPROM says.
     Always,
+}
+
+/// What clears bit 4 of the AL event request (0x0220), which ECAT's write to a SyncManager's
+/// activation register (0x0806 + 8 n) sets.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum ActivationEvent {
+    /// Reading the activation register of each SyncManager that was written.
+    Each,
+    /// Reading the activation register of any SyncManager.
+    Any,
 }
 
 /// The registers of MII management that exist.
@@ -100,6 +139,26 @@ pub enum PortKind {
 }
 
 impl Chip {
+    /// The same chip on a board that uses other ports: register 0x0007, and the reset value of DL
+    /// control (0x0100, two bits a port from bit 8), which keeps the loop of a port that is not
+    /// there closed.
+    pub const fn with_ports(self, port_descriptor: u8) -> Self {
+        let mut closed = 0;
+        let mut port = 0;
+        while port < 4 {
+            if port_descriptor >> (2 * port) & 0b10 == 0 {
+                closed |= 0b11 << (8 + 2 * port);
+            }
+            port += 1;
+        }
+        Self { port_descriptor, dl_control: self.dl_control & !0xFF00 | closed, ..self }
+    }
+
+    /// Whether its ports can be EBUS: those of the ASICs only. Cores and chips around one have MII.
+    pub const fn can_have_ebus(&self) -> bool {
+        matches!(self.kind, ET1100_KIND | ET1200_KIND)
+    }
+
     /// What this port is built for.
     pub const fn port(&self, port: PortNumber) -> PortKind {
         match self.port_descriptor >> (2 * port.index()) & 0b11 {
@@ -140,7 +199,7 @@ pub static ET1100: Chip = ET1100_BASE;
 
 const ET1100_BASE: Chip = Chip {
     name: "ET1100",
-    kind: 0x11,
+    kind: ET1100_KIND,
     revision: 0x00,
     build: 0x0003,
     fmmu_count: 8,
@@ -152,6 +211,7 @@ const ET1100_BASE: Chip = Chip {
     dl_control: 0x00C7_C001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0,
+    sm_buffer_in_use: false,
     mii: MiiManagement::Ecat,
     chip_specific: &[0; 2],
     ..COMMON
@@ -168,7 +228,7 @@ pub static ET1100_MII: Chip = Chip {
 /// Beckhoff ET1200: 3 FMMUs, 4 SyncManagers, 1 KiB, two EBUS ports.
 pub static ET1200: Chip = Chip {
     name: "ET1200",
-    kind: 0x12,
+    kind: ET1200_KIND,
     revision: 0x01,
     build: 0x0001,
     fmmu_count: 3,
@@ -178,6 +238,7 @@ pub static ET1200: Chip = Chip {
     features: 0x01FC,
     dc_units: DcUnits::ByEeprom,
     receive_time_latch_mode: true,
+    stamps_next_frame: true,
     dl_control: 0x00C7_F001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0x0010,
@@ -275,6 +336,9 @@ const COMMON: Chip = Chip {
     features: 0,
     dc_units: DcUnits::ByEeprom,
     receive_time_latch_mode: false,
+    stamps_next_frame: false,
+    system_time_by_pdi: false,
+    activation_event: ActivationEvent::Each,
     dl_control: 0x0007_C001,
     eeprom_read_len: 8,
     eeprom_status_reserved: 0,
@@ -282,15 +346,22 @@ const COMMON: Chip = Chip {
     eeprom_write_time: Nanos(200_000),
     eeprom_burn_time: Nanos(5_000_000),
     eeprom_emulated: false,
+    sm_buffer_in_use: true,
     physical_offset: false,
     led_override: false,
     acknowledge_by_write: false,
+    drift_law: DriftLaw::HOLD,
+    difference_polarity: DifferencePolarity::PositiveAhead,
     mii: MiiManagement::None,
     chip_specific: &[],
     processing_delay: Picos(155_000),
     forwarding_delay: Picos(135_000),
     phy_delay: Picos(280_000),
+    rx_fifo: RxFifo::COMMON,
 };
+
+const ET1100_KIND: u8 = 0x11;
+const ET1200_KIND: u8 = 0x12;
 
 #[cfg(test)]
 mod tests {
@@ -302,6 +373,21 @@ mod tests {
         assert_eq!(PortNumber::ALL.map(|p| ET1100.port(p)), [Mii, Ebus, Mii, None]);
         assert_eq!(PortNumber::ALL.map(|p| ET1200.port(p)), [Ebus, Ebus, None, NotConfigured]);
         assert!(!ET1200.has_port(PortNumber::P3));
+    }
+
+    /// 0x0007 and the reset value of 0x0100 agree, as in the captured chips.
+    #[test]
+    fn other_ports_have_their_own_loops() {
+        for chip in [ET1100, ET1100_MII, ET1200, LAN9252] {
+            assert_eq!(chip.with_ports(chip.port_descriptor), chip);
+        }
+        let terminal = ET1100.with_ports(0x0A);
+        assert_eq!(
+            (terminal.port(PortNumber::P1), terminal.dl_control),
+            (PortKind::Ebus, 0xC7_F001)
+        );
+        assert_eq!(ET1100.with_ports(0b11_10_00_10).dl_control, 0xC7_0C01);
+        assert_eq!([ET1100, LAN9252].map(|chip| chip.can_have_ebus()), [true, false]);
     }
 
     /// The captures that the delays come from, put together again.

@@ -1,10 +1,10 @@
 //! The EEPROM interface (0x0500-0x050F) and what the ESC loads from the EEPROM by itself.
 
-use isocat_wire::Time;
 use isocat_wire::eeprom::EepromStatus;
 use isocat_wire::register::{self, al_event};
 use isocat_wire::sii::{self, word};
 use isocat_wire::time::Device;
+use isocat_wire::{AlStatus, Time};
 
 use crate::chip::Chip;
 use crate::memory::Registers;
@@ -19,6 +19,8 @@ pub(crate) struct Eeprom {
     errors: u16,
     /// Status bits that never change.
     fixed: u16,
+    /// Reserved status bits that read 1 until SAFEOP is first reached.
+    until_safeop: u16,
     /// Until when the memory burns what was written and acknowledges nothing.
     burns: Time<Device>,
     /// The PDI emulates it.
@@ -28,7 +30,7 @@ pub(crate) struct Eeprom {
 impl Eeprom {
     /// An idle interface to an image of `len` bytes.
     pub const fn new(chip: &Chip, len: usize) -> Self {
-        let mut fixed = chip.eeprom_status_reserved;
+        let mut fixed = 0;
         if chip.eeprom_emulated {
             fixed |= EepromStatus::EMULATED;
         } else if chip.eeprom_read_len == 8 {
@@ -38,7 +40,17 @@ impl Eeprom {
             fixed |= EepromStatus::TWO_ADDRESS_BYTES;
         }
         let emulated = chip.eeprom_emulated;
-        Self { job: None, errors: 0, fixed, burns: Time::ZERO, emulated }
+        let until_safeop = chip.eeprom_status_reserved;
+        Self { job: None, errors: 0, fixed, until_safeop, burns: Time::ZERO, emulated }
+    }
+
+    /// AL status has changed; see [`Chip::eeprom_status_reserved`].
+    pub fn note_state(&mut self, registers: &mut Registers) {
+        let AlStatus(status) = registers.load(register::AL_STATUS);
+        if self.until_safeop != 0 && status & SAFEOP_OR_OP != 0 {
+            self.until_safeop = 0;
+            self.show(registers);
+        }
     }
 
     /// Whether `side` may write 0x0502-0x050F now. Who emulates the memory answers its commands, whoever
@@ -169,7 +181,7 @@ impl Eeprom {
             0 => 0,
             _ => EepromStatus::WRITE_ENABLE,
         };
-        let status = self.fixed | self.errors | job | enabled;
+        let status = self.fixed | self.until_safeop | self.errors | job | enabled;
         registers.store(register::EEPROM_STATUS, EepromStatus(status));
     }
 }
@@ -184,3 +196,5 @@ pub(crate) fn configuration(image: &[u8]) -> Option<&[u8; 14]> {
 
 /// A checksum word that is never wrong, for development.
 const CHECKSUM_OFF: u16 = 0x88A4;
+/// Bits of the states SAFEOP and OP in AL status.
+const SAFEOP_OR_OP: u16 = 0x000C;

@@ -3,13 +3,13 @@
 use isocat_wire::dl::DlStatus;
 use isocat_wire::register::{self, CHIP_SPECIFIC, Register, Value, al_event};
 use isocat_wire::time::{Dc, Device, Local};
-use isocat_wire::{AlStatus, PortNumber, Time};
+use isocat_wire::{AlStatus, Nanos, PortNumber, Time};
 
 use crate::access::Units;
 use crate::al::Al;
 use crate::chip::Chip;
 use crate::dc::DcUnit;
-use crate::dc::drift_loop::DriftModel;
+use crate::dc::drift_law::DriftLaw;
 use crate::dc::latch::LatchInput;
 use crate::dc::sync::Output;
 use crate::dl::{self, ALL_PORTS, Ports};
@@ -33,6 +33,8 @@ use crate::watchdog::Watchdog;
 /// - power: [`power_on`](Self::power_on);
 /// - own events: [`next_event`](Self::next_event), [`step`](Self::step);
 /// - PDI side: [`pdi`](Self::pdi);
+/// - labels beside the bytes, for who watches: [`label_frame`](Self::label_frame),
+///   [`label_pdi`](Self::label_pdi), [`label`](Self::label);
 /// - looking in from outside, without any side effect: [`register`](Self::register),
 ///   [`dl_status`](Self::dl_status), [`local_time`](Self::local_time), [`system_time`](Self::system_time),
 ///   [`first_reaching`](Self::first_reaching), [`registers`](Self::registers), [`ram`](Self::ram),
@@ -63,6 +65,8 @@ pub struct Esc<M> {
     pub(crate) pdi_watchdog: Watchdog,
     pub(crate) ports: Ports,
     pub(crate) watchdog: Watchdog,
+    /// The AL event request as each side last read its first byte.
+    pub(crate) held_al_events: [u32; 2],
     /// DL status changed and ECAT has not read it since.
     pub(crate) dl_changed: bool,
     /// What happened beside the event just reported.
@@ -87,6 +91,8 @@ pub(crate) struct Flight {
     pub irq: u16,
     /// It latches receive times.
     pub latches: bool,
+    /// What its sender calls it.
+    pub label: u64,
     /// PDI control bytes that the PDI wrote meanwhile, and for which SyncManagers.
     pub pdi_control: [u8; 16],
     pub pdi_control_written: u16,
@@ -102,6 +108,7 @@ impl Flight {
         enabled: [false; 2],
         irq: 0,
         latches: false,
+        label: 0,
         pdi_control: [0; 16],
         pdi_control_written: 0,
     };
@@ -155,11 +162,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let mut registers = Registers::new();
         let mut esc = Self {
             chip,
-            sync_managers: SyncManagers::new(
-                chip.sm_count,
-                chip.acknowledge_by_write,
-                &mut registers,
-            ),
+            sync_managers: SyncManagers::new(chip, &mut registers),
             registers,
             shadow: Shadow::new(),
             units: Units::new(chip, 0),
@@ -177,6 +180,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             pdi_watchdog: Watchdog::new(register::WATCHDOG_TIME_PDI),
             ports: Ports::new(),
             watchdog: Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA),
+            held_al_events: [0; 2],
             dl_changed: false,
             overdue: None,
             reach_version: 0,
@@ -211,15 +215,15 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self
     }
 
-    /// The same ESC with another model of how a received system time becomes a speed.
-    pub fn with_drift_model(mut self, model: &'static dyn DriftModel) -> Self {
-        self.dc.set_model(model);
+    /// The same ESC with another law of the drift loop than its chip's.
+    pub fn with_drift_law(mut self, law: DriftLaw) -> Self {
+        self.dc.set_drift_law(law);
         self
     }
 
     /// Power goes away, or comes back: everything is as after [`new`](Self::new), with the local time at
     /// `local`, but the EEPROM holds what was written to it. No port has a link. What was set by
-    /// [`with_drift_model`](Self::with_drift_model) and the pins of the latch inputs stay as they are.
+    /// [`with_drift_law`](Self::with_drift_law) and the pins of the latch inputs stay as they are.
     pub fn power_on(&mut self, now: Time<Device>, local: Time<Local>) {
         self.ports = Ports::new();
         self.overdue = None;
@@ -248,11 +252,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         registers.store(register::WATCHDOG_TIME_PROCESS_DATA, WATCHDOG_TIME);
         self.al = Al::new();
         self.al.reset_registers(registers);
-        self.sync_managers = SyncManagers::new(chip.sm_count, chip.acknowledge_by_write, registers);
+        self.sync_managers = SyncManagers::new(chip, registers);
         self.fmmus = Fmmus::new(chip.fmmu_count);
         self.shadow.clear();
         self.flight = Flight::NONE;
         self.reset_progress = [0; 2];
+        self.held_al_events = [0; 2];
         self.watchdog = Watchdog::new(register::WATCHDOG_TIME_PROCESS_DATA);
         self.pdi_watchdog = Watchdog::new(register::WATCHDOG_TIME_PDI);
         self.watchdog.configure(now, registers);
@@ -283,6 +288,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let registers = &mut self.registers;
         let loaded = self.eeprom.load(self.image.as_ref(), registers);
         dl::set_status(registers, DlStatus::PDI_OPERATIONAL, loaded);
+        if registers.load(register::PDI_CONTROL) == PDI_DIGITAL_IO {
+            dl::set_status(registers, DlStatus::PDI_WATCHDOG, true);
+        }
         let mut information = if loaded { PDI_INFORMATION_LOADED } else { 0 };
         if self.chip.acknowledge_by_write {
             information |= PDI_INFORMATION_ACKNOWLEDGE_BY_WRITE;
@@ -298,8 +306,19 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     ///
     /// On an ESC in reverse mode (0x0936) ports 1-3 show what arrived there before the frame reached the
     /// EPU; arrivals of earlier frames may then be reported too, and are kept for the next such frame.
+    ///
+    /// On one that [stamps the next frame](Chip::stamps_next_frame) whatever arrives at ports 1-3
+    /// may be reported, in order of time: the first that begins there no earlier than the writing
+    /// frame at the EPU is kept, and the others are not. It must be reported while
+    /// [`awaits_frame`](Self::awaits_frame) says so.
     pub fn receive_at_port(&mut self, port: PortNumber, at: Time<Device>) {
         self.dc.receive_at_port(port, at, &mut self.registers);
+    }
+
+    /// Whether this port stamps the next frame that arrives there, of whatever content: 0x0900 was
+    /// written on an ESC that [does so](Chip::stamps_next_frame), and none has been reported since.
+    pub fn awaits_frame(&self, port: PortNumber) -> bool {
+        self.dc.awaits_frame(port)
     }
 
     /// The pin of a latch input has this level from `at` on; pins are low at first. The unit samples it
@@ -350,6 +369,24 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             PortError::Forwarded => 0x0308 + port,
         };
         count(&mut self.registers, counter);
+    }
+
+    /// Labels the frame in flight: what it writes into buffers of SyncManagers keeps the label.
+    /// Call it once the frame is through and before it ends; a frame without a label has 0. No
+    /// register shows labels, and they change nothing.
+    pub fn label_frame(&mut self, label: u64) {
+        self.flight.label = label;
+    }
+
+    /// Labels what the PDI writes into buffers of SyncManagers from now on.
+    pub fn label_pdi(&mut self, label: u64) {
+        self.sync_managers.pdi_label = label;
+    }
+
+    /// The label of what was last read, or is being read, from the buffer of a SyncManager (0 to
+    /// 15), by whichever side reads it; 0 if nothing was, or if it has none.
+    pub fn label(&self, sync_manager: u8) -> u64 {
+        self.sync_managers.label(usize::from(sync_manager))
     }
 
     /// When the next own event is due: [`step`](Self::step) does something then. Never, if nothing is.
@@ -408,6 +445,11 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.al.events() | self.sync_managers.al_events() | self.eeprom.al_events()
     }
 
+    /// The ECAT event request (0x0210), whatever its mask.
+    pub fn ecat_event_request(&self) -> u16 {
+        self.ecat_events()
+    }
+
     /// A register's value in force, without the side effects of a read. Times that run (0x0910,
     /// 0x0990...) are as the last access left them.
     pub fn register<T: Value>(&self, register: Register<T>) -> T {
@@ -422,6 +464,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Register 0x0130.
     pub fn al_status(&self) -> AlStatus {
         self.registers.load(register::AL_STATUS)
+    }
+
+    /// Register 0x092C as a number: local time less received time, positive when the local clock is
+    /// ahead.
+    pub fn system_time_difference(&self) -> Nanos {
+        let polarity = self.chip.difference_polarity;
+        self.register(register::SYSTEM_TIME_DIFFERENCE).nanos(polarity)
     }
 
     /// What kind of ESC it is.
@@ -442,6 +491,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// The EEPROM image with everything written to it.
     pub fn eeprom(&self) -> &[u8] {
         self.image.as_ref()
+    }
+
+    /// The same for somebody who programs the memory past the ESC. What the ESC has loaded from it
+    /// stays.
+    pub fn eeprom_mut(&mut self) -> &mut [u8] {
+        self.image.as_mut()
     }
 
     /// Local time (0x0900), in the width of this ESC's counter.
@@ -648,6 +703,9 @@ const WATCHDOG_DIVIDER: u16 = 2498;
 const WATCHDOG_TIME: u16 = 1000;
 /// SII word of the station alias.
 const ALIAS_WORD: usize = 4;
+/// Register 0x0140: digital I/O. No CPU has to show that it lives: DL status bit 1 reads 1
+/// (captured on three kinds of terminals).
+pub(crate) const PDI_DIGITAL_IO: u8 = 0x04;
 /// Register 0x014E: the configuration area is loaded, the PDI is active.
 const PDI_INFORMATION_LOADED: u16 = 0x0006;
 /// Register 0x014E: see [`Chip::acknowledge_by_write`].

@@ -20,7 +20,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let flight = core::mem::replace(&mut self.flight, Flight::NONE);
         let now = flight.end;
         let before = self.lasting_al_events();
-        let exchanged = self.sync_managers.end_good_frame(&mut self.registers);
+        let exchanged = self.sync_managers.end_good_frame(flight.label, &mut self.registers);
         if exchanged.watchdog {
             self.trigger_watchdog(now);
         }
@@ -65,6 +65,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if shadow.touches_page(0x0100) {
             if shadow.touches(AL_CONTROL) {
                 self.al.request(registers);
+                self.eeprom.note_state(registers);
             }
             if shadow.touches(DL_CONTROL) {
                 let loops = shadow.byte(DL_CONTROL.start + 1).is_some();

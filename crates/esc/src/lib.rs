@@ -47,6 +47,7 @@ mod mii;
 pub mod pdi;
 mod process;
 mod reach;
+pub mod rx_fifo;
 mod sync_manager;
 #[cfg(test)]
 mod tests;
@@ -55,9 +56,10 @@ mod watchdog;
 pub use chip::{
     Chip, ET1100, ET1100_MII, ET1200, IP_CORE_32, IP_CORE_32_EMULATED, LAN9252, XMC4800,
 };
-pub use dc::drift_loop::{DRIFT_FRACTION, DriftInput, DriftModel, ProportionalIntegral};
+pub use dc::drift_law::{DriftLaw, UnknownDriftLaw};
 pub use dc::latch::LatchInput;
 pub use esc::{Esc, EscEvent, PortError};
 pub use pdi::{EscPdi, Pdi, PdiExt};
 pub use process::{Passing, Processed};
 pub use reach::Reach;
+pub use rx_fifo::{Receiver, RxFifo};

@@ -8,11 +8,12 @@ use isocat_wire::register;
 use isocat_wire::time::Device;
 
 use crate::access::{Gate, PDI_WRITABLE, READABLE};
+use crate::chip::ActivationEvent;
 use crate::dc::latch;
-use crate::dc::sync::Output;
+use crate::dc::sync::{Output, StartWritten};
 use crate::dl;
 use crate::eeprom::Eeprom;
-use crate::esc::Esc;
+use crate::esc::{Esc, PDI_DIGITAL_IO};
 use crate::led;
 use crate::mii::Mii;
 use crate::process::split;
@@ -73,7 +74,9 @@ pub struct EscPdi<'a, M> {
 
 impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
     pub(crate) fn new(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
-        esc.pdi_watchdog.restart(now);
+        if esc.registers.load(register::PDI_CONTROL) != PDI_DIGITAL_IO {
+            esc.pdi_watchdog.restart(now);
+        }
         if esc.dl_status().0 & DlStatus::PDI_WATCHDOG == 0 {
             dl::set_status(&mut esc.registers, DlStatus::PDI_WATCHDOG, true);
         }
@@ -103,7 +106,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         let overlaps = |first: u16, end: u16| range.start < end && range.end > first;
         let (esc, now) = (&mut *self.esc, self.now);
         if overlaps(0x0210, 0x0224) {
-            esc.show_events(now);
+            esc.show_events(Side::Pdi, range, now);
         }
         if overlaps(0x0440, 0x0442) {
             esc.show_watchdog();
@@ -124,10 +127,11 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
             esc.al.set_watchdog_event(false);
         }
         if overlaps(0x0800, 0x0880) {
-            for number in 0..16 {
-                if range.contains(&register::sm_activate(number).address) {
-                    esc.sync_managers.acknowledge_activation(number);
-                }
+            let is_read = |number: &usize| range.contains(&register::sm_activate(*number).address);
+            let any =
+                esc.chip.activation_event == ActivationEvent::Any && (0..16).any(|at| is_read(&at));
+            for number in (0..16).filter(|number| any || is_read(number)) {
+                esc.sync_managers.acknowledge_activation(number);
             }
         }
         esc.dc.latch.acknowledge(Side::Pdi, latch::times(range), &esc.registers);
@@ -155,6 +159,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 let before = esc.al_status();
                 esc.registers.set_byte(address, value);
                 esc.al.change_status(before, &mut esc.registers);
+                esc.eeprom.note_state(&mut esc.registers);
             }
             0x0138 | 0x0139 => led::write(address, value, &mut esc.registers),
             0x0501 => {
@@ -164,7 +169,8 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                     esc.eeprom.show(&mut esc.registers);
                 }
             }
-            0x0502 | 0x0503 | 0x0510 | 0x0511 => {}
+            // Commands; and the clock keeps its own time.
+            0x0502 | 0x0503 | 0x0510 | 0x0511 | 0x0910..0x0918 => {}
             0x0517 => {
                 let take = value & 1;
                 if take == 0 || Mii::may_take(&esc.registers) {
@@ -200,7 +206,8 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         let end = address + data.len() as u16;
         let mut at = address;
         let (mut control, mut mii) = (None, None);
-        let (mut activated, mut started, mut latches) = (false, false, false);
+        let (mut activated, mut started, mut latches) = (false, None, false);
+        let (mut time, mut clock) = ([None; 4], 0x0920..0x0920);
         if self.esc.chip.acknowledge_by_write {
             self.acknowledge(&(address..end));
         }
@@ -218,7 +225,16 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                     0x0510 => mii = Some(u16::from(value)),
                     0x0511 => mii = Some(mii.unwrap_or(0) | u16::from(value) << 8),
                     0x0981 => activated = true,
-                    0x0990..0x0998 => started = true,
+                    0x0910..0x0914 => time[usize::from(byte - 0x0910)] = Some(value),
+                    0x0920..0x0936 => {
+                        let from = if clock.is_empty() { byte } else { clock.start };
+                        clock = from..byte + 1;
+                    }
+                    0x0990..0x0998 => {
+                        let started = started.get_or_insert(StartWritten::default());
+                        started.lower |= byte == 0x0993;
+                        started.upper |= byte == 0x0997;
+                    }
                     0x09A8 | 0x09A9 => latches = true,
                     _ => {}
                 }
@@ -242,7 +258,15 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
             esc.mii.command(Side::Pdi, control, self.now);
             esc.mii.show(esc.chip, esc.ports.links(), &mut esc.registers);
         }
-        if activated || started {
+        if time[3].is_some() {
+            esc.dc.follow_latch(self.now, time, &mut esc.registers);
+        }
+        if !clock.is_empty() {
+            let touched = |range: Range<u16>| range.start < clock.end && range.end > clock.start;
+            esc.dc.set_time_unit(self.now, touched, &mut esc.registers);
+        }
+        if activated || started.is_some() {
+            let started = started.unwrap_or_default();
             esc.dc.activate(self.now, started, &mut esc.registers);
         }
     }

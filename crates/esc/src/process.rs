@@ -138,6 +138,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.flight.start = start;
         self.flight.irq = irq;
         self.flight.latches = false;
+        self.flight.label = 0;
         self.flight.acknowledged = 0;
         self.flight.latch_times = 0;
         self.flight.enabled = [false; 2];
@@ -545,7 +546,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         let start = self.flight.start;
         if overlaps(0x0210, 0x0224) {
-            self.show_events(start);
+            self.show_events(Side::Ecat, &range, start);
         }
         if overlaps(0x0440, 0x0442) {
             self.show_watchdog();
@@ -556,10 +557,14 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
     }
 
-    /// The event request registers.
-    pub(crate) fn show_events(&mut self, now: Time<Device>) {
+    /// The event request registers. The upper bytes of 0x0220 belong to the moment in which the
+    /// same side read its first one: a read that leaves it out shows them as they were then.
+    pub(crate) fn show_events(&mut self, side: Side, range: &Range<u16>, now: Time<Device>) {
         self.registers.store(register::ECAT_EVENT_REQUEST, self.ecat_events());
-        self.registers.store(register::AL_EVENT_REQUEST, self.al_events(now));
+        if range.contains(&register::AL_EVENT_REQUEST.address) {
+            self.held_al_events[side as usize] = self.al_events(now);
+        }
+        self.registers.store(register::AL_EVENT_REQUEST, self.held_al_events[side as usize]);
     }
 }
 

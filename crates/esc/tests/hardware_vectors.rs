@@ -398,7 +398,8 @@ fn vector_13_the_eeprom_status() {
 #[test]
 fn vector_14_dl_status() {
     for (chip, word_0, served, links, expected) in [
-        (&ET1100, SIMPLE, false, 2, 0x5A31),
+        (&ET1100, 0x0100, false, 2, 0x5A31),
+        (&ET1200, SIMPLE, false, 1, 0x5613),
         (&ET1100, 0x0C80, true, 2, 0x5A33),
         (&LAN9252, WITH_DC, true, 2, 0x5A37),
         (&ET1200, 0x0C80, true, 1, 0x5613),

@@ -129,7 +129,8 @@ pub struct Ended<A> {
     pub granted: Vec<String>,
     /// What was refused, each with what to do about it.
     pub refused: Vec<String>,
-    /// SubDevices that were not in OP when the way down began: position, AL status and AL status code. Empty if all were.
+    /// SubDevices that were not in OP when the way down began: position, AL status and AL status
+    /// code. Empty if all were.
     pub fallen: Vec<(usize, AlStatus, AlStatusCode)>,
     /// The recorder, to be finished.
     pub recorder: Option<Recorder>,
@@ -138,9 +139,10 @@ pub struct Ended<A> {
 /// The thread's end: what is left, and why if it was not asked for.
 type Finish<A> = (Ended<A>, Option<Error>);
 
-/// A config for a socket of an ordinary Linux machine. Where it has the defaults of a machine with exact time stamps, it gets what such a
-/// socket needs: some 10 us of noise in the stamps ([`Config::stamp_noise`], at most a twentieth of the cycle), and 20 ms until a frame
-/// is given up, since a machine that stalls has not lost it.
+/// A config for a socket of an ordinary Linux machine. Where it has the defaults of a machine with
+/// exact time stamps, it gets what such a socket needs: some 10 us of noise in the stamps
+/// ([`Config::stamp_noise`], at most a twentieth of the cycle), and 20 ms until a frame is given
+/// up, since a machine that stalls has not lost it.
 pub fn on_a_socket(mut config: Config) -> Config {
     let exact = Config::new(config.cycle);
     if config.stamp_noise == exact.stamp_noise {
@@ -188,9 +190,10 @@ impl<A: Application + Send + 'static> Running<A> {
         }
     }
 
-    /// Waits until SIGINT or SIGTERM comes, or the loop ends with an error. SubDevices that leave OP meanwhile end nothing: they are
-    /// events ([`event`](Self::event)), and [`Ended::fallen`] names those that were not back. Before this is called, a signal ends
-    /// the process as ever, with the SubDevices in whatever state they are.
+    /// Waits until SIGINT or SIGTERM comes, or the loop ends with an error. SubDevices that leave
+    /// OP meanwhile end nothing: they are events ([`event`](Self::event)), and [`Ended::fallen`]
+    /// names those that were not back. Before this is called, a signal ends the process as ever,
+    /// with the SubDevices in whatever state they are.
     pub fn until_signal(&mut self) -> Result<()> {
         let asked = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM] {
@@ -503,10 +506,11 @@ impl fmt::Debug for Error {
 
 impl std::error::Error for Error {}
 
-/// Between reading the clock and the first bit on the wire lies the kernel's way through the driver.
-/// Some microseconds, and far more at times; measured on a virtual machine with veth.
+/// Between reading the clock and the first bit on the wire lies the kernel's way through the
+/// driver. Some microseconds, and far more at times; measured on a virtual machine with veth.
 const STAMP_NOISE: Nanos = Nanos::micros(10);
-/// From sending a frame to giving it up. A machine that stalls for tens of milliseconds has not lost it.
+/// From sending a frame to giving it up. A machine that stalls for tens of milliseconds has not
+/// lost it.
 pub const FRAME_TIMEOUT: Nanos = Nanos::millis(20);
 /// Orders that may wait: more make their callers wait.
 const ORDERS: usize = 16;

@@ -46,8 +46,8 @@ impl Recorder {
         Self { records, writer, wall: clock::wall_offset(), dropped: 0 }
     }
 
-    /// Takes a frame that left or came at `at`. With `patient` it blocks until the queue has room; without, a frame that
-    /// finds the queue full is dropped and counted.
+    /// Takes a frame that left or came at `at`. With `patient` it blocks until the queue has room;
+    /// without, a frame that finds the queue full is dropped and counted.
     pub fn frame(&mut self, at: Time<Host>, sent: bool, bytes: &[u8], patient: bool) {
         let len = bytes.len().min(FRAME_LEN);
         let ns = at.count().saturating_add_signed(self.wall);

@@ -1,11 +1,17 @@
 //! The command line: verbs, exit codes, where words go.
 //!
-//! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not in
-//! sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not (with `--prove` also: does not hold), 2 bad input. `run --preflight`: 0 nothing harms
-//! punctuality, 1 something does, 2 bad input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad
-//! input. `watch`: 0 in sync when it ended or the gate of `--until` opened, 1 not. `scan`: 0 found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer. `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `eni`: 0 can be run, 1
-//! can't be run, 2 can't be read.
+//! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not
+//! in sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not (with `--prove` also: does not
+//! hold), 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
+//! input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad input. `calibrate`: 0
+//! law and sign of each clock were told, 1 not or something was not put back, 2 bad input or
+//! refused. `watch`: 0 in sync when it ended or the gate of `--until` opened, 1 not. `scan`: 0
+//! found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer.
+//! `replay`: 0 every frame is exact or differs by a known variance, 1 one does not, 2 bad input or
+//! nothing to compare. `serve` and `control`: 0 ended or done as asked, 2 could not begin or
+//! refused. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
 
+mod calibrate;
 mod conform;
 mod devices;
 mod eni;
@@ -14,6 +20,7 @@ mod files;
 #[cfg(target_os = "linux")]
 mod interface;
 mod plan;
+mod replay;
 mod run;
 mod scan;
 #[cfg(target_os = "linux")]
@@ -51,11 +58,13 @@ Examples:
   isocat plan my.toml --suggest       does it fit, with how much slack, and what would fit better
   isocat plan my.toml --prove         ... and what really happens, next to each line of the plan
   isocat scan --interface eth0        what is on a wire: tree, delays, clocks, ESCs, objects, doubts
+  isocat calibrate --interface eth0   what no data sheet tells: law of the drift loops, crystals, hops, times
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
   isocat control ecat-seg pull 2      ... and something that happens to it
   isocat watch my.toml                see it run
   isocat watch --until 100ns --for 5s --within 1min
                                       wait until it is in sync; exit 0 it is, 1 not in time
+  isocat replay field.pcapng          where a captured segment differs from the model of its chips
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
@@ -66,7 +75,7 @@ Examples:
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
 0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
-answer. serve and control: 0 done as asked, 2 not. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
+answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -92,6 +101,12 @@ enum Verb {
     ///
     /// Every SubDevice goes to INIT, to PREOP and back: not for a segment that somebody else has in operation.
     Scan(scan::Arguments),
+    /// Measure on a segment what no data sheet tells: crystals, law and sign of each drift loop,
+    /// hops, times
+    ///
+    /// All devices have to be in INIT or PREOP: a segment in operation is refused. Offsets, delays,
+    /// filters and states are put back as they were found, on Ctrl-C too.
+    Calibrate(calibrate::Arguments),
     /// Try whether a SubDevice synchronizes as it says, rule by rule
     Conform(conform::Arguments),
     /// Serve the virtual segment on a network interface, for anybody's MainDevice
@@ -104,6 +119,10 @@ enum Verb {
     Watch(Box<watch::Arguments>),
     /// Say what a code, an object, a register or a mode means, and what to do about it
     Explain(explain::Arguments),
+    /// Replay a capture of a real segment through modelled ESCs, and name where silicon and model
+    /// differ
+    #[command(after_help = replay::EXAMPLES)]
+    Replay(replay::Arguments),
     /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it can be run
     Eni(eni::Arguments),
     /// Print the built-in segment file
@@ -128,6 +147,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Run(arguments)) => run::run(&arguments),
         Some(Verb::Plan(arguments)) => plan::run(&arguments),
         Some(Verb::Scan(arguments)) => scan::run(&arguments),
+        Some(Verb::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Verb::Conform(arguments)) => conform::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Serve(arguments)) => serve::run(&arguments),
@@ -135,6 +155,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Control(arguments)) => serve::control(&arguments),
         Some(Verb::Watch(arguments)) => watch::run(&arguments),
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
+        Some(Verb::Replay(arguments)) => replay::run(&arguments),
         Some(Verb::Eni(arguments)) => eni::run(&arguments),
         Some(Verb::Example) => print(SegmentFile::built_in_text()),
         Some(Verb::Devices(arguments)) => devices::run(&arguments),
@@ -145,7 +166,13 @@ pub fn main() -> ExitCode {
 /// Prints a result. A reader that went away (`isocat | head`) is no error.
 fn print(text: &str) -> u8 {
     use std::io::Write;
-    match anstream::stdout().write_all(text.as_bytes()) {
+    // In plain text there is nothing to strip: a long document goes out in one piece.
+    let is_plain = text.bytes().all(|byte| byte == b'\n' || !byte.is_ascii_control());
+    let written = match is_plain {
+        true => std::io::stdout().write_all(text.as_bytes()),
+        false => anstream::stdout().write_all(text.as_bytes()),
+    };
+    match written {
         Ok(()) => IN_SYNC,
         Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => IN_SYNC,
         Err(error) => fail(&format!("standard output can't be written: {error}")),

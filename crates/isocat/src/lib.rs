@@ -16,8 +16,8 @@
 //! |---|---|---|
 //! | `isocat-descriptions` | [`esi`], [`eni`], [`start_up`], [`document`], [`quantity`] | files of the field, with places in errors |
 //! | `isocat-segment` | [`profile`], [`segment_file`], [`scenario`] | devices and segments as users write them down |
-//! | `isocat-recorders` | [`capture`], [`waves`], [`trace`], [`series`] | what happened, for other people's tools |
-//! | `isocat-engine` | [`plan`], [`report`], [`scan`], [`recording`], [`timeline`], [`diagnosis`], [`status`], [`explain`], `live` | plan, run, judge |
+//! | `isocat-recorders` | [`capture`], [`reading`], [`waves`], [`trace`], [`series`] | what happened, for other people's tools |
+//! | `isocat-engine` | [`plan`], [`replay`], [`report`], [`scan`], [`calibrate`], [`recording`], [`timeline`], [`diagnosis`], [`status`], [`explain`], `live` | plan, run, judge |
 //! | `isocat-conform` | [`conform`] | tests a SubDevice's synchronization |
 //! | `isocat-serve` | [`serve`] | the virtual segment for anybody's MainDevice |
 //! | `isocat-host` | `host` | a MainDevice on a network interface |
@@ -37,11 +37,12 @@ pub use isocat_descriptions::{StartUp, columns, document, eni, esi, quantity, st
 #[cfg(target_os = "linux")]
 pub use isocat_engine::live;
 pub use isocat_engine::{
-    NoTap, Report, Scan, diagnosis, explain, plan, recording, report, run, scan, status, timeline,
+    NoTap, Report, Scan, calibrate, diagnosis, explain, plan, recording, replay, report, run, scan,
+    status, timeline,
 };
 #[cfg(target_os = "linux")]
 pub use isocat_host as host;
-pub use isocat_recorders::{capture, series, trace, waves};
+pub use isocat_recorders::{capture, reading, series, trace, waves};
 pub use isocat_segment::{Scenario, SegmentFile, keys, offline, profile, scenario, segment_file};
 pub use isocat_serve as serve;
 pub use isocat_wire::Nanos;

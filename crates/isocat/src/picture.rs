@@ -1,5 +1,5 @@
-//! Pictures of a run as SVG: what happens in a cycle ([`cycle`]), a series over time ([`series`]), counts by size (`bars`),
-//! digital signals ([`waves`]), the tree of a segment ([`topology`]).
+//! Pictures of a run as SVG: what happens in a cycle ([`cycle`]), a series over time ([`series`]),
+//! counts by size (`bars`), digital signals ([`waves`]), the tree of a segment ([`topology`]).
 //!
 //! One drawing for every place: a report embeds it and lets it be zoomed, documentation keeps it as a file, a page in a browser
 //! draws it anew. So a picture is a plain text without any script, colours are names of its style (`picture/style.css`, light

@@ -340,7 +340,8 @@ fn an_ordinary_host_comes_up_and_stays_locked() {
         let after = bench.main.statistics();
         let (cycles, skipped) =
             (after.cycles - before.cycles, after.cycles_skipped - before.cycles_skipped);
-        assert!((4_998..=5_002).contains(&(cycles + skipped)), "{cycles} and {skipped}");
+        // One sleep of 40 cycles may lie across the begin, another across the end.
+        assert!((4_957..=5_043).contains(&(cycles + skipped)), "{cycles} and {skipped}");
         assert!(skipped > 40, "{skipped}");
         let told: u64 = bench
             .events

@@ -73,10 +73,10 @@ fn datagrams_count_as_the_segment_has_subdevices() {
         counts.dedup();
         counts
     };
-    assert_eq!(counts(Command::Brd, 0x0000), [4], "the count of SubDevices");
-    assert_eq!(counts(Command::Frmw, 0x0910), [4], "one reads, three write");
-    assert_eq!(counts(Command::Bwr, 0x0981), [4], "SYNC cleared everywhere");
-    assert_eq!(counts(Command::Bwr, 0x0900), [4], "receive times latched everywhere");
+    assert_eq!(counts(Command::Brd, 0x0000), [5], "the count of SubDevices");
+    assert_eq!(counts(Command::Frmw, 0x0910), [5], "one reads, four write");
+    assert_eq!(counts(Command::Bwr, 0x0981), [5], "SYNC cleared everywhere");
+    assert_eq!(counts(Command::Bwr, 0x0900), [5], "receive times latched everywhere");
     assert_eq!(counts(Command::Apwr, 0x0010), [1], "one station address each");
     let full: Vec<u16> = of(&frames, true)
         .filter(|d| d.header.command() == Ok(Command::Lrw))
@@ -137,14 +137,17 @@ fn probes_see_each_frame_before_and_after_each_subdevice() {
     let mut scenario = Scenario::from(SegmentFile::built_in());
     scenario.duration = Nanos::millis(20);
     let mut file = Vec::new();
-    let tap = Capture::new(&mut file).and_then(|tap| tap.with_probes(&[2, 0, 1, 3, 2]));
+    let tap = Capture::new(&mut file).and_then(|tap| tap.with_probes(&[2, 0, 1, 4, 3, 2]));
     let outcome = scenario.run().execute(Some(tap.expect("a Vec takes everything")), &mut |_| {});
     let told = serde_json::to_string(&Report::new(&scenario, &outcome)).expect("JSON");
     let alone = serde_json::to_string(&isocat::run(&scenario)).expect("JSON");
     assert_eq!(told, alone, "nobody notices that he is looked at");
     outcome.world.into_tap().expect("the tap").finish().expect("a Vec takes everything");
     let (names, packets) = packets(&file);
-    assert_eq!(names, ["main", "subdevice-0", "subdevice-1", "subdevice-2", "subdevice-3"]);
+    assert_eq!(
+        names,
+        ["main", "subdevice-0", "subdevice-1", "subdevice-2", "subdevice-3", "subdevice-4"]
+    );
     assert!(packets.is_sorted_by_key(|packet| packet.at), "time goes on");
     let at = |interface: u32, inbound: bool| -> Vec<&Packet> {
         let of = |packet: &&Packet| packet.interface == interface && packet.inbound == inbound;
@@ -154,12 +157,14 @@ fn probes_see_each_frame_before_and_after_each_subdevice() {
     assert!(sent.len() > 1000 && sent.len() == back.len());
     // What leaves one enters the next; what leaves the last comes back.
     let mut before = sent;
-    for interface in 1..=4 {
+    for interface in 1..=5 {
         let (entered, left) = (at(interface, true), at(interface, false));
         assert_eq!((entered.len(), left.len()), (before.len(), before.len()), "{interface}");
         for ((before, entered), left) in before.iter().zip(&entered).zip(&left) {
             assert_eq!(before.data, entered.data, "before {} at {}", interface - 1, entered.at);
-            assert!(before.at <= entered.at && entered.at < left.at, "{interface}");
+            // A port's clock may take a frame half a period of EBUS before the mean that the chip's
+            // delay has.
+            assert!(before.at <= entered.at + 5 && entered.at < left.at, "{interface}");
         }
         before = left;
     }

@@ -265,8 +265,9 @@ fn reference_lost(change: impl FnOnce(&mut Setup), by_leader: bool) -> Field {
         field.is_undisturbed(device, off);
         let (least, most, edges) = spread(&field, device, off);
         println!("{device} alone: {least} to {most} ps in {edges} edges");
-        // Nothing but the rate that the new one has: what its drift loop did for the last tick of 10 ns stays, 4 ppm.
-        let near = least > -8_000_000 && most < 8_000_000;
+        // Nothing but the rate that the new one has: what its drift loop did for the last tick of
+        // 10 ns and the last frame's jitter of some 20 ns stays, up to 10 ppm.
+        let near = least > -20_000_000 && most < 20_000_000;
         assert!(near || !by_leader, "{device}: {least} to {most} ps");
         assert!(edges.abs_diff(2_000) <= 2, "{device}: {edges} edges");
     }

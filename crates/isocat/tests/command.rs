@@ -26,7 +26,7 @@ fn without_arguments_the_built_in_segment_runs_in_sync() {
     let output = isocat(&[]);
     let report = text(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{report}{}", text(&output.stderr));
-    assert!(report.starts_with("In sync: 3 of 4 SubDevices"), "{report}");
+    assert!(report.starts_with("In sync: 3 of 5 SubDevices"), "{report}");
     let free_run = report.lines().find(|line| line.contains("EL2502-0010")).expect("its line");
     assert!(free_run.contains("free-run") && free_run.contains("OP"), "{free_run}");
     let widest = report.lines().map(|line| line.chars().count()).max();
@@ -242,7 +242,7 @@ fn files_that_can_not_be_had_are_refused_in_words() {
     let (capture, table, odd) = (file("refused.pcapng"), file("refused.csv"), file("refused.xlsx"));
     let wire = cfg!(target_os = "linux");
     for (arguments, words) in [
-        (&["--capture", &capture, "--tap", "4"][..], "expected a position from 0 to 3"),
+        (&["--capture", &capture, "--tap", "5"][..], "expected a position from 0 to 4"),
         (&["--series", &odd], "expected .csv or .parquet, found \"xlsx\""),
         (&["--trace", &table, "--series", &table], "would overwrite --trace"),
         (&["--capture", &table, "--series", &table], "would overwrite --capture"),

@@ -132,10 +132,7 @@ fn device(name: &str) -> String {
 fn examine(name: &str, misbehave: &[&str]) -> DeviceReport {
     let faults: Vec<_> = misbehave.iter().map(|fault| format!("\"{fault}\"")).collect();
     let device = device(name);
-    let text = format!(
-        "cycle = \"1ms\"\n[[subdevice]]\nname = \"{name}\"\ndevice = \"{device}\"\nmisbehave = [{}]\n",
-        faults.join(", ")
-    );
+    let text = format!("{}misbehave = [{}]\n", conform::segment_of(&device), faults.join(", "));
     let file = SegmentFile::parse("test.toml", &text).unwrap_or_else(|error| panic!("{error}"));
     let hints = Hints::of(&file.subdevices[0]).expect("known rules");
     let mut wire = VirtualWire::new(Scenario::from(file));
@@ -168,7 +165,9 @@ fn every_built_in_device_conforms() {
         let report = examine(id, &[]);
         let text = ConformanceReport::new(id, vec![report.clone()]).text();
         assert_eq!(report.failed, 0, "{text}");
-        assert!(report.passed >= 10, "{text}");
+        // Couplers have states and a clock, and nothing else to look at.
+        let least = if id.starts_with("beckhoff_ek") { 8 } else { 10 };
+        assert!(report.passed >= least, "{text}");
     }
 }
 

@@ -62,21 +62,34 @@ fn run_for(world: &mut World<Motion, NoTap>, time: Nanos) -> Vec<Event> {
     events
 }
 
-/// ps from the reference's processing unit to that of each, in true time.
+/// ps from the reference's processing unit to that of each, in true time; of the last frame.
 fn true_delays(world: &World<Motion, NoTap>) -> Vec<i64> {
     let entries = &world.segment().path().entries;
     let reference = world.main().segment().reference.expect("there is a clock");
     entries.iter().map(|entry| (entry.after - entries[reference].after).0).collect()
 }
 
-/// Every delay of a fork is within the error that it states, which the report shows as well.
+/// Every delay of a fork is within the error that it states, which the report shows as well: with
+/// the jitter of hops it is larger, and more latches are taken.
 #[test]
 fn delays_are_within_their_errors() {
-    let scenario = scenario(FORK);
+    for hop_jitter in [false, true] {
+        fork_within_its_errors(hop_jitter);
+    }
+}
+
+fn fork_within_its_errors(hop_jitter: bool) {
+    let still = Scenario { hop_jitter: false, ..scenario(FORK) };
+    let (world, _) = operating(still.run().setup);
+    let truth = true_delays(&world);
+    let scenario = Scenario { hop_jitter, ..still };
     let (world, _) = operating(scenario.run().setup);
     let statistics = world.main().statistics();
-    assert_eq!((statistics.delay_latches, statistics.delay_latches_lost), (16, 0));
-    for (device, truth) in world.main().segment().devices.iter().zip(true_delays(&world)) {
+    // Clocks of almost one speed stand to each other as they are: latches average little.
+    let (latches, most) = if hop_jitter { (17..=128, 20_000) } else { (16..=16, 5_000) };
+    assert!(latches.contains(&statistics.delay_latches), "{}", statistics.delay_latches);
+    assert_eq!(statistics.delay_latches_lost, 0);
+    for (device, truth) in world.main().segment().devices.iter().zip(truth) {
         let measured = device.measured_delay.expect("it was measured");
         let Delay::Known { delay, standard_error, systematic } = measured else {
             panic!("{}: {measured:?}", device.name)
@@ -85,7 +98,7 @@ fn delays_are_within_their_errors() {
         assert_eq!(device.delay_latches_left_out, 0);
         let error = (delay.0 - truth).abs();
         assert!(error <= 4 * standard_error.0 + systematic.0, "{}: {error} ps", device.name);
-        assert!(standard_error.0 <= 5_000, "{}: {standard_error:?}", device.name);
+        assert!(standard_error.0 <= most, "{}: {standard_error:?}", device.name);
         let first = device.position == 0;
         assert!(first == (standard_error.0 == 0) && first == (systematic.0 == 0));
     }
@@ -94,7 +107,7 @@ fn delays_are_within_their_errors() {
     for device in &report.devices {
         let registers = &device.registers;
         let error = registers.delay_error_ns.expect("it was measured");
-        assert!((0..40).contains(&error) && registers.delay_unknown.is_none(), "{registers:?}");
+        assert!((0..80).contains(&error) && registers.delay_unknown.is_none(), "{registers:?}");
     }
 }
 
@@ -154,8 +167,10 @@ fn the_report_says_which_delay_is_not_known_and_why() {
 /// In a line with a swapped cable SubDevices behind port 0 are processed before the one that they hang on.
 #[test]
 fn a_swapped_cable_in_the_middle() {
+    // What hops jitter counts but once where cables are swapped: without it.
     const TEXT: &str = r#"
         cycle = "1ms"
+        hop_jitter = false
         [[subdevice]]
         name = "first"
         device = "simple_io16"
@@ -261,4 +276,43 @@ fn a_delay_that_changed_is_told_and_put_right_if_wished() {
         let esc = &world.segment().devices()[3].esc;
         assert_eq!(i64::from(esc.register(register::SYSTEM_TIME_DELAY)), expected.0);
     }
+}
+
+/// What is written to 0x0928 is right over copper, over EBUS, and where a coupler joins both: from
+/// the captures, by hand.
+#[test]
+fn copper_and_ebus_have_their_own_hops() {
+    let line = |devices: &[(&str, &str)]| {
+        let table = |(device, lines): &(&str, &str)| {
+            format!("[[subdevice]]\ndevice = \"{device}\"\n{lines}\n")
+        };
+        let text = format!(
+            "cycle = \"1ms\"\nfor = \"50ms\"\n{}",
+            devices.iter().map(table).collect::<String>()
+        );
+        let report = isocat::run(&scenario(&text));
+        assert!(report.in_sync, "{}", report.verdict);
+        let written = |device: &isocat::report::Device| device.registers.delay_ns.expect("a clock");
+        report.devices.iter().map(written).collect::<Vec<_>>()
+    };
+    let near = |found: Vec<i64>, expected: &[i64]| {
+        let right =
+            found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() <= 6);
+        assert!(right && found.len() == expected.len(), "{found:?} for {expected:?}");
+    };
+    // Two LAN9252 with a cable of 1 m were captured with 720 ns.
+    let drive = "hpmicro_ecat_cia402_ssc";
+    near(line(&[(drive, ""), (drive, "cable = \"1m\"")]), &[0, 720]);
+    // A coupler and its terminals were captured with 0, 145 and 300 ns, in ticks of 10 ns: a hop of
+    // 155 less a tick.
+    let terminal = "beckhoff_el3632";
+    let rail = [("beckhoff_ek1100", "name = \"coupler\""), (terminal, ""), (terminal, "")];
+    near(line(&rail), &[0, 155, 310]);
+    // The coupler's captured loop is 600 ns, then 135 ns past its processing unit, two PHYs and 1 m
+    // to a drive.
+    let behind = (drive, "connect = \"coupler:2\"\ncable = \"1m\"");
+    near(line(&[&rail[..], &[behind]].concat()), &[0, 155, 310, 600 + 135 + 565]);
+    // Or on from the last terminal by an extension.
+    let on = [("beckhoff_ek1110", ""), (drive, "cable = \"1m\"")];
+    near(line(&[&rail[..], &on].concat()), &[0, 155, 310, 465, 465 + 155 + 565]);
 }

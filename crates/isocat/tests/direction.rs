@@ -132,7 +132,8 @@ fn what_the_host_is_late_by_goes_into_the_clocks_only_if_it_leads() {
     run_for(&mut leads, 35_000);
     let differences = differences(&mut leads, 500);
     let restless = unsteadiness(&differences);
-    assert!(restless > 50.0 && restless < 2_000.0, "{restless} ns");
+    // The clocks' own loops take most of it away.
+    assert!(restless > 3.0 && restless < 2_000.0, "{restless} ns");
     let injected = injected(&leads);
     // An exponential time: its deviation is its mean.
     assert!((1_700.0..2_500.0).contains(&injected.deviation_ns), "{injected:?}");
@@ -183,7 +184,7 @@ fn limits_of_zero_are_refused() {
 
 /// Clocks 200 ppm apart, at the longest cycle in which the host may lead; one step longer is refused.
 #[test]
-fn the_host_leads_up_to_a_cycle_of_4_ms() {
+fn the_host_leads_up_to_a_cycle_of_2_ms() {
     let text = |cycle: &str| {
         let device = "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"";
         format!(
@@ -195,10 +196,10 @@ fn the_host_leads_up_to_a_cycle_of_4_ms() {
         let file = SegmentFile::parse("led.toml", &text(cycle)).expect("it reads");
         isocat::run(&Scenario::from(file))
     };
-    let longest = run("4ms");
+    let longest = run("2ms");
     assert!(longest.in_sync, "{}", longest.verdict);
     let error = longest.devices[1].true_time.sync0_error.as_ref().expect("it has SYNC0");
-    assert!(error.worst_ns < 200.0, "{error:?}");
-    let longer = run("4001us");
-    assert!(longer.verdict.contains("4 ms at most"), "{}", longer.verdict);
+    assert!((50.0..300.0).contains(&error.worst_ns), "{error:?}");
+    let longer = run("2001us");
+    assert!(longer.verdict.contains("2 ms at most"), "{}", longer.verdict);
 }

@@ -199,9 +199,10 @@ fn a_segment_of_described_devices_comes_up() {
         + &next("type = \"Drive\"\nopmode = 2")
         + &next("type = \"Rack\"")
         + &next("type = \"Sampler\"")
+        + "[[subdevice]]\ndevice = \"beckhoff_ek1100\"\n"
         + &next("type = \"Terminal\"");
     let file = parse(&all).unwrap();
-    let modes: Vec<_> = file.subdevices.iter().map(|device| device.mode.unwrap()).collect();
+    let modes: Vec<_> = file.subdevices.iter().filter_map(|device| device.mode).collect();
     use SyncMode::{DcSubordinated, DcSync0, SmSynchronous};
     assert_eq!(
         modes,

@@ -197,6 +197,8 @@ fn scenario(devices: &[(&Ready, usize)], cycle: Nanos) -> Scenario {
     let text =
         format!("cycle = \"{}us\"\n[[subdevice]]\ndevice = \"simple_io16\"", cycle.0 / 1_000);
     let mut scenario = Scenario::from(SegmentFile::parse("trial", &text).expect("a segment file"));
+    // Least cycles are met to the nanosecond.
+    scenario.hop_jitter = false;
     let template = scenario.devices.remove(0);
     for (position, (ready, number)) in devices.iter().enumerate() {
         let mut device = SubDevice { name: format!("trial {number}"), ..template.clone() };

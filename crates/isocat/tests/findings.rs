@@ -62,6 +62,7 @@ fn scenario(text: &str) -> Scenario {
 
 const TWO: &str = r#"
 cycle = "1ms"
+hop_jitter = false
 for = "500ms"
 [[subdevice]]
 device = "model_every_mode"
@@ -74,7 +75,7 @@ name = "gripper"
 /// Copies later than it states.
 fn late() -> Ran {
     let text = TWO.replacen("for = ", "shift = \"200us\"\nfor = ", 1);
-    Ran::of(&scenario(&(text + "copy_time = \"178us\"\n")))
+    Ran::of(&scenario(&(text + "copy_time = \"182us\"\n")))
 }
 
 /// A clock that is not led.

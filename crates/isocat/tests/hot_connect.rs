@@ -9,19 +9,22 @@ fn scenario(text: &str) -> Scenario {
     Scenario::from(SegmentFile::parse("group.toml", text).expect("it reads"))
 }
 
-/// A drive behind a fork at which a group of 33 with 100 m of cable each comes: 38 us more for the frames to the drive.
+/// A drive behind a fork at which a group of 25 with 100 m of cable each comes: 60 us more for the
+/// frames to the drive.
 const LONG_WAY: &str = r#"
     cycle = "250us"
     for = "3s"
     [[subdevice]]
     device = "kollmorgen_akd2g"
+    [[subdevice]]
+    device = "simple_io4"
     name = "fork"
     [[subdevice]]
     device = "simple_io4"
     name = "group"
     connect = "fork:1"
     cable = "100m"
-    count = 33
+    count = 25
     optional = true
     arrives = "1s"
     [[subdevice]]
@@ -35,11 +38,11 @@ const LONG_WAY: &str = r#"
 fn the_way_through_a_group_that_is_absent_is_in_the_plan() {
     let late = isocat::run(&scenario(LONG_WAY));
     assert!(late.in_sync, "{}", late.verdict);
-    assert_eq!(late.visits.len(), 2 * 33, "found and admitted, each of them");
+    assert_eq!(late.visits.len(), 2 * 25, "found and admitted, each of them");
     let there = isocat::run(&scenario(&LONG_WAY.replace("arrives = \"1s\"", "")));
     let never = isocat::run(&scenario(&LONG_WAY.replace("\"1s\"", "\"60s\"")));
     assert!(there.in_sync && never.in_sync, "{}, {}", there.verdict, never.verdict);
-    assert!(never.verdict.contains("33 optional ones are absent"), "{}", never.verdict);
+    assert!(never.verdict.contains("25 optional ones are absent"), "{}", never.verdict);
     // The same phase whether the group is there or not; the estimate of an absent one's way is above, by 1 us at most.
     let phase =
         |report: &isocat::Report| report.segment.plan.as_ref().expect("a plan").sync0_phase_ns;
@@ -58,7 +61,7 @@ fn a_clock_that_joins_does_not_move_others_at_long_cycles() {
             cycle = "{cycle}ms"
             for = "8s"
             [[subdevice]]
-            device = "kollmorgen_akd2g"
+            device = "simple_io4"
             name = "fork"
             clock = "-20ppm"
             [[subdevice]]
@@ -78,9 +81,12 @@ fn a_clock_that_joins_does_not_move_others_at_long_cycles() {
         assert!(report.in_sync, "{cycle} ms: {}", report.verdict);
         let error = report.devices[1].true_time.sync0_error.as_ref().expect("it has SYNC0");
         println!("{cycle} ms: {error:?}");
-        assert!(error.worst_ns < 250.0, "{cycle} ms: {error:?}");
+        // What a loop has to learn anew takes cycles; the plan's clock error has it.
+        let limit = 200.0 + 35.0 * f64::from(cycle);
+        assert!(error.worst_ns < limit, "{cycle} ms: {error:?}");
         let admitted = report.visits.last().and_then(|visit| visit.since_ns).expect("it came");
-        assert!(admitted < 3_000_000_000, "{cycle} ms: after {admitted} ns");
+        // Drift frames come ten times a cycle while it joins.
+        assert!(admitted < 9_000_000_000, "{cycle} ms: after {admitted} ns");
         // Frames of the cycle are told from those that lead the one that joins.
         let phase = report.segment.true_time.host_phase_error.as_ref().expect("there is a host");
         assert!(phase.worst_ns < 30_000.0, "{cycle} ms: {phase:?}");
@@ -126,7 +132,7 @@ fn a_group_that_comes_raises_no_alarm_of_other_clocks() {
         for = "5s"
         [quality]
         [[subdevice]]
-        device = "kollmorgen_akd2g"
+        device = "simple_io4"
         name = "fork"
         clock = "-35ppm"
         [[subdevice]]

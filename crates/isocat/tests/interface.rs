@@ -182,15 +182,15 @@ fn the_built_in_segment_is_brought_into_sync_over_a_wire() {
         return;
     };
     assert_eq!(output.status.code(), Some(0), "{report:#}");
-    assert_eq!(report["format"], "isocat-interface-report/4");
+    assert_eq!(report["format"], "isocat-interface-report/5");
     assert_eq!(
         report["verdict"],
-        "In sync: 3 of 4 SubDevices, 1 in Free Run as announced or asked for."
+        "In sync: 3 of 5 SubDevices, 2 in Free Run as announced or asked for."
     );
     assert_eq!(report["ended_by"], "time");
     assert!(report["judged_ns"].as_i64() >= Some(2_000_000_000), "{report:#}");
-    let modes: Vec<_> = (0..4).map(|at| report["devices"][at]["mode"].clone()).collect();
-    assert_eq!(modes, ["dc-sync0", "dc-sync0", "free-run", "dc-sync0"]);
+    let modes: Vec<_> = (0..5).map(|at| report["devices"][at]["mode"].clone()).collect();
+    assert_eq!(modes, ["dc-sync0", "dc-sync0", "free-run", "free-run", "dc-sync0"]);
     for device in report["devices"].as_array().expect("devices") {
         let registers = &device["registers"];
         assert_eq!(registers["al_status"], "OP", "{device:#}");
@@ -205,7 +205,7 @@ fn the_built_in_segment_is_brought_into_sync_over_a_wire() {
     let quality = &report["quality"];
     let taken = quality["share_taken_permille"].as_f64().expect("a share");
     assert!((2.0..=10.5).contains(&taken), "{taken} permille");
-    for at in [1, 2, 3] {
+    for at in [1, 3, 4] {
         let device = &quality["devices"][at];
         assert!(device["clock"]["readings"].as_u64() >= Some(50), "{device:#}");
         assert!(device["clock"]["bound_ns"].as_i64() < Some(2_000), "{device:#}");
@@ -225,7 +225,7 @@ fn the_built_in_segment_is_brought_into_sync_over_a_wire() {
     assert!(report["machine"]["wake_up_lateness"]["span"]["count"].as_u64() >= Some(10));
 
     let written = std::fs::read_to_string(text_report).expect("the report was written");
-    assert!(written.starts_with("In sync: 3 of 4 SubDevices"), "{written}");
+    assert!(written.starts_with("In sync: 3 of 5 SubDevices"), "{written}");
     for words in ["0x092C [r]", "round trip", "frames late, in operation", "[m]"] {
         assert!(written.contains(words), "{words}: {written}");
     }
@@ -248,7 +248,7 @@ fn whatever_is_there_is_taken() {
     };
     assert_eq!(output.status.code(), Some(0), "{report:#}");
     assert_eq!(report["segment_file"], Value::Null);
-    assert_eq!(report["devices"].as_array().map(Vec::len), Some(4));
+    assert_eq!(report["devices"].as_array().map(Vec::len), Some(5));
     assert_ne!(report["devices"][0]["name"], "");
 }
 
@@ -276,7 +276,7 @@ fn a_scan_over_a_wire_finds_what_is_there() {
     let expected = isocat::report::scan::ScanReport::new(place, &expected);
     let expected = serde_json::to_value(expected).expect("JSON");
     let devices = |report: &Value| report["devices"].as_array().expect("devices").clone();
-    assert_eq!(devices(&found).len(), 4);
+    assert_eq!(devices(&found).len(), 5);
     for (at, (found, expected)) in devices(&found).iter().zip(devices(&expected)).enumerate() {
         for (key, expected) in expected.as_object().expect("a device") {
             if !["delay", "clock"].contains(&key.as_str()) {
@@ -318,7 +318,7 @@ fn another_segment_than_the_file_expects_is_bad_input() {
     let output = command(&wire, &["interface_one.toml"]).output().expect("isocat starts");
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{message}{}", text(&output.stdout));
-    assert!(message.contains("4 SubDevices answer, expected 1"), "{message}");
+    assert!(message.contains("5 SubDevices answer, expected 1"), "{message}");
 }
 
 #[test]

@@ -120,6 +120,7 @@ const ARROWS: [(&str, &[&str]); 15] = [
     ("descriptions", &["wire"]),
     ("segment", &["wire", "sync", "esc", "subdevice", "maindevice", "sim", "descriptions"]),
     ("recorders", &["wire", "sync", "subdevice", "maindevice", "sim"]),
+    ("conform", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment"]),
     (
         "engine",
         &[
@@ -133,15 +134,16 @@ const ARROWS: [(&str, &[&str]); 15] = [
             "descriptions",
             "segment",
             "recorders",
+            "conform",
         ],
     ),
-    ("conform", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment"]),
     ("serve", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment", "engine"]),
     (
         "isocat",
         &[
             "wire",
             "sync",
+            "esc",
             "maindevice",
             "host",
             "sim",

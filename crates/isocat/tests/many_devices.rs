@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use isocat::quantity::Ppb;
+use isocat::segment_file::Clock;
 use isocat::{Nanos, NoTap, Report, Scenario, SegmentFile};
 use isocat_esc::Chip;
 use isocat_wire::Picos;
@@ -20,7 +22,11 @@ fn a_hundred_from_cold() {
         )
         .unwrap();
     }
-    let scenario = Scenario::from(SegmentFile::parse("hundred", &text).expect("a segment file"));
+    let mut scenario =
+        Scenario::from(SegmentFile::parse("hundred", &text).expect("a segment file"));
+    // With it SYNC0 leaves these 100 ns by far, at some devices for moments: docs/dc.md, "Hops that
+    // jitter".
+    scenario.hop_jitter = false;
     let report = isocat::run(&scenario);
     assert!(report.in_sync, "{}", report.verdict);
     let worst = |report: &Report| {
@@ -43,7 +49,7 @@ fn a_hundred_from_cold() {
     );
     assert!((1.0..100.0).contains(&worst(&report)), "{}", worst(&report));
     assert!((300_000_000..3_000_000_000).contains(&took), "{took}");
-    assert!((10_000..60_000).contains(&main.bring_up_frames), "{}", main.bring_up_frames);
+    assert!((6_000..60_000).contains(&main.bring_up_frames), "{}", main.bring_up_frames);
     for device in &report.devices {
         assert!(device.registers.al_status.is_op(), "{}", device.registers.al_status);
     }
@@ -54,8 +60,9 @@ fn last_of_three_hundred(chip: &'static Chip) -> (f64, f64) {
     let text = "cycle = \"1ms\"\nfor = \"300ms\"\n[[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync0\"\n\
                 cable = \"400mm\"\ncount = 300\n";
     let mut scenario = Scenario::from(SegmentFile::parse("line", text).expect("a segment file"));
+    scenario.hop_jitter = false;
     for (i, device) in scenario.devices.iter_mut().enumerate() {
-        device.clock = isocat::quantity::Ppb::ppm(i as i64 * 37 % 101 - 50);
+        device.clock = Clock::Given(Ppb::ppm(i as i64 * 37 % 101 - 50));
     }
     let mut run = scenario.run();
     // The burst of drift frames goes on until what is left of the drift is below what is to be seen.

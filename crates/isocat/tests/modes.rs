@@ -17,7 +17,9 @@ const APPLICATION: i64 = 7_000;
 
 /// One device with ideal clocks, so that each cycle is like the other.
 fn scenario(keys: &str, change: impl Fn(String) -> String) -> Scenario {
-    let text = format!("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"model_every_mode\"\n{keys}");
+    let text = format!(
+        "cycle = \"1ms\"\nclocks = \"0ppm\"\n[[subdevice]]\ndevice = \"model_every_mode\"\n{keys}"
+    );
     let mut scenario = Scenario::from(SegmentFile::parse("modes", &text).expect("a segment file"));
     let profile = isocat::profile::built_in_text("model_every_mode").expect("built in").to_owned();
     let changed = change(profile.clone());
@@ -27,6 +29,7 @@ fn scenario(keys: &str, change: impl Fn(String) -> String) -> Scenario {
     }
     scenario.host = HostModel { clock_ppb: 0, jitter: Nanos::ZERO, ..HostModel::default() };
     scenario.duration = Nanos::millis(20);
+    scenario.hop_jitter = false;
     scenario
 }
 

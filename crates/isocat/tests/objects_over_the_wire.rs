@@ -111,26 +111,26 @@ fn the_tables_of_akd2g_and_el2502() {
     let outputs = |position: usize| devices[position].output_sync.as_ref().expect("0x1C32");
     let inputs = |position: usize| devices[position].input_sync.as_ref().expect("0x1C33");
     compare("AKD2G 0x1C32", outputs(0), &AKD2G_OUTPUTS);
-    compare("EL2502-0010 0x1C32", outputs(2), &EL2502);
-    compare("EL2502-0010 0x1C33", inputs(2), &EL2502);
+    compare("EL2502-0010 0x1C32", outputs(3), &EL2502);
+    compare("EL2502-0010 0x1C33", inputs(3), &EL2502);
     // 0x1C33 of the AKD2G: as its 0x1C32, but for what it supports; 07 is reserved and there.
     let mut akd2g_inputs = AKD2G_OUTPUTS;
     akd2g_inputs[4].3 = Some(0x0027);
     compare("AKD2G 0x1C33", inputs(0), &akd2g_inputs);
     assert_eq!(devices[0].sm_types, [1, 2, 3, 4]);
-    assert_eq!(devices[2].sm_types, [1, 2, 3, 4]);
+    assert_eq!(devices[3].sm_types, [1, 2, 3, 4]);
     let pdos = |data: &isocat_maindevice::segment::ProcessData| {
         data.pdos.iter().map(|pdo| pdo.index).collect::<Vec<_>>()
     };
-    assert_eq!(pdos(&devices[2].outputs), [0x1603, 0x1607]);
-    assert_eq!(pdos(&devices[2].inputs), [0x1A00, 0x1A01, 0x1A02, 0x1A03]);
+    assert_eq!(pdos(&devices[3].outputs), [0x1603, 0x1607]);
+    assert_eq!(pdos(&devices[3].inputs), [0x1A00, 0x1A01, 0x1A02, 0x1A03]);
 }
 
 #[test]
 fn writes_are_taken_or_refused_as_the_tables_say() {
     let mut world = in_operation();
     for (position, index, table) in
-        [(0, 0x1C32, &AKD2G_OUTPUTS[..]), (2, 0x1C32, &EL2502), (2, 0x1C33, &EL2502)]
+        [(0, 0x1C32, &AKD2G_OUTPUTS[..]), (3, 0x1C32, &EL2502), (3, 0x1C33, &EL2502)]
     {
         for (sub, _, rights, _) in table {
             let object = ObjectAddress::new(index, *sub);
@@ -153,10 +153,10 @@ fn writes_are_taken_or_refused_as_the_tables_say() {
     // A gap has a description but no value; the EL2502-0010's assignment is fixed.
     let gap = access(&mut world, 0, ObjectAddress::new(0x1C32, 0x0E), None);
     assert_eq!(gap, Err(SdoError::Abort(AbortCode::UNSUPPORTED_ACCESS)));
-    let fixed = access(&mut world, 2, ObjectAddress::new(0x1C12, 0), Some(&[0]));
+    let fixed = access(&mut world, 3, ObjectAddress::new(0x1C12, 0), Some(&[0]));
     assert_eq!(fixed, Err(SdoError::Abort(AbortCode::READ_ONLY)));
     // Values that no device of this kind has.
-    let wrong = access(&mut world, 2, ObjectAddress::new(0x1C32, 1), Some(&[2, 0]));
+    let wrong = access(&mut world, 3, ObjectAddress::new(0x1C32, 1), Some(&[2, 0]));
     assert!(matches!(wrong, Err(SdoError::Abort(_))), "{wrong:?}");
     let short = access(&mut world, 0, ObjectAddress::new(0x1C32, 3), Some(&[1, 2]));
     assert!(matches!(short, Err(SdoError::Abort(_))), "{short:?}");

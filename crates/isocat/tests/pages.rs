@@ -111,6 +111,8 @@ clock = "-31ppm"
 
 const LATE: &str = r#"
 cycle = "1ms"
+clocks = "0ppm" # so that the CPU's times are those of true time
+hop_jitter = false
 for = "500ms"
 shift = "200us"
 [[subdevice]]
@@ -156,6 +158,7 @@ for = "500ms"
 drift_compensation = false
 [[subdevice]]
 device = "model_every_mode"
+clock = "0ppm"
 [[subdevice]]
 device = "model_every_mode"
 name = "runs away"
@@ -176,6 +179,7 @@ fn a_plan_that_was_forced_says_which_line_had_warned() {
     let text = r#"
 # forced
 cycle = "1ms"
+clocks = "0ppm"
 for = "200ms"
 shift = "40us"
 [[subdevice]]

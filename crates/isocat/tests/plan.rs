@@ -32,7 +32,8 @@ const TREE: &str = r#"
     cycle = "1ms"
     [[subdevice]]
     name = "root"
-    device = "kollmorgen_akd2g"
+    device = "model_every_mode"
+    mode = "dc-sync0"
     clock_walk = { step = "0.02ppm", every = "1ms", within = "1ppm" }
     [[subdevice]]
     name = "late"
@@ -141,7 +142,7 @@ fn holds(mut scenario: Scenario, milliseconds: i64) -> PlanReport {
 #[test]
 fn the_plan_of_the_built_in_segment_holds_in_true_time() {
     let report = holds(built_in(), 3_000);
-    assert_eq!(report.devices.len(), 4);
+    assert_eq!(report.devices.len(), 5);
     assert!(report.verdict.starts_with("Fits with assumptions"), "{}", report.verdict);
 }
 
@@ -239,7 +240,9 @@ fn a_run_plans_the_same() {
                 let mut all = planned.lines.iter();
                 all.find(|line| line.object.as_deref() == Some(object) && line.demand == demand)
             };
-            assert_eq!(planned.lines.len(), run.plan.len(), "{}", run.name);
+            // Limits of the judges that are kept stand with what the judges saw.
+            let of_cycle = planned.lines.iter().filter(|line| line.check.is_of_cycle());
+            assert_eq!(of_cycle.count(), run.plan.len(), "{}", run.name);
             for line in &run.plan {
                 let planned = lines(&line.object, &line.demand).expect("the same lines");
                 let off = (planned.slack_ns - line.slack_ns).abs();
@@ -275,17 +278,21 @@ fn what_the_field_falls_into() {
         notes.iter().map(|note| (note.position.expect("a device"), note.kind.name())).collect()
     };
     let mut scenario = built_in();
-    let expected = [(0, "type-read-only"), (1, "type-read-only"), (3, "first-opmode-dc-off")];
+    scenario.hop_jitter = false;
+    let expected = [(0, "type-read-only"), (1, "type-read-only"), (4, "first-opmode-dc-off")];
     assert_eq!(kinds(&scenario), expected);
     scenario.shift = Some(Nanos::micros(10));
-    for position in [0, 1, 3] {
+    for position in [0, 1, 4] {
         assert!(kinds(&scenario).contains(&(position, "sync0-in-frame")), "{position}");
     }
-    // The last bit of the last frame, and a nanosecond behind it, jitter included.
-    let end = |device: usize, more: i64| 8_080 + [0, 485, 970, 1_455][device] + 20_000 + more;
+    // The last bit of the last frame, and a nanosecond behind it, jitter included. Its frame has
+    // gone out to the terminal and back: 3 hops of copper, the terminal's, and the coupler past its
+    // unit.
+    let delay = 3 * 765 + 155 + 155 - 20;
+    let end = |more: i64| 8_080 + delay + 20_000 + more;
     for (more, inside) in [(0, true), (1, false)] {
-        scenario.shift = Some(Nanos(end(3, more)));
-        assert_eq!(kinds(&scenario).contains(&(3, "sync0-in-frame")), inside);
+        scenario.shift = Some(Nanos(end(more)));
+        assert_eq!(kinds(&scenario).contains(&(4, "sync0-in-frame")), inside);
     }
 }
 
@@ -349,7 +356,12 @@ fn the_start_up_list_is_what_the_run_writes() {
             let expected: Vec<_> = writes.to_preop.into_iter().chain(writes.to_safeop).collect();
             let station = plan.segment.devices[position].station.0;
             let wire = wire.borrow();
-            let seen: Vec<_> = wire.0.iter().filter(|(to, ..)| *to == station).collect();
+            let mut seen: Vec<_> = wire.0.iter().filter(|(to, ..)| *to == station).collect();
+            // Offset and delay are written twice: first to try what the sign of 0x092C means.
+            let is_clock = |target: &Target| matches!(target, Target::Register(0x0920 | 0x0928));
+            if let Some(tried) = seen.iter().position(|(_, target, _)| is_clock(target)) {
+                seen.drain(tried..tried + 2);
+            }
             let names = |targets: Vec<Target>| -> String {
                 targets.iter().map(|target| format!("{target:x?}\n")).collect()
             };
@@ -363,7 +375,9 @@ fn the_start_up_list_is_what_the_run_writes() {
                     assert_eq!(data, expected, "device {position}: {target:x?}");
                 }
             }
-            assert!(expected.len() > 3, "device {position}");
+            // A coupler has nothing to map.
+            let least = if plan.segment.devices[position].outputs.length > 0 { 3 } else { 0 };
+            assert!(expected.len() > least, "device {position}");
         }
     }
 }

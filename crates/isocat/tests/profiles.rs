@@ -169,7 +169,11 @@ fn each_device_comes_to_op_in_each_mode_that_it_announces() {
     let mut booted = 0;
     for id in profile::built_in_ids() {
         let profile = profile::built_in(id).expect("a profile");
-        let device = format!("cycle = \"2ms\"\n[[subdevice]]\ndevice = \"{id}\"\n");
+        // Terminals stand at the side of the MainDevice, as those of an embedded PC.
+        let port = if profile.is_on_ebus() { "ebus" } else { "mii" };
+        let device = format!(
+            "cycle = \"2ms\"\nhost = {{ port = \"{port}\" }}\n[[subdevice]]\ndevice = \"{id}\"\n"
+        );
         let mut runs: Vec<_> = profile
             .modes()
             .map(|mode| {

@@ -179,31 +179,32 @@ fn registers_bound_the_truth() {
     let main = outcome.world.main();
     let clocks = main.quality();
     let led: Vec<usize> = clocks.iter().map(|clock| clock.position).collect();
-    assert_eq!(led, [1, 2, 3], "all with a clock but the reference");
+    assert_eq!(led, [1, 2, 3, 4], "all with a clock but the reference");
     for clock in clocks {
         let bound = clock.bound().expect("it was read");
-        // The one in the middle has a clock and makes no pulses.
+        // Coupler and terminal have clocks and make no pulses.
         let sync0 = outcome.bench.devices()[clock.position].sync0.as_ref();
-        assert_eq!(sync0.is_some(), clock.position != 2);
+        assert_eq!(sync0.is_some(), ![2, 3].contains(&clock.position));
         let worst = sync0.map_or(0.0, |judge| judge.statistics().worst() as f64 / 1e3);
         assert!(bound.0 as f64 >= worst, "{}: {bound} and {worst} ns", clock.position);
         assert!(bound < Nanos(250), "{}: {bound}", clock.position);
         assert_eq!(clock.readings().count(), 256);
         assert!(Alarm::OF_CLOCKS.into_iter().all(|alarm| !clock.has(alarm)));
-        let ppb = |at: usize| scenario.devices[at].clock.0;
+        let ppb = |at: usize| scenario.devices[at].clock.deviation(scenario.seed, at).0;
         // 0x0932 is filtered by 0x0935, over some thousand drift frames: it follows late.
         let corrections = clock.readings().map(|reading| reading.correction_ppb);
         let apart = corrections.sum::<i64>() / 256 + ppb(clock.position) - ppb(0);
         assert!(apart.abs() < 3_000, "{}: {apart} ppb", clock.position);
     }
     let snapshot = main.snapshot().expect("it is watched");
-    for position in [0, 1, 3] {
+    for position in [0, 1, 4] {
         let margin = snapshot.devices[position].margin.expect("it has SYNC0");
         let real = outcome.bench.devices()[position].margin.margin().least() as f64 / 1e3;
         println!("{position}: {} planned, {} least, {real} ns", margin.planned, margin.least);
         let least = margin.least.0 as f64;
-        // The clock error that is taken off is 200 ns, and the device takes just the time that it states.
-        assert!((least..least + 300.0).contains(&real), "{position}: {least} and {real} ns");
+        // The clock error that is taken off is 200 ns and what hops jitter, and the device takes
+        // just the time that it states.
+        assert!((least..least + 400.0).contains(&real), "{position}: {least} and {real} ns");
         assert!(margin.least < margin.planned && !margin.has_alarm());
     }
     assert!(snapshot.devices[2].margin.is_none(), "it is in Free Run");
@@ -211,7 +212,7 @@ fn registers_bound_the_truth() {
     assert!((28..=31).contains(&moments.len()), "{}", moments.len());
     for moment in &moments {
         assert!((100..=105).contains(&moment.cycles), "{moment:?}");
-        assert_eq!((moment.al_status, moment.answering), (AlStatus::new(AlState::Op), 4));
+        assert_eq!((moment.al_status, moment.answering), (AlStatus::new(AlState::Op), 5));
         assert_eq!((moment.working_counter_errors, moment.frames_lost), (0, 0));
         assert!((0..=20_500).contains(&moment.latest.expect("clocks answer").0), "{moment:?}");
     }
@@ -282,7 +283,7 @@ fn the_application_comes_first() {
         }
     }
     assert!(stopped && field.world.main().snapshot().is_none());
-    assert!(field.world.main().quality().len() == 3, "what was read of clocks stays");
+    assert!(field.world.main().quality().len() == 4, "what was read of clocks stays");
 }
 
 /// What is read is what the devices hold, also without a clock of their own or without a mailbox; what they do
@@ -381,7 +382,7 @@ fn a_late_host_is_told() {
         }
     }
     let missed = |at: usize| field.world.segment().devices()[at].stack.sync().missed_events_total();
-    assert!(missed(0) > 250 && missed(1) > 250, "{} {}", missed(0), missed(1));
+    assert!(missed(0) > 100 && missed(1) > 100, "{} {}", missed(0), missed(1));
 }
 
 /// Clocks that nobody leads are told; a SubDevice without power is silent, and its state is known to be none. The
@@ -423,7 +424,7 @@ fn alarms_name_the_clock_and_what_is_wrong() {
 fn the_report_tells_it() {
     let text = |tables: &str| {
         format!(
-            "cycle = \"1ms\"\nfor = \"3s\"\n{tables}\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+            "cycle = \"1ms\"\nfor = \"3s\"\n{tables}\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nclock = \"0ppm\"\n\
              [[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync0\"\nclock = \"+20ppm\"\n"
         )
     };

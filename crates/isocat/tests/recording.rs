@@ -113,6 +113,7 @@ fn the_first_missed_event_is_kept_with_what_led_to_it() {
 cycle = "1ms"
 for = "300ms"
 shift = "200us"
+clocks = "0ppm" # so that the CPU's times are those of true time
 [[subdevice]]
 device = "model_every_mode"
 [[subdevice]]
@@ -142,6 +143,7 @@ fn events_missed_in_operation_are_counted_and_marked() {
 cycle = "1ms"
 for = "300ms"
 shift = "200us"
+clocks = "0ppm" # so that the CPU's times are those of true time
 [[subdevice]]
 device = "model_every_mode"
 [[subdevice]]

@@ -20,7 +20,8 @@ const TREE: &str = r#"
     cycle = "1ms"
     [[subdevice]]
     name = "root"
-    device = "kollmorgen_akd2g"
+    device = "model_every_mode"
+    mode = "dc-sync0"
     clock = "+10ppm"
     [[subdevice]]
     name = "late"
@@ -125,16 +126,17 @@ fn the_tree_and_its_clocks_are_those_that_were_built() {
     let expected = [(None, None), (Some(0), Some(1)), (Some(1), Some(1)), (Some(0), Some(2))];
     assert_eq!(parents, expected);
     assert!(report.devices[2].ports[1].entry && !report.devices[2].ports[0].entry, "swapped");
-    let reference = scenario.devices[0].clock.0 as f64 / 1e3;
+    let reference = scenario.devices[0].clock.deviation(scenario.seed, 0).0 as f64 / 1e3;
     for (found, built) in report.devices.iter().zip(&scenario.devices) {
         assert_eq!(found.state.al_status, "PREOP", "{}", built.name);
         assert_eq!(found.state_before.as_ref().map(|state| state.al_status.as_str()), Some("INIT"));
         let speed = found.clock.speed_ppm.expect("all of them have receive times");
         let error = found.clock.speed_error_ppm.expect("with the speed");
-        let truth = built.clock.0 as f64 / 1e3 - reference;
+        let truth = built.clock.deviation(scenario.seed, found.position).0 as f64 / 1e3 - reference;
         // Deviations of some 10 ppm multiply, by less than the last digit.
         assert!((speed - truth).abs() <= error + 0.01, "{}: {speed} for {truth}", built.name);
-        assert!((0.0..0.2).contains(&error), "{error}");
+        // A tick at either end, and the jitter of the hops in two frames.
+        assert!((0.0..1.0).contains(&error), "{error}");
     }
     golden("tree", &report.text(None));
 }
@@ -218,7 +220,8 @@ fn a_quick_scan_reads_no_objects() {
     let (quick, whole) =
         (Scan::of(&built_in, false, &mut |_| {}), Scan::of(&built_in, true, &mut |_| {}));
     let (quick, whole) = (report(&quick), report(&whole));
-    for (quick, whole) in quick.devices.iter().zip(&whole.devices) {
+    let devices = quick.devices.iter().zip(&whole.devices).zip(&built_in.devices);
+    for ((quick, whole), _) in devices.filter(|(_, built)| built.profile.has_mailbox()) {
         assert!(quick.output_sync.is_none() && whole.output_sync.is_some());
         assert_eq!(quick.outputs.source, "SII");
         assert_eq!(whole.outputs.source, "objects");
@@ -249,7 +252,7 @@ fn a_survey_answers_until_it_is_stopped() {
     assert_eq!(states, [AlState::PreOp; 4]);
     let object = ObjectAddress::new(0x1C32, 4);
     until(
-        &mut |world| _ = world.main_mut().upload(0, object),
+        &mut |world| _ = world.main_mut().upload(3, object),
         &|event| matches!(event, Event::Uploaded { result: Ok(bytes), .. } if *bytes == [0x27, 0x04]),
     );
     let states = until(&mut |world| world.main_mut().stop(), &|event| *event == Event::Stopped);
@@ -294,7 +297,7 @@ fn the_command_says_by_its_exit_code_what_it_found() {
     assert_eq!(value["findings"].as_array().map(Vec::len), Some(3));
 
     for (arguments, words) in [
-        (&["scan", "--device", "4"][..], "no such SubDevice, expected 0 to 3"),
+        (&["scan", "--device", "5"][..], "no such SubDevice, expected 0 to 4"),
         (&["scan", "--interface", "no-such-if"], "no-such-if"),
         (&["scan", "/no/such/file.toml"], "can't be read"),
         (&["scan", "doubtful.toml", "--interface", "eth0"], "cannot be used with"),

@@ -186,19 +186,19 @@ fn faults_come_and_go_while_it_serves() {
     let service = Service::start("isct-fault", &[]);
     let mut socket = service.socket();
     let mut there = || count(&mut socket).map(|(count, _)| count);
-    assert_eq!(there(), Some(4));
+    assert_eq!(there(), Some(5));
 
     assert!(service.done(&["pull", "2"]).contains("SubDevice 2 is pulled"));
     eventually("two SubDevices are left", || there() == Some(2));
-    service.done(&["plug", "EL2502-0010", "PWM"]);
-    eventually("all are back", || there() == Some(4));
+    service.done(&["plug", "EK1100"]);
+    eventually("all are back", || there() == Some(5));
 
-    service.done(&["power-cycle", "3", "200ms"]);
-    eventually("three SubDevices are left", || there() == Some(3));
-    eventually("all are back", || there() == Some(4));
+    service.done(&["power-cycle", "4", "200ms"]);
+    eventually("four SubDevices are left", || there() == Some(4));
+    eventually("all are back", || there() == Some(5));
 
     service.done(&["drop", "2"]);
-    assert_eq!([there(), there(), there()], [None, None, Some(4)]);
+    assert_eq!([there(), there(), there()], [None, None, Some(5)]);
 
     service.done(&["delay", "20ms"]);
     let (_, late) = count(&mut socket).expect("an answer");
@@ -207,11 +207,11 @@ fn faults_come_and_go_while_it_serves() {
 
     let status = service.done(&["status"]);
     let status: serde_json::Value = serde_json::from_str(&status).expect("JSON");
-    assert_eq!(status["devices"].as_array().map(Vec::len), Some(4));
+    assert_eq!(status["devices"].as_array().map(Vec::len), Some(5));
     assert_eq!(status["devices"][0]["state"], "INIT");
     let wrong = service.control(&["pull", "9"]);
     assert_eq!(wrong.status.code(), Some(2));
-    assert!(text(&wrong.stderr).contains("0 to 3"), "{}", text(&wrong.stderr));
+    assert!(text(&wrong.stderr).contains("0 to 4"), "{}", text(&wrong.stderr));
 
     service.done(&["stop"]);
     let (summary, code) = service.finish();
@@ -235,7 +235,7 @@ fn a_second_service_leaves_the_first_alone() {
     assert_eq!(second.status.code(), Some(2), "{message}");
     assert!(message.contains("another isocat serves on isct-two-seg already"), "{message}");
     assert!(Path::new("/run/netns/isct-two").exists(), "the first one's namespace is still there");
-    assert_eq!(count(&mut service.socket()).map(|(count, _)| count), Some(4));
+    assert_eq!(count(&mut service.socket()).map(|(count, _)| count), Some(5));
     service.done(&["stop"]);
     let report =
         isocat(&["serve", "--setup-veth", "isct-rep", "--report", "/nonexistent/report.txt"]);
@@ -252,7 +252,7 @@ fn a_signal_ends_it_cleanly() {
     }
     let service = Service::start("isct-sig", &["--json", "--busy"]);
     let mut socket = service.socket();
-    assert_eq!(count(&mut socket).map(|(count, _)| count), Some(4));
+    assert_eq!(count(&mut socket).map(|(count, _)| count), Some(5));
     let pid = service.child.id().to_string();
     assert!(Command::new("kill").args(["-TERM", &pid]).status().expect("kill").success());
     let (output, code) = service.finish();
@@ -261,7 +261,7 @@ fn a_signal_ends_it_cleanly() {
         output.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
     assert_eq!(lines[0]["event"], "session began");
     let summary = lines.last().expect("a summary");
-    assert_eq!(summary["format"], "isocat-serve-summary/2");
+    assert_eq!(summary["format"], "isocat-serve-summary/3");
     assert_eq!((&summary["frames"], &summary["answered"]), (&1.into(), &1.into()));
     assert!(!Path::new("/run/netns/isct-sig").exists(), "the namespace is gone");
 }

@@ -147,7 +147,7 @@ fn complete_access_pads_sub_index_0() {
         [a, b, c, d, control, 0, 1, 0]
     };
     // The EL2502-0010's mailbox.
-    let device = 2;
+    let device = 3;
     assert_eq!(wire.write(device, 0x0800, &sm(0x1000, 128, 0x26)), 1);
     assert_eq!(wire.write(device, 0x0808, &sm(0x1080, 128, 0x22)), 1);
     assert_eq!(wire.write(device, 0x0120, &[2, 0]), 1);
@@ -242,9 +242,9 @@ fn eeproms_are_read_by_broadcast() {
     let mut wire = Wire::of(SegmentFile::built_in());
     // Word 8: vendor id.
     let back = wire.datagram(Command::Bwr, Address::Broadcast(0x0502), &[0, 1, 8, 0, 0, 0]);
-    assert_eq!(back.wkc, 4);
+    assert_eq!(back.wkc, 5);
     wire.pause(Nanos::millis(10));
-    for (position, vendor) in [0x6A, 0x6A, 0x02, 0x0048_504D_u32].into_iter().enumerate() {
+    for (position, vendor) in [0x6A, 0x6A, 0x02, 0x02, 0x0048_504D_u32].into_iter().enumerate() {
         let status = wire.read(position as u16, 0x0502, 2).data;
         assert_eq!(status[1] & 0x80, 0, "SubDevice {position} is busy");
         let word = wire.read(position as u16, 0x0508, 4);
@@ -330,14 +330,14 @@ fn a_second_session_after_an_abrupt_end() {
             "{:?}",
             judged.devices.iter().map(|d| &d.findings).collect::<Vec<_>>()
         );
-        assert_eq!(judged.devices_in_op, 4);
+        assert_eq!(judged.devices_in_op, 5);
         let edges = judged.devices[1].sync0_error.expect("SYNC0");
         assert!((95..=220).contains(&edges.count()), "{}", edges.count());
         assert!((1..100_000).contains(&edges.worst()), "{} ps", edges.worst());
         assert_eq!(session.conduct.sync_verified(), Some(true));
     }
     let states: Vec<_> = std::iter::from_fn(|| wire.server.poll_event())
-        .filter(|event| matches!(event, Event::InOperation { devices: 4 }))
+        .filter(|event| matches!(event, Event::InOperation { devices: 5 }))
         .collect();
     assert_eq!(states.len(), 2);
 }

@@ -68,7 +68,7 @@ fn a_trace_is_that_of_the_run() {
         }
         assert_eq!(open, 0, "{name}");
     }
-    for device in ["SubDevice 0 (AKD2G axis 1)", "SubDevice 3 (SSC drive axis 3)"] {
+    for device in ["SubDevice 0 (AKD2G axis 1)", "SubDevice 4 (SSC drive axis 3)"] {
         let pulses = of(&format!("{device}/SYNC0"));
         assert!(pulses.len() >= 50);
         for pair in pulses.windows(2) {

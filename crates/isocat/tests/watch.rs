@@ -93,7 +93,7 @@ fn a_cycle_that_is_looked_at_is_seen_where_it_was_planned() {
 /// What is told on the way up comes as it happens, and a way up that fails says why.
 #[test]
 fn the_way_up_is_told() {
-    let all = statuses(scenario(), 600_000_000, None);
+    let all = statuses(scenario(), 2_000_000_000, None);
     let told: Vec<&str> =
         all.iter().flat_map(|status| &status.events).map(|event| &*event.what).collect();
     for what in ["stage scan", "PREOP", "stage SYNC", "SAFEOP", "OP", "all in OP: in operation"] {

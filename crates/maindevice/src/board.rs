@@ -25,8 +25,10 @@ pub(crate) struct Board {
     pub reference_time: (Time<Host>, Time<Dc>),
     /// Whether the cycle's drift datagram leads the clocks, and does not only read.
     pub leading: bool,
-    /// When a drift frame was last sent beside those of the cycle.
-    pub hastened: Time<Host>,
+    /// When a drift frame was last sent, of the cycle or beside it.
+    pub led_at: Time<Host>,
+    /// When the cycle's next one is due.
+    pub lead_due: Time<Host>,
     /// What the ring is, if there is to be one.
     pub ring: Option<RingState>,
     /// What a procedure wants of the cycle; taken by the machine.
@@ -78,7 +80,8 @@ impl Board {
             incomplete: (0, 0),
             reference_time: (Time::ZERO, Time::ZERO),
             leading: false,
-            hastened: Time::ZERO,
+            led_at: Time::ZERO,
+            lead_due: Time::ZERO,
             ring: None,
             wishes: VecDeque::new(),
             events: VecDeque::with_capacity(MOST_EVENTS),

@@ -132,8 +132,9 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     Ok(())
 }
 
-/// Longest cycle in which a reference clock is led: clocks 200 ppm apart stay within 124 ns in it, and leave 1 us at 5 ms.
-const LONGEST_LED_CYCLE: Nanos = Nanos(4_000_000);
+/// Longest cycle in which a reference clock is led: clocks 200 ppm apart stay within 0.3 us in it,
+/// and are 1 us apart at 4 ms.
+const LONGEST_LED_CYCLE: Nanos = Nanos(2_000_000);
 
 /// Settings that make no sense are refused before anything is sent.
 pub(crate) fn check(config: &Config) -> Result<(), Cause> {
@@ -171,7 +172,7 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     if limits.is_some() && cycle > LONGEST_LED_CYCLE {
         return Err(Cause::Setting {
             name: "cycle",
-            expected: "4 ms at most if the reference clock is to be led (direction)",
+            expected: "2 ms at most if the reference clock is to be led (direction)",
         });
     }
     if limits.is_some() && !config.drift_compensation {

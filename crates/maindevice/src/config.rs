@@ -5,6 +5,7 @@ use alloc::string::String;
 use alloc::vec::Vec;
 
 use isocat_sync::SyncMode;
+use isocat_sync::budget::Limits;
 use isocat_sync::phase::Direction;
 use isocat_wire::address::ObjectAddress;
 use isocat_wire::time::Nanos;
@@ -43,15 +44,28 @@ pub struct Config {
     /// Whether the reference clock's time is distributed, at start and in every cycle. Switched off
     /// for tests only: clocks then run apart by their ppm.
     pub drift_compensation: bool,
+    /// Filter depths of the clocks' drift loops.
+    pub drift_filters: DriftFilters,
     /// Run although a line of the plan does not fit. For tests of devices; default no.
     pub force: bool,
     /// Source address of all frames. The first ESC sets bit 1 of the first octet; if that bit is
     /// clear here, frames that come back without it are our own echo and are ignored.
     pub source: [u8; 6],
-    /// How often the port receive times are latched for the delay measurement. Each latch has an
-    /// error of a 10 ns tick at every port; 16 of them bring the mean near 1 ns at a cost of well
-    /// under 1 ms a device. Latches whose frame is lost, or that not all SubDevices take, are counted and
-    /// made again; more of them than wanted ones end the way up. 0 counts as 1.
+    /// Whether the delay of a hop is taken to vary from frame to frame, as ports take frames into
+    /// the clock of their ESC: up to 40 ns for MII, 10 ns for EBUS. It is in the error of delays,
+    /// in what 0x092C may show and in the plan's clock error. Default yes; no only for wires
+    /// without it, as a simulated one may be.
+    pub hop_jitter: bool,
+    /// How well delays are to be known, as standard error (1 sigma), ns. With
+    /// [`Config::hop_jitter`], latches go on until all are, up to eight times
+    /// [`Config::delay_latches`]. Default 5 ns: half a tick.
+    pub delay_error: Nanos,
+    /// How often the port receive times are latched for the delay measurement, at least. Each latch
+    /// has an error of a 10 ns tick at every port, and the jitter of the hops; 16 of them bring the
+    /// mean near 1 ns in short segments at a cost of well under 1 ms a device. With
+    /// [`Config::hop_jitter`] they are 1 to 5 ms apart, so that clocks slip in between. Latches
+    /// whose frame is lost, or that not all SubDevices take, are counted and made again; more of
+    /// them than wanted ones end the way up. 0 counts as 1.
     pub delay_latches: usize,
     /// Whether delays are measured on while the segment runs. Default no: each latch takes a frame and a read of
     /// 16 bytes from every SubDevice, out of the acyclic share.
@@ -60,13 +74,19 @@ pub struct Config {
     /// [`MainDevice::snapshot`](crate::MainDevice::snapshot), what leaves its limits [`Event::Alarm`](crate::Event::Alarm).
     /// Default no.
     pub quality: Option<QualityWatch>,
-    /// Clocks count as converged when 0x092C is below this at every device. Default 100 ns: well
-    /// above the tick and below what any sync budget notices.
+    /// Clocks count as converged when 0x092C is below this at every device; with
+    /// [`Config::hop_jitter`], four standard deviations of what frames jitter on their way are
+    /// added. Default 100 ns: well above the tick and below what any sync budget notices.
     pub drift_threshold: Nanos,
-    /// How much two clocks of the segment may differ, for the plan: by drift, by the error of the measured
-    /// delays, by the tick of 10 ns. `None`: twice [`Config::drift_threshold`], one on either side of
-    /// the reference.
+    /// How much two clocks of the segment may differ, for the plan: by drift, by the error of the
+    /// measured delays, by the tick of 10 ns. `None`: twice [`Config::drift_threshold`], one on
+    /// either side of the reference, or what the drift loop leaves in cycles of this length if that
+    /// is more ([`clock_error`](isocat_sync::budget::clock_error())); with [`Config::hop_jitter`]
+    /// what a loop hands on of the longest way's jitter besides.
     pub clock_error: Option<Nanos>,
+    /// With what a SubDevice counts as synchronized: a plan that promises less does not fit.
+    /// Default 1 us for the error of SYNC0 and 1 us for the spread of outputs behind their pulse.
+    pub limits: Limits,
     /// Watchdog of the process data (register 0x0420) of SubDevices with outputs, in whole 100 µs up to 6.5535 s.
     /// `None`: as the chips have it, 100 ms. It is a safety function and never made longer unasked: the plan
     /// refuses cycles that it can't see.
@@ -91,6 +111,40 @@ pub struct Config {
     pub timeouts: Timeouts,
 }
 
+/// Filter depths of the drift loop, each 0 to 15: a mean over about 2 to the power of it. `None`:
+/// by the cycle, see [`DriftFilters::depths`].
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct DriftFilters {
+    /// Register 0x0934: of the time difference.
+    pub difference: Option<u8>,
+    /// Register 0x0935: of the speed.
+    pub speed: Option<u8>,
+}
+
+impl DriftFilters {
+    /// Depths of the filters of the difference and of the speed, where a system time comes each
+    /// `interval`.
+    ///
+    /// What they do is not published; docs/dc.md tells what it may be. Unless others are asked for,
+    /// differences are averaged over 16 ms (6 at most) and speeds over 64 ms (6 to 9), which suits
+    /// every law that the public record admits: clocks lock in some 4 000 drift frames, follow a
+    /// step of temperature within some ten ns at 1 ms, and average the jitter of hops away. With 0
+    /// and 12, as many MainDevices set them, a clock behind many hops may wander by some 100 ns,
+    /// and a crystal that changes by 1 ppm moves its clock by up to 0.7 us at a cycle of 1 ms.
+    pub fn depths(&self, interval: Nanos) -> (u8, u8) {
+        let mean_over =
+            |span: Nanos| (span.0 / interval.0.max(1)).checked_ilog2().unwrap_or(0) as u8;
+        let difference = self.difference.unwrap_or(mean_over(DIFFERENCE_SPAN).min(6));
+        let speed = self.speed.unwrap_or(mean_over(SPEED_SPAN).clamp(6, 9));
+        (difference.min(15), speed.min(15))
+    }
+}
+
+/// Differences are averaged over this time.
+const DIFFERENCE_SPAN: Nanos = Nanos::millis(16);
+/// Speeds are averaged over this time.
+const SPEED_SPAN: Nanos = Nanos::millis(64);
+
 impl Config {
     /// Defaults around a cycle.
     pub fn new(cycle: Nanos) -> Self {
@@ -102,13 +156,17 @@ impl Config {
             shift: None,
             direction: Direction::FollowReference,
             drift_compensation: true,
+            drift_filters: DriftFilters::default(),
             force: false,
             source: [0x10; 6],
+            hop_jitter: true,
+            delay_error: Nanos(5),
             delay_latches: 16,
             delay_watch: None,
             quality: None,
             drift_threshold: Nanos(100),
             clock_error: None,
+            limits: Limits::default(),
             watchdog: None,
             acyclic_share: 40,
             survey: None,
@@ -147,8 +205,9 @@ pub struct QualityWatch {
     /// Cycles without a drift frame that all clocks took, after which [`Event::ClocksUnled`](crate::Event::ClocksUnled)
     /// tells so: what 0x092C shows is old then. 1 or more; default 100.
     pub unled_cycles: u64,
-    /// 0x092C beyond this raises an alarm; half of it lets it go. Default 200 ns: twice what clocks count as
-    /// converged with.
+    /// 0x092C beyond this raises an alarm; half of it lets it go. With [`Config::hop_jitter`], four
+    /// standard deviations of what frames jitter on their way are added. Default 200 ns: twice what
+    /// clocks count as converged with.
     pub difference_limit: Nanos,
     /// Less than this before SYNC0, by [`Margin`](crate::quality::Margin), raises an alarm; a quarter of what is planned
     /// above it lets it go. `None`: margins are kept and raise nothing. Default 0: less would be too late for a
@@ -313,6 +372,9 @@ pub struct DeviceConfig {
     pub shift_inputs: Option<Nanos>,
     /// Times for the plan where the device states 0 or nothing.
     pub assumed: AssumedTimes,
+    /// How its oscillator runs against true time, as far as that is known. `None`: within 100 ppm
+    /// of the others.
+    pub clock: Option<ClockRange>,
     /// It may be absent, and come while the segment runs (hot connect): what is known of it, so that the cycle is
     /// planned as if it were there. Identity, ESC, clock, SII, PDOs and sync objects are used, and where it hangs: a
     /// port that has nothing else behind it. [`Segment::devices`](crate::Segment::devices) of a run with it is such a
@@ -344,6 +406,25 @@ pub struct AssumedTimes {
     pub inputs_delay: Option<Nanos>,
     /// How much later than its pulse the device's steps may begin. No object states it.
     pub pulse_jitter: Option<Nanos>,
+    /// From the shortest to the longest time from the pulse to outputs that act as soon as they are
+    /// calculated, without delay and shift. No object states it. `None`: as `pulse_jitter`.
+    pub outputs_spread: Option<Nanos>,
+}
+
+/// Between what an oscillator runs, ppb; positive is fast.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct ClockRange {
+    /// At its slowest.
+    pub least_ppb: i64,
+    /// At its fastest.
+    pub most_ppb: i64,
+}
+
+impl ClockRange {
+    /// By how much two oscillators may come apart, ppb.
+    pub fn apart(self, other: Self) -> i64 {
+        (self.most_ppb - other.least_ppb).max(other.most_ppb - self.least_ppb)
+    }
 }
 
 /// One SDO download at start.

@@ -20,7 +20,7 @@ impl DcCapability {
         matches!(self, Self::Clock32 | Self::Clock64)
     }
     /// Whether port receive times are latched.
-    pub const fn has_receive_times(self) -> bool {
+    pub(crate) const fn has_receive_times(self) -> bool {
         !matches!(self, Self::None)
     }
 }

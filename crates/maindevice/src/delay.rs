@@ -8,11 +8,13 @@
 use alloc::vec;
 use alloc::vec::Vec;
 
-use isocat_sync::delay::{Averaging, Delay, Found, Mean, Node, Stay, propagation_delays};
+use isocat_sync::delay::{
+    Averaging, Delay, Found, Hop, HopJitter, Mean, Node, Stay, hop_jitter, propagation_delays,
+};
 use isocat_wire::command::Command;
 use isocat_wire::datagram::Address;
 use isocat_wire::register;
-use isocat_wire::time::Picos;
+use isocat_wire::time::{Nanos, Picos};
 use isocat_wire::{PortNumber, StationAddress};
 
 use crate::error::{AccessError, AccessProblem, Cause};
@@ -32,29 +34,44 @@ pub(crate) struct Latch {
 /// One latch of all SubDevices, by position.
 pub(crate) type Times = Vec<Latch>;
 
-/// Who latches: station and what its DC unit can do, by position.
-pub(crate) fn stations(segment: &Segment) -> Vec<(StationAddress, DcCapability)> {
-    segment.devices.iter().map(|device| (device.station, device.dc)).collect()
+/// Which SubDevices latch, by position.
+pub(crate) struct Stations {
+    /// Station and what its DC unit can do.
+    list: Vec<(StationAddress, DcCapability)>,
+    /// One of them stamps the next frame instead of the one that latches: no other may be under way
+    /// then.
+    quiet: bool,
+}
+
+/// All SubDevices of a segment.
+pub(crate) fn stations(segment: &Segment) -> Stations {
+    let devices = &segment.devices;
+    let list = devices.iter().map(|device| (device.station, device.dc)).collect();
+    Stations { list, quiet: devices.iter().any(|device| stamps_next_frame(device.esc.kind)) }
+}
+
+/// Whether a write to 0x0900 enables ports 1 to 3 to stamp the next frame that arrives there,
+/// whatever is in it: so an ESC20 and an ET1200, by their type (register 0x0000). Others stamp the
+/// frame that writes.
+fn stamps_next_frame(kind: u8) -> bool {
+    matches!(kind, 0x02 | 0x12)
 }
 
 /// One write to 0x0900 and all times that it latched. It disturbs nothing: SYNC and the drift loop do not use
 /// them.
-pub(crate) async fn latch(
-    link: &Link,
-    stations: &[(StationAddress, DcCapability)],
-) -> Result<Times, AccessError> {
+pub(crate) async fn latch(link: &Link, stations: &Stations) -> Result<Times, AccessError> {
     latch_among(link, stations, 0).await
 }
 
 /// The same, while up to so many others take the write too.
 pub(crate) async fn latch_among(
     link: &Link,
-    stations: &[(StationAddress, DcCapability)],
+    Stations { list: stations, quiet }: &Stations,
     strangers: u16,
 ) -> Result<Times, AccessError> {
     let timed = stations.iter().filter(|(_, dc)| dc.has_receive_times()).count();
     // A repetition after a loss might leave times of two frames: rather another latch.
-    let travel = Travel { alone: false, once: true };
+    let travel = Travel { alone: false, once: true, quiet: *quiet };
     let address = Address::Broadcast(register::RECEIVE_TIME_0.address);
     let write = link.exchange(Command::Bwr, address, vec![0; 4], travel);
     let (expected, found) = (timed as u16, write.reply().await?.wkc);
@@ -133,20 +150,25 @@ pub(crate) struct Estimator {
     means: Vec<Mean>,
     previous: Vec<Option<[u32; 4]>>,
     latches: usize,
+    /// A round trip that changes by more from latch to latch is none, ns.
+    most_change: u32,
 }
 
 impl Estimator {
-    /// For a segment whose parents are known. `rate_ppb`: how much the speeds of two clocks may differ.
-    pub fn new(segment: &Segment, reference: usize, rate_ppb: u32) -> Self {
+    /// For a segment whose parents are known. `rate_ppb`: how much the speeds of two clocks may
+    /// differ; `jitters`: [`Config::hop_jitter`](crate::Config::hop_jitter).
+    pub fn new(segment: &Segment, reference: usize, rate_ppb: u32, jitters: bool) -> Self {
         let count = segment.devices.len();
+        let longest_jitter = if jitters { HOP_CHANGE_NS.saturating_mul(count as u32) } else { 0 };
         Self {
             nodes: segment.devices.iter().map(node).collect(),
             reference,
             rate_ppb,
             found: vec![Found::default(); count],
-            means: vec![Mean::default(); count],
+            means: jitter(segment, reference, jitters).into_iter().map(Mean::expecting).collect(),
             previous: vec![None; count],
             latches: 0,
+            most_change: MOST_CHANGE_NS + longest_jitter.min(MOST_JITTER_NS),
         }
     }
 
@@ -155,7 +177,7 @@ impl Estimator {
         for ((node, previous), latch) in self.nodes.iter_mut().zip(&mut self.previous).zip(times) {
             node.receive_times = latch.ports;
             if let (Some(times), Some(before)) = (latch.ports, *previous) {
-                node.receive_times = Some(without_stale(node, times, before));
+                node.receive_times = Some(without_stale(node, times, before, self.most_change));
             }
             *previous = latch.ports;
         }
@@ -171,6 +193,15 @@ impl Estimator {
         self.latches
     }
 
+    /// The largest standard error of those that are known.
+    pub fn worst_error(&self) -> Picos {
+        let error = |delay: Delay| match delay {
+            Delay::Known { standard_error, .. } => standard_error,
+            Delay::Indeterminate { .. } => Picos::ZERO,
+        };
+        self.delays().into_iter().map(error).max().unwrap_or_default()
+    }
+
     /// The delays by position.
     pub fn delays(&self) -> Vec<Delay> {
         let averaging = Averaging::of(&self.means);
@@ -184,20 +215,20 @@ impl Estimator {
 
     /// Forgets all latches but the last, whose times tell which of the next are stale.
     pub fn restart(&mut self) {
-        self.means.fill(Mean::default());
+        self.means.iter_mut().for_each(|mean| *mean = mean.restarted());
         self.latches = 0;
     }
 }
 
 /// The times, or such as say that they contradict each other, if a port holds the time of an earlier frame: the
 /// round trip to it then changed by the time between two latches.
-fn without_stale(node: &Node, times: [u32; 4], before: [u32; 4]) -> [u32; 4] {
+fn without_stale(node: &Node, times: [u32; 4], before: [u32; 4], most_change: u32) -> [u32; 4] {
     let entry = node.entry.index();
     let open = |port: &PortNumber| node.open[port.index()] && *port != node.entry;
     let stale = PortNumber::ALL.into_iter().filter(open).find(|port| {
         let round = |times: [u32; 4]| times[port.index()].wrapping_sub(times[entry]);
         let change = round(times).wrapping_sub(round(before)) as i32;
-        change.unsigned_abs() > MOST_CHANGE_NS
+        change.unsigned_abs() > most_change
     });
     let mut times = times;
     if let Some(port) = stale {
@@ -220,6 +251,48 @@ fn node(device: &SubDevice) -> Node {
         open: PortNumber::ALL.map(|port| device.dl_status.open(port)),
         receive_times: None,
         stay,
+    }
+}
+
+/// How much frames jitter on their way from the reference clock, by position; nothing if hops do
+/// not.
+pub(crate) fn jitter(segment: &Segment, reference: usize, jitters: bool) -> Vec<HopJitter> {
+    let mut all = vec![HopJitter::default(); segment.devices.len()];
+    if !jitters {
+        return all;
+    }
+    let hop = |device: &SubDevice| {
+        let above = device.parent.and_then(|(at, port)| Some((segment.devices.get(at)?, port)));
+        Hop {
+            parent: device.parent,
+            out: receive_period(device.esc.ports, device.entry),
+            back: above.map_or(Picos::ZERO, |(above, port)| receive_period(above.esc.ports, port)),
+        }
+    };
+    let hops: Vec<Hop> = segment.devices.iter().map(hop).collect();
+    hop_jitter(&hops, &mut all);
+    let first = all.get(reference).copied().unwrap_or_default();
+    for jitter in &mut all {
+        jitter.arrival = jitter.arrival.saturating_sub(first.arrival);
+        jitter.delay = jitter.delay.saturating_sub(first.delay);
+    }
+    all
+}
+
+/// Standard deviation of 0x092C by position (1 sigma), as frames arrive: in whole ns, rounded up.
+pub(crate) fn noise(segment: &Segment, jitters: bool) -> Vec<Nanos> {
+    let all = jitter(segment, segment.reference.unwrap_or(0), jitters);
+    all.iter().map(|one| Nanos((one.arrival_deviation().0 + 999) / 1_000)).collect()
+}
+
+/// Period of the clock that takes frames from a port into the ESC's own, by the kind of port
+/// (register 0x0007): the nibble clock of MII, a tick for EBUS. A bound; how often it is reached,
+/// nobody publishes.
+fn receive_period(ports: u8, port: PortNumber) -> Picos {
+    const EBUS: u8 = 0b10;
+    match ports >> (2 * port.index()) & 0b11 {
+        EBUS => Picos(10_000),
+        _ => Picos(40_000),
     }
 }
 
@@ -254,6 +327,10 @@ pub(crate) const STEERED_PPB: u32 = 1_000;
 /// A round trip changes by ticks and jitter from latch to latch; a stale time by the time in between, which is
 /// longer than a frame.
 const MOST_CHANGE_NS: u32 = 2_000;
+/// What a hop there and back may make of that.
+const HOP_CHANGE_NS: u32 = 80;
+/// The pause between two latches is twice as long at least.
+const MOST_JITTER_NS: u32 = 500_000;
 
 #[cfg(test)]
 mod tests {
@@ -290,7 +367,7 @@ mod tests {
 
     #[test]
     fn latches_become_one_delay() {
-        let mut estimator = Estimator::new(&line(3), 0, FREE_RUNNING_PPB);
+        let mut estimator = Estimator::new(&line(3), 0, FREE_RUNNING_PPB, false);
         for (number, first) in [600, 610, 620, 610].into_iter().enumerate() {
             estimator.sample(&times(&[first, 310, 0], 1_000_000 * number as u32));
         }
@@ -304,7 +381,7 @@ mod tests {
     /// A port at which no frame comes back any more keeps its time.
     #[test]
     fn a_stale_port_is_left_out_and_counted() {
-        let mut estimator = Estimator::new(&line(3), 0, FREE_RUNNING_PPB);
+        let mut estimator = Estimator::new(&line(3), 0, FREE_RUNNING_PPB, false);
         for number in 0..5 {
             let mut times = times(&[600, 310, 0], 50_000 * number);
             if number == 3 {

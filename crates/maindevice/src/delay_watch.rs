@@ -50,12 +50,18 @@ const SIGMAS: i64 = 5;
 
 impl DelayWatch {
     /// Watches the delays of a segment as they are in force; `None` without a reference clock.
-    pub fn new(config: config::DelayWatch, segment: &Segment, now: Time<Host>) -> Option<Self> {
+    /// `jitters`: [`Config::hop_jitter`](crate::Config::hop_jitter).
+    pub fn new(
+        config: config::DelayWatch,
+        segment: &Segment,
+        now: Time<Host>,
+        jitters: bool,
+    ) -> Option<Self> {
         let watched = |device: &SubDevice| Watched::new(device.delay, device.measured_delay);
         Some(Self {
             config,
             next: now + config.every,
-            estimator: Estimator::new(segment, segment.reference?, STEERED_PPB),
+            estimator: Estimator::new(segment, segment.reference?, STEERED_PPB, jitters),
             devices: segment.devices.iter().map(watched).collect(),
         })
     }
@@ -156,7 +162,7 @@ mod tests {
 
     fn watch() -> DelayWatch {
         let config = config::DelayWatch { every: EVERY, latches: 4, rewrite: false };
-        DelayWatch::new(config, &segment(), Time::ZERO).expect("it has a clock")
+        DelayWatch::new(config, &segment(), Time::ZERO, false).expect("it has a clock")
     }
 
     /// Four latches of this loop; what changed.
@@ -210,6 +216,6 @@ mod tests {
     #[test]
     fn without_a_reference_there_is_nothing_to_watch() {
         let none = Segment { reference: None, ..segment() };
-        assert!(DelayWatch::new(config::DelayWatch::default(), &none, Time::ZERO).is_none());
+        assert!(DelayWatch::new(config::DelayWatch::default(), &none, Time::ZERO, false).is_none());
     }
 }

@@ -108,8 +108,8 @@ mod tests;
 pub use application::{Application, Cycle};
 pub use change::SegmentChange;
 pub use config::{
-    AssumedTimes, Config, DelayWatch, DeviceConfig, QualityWatch, Readmission, Recovery, Ring,
-    StartupDownload, Survey, Timeouts,
+    AssumedTimes, ClockRange, Config, DelayWatch, DeviceConfig, DriftFilters, QualityWatch,
+    Readmission, Recovery, Ring, StartupDownload, Survey, Timeouts,
 };
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};

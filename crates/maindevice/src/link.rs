@@ -87,6 +87,9 @@ pub(crate) struct Travel {
     pub alone: bool,
     /// A loss is reported at once: the receiver could not tell a repetition from a new request.
     pub once: bool,
+    /// It leaves when every frame is back, those of the cycle too. If there is no such moment for
+    /// 100 ms, it is lost.
+    pub quiet: bool,
 }
 
 impl Link {
@@ -264,12 +267,27 @@ impl Exchange {
     pub async fn expect(self, expected: u16) -> Result<Reply, AccessError> {
         let (command, address) = (self.command, self.address);
         let reply = self.reply().await?;
-        if reply.wkc != expected {
-            let problem = AccessProblem::WorkingCounter { expected, found: reply.wkc };
-            return Err(AccessError { command, address, problem });
-        }
+        counts(command, address, &reply, expected)?;
         Ok(reply)
     }
+
+    /// Whether the working counter of its reply is `expected`.
+    pub fn counts(&self, reply: &Reply, expected: u16) -> Result<(), AccessError> {
+        counts(self.command, self.address, reply, expected)
+    }
+}
+
+fn counts(
+    command: Command,
+    address: Address,
+    reply: &Reply,
+    expected: u16,
+) -> Result<(), AccessError> {
+    if reply.wkc == expected {
+        return Ok(());
+    }
+    let problem = AccessProblem::WorkingCounter { expected, found: reply.wkc };
+    Err(AccessError { command, address, problem })
 }
 
 impl Future for Exchange {

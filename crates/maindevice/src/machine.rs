@@ -216,6 +216,9 @@ impl MainDevice {
         if let Some(len) = cycle.transmit(now, buffer, &mut shared.board) {
             return Some(len);
         }
+        if shared.port.waits_for_quiet(now, cycle.in_flight()) {
+            return None;
+        }
         let most = share.room(cycle, config, now, shared.port.first_len()?)?;
         let len = shared.transmit(now, buffer, most)?;
         share.take(now.max(cycle.through()), len);

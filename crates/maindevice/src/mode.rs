@@ -3,7 +3,7 @@
 use alloc::format;
 use alloc::string::String;
 
-use isocat_sync::budget::{self, Check, Line, Origin, Origins};
+use isocat_sync::budget::{self, Check, Line, Origin, Origins, USUAL_DEVIATION_PPB};
 use isocat_sync::object::{
     INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, SupportedTypes, SyncParameters, sub,
 };
@@ -115,9 +115,12 @@ fn pulses(
     let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(assumed);
     let distance = wish.and_then(|wish| wish.sync1).unwrap_or(match mode {
         SyncMode::DcSync1 => {
-            // The device's oscillator may be 100 ppm slower than system time, and pulses come on ticks.
+            // The device's oscillator may be 100 ppm slower than system time, pulses come on ticks,
+            // and the clock moves between them.
             let copy = copy.unwrap_or(Nanos::ZERO).0;
-            Nanos((copy + copy / 10_000 + 10 + 999) / 1_000 * 1_000)
+            let error = config.clock_error.unwrap_or(Nanos(2 * config.drift_threshold.0)).0;
+            let moved = error.saturating_mul(copy) / cycle.0.max(1);
+            Nanos((copy + copy / 10_000 + 10 + moved + 2 + 999) / 1_000 * 1_000)
         }
         _ => Nanos(cycle.0 / 4 / 10 * 10),
     });
@@ -226,11 +229,7 @@ pub(crate) fn demands(
         minimum_cycle: if free {
             Nanos::ZERO
         } else {
-            stated(
-                outputs.minimum_cycle_time.max(inputs.minimum_cycle_time),
-                assumed.minimum_cycle,
-                &mut origins.minimum_cycle,
-            )
+            minimum_cycle(&outputs, &inputs, assumed, &mut origins.minimum_cycle)
         },
         output_calc_and_copy: stated(
             outputs.calc_and_copy_time,
@@ -253,8 +252,47 @@ pub(crate) fn demands(
             .unwrap_or(Nanos::ZERO),
         input_delay: stated(inputs.delay_time, assumed.inputs_delay, &mut origins.input_delay),
         pulse_jitter: assumed.pulse_jitter.unwrap_or(Nanos::ZERO),
+        outputs_spread: outputs_spread(device, &outputs, wish),
+        clock_deviation_ppb: USUAL_DEVIATION_PPB,
         origins,
     }
+}
+
+/// How unevenly outputs follow their pulse: those that act behind the application as unevenly as
+/// that, those that a timer or SYNC1 delays as their pulse's interrupt.
+fn outputs_spread(
+    device: &SubDevice,
+    outputs: &SyncParameters,
+    wish: Option<&DeviceConfig>,
+) -> Nanos {
+    let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
+    let some = |time: Option<Nanos>| time.is_some_and(|time| time > Nanos::ZERO);
+    let shifted =
+        some(wish.and_then(|wish| wish.shift_outputs)) && device.mode != SyncMode::DcSync1;
+    let by_sync1 = device.mode == SyncMode::DcShiftSync1 && device.pulses.lead > Nanos::ZERO;
+    let evenly = some(outputs.delay_time) || shifted || by_sync1;
+    let spread = assumed.outputs_spread.filter(|_| !evenly).or(assumed.pulse_jitter);
+    spread.unwrap_or(Nanos::ZERO)
+}
+
+/// The minimum cycle that the device states; where copying its outputs alone takes longer by its
+/// own word (0x1C32:06 above 0x1C32:05), what its parts make: the larger of what is assumed and of
+/// the copying of both directions.
+fn minimum_cycle(
+    outputs: &SyncParameters,
+    inputs: &SyncParameters,
+    assumed: AssumedTimes,
+    origin: &mut Origin,
+) -> Nanos {
+    let stated_cycle = outputs.minimum_cycle_time.max(inputs.minimum_cycle_time);
+    let cycle = stated(stated_cycle, assumed.minimum_cycle, origin);
+    let copy = outputs.calc_and_copy_time.unwrap_or(Nanos::ZERO);
+    if copy <= cycle {
+        return cycle;
+    }
+    *origin = Origin::Assumed;
+    let both = copy + inputs.calc_and_copy_time.unwrap_or(Nanos::ZERO);
+    both.max(assumed.minimum_cycle.unwrap_or(Nanos::ZERO))
 }
 
 /// A time as the device states it; where it states 0 or nothing, the assumed one.
@@ -321,6 +359,28 @@ pub(crate) mod tests {
     fn a_wish_that_is_not_announced_is_refused() {
         let refused = chosen(drive(0x4001, 0x4001), 1_000_000, Some(wish(SyncMode::DcSync0)));
         assert!(matches!(refused, Err(Cause::Mode { wish: SyncMode::DcSync0, .. })), "{refused:?}");
+    }
+
+    /// 0x1C32:06 equal to :05, and a nanosecond above it.
+    #[test]
+    fn a_minimum_cycle_below_the_copy_time_is_not_believed() {
+        let with = |copy: i64, assumed: Option<i64>| {
+            let mut device = drive(0x0427, 0x0027);
+            let object = |object: &mut Option<SyncObject>, copy| {
+                object.as_mut().unwrap().values.calc_and_copy_time = Some(Nanos(copy));
+            };
+            object(&mut device.output_sync, copy);
+            object(&mut device.input_sync, 40_000);
+            device.mode = SyncMode::SmSynchronous;
+            let minimum_cycle = assumed.map(Nanos);
+            let demands =
+                demands(&device, AssumedTimes { minimum_cycle, ..Default::default() }, None);
+            (demands.minimum_cycle.0, demands.origins.minimum_cycle == Origin::Assumed)
+        };
+        assert_eq!(with(250_000, Some(300_000)), (250_000, false));
+        assert_eq!(with(250_001, None), (290_001, true));
+        assert_eq!(with(250_001, Some(290_001)), (290_001, true));
+        assert_eq!(with(250_001, Some(290_002)), (290_002, true));
     }
 
     /// Both sides of 0x1C32:05; SM-synchronous has the host's jitter on top.

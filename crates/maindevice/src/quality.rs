@@ -53,17 +53,19 @@ pub(crate) struct Monitor {
 }
 
 impl Monitor {
-    /// Watches a segment from `now` on, `cycle` being the last one begun.
+    /// Watches a segment from `now` on, `cycle` being the last one begun. `noise`: standard
+    /// deviation of 0x092C by position (1 sigma).
     pub fn new(
         config: QualityWatch,
         segment: &Segment,
         now: Time<Host>,
         cycle: u64,
         counts: &Statistics,
+        noise: &[Nanos],
     ) -> Self {
         let pace = Pace::new(config.share_permille, now);
         let (limit, history) = (config.margin_limit, config.history);
-        let clocks = Clocks::new(&config, segment, pace);
+        let clocks = Clocks::new(&config, segment, pace, noise);
         let objects = Objects::new(config.objects, &segment.devices, pace);
         let record = Record::new(limit, history, segment, now, cycle, counts);
         let unled_cycles = config.unled_cycles;

@@ -276,7 +276,8 @@ async fn finish(
     let device = &mut one.device;
     let led = segment.reference.filter(|reference| *reference != device.position);
     if let (true, true, Some(reference)) = (device.dc.has_clock(), config.drift_compensation, led) {
-        clock::follow(link, config, segment.devices[reference].station, device).await?;
+        let noise = clock::noise(segment, config)[device.position];
+        clock::follow(link, config, segment.devices[reference].station, noise, device).await?;
     }
     if let Some(mailbox) = &mut one.mailbox {
         sync::write_types(mailbox, device, config, wish(config, device)).await?;

@@ -11,6 +11,7 @@ use isocat_sync::{Pulses, SyncMode, SyncType};
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
 use isocat_wire::datagram::Address;
+use isocat_wire::dc::DifferencePolarity;
 use isocat_wire::dl::DlStatus;
 use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord};
 use isocat_wire::time::{Dc, Nanos, Time};
@@ -152,6 +153,9 @@ pub struct SubDevice {
     pub offset: u64,
     /// Last 0x092C read: local time less received time.
     pub difference: Option<Nanos>,
+    /// What the sign of its 0x092C means: as was found out when its clock was set, else as older
+    /// register texts have it.
+    pub difference_polarity: DifferencePolarity,
     /// Mode chosen.
     pub mode: SyncMode,
     /// Why not the mode above it, in words; empty if the mode was wished or is the highest.
@@ -492,6 +496,7 @@ impl SubDevice {
             delay_latches_left_out: 0,
             offset: 0,
             difference: None,
+            difference_polarity: DifferencePolarity::default(),
             mode: SyncMode::FreeRun,
             pulses: Pulses::default(),
             every: 1,

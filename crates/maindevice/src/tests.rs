@@ -279,7 +279,7 @@ fn datagrams_share_a_frame_until_it_is_full() {
 fn a_datagram_that_travels_alone_does() {
     let mut bench = Bench::new(1);
     let link = bench.link.clone();
-    let alone = Travel { alone: true, once: false };
+    let alone = Travel { alone: true, ..Travel::default() };
     let address = Address::Station(STATION, 0x0910);
     bench.run(async {
         let first = link.fprd(STATION, 0x0130, 2);
@@ -290,6 +290,45 @@ fn a_datagram_that_travels_alone_does() {
         }
     });
     assert_eq!(bench.frames, [1, 1, 1]);
+}
+
+/// A datagram that wants the wire for itself begins a frame, and leaves when the frames before it
+/// are back. Frames of the cycle count too; without a moment for it, it is lost to the ns.
+#[test]
+fn a_quiet_datagram_waits_until_all_frames_are_back() {
+    let mut bench = Bench::new(1);
+    let link = bench.link.clone();
+    let quiet = || {
+        let travel = Travel { once: true, quiet: true, ..Travel::default() };
+        link.exchange(Command::Fpwr, Address::Station(STATION, 0x1000), std::vec![1], travel)
+    };
+    let start = bench.now;
+    bench.run(async {
+        let first = link.fprd(STATION, 0x0130, 2);
+        let (second, third) = (quiet(), link.fprd(STATION, 0x0130, 2));
+        let sent = first.expect(1).await.unwrap().sent;
+        assert_eq!(sent, start);
+        for exchange in [second, third] {
+            assert_eq!(exchange.expect(1).await.unwrap().sent, start + Nanos(10_000));
+        }
+    });
+    assert_eq!(bench.frames, [1, 2]);
+
+    let waits = |now, cyclic| link.with(|shared| shared.port.waits_for_quiet(now, cyclic));
+    let mut exchange = core::pin::pin!(quiet());
+    let mut is_lost = || {
+        let answer = exchange.as_mut().poll(&mut Context::from_waker(Waker::noop()));
+        matches!(answer, Poll::Ready(None))
+    };
+    let begin = bench.now;
+    assert!(waits(begin, 1));
+    assert!(!waits(begin + Nanos(50_000_000), 0), "now it may leave");
+    assert!(waits(begin + Nanos(60_000_000), 2));
+    assert!(waits(begin + Nanos(159_999_999), 1));
+    assert!(!is_lost());
+    assert!(waits(begin + Nanos(160_000_000), 1));
+    assert!(is_lost());
+    assert!(!waits(begin + Nanos(160_000_000), 1), "nothing is queued");
 }
 
 #[test]
@@ -312,7 +351,7 @@ fn what_must_not_be_repeated_is_not() {
     let mut bench = Bench::new(1);
     bench.lose = std::vec![0];
     let link = bench.link.clone();
-    let once = Travel { alone: false, once: true };
+    let once = Travel { once: true, ..Travel::default() };
     let address = Address::Station(STATION, 0x1000);
     let lost = bench.run(link.exchange(Command::Fpwr, address, std::vec![1], once).reply());
     assert!(lost.unwrap_err().is_lost());

@@ -2,25 +2,25 @@
 
 use alloc::vec::Vec;
 
-use isocat_sync::budget::{self, Origin, budget, common_shift};
+use isocat_sync::budget::{self, Origin, Tracking, USUAL_DEVIATION_PPB, budget, common_shift};
 use isocat_sync::phase::Direction;
 use isocat_wire::time::Nanos;
 
-use crate::config::Config;
+use crate::config::{ClockRange, Config};
 use crate::error::Cause;
 use crate::segment::{Segment, SubDevice, Timing};
-use crate::{cycle, hot_connect, mapping, mode};
+use crate::{cycle, delay, hot_connect, mapping, mode};
 
 /// Plans one cycle: SYNC0's phase, and every line of the budget of every SubDevice. Frames find the
 /// reference clock at phase 0 of system time.
 pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> {
-    // Two clocks within the threshold on either side of the reference.
-    let clock_error = config.clock_error.unwrap_or(Nanos(2 * config.drift_threshold.0));
     let cycle = budget::Cycle {
         cycle: config.cycle,
         send: Nanos::ZERO,
-        jitter: config.host_jitter,
-        clock_error,
+        jitter: config.host_jitter + way_jitter(segment, config),
+        clock_error: config.clock_error.unwrap_or_else(|| clock_error(segment, config)),
+        clock_deviation_ppb: deviation(reference_range(segment, config), ClockRange::default()),
+        limits: config.limits,
     };
     let frames = cycle::frames(
         segment,
@@ -28,8 +28,9 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
         config.direction != Direction::FollowReference,
     );
     let times = cycle::chunk_times(&frames, segment.image.chunks.len());
+    let reference = reference_range(segment, config);
     let mut demands: Vec<budget::Device> =
-        segment.devices.iter().map(|device| demands_of(config, device)).collect();
+        segment.devices.iter().map(|device| demands_of(config, device, reference)).collect();
     for (chunk, times) in segment.image.chunks.iter().zip(times) {
         let range = chunk.first..chunk.end;
         for (device, demands) in segment.devices[range.clone()].iter().zip(&mut demands[range]) {
@@ -72,11 +73,65 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
     Ok(timing)
 }
 
+/// How far clocks may be apart: within the threshold on either side of the reference, or as far as
+/// the drift loop lets the worst of them.
+fn clock_error(segment: &Segment, config: &Config) -> Nanos {
+    let threshold = Nanos(2 * config.drift_threshold.0);
+    let (time_filter_depth, speed_filter_depth) = config.drift_filters.depths(config.cycle);
+    let reference = reference_range(segment, config);
+    let led = |device: &&SubDevice| device.dc.has_clock() && config.drift_compensation;
+    let left = segment.devices.iter().filter(led).map(|device| {
+        budget::clock_error(&Tracking {
+            cycle: config.cycle,
+            deviation_ppb: deviation(range(config, device.position), reference),
+            time_filter_depth,
+            speed_filter_depth,
+        })
+    });
+    // A loop hands on up to half of the jitter of the way at the usual depths, and some four times
+    // that at worst.
+    let jitter = hop_jitter(segment, config);
+    left.max().unwrap_or_default().max(threshold) + jitter + jitter
+}
+
+/// From the earliest to the latest that hops may make a frame come: a period of MII at the
+/// reference, and four standard deviations of the way behind it.
+fn way_jitter(segment: &Segment, config: &Config) -> Nanos {
+    match config.hop_jitter {
+        true => MII_PERIOD + Nanos(4 * hop_jitter(segment, config).0),
+        false => Nanos::ZERO,
+    }
+}
+
+/// A nibble at 100 Mbit/s.
+const MII_PERIOD: Nanos = Nanos(40);
+
+/// Standard deviation of the jitter on the longest way from the reference clock.
+fn hop_jitter(segment: &Segment, config: &Config) -> Nanos {
+    delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default()
+}
+
+/// How a SubDevice's oscillator runs, as far as that is known.
+fn range(config: &Config, position: usize) -> ClockRange {
+    config.devices.get(position).and_then(|wish| wish.clock).unwrap_or_default()
+}
+
+fn reference_range(segment: &Segment, config: &Config) -> ClockRange {
+    segment.reference.map_or(ClockRange::default(), |reference| range(config, reference))
+}
+
+/// By how much two oscillators come apart: by what is usual, or by more where more is known.
+fn deviation(one: ClockRange, other: ClockRange) -> i64 {
+    one.apart(other).max(USUAL_DEVIATION_PPB)
+}
+
 /// The demands as wishes and assumptions have them, still without arrivals.
-fn demands_of(config: &Config, device: &SubDevice) -> budget::Device {
+fn demands_of(config: &Config, device: &SubDevice, reference: ClockRange) -> budget::Device {
     let wish = config.devices.get(device.position);
     let assumed = wish.map(|wish| wish.assumed).unwrap_or_default();
-    mode::demands(device, assumed, wish)
+    let demands = mode::demands(device, assumed, wish);
+    let clock_deviation_ppb = deviation(range(config, device.position), reference);
+    budget::Device { clock_deviation_ppb, ..demands }
 }
 
 /// By how much later and earlier than by its delay frames may come to a SubDevice of a ring that is cut: from the other
@@ -145,7 +200,8 @@ mod tests {
         let arrival = 300 + (20 + 20 + 14 + 16 + 12) * 80;
         assert_eq!(timing.devices[0].0.outputs_arrival, Some(Nanos(arrival)));
         let line = timing.devices[0].1.line(Check::OutputsBeforeSync0).unwrap();
-        assert_eq!(line.needed, Nanos(arrival + 20_000 + 200 + 60_000));
+        // The jitter of a hop is a part of the host's.
+        assert_eq!(line.needed, Nanos(arrival + 20_000 + MII_PERIOD.0 + 200 + 60_000));
         // A phase of the user's, exactly enough and 1 ns too early.
         config.shift = Some(line.needed);
         assert!(planned(device.clone(), &config).is_ok());

@@ -2,10 +2,11 @@
 //!
 //! Each recorder is an [`isocat_sim::Tap`]: [`capture`] writes frames (pcapng), [`waves`] the signals of each SubDevice (VCD),
 //! [`trace`] its events on a time line (Perfetto), [`series`] one row a cycle and SubDevice (CSV, Parquet). None knows a plan, a report
-//! or another recorder.
+//! or another recorder. [`reading`] is the way back: frames out of anybody's capture.
 #![forbid(unsafe_code)]
 
 pub mod capture;
+pub mod reading;
 pub mod series;
 pub mod trace;
 pub mod waves;

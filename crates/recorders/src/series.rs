@@ -15,7 +15,6 @@ use std::io;
 use isocat_maindevice::{MainDevice, segment};
 use isocat_sim::bench::{Intent, Measured};
 use isocat_sim::{Segment, Tap};
-use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 /// A column of the table.
@@ -268,7 +267,7 @@ fn cells(main: &MainDevice, segment: &Segment) -> Vec<Cell> {
         let device: &isocat_sim::device::Device = device;
         let has_clock = found.is_some_and(|found| found.dc.has_clock());
         let counts = |f: &segment::SubDevice| f.output_sync.is_some() || f.input_sync.is_some();
-        let difference = device.esc.register(register::SYSTEM_TIME_DIFFERENCE).nanos();
+        let difference = device.esc.system_time_difference();
         Cell {
             pulses: 0,
             error: None,

@@ -18,7 +18,7 @@ use isocat_subdevice::Step;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase::State as Servo;
 use isocat_wire::time::{Time, True};
-use isocat_wire::{AlState, ObjectAddress, datagram, frame, register};
+use isocat_wire::{AlState, ObjectAddress, datagram, frame};
 use prost::Message;
 use schema::{
     CounterDescriptor, ProcessDescriptor, TracePacket, TrackDescriptor, TrackEvent, Type,
@@ -374,7 +374,7 @@ impl<W: Write> Tap for Trace<W> {
             if !found.dc.has_clock() || position >= self.devices.len() {
                 continue;
             }
-            let difference = device.esc.register(register::SYSTEM_TIME_DIFFERENCE).nanos().0;
+            let difference = device.esc.system_time_difference().0;
             let known = self.devices[position].difference.replace(difference);
             if known != Some(difference) {
                 self.count(at, position + 1, DIFFERENCE, difference);

@@ -7,6 +7,7 @@
 //! The keys of both files are declared in tables: [`keys`] has them all, and makes schemas and pages of them.
 #![forbid(unsafe_code)]
 
+mod chips;
 pub mod keys;
 pub mod offline;
 pub mod profile;

@@ -78,12 +78,13 @@ use std::collections::HashMap;
 use std::sync::{LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::section::Words;
-use isocat_esc::chip::Chip;
+use isocat_descriptions::quantity::Ppb;
+use isocat_esc::chip::{Chip, PortKind};
 use isocat_sim::Unevenness;
 use isocat_subdevice::{Description, Misbehaviour};
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
-use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
+use isocat_wire::{ObjectAddress, PortNumber};
 
 mod check;
 mod dictionary;
@@ -91,6 +92,7 @@ mod draft;
 mod esi;
 mod keys;
 mod parse;
+mod ports;
 mod rows;
 mod sii;
 #[cfg(test)]
@@ -128,6 +130,9 @@ pub struct Profile {
     pub application: ApplicationKind,
     /// PDOs to be assigned: written where 0x1C12 and 0x1C13 are writable, expected where they are not.
     pub assignment: Assignment,
+    /// Within what its oscillator is off, either way, where the maker states it; `None`:
+    /// [`CLOCK_TOLERANCE`].
+    pub clock_tolerance: Option<Ppb>,
     /// Synchronization choices as the ESI lists them; the first is the default.
     pub op_modes: Vec<OpMode>,
     /// Downloads at start that the description asks for.
@@ -274,6 +279,8 @@ pub struct Overrides {
     pub calc_and_copy: Option<Nanos>,
     /// [`CpuTimes::jitter`].
     pub jitter: Option<Nanos>,
+    /// [`Chip::eeprom_burn_time`].
+    pub eeprom_burn_time: Option<Nanos>,
     /// What the device does wrong.
     pub misbehaviour: &'static [Misbehaviour],
 }
@@ -334,6 +341,9 @@ impl Profile {
         if let Some(jitter) = overrides.jitter {
             profile.times.jitter = jitter;
         }
+        if let Some(eeprom_burn_time) = overrides.eeprom_burn_time {
+            profile.esc = Box::leak(Box::new(Chip { eeprom_burn_time, ..*profile.esc }));
+        }
         if !overrides.misbehaviour.is_empty() {
             let mut description = profile.description.clone();
             description.behaviour.misbehaviour = overrides.misbehaviour;
@@ -347,6 +357,11 @@ impl Profile {
     /// The ESC named by [`Profile::chip`].
     pub fn esc(&self) -> &'static Chip {
         self.esc
+    }
+
+    /// Whether its port 0, the one that leads upstream, is EBUS, as that of a terminal.
+    pub fn is_on_ebus(&self) -> bool {
+        self.esc.port(PortNumber::P0) == PortKind::Ebus
     }
 
     /// The default value of an entry as an unsigned number; `None` if the device does not have it or
@@ -389,7 +404,7 @@ impl Profile {
     }
 
     /// Whether the device says by what it can be synchronized.
-    pub fn states_modes(&self) -> bool {
+    pub(crate) fn states_modes(&self) -> bool {
         let of = |index| self.sync_parameters(index).and_then(|object| object.supported);
         let stated = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER].into_iter().filter_map(of);
         !self.has_mailbox() || stated.into_iter().next().is_some()
@@ -408,7 +423,7 @@ impl Profile {
     }
 
     /// The mode in which it runs where nobody asks for another.
-    pub fn preferred_mode(&self) -> Option<SyncMode> {
+    pub(crate) fn preferred_mode(&self) -> Option<SyncMode> {
         let types = self.supported_types();
         SyncMode::PREFERRED.into_iter().find(|mode| mode.is_supported(types))
     }
@@ -440,8 +455,13 @@ pub fn built_in_text(id: &str) -> Option<&'static str> {
     BUILT_IN.iter().find(|(name, _)| *name == id).map(|(_, text)| *text)
 }
 
+/// How far the oscillator of a SubDevice is off, either way, where neither its maker nor the
+/// segment file says so: terminals and drives commonly have crystals of +-25 ppm. The standard
+/// allows 100 ppm.
+pub const CLOCK_TOLERANCE: Ppb = Ppb::ppm(25);
+
 /// Those that people know first, then by name; devices of our own last.
-const BUILT_IN: [(&str, &str); 33] = [
+const BUILT_IN: [(&str, &str); 35] = [
     ("kollmorgen_akd2g", include_str!("../profiles/kollmorgen_akd2g.toml")),
     ("beckhoff_el2502-0010", include_str!("../profiles/beckhoff_el2502-0010.toml")),
     ("hpmicro_ecat_cia402_ssc", include_str!("../profiles/hpmicro_ecat_cia402_ssc.toml")),
@@ -449,6 +469,8 @@ const BUILT_IN: [(&str, &str); 33] = [
     ("beckhoff_ej3108", include_str!("../profiles/beckhoff_ej3108.toml")),
     ("beckhoff_ej6224", include_str!("../profiles/beckhoff_ej6224.toml")),
     ("beckhoff_ej7047", include_str!("../profiles/beckhoff_ej7047.toml")),
+    ("beckhoff_ek1100", include_str!("../profiles/beckhoff_ek1100.toml")),
+    ("beckhoff_ek1110", include_str!("../profiles/beckhoff_ek1110.toml")),
     ("beckhoff_el1258", include_str!("../profiles/beckhoff_el1258.toml")),
     ("beckhoff_el2212", include_str!("../profiles/beckhoff_el2212.toml")),
     ("beckhoff_el3632", include_str!("../profiles/beckhoff_el3632.toml")),

@@ -1,17 +1,21 @@
 //! From a segment file to a run: devices with ESC, stack and application, a host, and the intent that
 //! the MainDevice is given.
 
-use isocat_maindevice::{AssumedTimes, Config, DeviceConfig, StartupDownload};
+use isocat_esc::DriftLaw;
+use isocat_maindevice::{
+    AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, StartupDownload,
+};
 use isocat_sim::random::Stream;
 use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
+use isocat_sync::budget::Limits;
 use isocat_wire::time::{Nanos, Time};
 
-use crate::offline;
 use crate::profile::{self, ApplicationKind, Profile};
-use crate::segment_file::{Operation, SegmentFile, SubDevice};
+use crate::segment_file::{Clock, Operation, SegmentFile, SubDevice};
+use crate::{chips, offline};
 
 mod laid_out;
 
@@ -31,16 +35,26 @@ pub struct Scenario {
     /// Largest SYNC0 error with which a SubDevice counts as synchronized. Default 1 us: what the field
     /// calls synchronous; a healthy segment is far below.
     pub sync0_limit: Nanos,
+    /// Largest spread of the time from the acting pulse to Outputs Valid with which a SubDevice
+    /// counts as synchronized. Default 1 us: what ETG.1020 allows between 0x1C32:07 and :09.
+    pub outputs_spread: Nanos,
     /// Wanted phase of SYNC0; `None`: the plan chooses.
     pub shift: Option<Nanos>,
     /// The MainDevice's machine.
     pub host: HostModel,
     /// Whether the clocks are kept together.
     pub drift_compensation: bool,
+    /// Filter depths of the drift loops.
+    pub drift_filters: DriftFilters,
+    /// The law of all drift loops; `None`: each chip's own.
+    pub drift_law: Option<DriftLaw>,
     /// How much two clocks may differ, for the plan; `None`: as the MainDevice has it.
     pub clock_error: Option<Nanos>,
     /// Watchdog of the process data; `None`: as the chips have it.
     pub watchdog: Option<Nanos>,
+    /// Whether the delay of a hop varies from frame to frame: on the simulated wire, and in what
+    /// the MainDevice allows for.
+    pub hop_jitter: bool,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
     /// Run although the plan says that it does not fit.
@@ -61,12 +75,16 @@ impl From<SegmentFile> for Scenario {
             seed: file.seed,
             cycle: file.cycle,
             duration: file.duration,
-            sync0_limit: Nanos(1_000),
+            sync0_limit: file.sync0_limit,
+            outputs_spread: file.outputs_spread,
             shift: file.shift,
             host,
             drift_compensation: file.host.drift_compensation,
+            drift_filters: file.host.drift_filters,
+            drift_law: file.drift_law,
             clock_error: None,
             watchdog: file.watchdog,
+            hop_jitter: file.hop_jitter,
             operation: file.operation,
             force: false,
             devices: file.subdevices,
@@ -91,8 +109,12 @@ impl Scenario {
         config.host_jitter = self.host.jitter;
         config.shift = self.shift;
         config.drift_compensation = self.drift_compensation;
+        config.drift_filters = self.drift_filters;
         config.clock_error = self.clock_error;
+        config.limits =
+            Limits { sync0_error: self.sync0_limit, outputs_spread: self.outputs_spread };
         config.watchdog = self.watchdog;
+        config.hop_jitter = self.hop_jitter;
         config.force = self.force;
         config.quality = self.operation.quality;
         config.delay_watch = self.operation.delay_watch;
@@ -116,14 +138,18 @@ impl Scenario {
             cable: Cable::with_speed(device.cable.0 as u64, device.cable_delay.0)
                 .with_asymmetry(device.cable_asymmetry.into()),
             phys: None,
+            hop_jitter: self.hop_jitter,
             power_on: Time::ZERO + device.arrives.into(),
             device: DeviceSetup {
-                chip: profile.esc(),
+                chip: chips::with_law(profile.esc(), self.drift_law),
                 sii: profile.sii.clone().into(),
                 description: profile.description,
                 application: application(profile),
                 cpu: cpu(profile),
-                clock: ClockModel { deviation_ppb: device.clock.0, ..device.clock_shape },
+                clock: ClockModel {
+                    deviation_ppb: device.clock.deviation(self.seed, position).0,
+                    ..device.clock_shape
+                },
                 local_time: Time::new(local_time),
             },
         }
@@ -150,6 +176,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         outputs_calc_and_copy: Some(times.calc_and_copy),
         // Outputs that nothing delays act behind the application.
         outputs_delay: Some(times.application),
+        outputs_spread: Some(outputs_spread(profile)),
         inputs_calc_and_copy: Some(copy_inputs),
         ..AssumedTimes::default()
     };
@@ -170,8 +197,38 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         sync1: device.sync1,
         sync0_cycle: device.sync0_cycle,
         assumed,
+        clock: Some(clock_range(device)),
         startup: profile.startup.iter().map(startup).collect(),
         hot_connect: None,
+    }
+}
+
+/// How unevenly outputs that nothing delays follow their pulse: they act behind the application,
+/// which may be faster than its stated time. Outputs that SYNC0 fetches get a fixed time for it.
+fn outputs_spread(profile: &Profile) -> Nanos {
+    let times = &profile.times;
+    let variation = i64::from(times.unevenness.variation);
+    let faster = Nanos(times.application.0 * variation / 100);
+    if profile.description.behaviour.polls_outputs {
+        times.jitter + times.unevenness.timer_jitter
+    } else {
+        times.jitter + faster
+    }
+}
+
+/// Between what the file lets a clock run.
+fn clock_range(device: &SubDevice) -> ClockRange {
+    let shape = &device.clock_shape;
+    let moves = [shape.ramp.map(|ramp| ramp.by_ppb), shape.step.map(|step| step.by_ppb)];
+    let wanders = shape.walk.map_or(0, |walk| walk.bound_ppb);
+    let moved = moves.iter().flatten();
+    let (least, most) = match device.clock {
+        Clock::Given(deviation) => (deviation.0, deviation.0),
+        Clock::DrawnWithin(most) => (-most.0, most.0),
+    };
+    ClockRange {
+        least_ppb: least - wanders + moved.clone().map(|by| *by.min(&0)).sum::<i64>(),
+        most_ppb: most + wanders + moved.map(|by| *by.max(&0)).sum::<i64>(),
     }
 }
 

@@ -25,6 +25,19 @@
 //! opmode = "DC"                 # by name, or by number from 0; default: the first, for drives the first with SYNC0
 //! ```
 //!
+//! What is plugged together must fit: MII (copper) to MII, EBUS to EBUS, with a coupler between
+//! both:
+//!
+//! ```toml
+//! [[subdevice]]
+//! device = "beckhoff_ek1100"       # port 0 MII, port 1 EBUS, port 2 MII
+//!
+//! [[subdevice]]
+//! device = "beckhoff_el2502-0010"  # EBUS on both sides: it has no cable
+//! ```
+//!
+//! A device without `clock` has one drawn by the seed: see [`Clock`].
+//!
 //! With `count = 50` a table stands for fifty equal devices in a line. Every key is declared in
 //! [`FILE`].
 //!
@@ -36,10 +49,14 @@ use std::collections::HashMap;
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{Source, Table};
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
+use isocat_esc::DriftLaw;
+use isocat_esc::chip::PortKind;
+use isocat_maindevice::DriftFilters;
 use isocat_sim::ClockModel;
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
+use crate::chips;
 use crate::profile::Doubt;
 use crate::profile::Profile;
 
@@ -53,6 +70,7 @@ mod subdevice;
 mod tests;
 mod tree;
 
+pub use clock::Clock;
 pub use isocat_descriptions::document::{FileError, name_hint};
 pub use keys::FILE;
 pub use misbehave::vocabulary;
@@ -73,12 +91,21 @@ pub struct SegmentFile {
     pub duration: Nanos,
     /// Seed of everything random in the simulation. Key `seed`.
     pub seed: u64,
+    /// The law of all drift loops. Keys `drift_law` and `drift_phase`; `None`: each chip's own.
+    pub drift_law: Option<DriftLaw>,
+    /// Largest SYNC0 error that counts as synchronized. Key `sync0_limit`.
+    pub sync0_limit: Nanos,
+    /// Largest spread of outputs behind their pulse that counts as synchronized. Key
+    /// `outputs_spread`.
+    pub outputs_spread: Nanos,
     /// Wanted position of SYNC0 after the start of the cycle. Key `shift`; `None`: the plan
     /// chooses.
     pub shift: Option<Nanos>,
     /// Watchdog of the process data, register 0x0420. Key `watchdog`; `None`: as the chips have it,
     /// 100 ms.
     pub watchdog: Option<Nanos>,
+    /// Whether the delay of a hop varies from frame to frame. Key `hop_jitter`.
+    pub hop_jitter: bool,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
     /// The MainDevice's machine.
@@ -90,6 +117,8 @@ pub struct SegmentFile {
 /// `[host]`: the machine that the MainDevice runs on.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Host {
+    /// What the first device is plugged into. Key `port`.
+    pub port: PortKind,
     /// How fast its clock runs. Key `clock`.
     pub clock: Ppb,
     /// Peak-to-peak lateness of its wake-ups. Key `jitter`.
@@ -97,6 +126,8 @@ pub struct Host {
     /// Whether the clocks are kept together by drift compensation. Key `drift_compensation`.
     /// Without it a simulation shows how clocks run apart.
     pub drift_compensation: bool,
+    /// Filter depths of the drift loops. Keys `difference_filter` and `speed_filter`.
+    pub drift_filters: DriftFilters,
 }
 
 /// `[[subdevice]]`: one device.
@@ -109,7 +140,7 @@ pub struct SubDevice {
     /// The device, with what the file says differently already in it. Keys `device`, or `esi`,
     /// `type`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
     /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU),
-    /// `misbehave` (what it does wrong, by name).
+    /// `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it does wrong, by name).
     pub profile: &'static Profile,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
@@ -122,8 +153,8 @@ pub struct SubDevice {
     /// How much longer the way out takes on that cable than the way back; the mean stays. Key
     /// `cable_asymmetry`.
     pub cable_asymmetry: Nanos,
-    /// How fast its clock runs. Key `clock`.
-    pub clock: Ppb,
+    /// How fast its clock runs. Key `clock`, and `clocks` of the file.
+    pub clock: Clock,
     /// How that changes while the segment runs. Keys `clock_ramp`, `clock_step`, `clock_walk`. Its
     /// constant part is [`SubDevice::clock`].
     pub clock_shape: ClockModel,
@@ -162,22 +193,42 @@ impl SegmentFile {
         let root = root.by(cycle);
         let duration = root.get("for")?;
         let seed = root.get("seed")?;
+        let drift_law = chips::asked_law(&root, DriftLaw::HOLD)?;
+        let sync0_limit = root.get("sync0_limit")?;
+        let outputs_spread = root.get("outputs_spread")?;
         let shift = root.find("shift")?;
         let watchdog = root.find("watchdog")?;
+        let hop_jitter = root.get("hop_jitter")?;
         let operation = operation::operation(&root)?;
         let host = host(&root.table_or_empty("host")?, cycle)?;
+        let tolerance = root.find("clocks")?;
         let tables = root.tables("subdevice")?;
         if tables.is_empty() {
             return Err(root.error(keys::no_device()));
         }
-        let mut devices = Devices::default();
+        let mut devices = Devices::on(host.port);
         let mut files = esi::Files::default();
+        let bus = subdevice::Bus { cycle, tolerance };
         for table in &tables {
-            devices.add(table, subdevice::subdevice(source, table, cycle, &mut files)?)?;
+            devices.add(table, subdevice::subdevice(source, table, bus, &mut files)?)?;
         }
         let subdevices = tree::sort(devices.subdevices);
         let path = path.to_owned();
-        Ok(Self { path, cycle, duration, seed, shift, watchdog, operation, host, subdevices })
+        Ok(Self {
+            path,
+            cycle,
+            duration,
+            seed,
+            drift_law,
+            sync0_limit,
+            outputs_spread,
+            shift,
+            watchdog,
+            hop_jitter,
+            operation,
+            host,
+            subdevices,
+        })
     }
 
     /// Reads a segment file from disk.
@@ -198,7 +249,6 @@ impl SegmentFile {
 }
 
 /// The devices of the file so far.
-#[derive(Default)]
 struct Devices {
     subdevices: Vec<SubDevice>,
     ports: tree::Ports,
@@ -207,6 +257,11 @@ struct Devices {
 }
 
 impl Devices {
+    /// None yet, on a MainDevice with this port.
+    fn on(port: PortKind) -> Self {
+        Self { subdevices: Vec::new(), ports: tree::Ports::of(port), names: HashMap::new() }
+    }
+
     /// Adds what a table describes: one device, or `count` equal ones, one behind the other.
     fn add(&mut self, keys: &Keys<'_>, device: SubDevice) -> Result<(), FileError> {
         let count: usize = keys.get("count")?;
@@ -231,12 +286,32 @@ impl Devices {
             }
             // Only the first can hang elsewhere.
             let connect = keys.value("connect").filter(|_| number == 0);
-            let place = self.ports.place(keys, port, connect, &self.subdevices)?;
+            let plug = tree::Plug { name: &name, profile: device.profile, port };
+            let place = self.ports.place(keys, plug, connect, &self.subdevices)?;
             may_be_absent(keys, &device, place, &self.subdevices)?;
-            self.subdevices.push(SubDevice { name, place, ..device.clone() });
+            let mut device = SubDevice { name, place, ..device.clone() };
+            if device.profile.esc().port(port) == PortKind::Ebus {
+                without_cable(keys, &mut device)?;
+            }
+            self.subdevices.push(device);
         }
         Ok(())
     }
+}
+
+/// EBUS ports meet by contacts: the way between two terminals is part of what their ESCs take.
+fn without_cable(keys: &Keys<'_>, device: &mut SubDevice) -> Result<(), FileError> {
+    for key in ["cable", "cable_delay", "cable_asymmetry"] {
+        if keys.value(key).is_some() {
+            let message = format!(
+                "{key} is given, but \"{}\" is joined by EBUS, whose contacts are no cable; expected no {key} here",
+                device.name
+            );
+            return Err(keys.error_at(key, message));
+        }
+    }
+    (device.cable, device.cable_asymmetry) = (Length(0), Nanos::ZERO);
+    Ok(())
 }
 
 /// All others are behind the first; and who is behind one that is absent, is absent with it.
@@ -264,9 +339,14 @@ fn host(keys: &Keys<'_>, cycle: Nanos) -> Result<Host, FileError> {
     // A short cycle would not leave the usual jitter its place.
     let usual = Nanos::micros(20).min(Nanos(cycle.0 / 10));
     Ok(Host {
+        port: keys.choice("port", &keys::HOST_PORTS)?,
         clock: keys.get("clock")?,
         jitter: keys.find("jitter")?.unwrap_or(usual),
         drift_compensation: keys.get("drift_compensation")?,
+        drift_filters: DriftFilters {
+            difference: keys.find("difference_filter")?,
+            speed: keys.find("speed_filter")?,
+        },
     })
 }
 

@@ -221,11 +221,6 @@ impl CycleConduct {
         self.phase.push(unwrapped as i64);
     }
 
-    /// Phase of the first cycle, ps, to which [`phase`](Self::phase) is relative.
-    pub fn first_phase(&self) -> Option<i128> {
-        self.first_phase
-    }
-
     /// Forgets what was, at the beginning of operation; what begins a cycle is kept.
     pub fn restart(&mut self) {
         *self = Self { marker: self.marker, last_drift: None, ..Self::default() };

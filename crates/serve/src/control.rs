@@ -90,7 +90,7 @@ impl Requests {
     }
 
     /// Whether a signal has asked for the end.
-    pub fn signalled(&self) -> bool {
+    pub(crate) fn signalled(&self) -> bool {
         self.signalled.load(Ordering::Relaxed)
     }
 

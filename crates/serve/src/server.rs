@@ -32,6 +32,7 @@ pub struct Server {
     doors: Vec<Handle>,
     names: Vec<String>,
     sync0_limit: Picos,
+    outputs_spread: Picos,
     faults: Faults,
     events: VecDeque<Event>,
     ended: Vec<Session>,
@@ -198,7 +199,8 @@ const MOST_STRETCHES: usize = 256;
 impl Server {
     /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
-        let Setup { mut segment, names, seed, sync0_limit, shows_process_data } = setup.into();
+        let Setup { mut segment, names, seed, sync0_limit, outputs_spread, shows_process_data } =
+            setup.into();
         let outputs = |connection: &Connection| connection.device.description.outputs.max_length;
         let shown = if shows_process_data { &segment[..] } else { &[] };
         let doors: Vec<Handle> =
@@ -216,6 +218,7 @@ impl Server {
             served: Served::new(segment, seed, now),
             names,
             sync0_limit,
+            outputs_spread,
             faults: Faults::new(seed),
             events: VecDeque::new(),
             ended: Vec::new(),
@@ -543,7 +546,8 @@ impl Server {
         if there > 0 && there == wanted && !fallen && more {
             let cycle = cycle_of(&self.served, &session.conduct);
             session.conduct.cycle.restart();
-            self.served.begin_judging(reference, cycle, self.sync0_limit);
+            let limits = (self.sync0_limit, self.outputs_spread);
+            self.served.begin_judging(reference, cycle, limits);
             let before = session.judged.replace(Judged::begin(&self.served, at));
             // SubDevices that join those in OP make the stretch anew.
             if let Some(before) = before.filter(|_| !session.judging)

@@ -1,4 +1,4 @@
-//! What is served: the devices, the seed, and the limit that the judges go by.
+//! What is served: the devices, the seed, and the limits that the judges go by.
 
 use isocat_segment::Scenario;
 use isocat_sim::Connection;
@@ -18,6 +18,8 @@ pub struct Setup {
     pub seed: u64,
     /// Largest SYNC0 error with which a SubDevice counts as synchronized.
     pub sync0_limit: Picos,
+    /// Largest spread of outputs behind their pulse with which a SubDevice counts as synchronized.
+    pub outputs_spread: Picos,
     /// The server's caller may look at process data and set them. A service that nobody asks for them does without, and saves some
     /// hundred instructions for each device and cycle. Default true.
     pub shows_process_data: bool,
@@ -31,6 +33,7 @@ impl From<&Scenario> for Setup {
             names: scenario.devices.iter().map(|device| device.name.clone()).collect(),
             seed: setup.seed,
             sync0_limit: scenario.sync0_limit.into(),
+            outputs_spread: scenario.outputs_spread.into(),
             shows_process_data: true,
         }
     }

@@ -16,7 +16,7 @@ use super::server::{End, Server, Session};
 use super::verdict::{Judged, JudgedDevice};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-serve-summary/2";
+pub const FORMAT: &str = "isocat-serve-summary/3";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -192,6 +192,12 @@ pub struct DeviceSummary {
     pub sync0_error: Option<Spread>,
     /// From the end of copying and calculating to SYNC0.
     pub sync0_margin: Option<Span>,
+    /// Age of outputs when they act for the first time: from the first bit of the frame that
+    /// brought them, at the port of the MainDevice; null without outputs.
+    pub outputs_age: Option<Span>,
+    /// Age of inputs when they arrive: from Input Latch to the last bit, back at that port, of the
+    /// first frame that brings them; null without inputs.
+    pub inputs_age: Option<Span>,
     /// SYNC0 edges while a frame with process data passed it.
     pub sync0_in_frame: u64,
     /// 0x1C32:0B.
@@ -449,6 +455,8 @@ fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> Judge
         mode: device.mode.name().to_owned(),
         sync0_error: device.sync0_error.as_ref().and_then(spread),
         sync0_margin: span(&device.margin).filter(|_| device.mode.uses_dc()),
+        outputs_age: span(&device.ages[0]),
+        inputs_age: span(&device.ages[1]),
         sync0_in_frame: device.sync0_in_frame,
         sm_event_missed: device.counters[0],
         cycle_time_too_small: device.counters[1],

@@ -4,6 +4,7 @@ use std::fmt::{self, Write};
 
 use anstyle::{AnsiColor, Style};
 use isocat_descriptions::columns::{WIDTH, wrap};
+use isocat_engine::report::age::{self, DataAge};
 use isocat_engine::report::words::time;
 use isocat_wire::time::{Nanos, Picos};
 
@@ -238,7 +239,13 @@ impl JudgedSummary {
         if self.devices.len() > MOST {
             writeln!(out, " and {} more; --json lists them all", self.devices.len() - MOST)?;
         }
-        Ok(())
+        let ages = self.devices.iter().map(|device| DataAge {
+            position: device.position,
+            name: &device.name,
+            outputs: device.outputs_age,
+            inputs: device.inputs_age,
+        });
+        age::write(out, &ages.collect::<Vec<_>>(), "")
     }
 }
 

@@ -2,7 +2,6 @@
 
 use isocat_sim::bench::DeviceBench;
 use isocat_sim::finding::{self, Finding, Place};
-use isocat_sim::judge::outputs_delay;
 use isocat_sim::{Served, Statistics};
 use isocat_sync::SyncMode;
 use isocat_sync::object::{OUTPUT_PARAMETER, sub};
@@ -39,6 +38,8 @@ pub struct JudgedDevice {
     pub margin: Statistics,
     /// From the SM2 event to SYNC0, ps.
     pub distance: Statistics,
+    /// Age of outputs when they act, and of inputs when they are back at the MainDevice's port, ps.
+    pub ages: [Statistics; 2],
     /// SYNC0 edges that came while process data passed it.
     pub sync0_in_frame: u64,
     /// Counters of 0x1C32, as the stack has them: 0B, 0C, 0D, 20.
@@ -113,6 +114,7 @@ fn device(
         sync0_error: bench.sync0.as_ref().map(|judge| *judge.statistics()),
         margin: *bench.margin.margin(),
         distance: *bench.margin.distance(),
+        ages: [*bench.outputs_cycle.age(), *bench.inputs_cycle.age()],
         sync0_in_frame: served.sync0_in_frame()[at],
         counters: counters(served, at),
         counters_before,
@@ -160,8 +162,15 @@ fn findings(
     }
     let uneven = bench.outputs_delay.first_beyond().filter(|at| works_by_sync0 && within(*at));
     if let Some(at) = uneven {
-        let (spread, limit) = (bench.outputs_delay.spread(), outputs_delay::LIMIT);
+        let (spread, limit) = (bench.outputs_delay.spread(), bench.outputs_delay.limit());
         find(Some(at), finding::Judged::OutputsUneven { spread, limit });
+    }
+    let late = [
+        finding::Judged::outputs_late(bench.outputs_cycle.late()),
+        finding::Judged::inputs_late(bench.inputs_cycle.late()),
+    ];
+    for (at, kind) in late.into_iter().flatten().filter(|(at, _)| within(*at)) {
+        find(Some(at), kind);
     }
     let object = |sub| ObjectAddress::new(OUTPUT_PARAMETER, sub);
     // What was counted on the way up is the way up's; one that is smaller was set back meanwhile.

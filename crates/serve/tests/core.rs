@@ -1,80 +1,17 @@
 //! The core of the served segment without sockets: a MainDevice that is none of the simulation's, in virtual time, with devices whose
 //! application is the test's own.
 
-use std::collections::VecDeque;
+mod line;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
+use isocat_maindevice::Event;
 use isocat_segment::{Scenario, SegmentFile};
-use isocat_serve::{Answer, Server, Setup};
+use isocat_serve::Setup;
 use isocat_subdevice::Application;
-use isocat_wire::time::{Host, Nanos, Time};
-
-/// Somebody's MainDevice and the segment, in a time that moves only when both wait.
-struct Line {
-    server: Server,
-    main: MainDevice,
-    now: Time<Host>,
-    /// Answers under way: when their last bit is back.
-    back: VecDeque<(Time<Host>, Vec<u8>)>,
-}
-
-impl Line {
-    fn new(setup: impl Into<Setup>) -> Self {
-        let now = Time::new(5_000_000_000);
-        let main = MainDevice::new(Config::new(Nanos::millis(1)), now);
-        Self { server: Server::new(setup, now), main, now, back: VecDeque::new() }
-    }
-
-    /// Until `done` or for `span`; whether it was done.
-    fn run(&mut self, span: Nanos, mut done: impl FnMut(&Event) -> bool) -> bool {
-        let end = self.now + span;
-        loop {
-            let mut buffer = [0; FRAME_LEN];
-            while let Some(len) = self.main.poll_transmit(self.now, &mut buffer) {
-                let mut bytes = buffer[..len].to_vec();
-                if let Answer::Back { last_bit, .. } = self.server.frame(self.now, &mut bytes) {
-                    assert!(last_bit > self.now, "no wire is faster than light");
-                    let behind = self.back.back().is_none_or(|(before, _)| *before < last_bit);
-                    assert!(behind, "answers come back in the order of their frames");
-                    self.back.push_back((last_bit, bytes.clone()));
-                }
-                self.server.after(&bytes);
-            }
-            while let Some(event) = self.main.poll_event() {
-                if done(&event) {
-                    return true;
-                }
-            }
-            let wanted = self.main.next_timeout().unwrap_or(Time::NEVER);
-            match self.back.front() {
-                Some((at, _)) if *at <= wanted => {
-                    let (at, bytes) = self.back.pop_front().expect("it is there");
-                    self.now = self.now.max(at);
-                    self.main.handle_frame(self.now, &bytes);
-                }
-                _ if wanted > end => {
-                    self.now = end;
-                    self.server.idle(end);
-                    return false;
-                }
-                _ => {
-                    self.now = self.now.max(wanted);
-                    self.main.handle_timeout(self.now);
-                }
-            }
-        }
-    }
-
-    fn bring_up(&mut self) {
-        let up = self.run(Nanos::millis(20_000), |event| {
-            assert!(!matches!(event, Event::Failed(_)), "{event:?}");
-            matches!(event, Event::InOperation { .. })
-        });
-        assert!(up, "it comes into operation");
-    }
-}
+use isocat_wire::time::Nanos;
+use line::Line;
 
 fn scenario(count: usize) -> Scenario {
     let text =

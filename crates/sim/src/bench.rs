@@ -1,14 +1,17 @@
 //! The judges' bench: hands what happens to the judges that it concerns.
 
 use isocat_subdevice::{Chain, Step, SyncMode};
-use isocat_wire::time::{Nanos, Picos, Time, True};
+use isocat_wire::time::{Device, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
+use crate::judge::inputs_cycle::{self, Fetched};
 use crate::judge::{
-    Grid, HostPhase, MissedEvents, OutputsDelay, OutputsValid, Sync0Error, SyncMargin,
+    Grid, HostPhase, InputsCycle, MissedEvents, Opportunity, OutputsCycle, OutputsDelay,
+    OutputsValid, Sync0Error, SyncMargin, outputs_cycle,
 };
-use crate::observation::{Observation, Observed};
+use crate::observation::{Content, Observation, Observed};
 use crate::segment::Segment;
+use crate::wiring::MainPort;
 
 /// What the judges are told about the intent of a run: never how it was planned.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -21,8 +24,16 @@ pub struct Intent {
     pub sync0: Vec<Option<Grid>>,
     /// By SubDevice: when the pulse is to come at which its outputs act, SYNC0 or SYNC1.
     pub acting: Vec<Option<Grid>>,
+    /// By SubDevice: when frames with its process data are to find the reference clock; `None`
+    /// where nobody knows, as with a MainDevice of others.
+    pub exchange: Vec<Option<Grid>>,
+    /// By SubDevice: whether a local timer is to shift Input Latch (0x1C33:03). What is missing is
+    /// not shifted.
+    pub inputs_shifted: Vec<bool>,
     /// Largest SYNC0 error allowed.
     pub sync0_limit: Picos,
+    /// Largest spread allowed of the time from the acting pulse to valid outputs.
+    pub outputs_spread: Picos,
 }
 
 /// All judges of a run.
@@ -49,16 +60,43 @@ pub struct Measured {
 pub struct DeviceBench {
     /// SYNC0 edges; `None` where no SYNC0 was asked for.
     pub sync0: Option<Sync0Error>,
-    /// SM2 to SYNC0.
+    /// SM2 to SYNC0, and ready outputs to the pulse at which they act.
     pub margin: SyncMargin,
-    /// SYNC0 to valid outputs.
+    /// The acting pulse to valid outputs.
     pub outputs_delay: OutputsDelay,
+    /// Outputs act in their cycle.
+    pub outputs_cycle: OutputsCycle,
+    /// Inputs arrive in their cycle.
+    pub inputs_cycle: InputsCycle,
     /// Missed SM events.
     pub missed: MissedEvents,
     /// All changes of state, from power-on.
     pub states: Vec<StateChange>,
     /// Cycle to which the next outputs belong.
     cycle: Option<i64>,
+    /// What its process data are bound to, by the pulse.
+    bounds: Bounds,
+}
+
+/// The first opportunities of a SubDevice's process data, SYNC0 and SYNC1; `None` where that is not
+/// known.
+#[derive(Clone, Copy, Debug, Default)]
+struct Bounds {
+    outputs: [Option<Opportunity>; 2],
+    inputs: [Option<Opportunity>; 2],
+}
+
+impl Bounds {
+    fn new(sync0: Option<Grid>, acting: Option<Grid>, exchange: Option<Grid>) -> Self {
+        let Some(frames) = exchange else { return Self::default() };
+        // SYNC1 that lets outputs act comes once for each exchange.
+        let sync1 = acting.map(|acting| Grid { cycle: frames.cycle, ..acting });
+        let pulses = [sync0, sync1];
+        Self {
+            outputs: pulses.map(|pulse| Opportunity::new(frames, pulse?)),
+            inputs: pulses.map(|pulse| Opportunity::new(pulse?, frames)),
+        }
+    }
 }
 
 /// A change of state as it happened at the SubDevice.
@@ -85,10 +123,15 @@ impl Bench {
 
     /// Begins to judge: the segment is said to be in operation.
     pub fn begin(&mut self, intent: Intent) {
-        let grids = intent.sync0.iter();
-        for (device, grid) in self.devices.iter_mut().zip(grids) {
-            device.sync0 = grid.map(|grid| Sync0Error::new(grid, intent.sync0_limit));
+        for (position, device) in self.devices.iter_mut().enumerate() {
+            let of = |grids: &[Option<Grid>]| grids.get(position).copied().flatten();
+            let sync0 = of(&intent.sync0);
+            device.sync0 = sync0.map(|grid| Sync0Error::new(grid, intent.sync0_limit));
             device.margin = SyncMargin::default();
+            device.outputs_delay = OutputsDelay::new(intent.outputs_spread);
+            device.outputs_cycle = OutputsCycle::default();
+            device.inputs_cycle = InputsCycle::default();
+            device.bounds = Bounds::new(sync0, of(&intent.acting), of(&intent.exchange));
         }
         let synchronized = intent.sync0.iter().flatten().count();
         self.outputs_valid = OutputsValid::new(synchronized);
@@ -128,7 +171,7 @@ impl Bench {
 
     /// Something happened at a SubDevice; gives what was measured with it.
     pub fn observe(&mut self, segment: &Segment, observation: &Observation) -> Measured {
-        let Observation { device: index, device_at, event } = *observation;
+        let Observation { device: index, device_at, event, .. } = *observation;
         let true_time = || segment.devices()[index].oscillator().when(device_at);
         let device = &mut self.devices[index];
         if let Observed::State(state, code) = event {
@@ -136,7 +179,8 @@ impl Bench {
         }
         let mut measured = Measured::default();
         let Some(intent) = &self.intent else { return measured };
-        // Who is not asked for SYNC0 has no times to keep.
+        let acted = device.follow(intent, segment, observation);
+        // A SubDevice that is not asked for SYNC0 has no times to keep.
         if device.sync0.is_none() && !matches!(event, Observed::SmEventMissed(_)) {
             return measured;
         }
@@ -149,12 +193,21 @@ impl Bench {
             Observed::Sync0 | Observed::Sync1 => {
                 let at = true_time();
                 let reference = segment.devices()[intent.reference].system_time_ps(at);
+                if event == Observed::Sync0 {
+                    device.margin.sync0(device_at);
+                }
                 if let (Observed::Sync0, Some(judge)) = (event, &mut device.sync0) {
                     measured.sync0_error = Some(judge.edge(at, reference));
                 }
                 let chain = segment.devices()[index].stack.sync().chain();
+                if event == pulse_of_outputs(&chain) {
+                    device.outputs_cycle.pulse(at);
+                }
+                if event == pulse_of_inputs(&chain) {
+                    device.inputs_cycle.event(at);
+                }
                 if event == acting(&chain) {
-                    measured.margin = device.margin.sync0(device_at);
+                    measured.margin = device.margin.acts(device_at);
                     device.outputs_delay.sync0(at);
                     device.cycle = intent.acting[index].map(|grid| grid.index(reference));
                 }
@@ -162,7 +215,7 @@ impl Bench {
             Observed::Began(Step::OutputsValid) => {
                 // With subordinated cycles the first time counts; later ones act again.
                 if let Some(cycle) = device.cycle.take() {
-                    let at = true_time();
+                    let at = acted.unwrap_or_else(true_time);
                     device.outputs_delay.valid(at);
                     self.outputs_valid.valid(cycle, at);
                 }
@@ -170,6 +223,129 @@ impl Bench {
             _ => {}
         }
         measured
+    }
+}
+
+impl DeviceBench {
+    /// Follows process data by their content; gives when outputs acted.
+    fn follow(
+        &mut self,
+        intent: &Intent,
+        segment: &Segment,
+        observation: &Observation,
+    ) -> Option<Time<True>> {
+        let Observation { device: index, device_at, event, content } = *observation;
+        let device = &segment.devices()[index];
+        let chain = || device.stack.sync().chain();
+        let exchange = || intent.exchange.get(index).copied().flatten().unwrap_or(intent.send);
+        match event {
+            Observed::Sm2 => {
+                self.outputs_cycle.stored(content.frame);
+                if chain().mode == SyncMode::SmSynchronous {
+                    self.inputs_cycle.event(content.frame);
+                }
+            }
+            Observed::Began(Step::OutputsValid) if content.frame != Time::ZERO => {
+                let bound = self.outputs_bound(&chain(), intent, index, exchange().cycle);
+                let at = device.oscillator().when(device_at);
+                self.outputs_cycle.acted(content.frame, at, bound);
+                return Some(at);
+            }
+            Observed::Began(Step::LatchInputs) => self.inputs_cycle.latched(device_at),
+            Observed::Sm3 => {
+                let chain = chain();
+                if let Some(fetched) = fetched(segment, index, device_at, content) {
+                    let shifted = intent.inputs_shifted.get(index).copied().unwrap_or(false);
+                    let bound = self.inputs_bound(&chain, exchange().cycle, shifted);
+                    self.inputs_cycle.fetched(fetched, bound);
+                }
+                if chain.mode == SyncMode::SmSynchronous && !chain.has_outputs {
+                    self.inputs_cycle.event(content.frame);
+                }
+            }
+            _ => {}
+        }
+        None
+    }
+
+    fn outputs_bound(
+        &self,
+        chain: &Chain,
+        intent: &Intent,
+        index: usize,
+        frame: Nanos,
+    ) -> outputs_cycle::Bound {
+        use outputs_cycle::Bound;
+        match chain.mode {
+            SyncMode::FreeRun => Bound::Free,
+            SyncMode::SmSynchronous => Bound::Sm2(frame),
+            _ => {
+                let second = pulse_of_outputs(chain) == Observed::Sync1;
+                let pulses = if second { &intent.acting } else { &intent.sync0 };
+                let pulse = pulses.get(index).copied().flatten();
+                match (self.bounds.outputs[usize::from(second)], pulse) {
+                    (Some(opportunity), _) => Bound::Pulse(opportunity),
+                    (None, Some(pulse)) => Bound::NextPulse { pulse: pulse.cycle, frame },
+                    (None, None) => Bound::Free,
+                }
+            }
+        }
+    }
+
+    fn inputs_bound(&self, chain: &Chain, cycle: Nanos, shifted: bool) -> inputs_cycle::Bound {
+        use inputs_cycle::Bound;
+        match chain.mode {
+            SyncMode::FreeRun => Bound::Free,
+            SyncMode::SmSynchronous => Bound::Frame { cycle, shifted },
+            _ => {
+                let second = pulse_of_inputs(chain) == Observed::Sync1;
+                self.bounds.inputs[usize::from(second)].map_or(Bound::Free, Bound::Pulse)
+            }
+        }
+    }
+}
+
+/// Inputs that a frame fetched whose last bit passed a SubDevice at `device_at`; `None` if nobody
+/// knows which, or if the frame has no way back.
+fn fetched(
+    segment: &Segment,
+    index: usize,
+    device_at: Time<Device>,
+    content: Content,
+) -> Option<Fetched> {
+    if content.latched == Time::ZERO {
+        return None;
+    }
+    let way = [MainPort::Primary, MainPort::Secondary].into_iter().find_map(|port| {
+        let path = segment.path_from(port);
+        // Most segments are lines, where places are positions.
+        let entry = path.entries.get(index).filter(|entry| entry.device == index);
+        let entry = entry.or_else(|| path.entries.iter().find(|entry| entry.device == index))?;
+        Some(path.round_trip - entry.after)
+    })?;
+    let oscillator = segment.devices()[index].oscillator();
+    Some(Fetched {
+        frame: content.frame,
+        latched: (content.latched, oscillator.when(content.latched)),
+        arrive: oscillator.when(device_at) + way,
+    })
+}
+
+/// The pulse whose first occasion outputs are for: with subordinated cycles each SYNC0, if the
+/// application runs at each.
+fn pulse_of_outputs(chain: &Chain) -> Observed {
+    match chain.mode {
+        SyncMode::DcSubordinated if !chain.application_on_sync1 => Observed::Sync0,
+        _ => acting(chain),
+    }
+}
+
+/// The pulse to which inputs belong: with subordinated cycles a SYNC0, the last one before SYNC1.
+/// Where SYNC1 is a shift of Input Latch behind SYNC0, they belong to that SYNC0.
+fn pulse_of_inputs(chain: &Chain) -> Observed {
+    match chain.mode {
+        SyncMode::DcSubordinated => Observed::Sync0,
+        _ => acting(chain),
     }
 }
 

@@ -4,7 +4,7 @@
 use isocat_wire::time::Picos;
 
 /// Signal speed on a cable: 5 ns per metre.
-pub const PICOS_PER_MILLIMETRE: i64 = 5;
+pub(crate) const PICOS_PER_MILLIMETRE: i64 = 5;
 
 /// Which way along a cable, as its ends were named: from the MainDevice outwards, or back.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -83,7 +83,7 @@ pub struct Phy {
 
 impl Phy {
     /// A PHY that takes the same time both ways.
-    pub const fn symmetric(delay: Picos) -> Self {
+    pub(crate) const fn symmetric(delay: Picos) -> Self {
         Self { transmit: delay, receive: delay }
     }
 }

@@ -10,7 +10,7 @@ use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::cpu::{Action, Cpu, CpuModel};
-use crate::observation::{Observation, Observed};
+use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{ClockModel, Oscillator};
 use crate::random::Stream;
 use crate::storage::Storage;
@@ -48,6 +48,12 @@ pub struct Device {
     cpu: Cpu,
     position: usize,
     state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
+    /// The frame that passed last.
+    frame: Time<True>,
+    /// The frame that brought the outputs that were fetched last, and those that the application
+    /// has.
+    fetched: Time<True>,
+    mapped: Time<True>,
     missed: u64,
     ports_changed: bool,
     powered: bool,
@@ -60,7 +66,8 @@ impl Device {
             .with_growing_ram(Storage::grow)
             .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
-        let application = BoxedApplication(setup.application);
+        let application =
+            BoxedApplication { application: setup.application, mapped: false, acted: false };
         let stack = SubDevice::new(setup.description, store, application);
         let mut cpu = Cpu::new(setup.cpu, Stream::new(seed, "cpu", position as u64));
         cpu.wake(Time::ZERO);
@@ -77,6 +84,9 @@ impl Device {
             cpu,
             position,
             state,
+            frame: Time::ZERO,
+            fetched: Time::ZERO,
+            mapped: Time::ZERO,
             missed: 0,
             ports_changed: false,
             powered: true,
@@ -146,9 +156,12 @@ impl Device {
         self.cpu.next().min(self.esc.next_event()).min(timeout) == Time::NEVER
     }
 
-    /// Its ESC has seen a frame: something may be due earlier than it was.
-    pub fn touched(&mut self) {
+    /// Its ESC has seen a frame, whose first bit left the MainDevice at `frame`: something may be
+    /// due earlier than it was.
+    pub(crate) fn touched(&mut self, frame: Time<True>) {
         debug_assert!(self.powered, "no frame gets to a SubDevice without power");
+        self.frame = frame;
+        self.esc.label_frame(frame.count());
         self.quiet_until = self.quiet_until.min(self.esc.next_event());
     }
 
@@ -182,26 +195,58 @@ impl Device {
 
     fn act(&mut self, watch: &mut impl FnMut(Observation)) {
         let Some((at, action)) = self.cpu.pop() else { return };
-        let mut pdi = self.esc.pdi(at);
-        let observed = match action {
+        match action {
             Action::Begin(step) => {
-                self.stack.begin(at, step, &mut pdi);
-                Observed::Began(step)
+                self.stack.begin(at, step, &mut self.esc.pdi(at));
+                let frame = self.began(at, step);
+                let content = Content { frame, ..Content::default() };
+                self.report(at, Observed::Began(step), content, watch);
             }
             Action::Finish(step) => {
-                self.stack.finish(at, step, &mut pdi);
-                if step == Step::MapOutputs {
-                    // The only step whose end may move what the stack waits for.
-                    self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
-                }
-                Observed::Finished(step)
+                self.stack.finish(at, step, &mut self.esc.pdi(at));
+                let frame = self.finished(step);
+                let content = Content { frame, ..Content::default() };
+                self.report(at, Observed::Finished(step), content, watch);
             }
             Action::Poll => {
-                self.stack.poll(at, &mut pdi);
-                return self.look(at, watch);
+                self.stack.poll(at, &mut self.esc.pdi(at));
+                self.look(at, watch);
             }
-        };
-        self.report(at, observed, watch);
+        }
+    }
+
+    /// A step has begun; gives the frame that brought the outputs that it is about.
+    fn began(&mut self, at: Time<DeviceClock>, step: Step) -> Time<True> {
+        match step {
+            Step::MapOutputs => {
+                let label = self.esc.label(self.stack.description().outputs.sync_manager);
+                self.fetched = Time::new(label);
+                self.fetched
+            }
+            Step::OutputsValid if self.application().take_acted() => self.mapped,
+            Step::LatchInputs => {
+                self.esc.label_pdi(at.count());
+                Time::ZERO
+            }
+            _ => Time::ZERO,
+        }
+    }
+
+    /// A step has ended; gives the frame that brought the outputs that it is about.
+    fn finished(&mut self, step: Step) -> Time<True> {
+        if step != Step::MapOutputs {
+            return Time::ZERO;
+        }
+        // The only step whose end may move what the stack waits for.
+        self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
+        if self.application().take_mapped() {
+            self.mapped = self.fetched;
+        }
+        self.fetched
+    }
+
+    fn application(&mut self) -> &mut BoxedApplication {
+        self.stack.application_mut()
     }
 
     fn esc_event(
@@ -215,18 +260,25 @@ impl Device {
                 let description = self.stack.description();
                 let sm = |area: &ProcessDataArea| al_event::sync_manager(area.sync_manager.into());
                 let (outputs, inputs) = (sm(&description.outputs), sm(&description.inputs));
+                let content = Content { frame: self.frame, ..Content::default() };
                 if al_events & outputs != 0 {
-                    self.event(at, Event::Sm2, Observed::Sm2, watch);
+                    self.event(at, Event::Sm2, (Observed::Sm2, content), watch);
                 }
                 if al_events & inputs != 0 {
-                    self.event(at, Event::Sm3, Observed::Sm3, watch);
+                    let latched = Time::new(self.esc.label(description.inputs.sync_manager));
+                    let content = Content { latched, ..content };
+                    self.event(at, Event::Sm3, (Observed::Sm3, content), watch);
                 }
                 if al_events & !(outputs | inputs) != 0 {
                     self.cpu.wake(at);
                 }
             }
-            EscEvent::Sync0 => self.event(at, Event::Sync0, Observed::Sync0, watch),
-            EscEvent::Sync1 => self.event(at, Event::Sync1, Observed::Sync1, watch),
+            EscEvent::Sync0 => {
+                self.event(at, Event::Sync0, (Observed::Sync0, Content::default()), watch);
+            }
+            EscEvent::Sync1 => {
+                self.event(at, Event::Sync1, (Observed::Sync1, Content::default()), watch);
+            }
             event => {
                 self.ports_changed |= matches!(event, EscEvent::Ports | EscEvent::Reset);
                 self.cpu.wake(at);
@@ -238,10 +290,10 @@ impl Device {
         &mut self,
         at: Time<DeviceClock>,
         event: Event,
-        observed: Observed,
+        (observed, content): (Observed, Content),
         watch: &mut impl FnMut(Observation),
     ) {
-        self.report(at, observed, watch);
+        self.report(at, observed, content, watch);
         let steps = self.stack.handle_event(at, event, &mut self.esc.pdi(at));
         self.cpu.start(at, &steps);
         self.look(at, watch);
@@ -262,12 +314,16 @@ impl Device {
         if missed != self.missed {
             self.missed = missed;
             let counter = self.stack.sync().sm_event_missed();
-            self.report(at, Observed::SmEventMissed(counter), watch);
+            self.report(at, Observed::SmEventMissed(counter), Content::default(), watch);
         }
         let state = (self.stack.state(), self.stack.status_code());
         if state != self.state {
             self.state = state;
-            self.report(at, Observed::State(state.0, state.1), watch);
+            if state.0 != isocat_wire::AlState::Op {
+                // What it had is forgotten: nothing of it acts when OP is entered again.
+                (self.fetched, self.mapped) = (Time::ZERO, Time::ZERO);
+            }
+            self.report(at, Observed::State(state.0, state.1), Content::default(), watch);
         }
     }
 
@@ -275,48 +331,68 @@ impl Device {
         &self,
         device_at: Time<DeviceClock>,
         event: Observed,
+        content: Content,
         watch: &mut impl FnMut(Observation),
     ) {
-        watch(Observation { device: self.position, device_at, event });
+        watch(Observation { device: self.position, device_at, event, content });
     }
 }
 
-/// An application behind a pointer: devices of a segment have different ones.
-pub struct BoxedApplication(Box<dyn Application + Send>);
+/// An application behind a pointer: devices of a segment have different ones. It notes what became
+/// of outputs, which only the stack decides.
+pub struct BoxedApplication {
+    application: Box<dyn Application + Send>,
+    /// Outputs have come to it since the last look.
+    mapped: bool,
+    /// Its outputs have acted since the last look.
+    acted: bool,
+}
+
+impl BoxedApplication {
+    fn take_mapped(&mut self) -> bool {
+        std::mem::take(&mut self.mapped)
+    }
+
+    fn take_acted(&mut self) -> bool {
+        std::mem::take(&mut self.acted)
+    }
+}
 
 impl Application for BoxedApplication {
     fn power_off(&mut self) {
-        self.0.power_off();
+        self.application.power_off();
     }
     fn event(&mut self, event: Event) {
-        self.0.event(event);
+        self.application.event(event);
     }
     fn map_outputs(&mut self, outputs: &[u8]) {
-        self.0.map_outputs(outputs);
+        self.mapped = true;
+        self.application.map_outputs(outputs);
     }
     fn application(&mut self, cycle: isocat_wire::Nanos) {
-        self.0.application(cycle);
+        self.application.application(cycle);
     }
     fn outputs_valid(&mut self) {
-        self.0.outputs_valid();
+        self.acted = true;
+        self.application.outputs_valid();
     }
     fn latch_inputs(&mut self) {
-        self.0.latch_inputs();
+        self.application.latch_inputs();
     }
     fn map_inputs(&mut self, inputs: &mut [u8]) {
-        self.0.map_inputs(inputs);
+        self.application.map_inputs(inputs);
     }
     fn safe_outputs(&mut self) {
-        self.0.safe_outputs();
+        self.application.safe_outputs();
     }
     fn read_object(
         &mut self,
         object: ObjectAddress,
         value: &mut [u8],
     ) -> Option<Result<usize, AbortCode>> {
-        self.0.read_object(object, value)
+        self.application.read_object(object, value)
     }
     fn write_object(&mut self, object: ObjectAddress, value: &[u8]) -> Result<(), AbortCode> {
-        self.0.write_object(object, value)
+        self.application.write_object(object, value)
     }
 }

@@ -5,8 +5,10 @@
 
 use isocat_maindevice::kind::{Description, Figures};
 use isocat_maindevice::{Cause, SegmentChange, Stage, kinds};
-use isocat_wire::time::{Nanos, Picos};
+use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
+
+use crate::judge::Late;
 
 /// Something that keeps the segment from being in sync.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -124,6 +126,27 @@ kinds! {
             /// Largest spread allowed.
             limit: Picos,
         },
+        /// Outputs acted a whole cycle or more behind the first pulse (or SM event) that they were
+        /// for.
+        OutputsLate = "outputs-late" {
+            /// The most cycles.
+            cycles: u64,
+            /// Frames whose outputs acted late.
+            count: u64,
+            /// The largest age of outputs that acted late: from the first bit of their frame at the
+            /// MainDevice.
+            age: Picos,
+        },
+        /// Inputs came a whole cycle or more behind the first frame that could bring them.
+        InputsLate = "inputs-late" {
+            /// The most cycles.
+            cycles: u64,
+            /// Inputs that came late.
+            count: u64,
+            /// The largest age of inputs that came late: from Input Latch to the frame's last bit
+            /// at the MainDevice.
+            age: Picos,
+        },
         /// 0x1C32:0B or 0x1C33:0B rose.
         SmEventMissed = "sm-event-missed" {
             /// The counter.
@@ -200,6 +223,18 @@ kinds! {
 }
 
 impl Judged {
+    /// Outputs acted late, and since when; `None` if they never did.
+    pub fn outputs_late(late: &Late) -> Option<(Time<True>, Self)> {
+        let (cycles, count, age) = (late.cycles(), late.count(), late.age());
+        Some((late.first()?, Self::OutputsLate { cycles, count, age }))
+    }
+
+    /// Inputs came late, and since when; `None` if they never did.
+    pub fn inputs_late(late: &Late) -> Option<(Time<True>, Self)> {
+        let (cycles, count, age) = (late.cycles(), late.count(), late.age());
+        Some((late.first()?, Self::InputsLate { cycles, count, age }))
+    }
+
     /// The way up failed.
     pub fn failed(cause: Cause) -> Self {
         Self::Failed { code: cause.al_status_code(), cause }

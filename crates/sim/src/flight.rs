@@ -80,7 +80,7 @@ impl Segment {
         Err(Lost::Circulates)
     }
 
-    /// A frame arrives at a port; gives the time of its departure.
+    /// A frame arrives at a port, by the delays of the wiring; gives the time of its departure.
     fn visit(
         &mut self,
         flight: &mut Flight<'_>,
@@ -94,6 +94,13 @@ impl Segment {
             self.notice(notice, first, watch);
         }
         debug_assert!(self.devices[number].is_powered(), "its cables carry nothing");
+        let device = &mut self.devices[number];
+        if first {
+            // What the frame before wrote may be about this one's reception.
+            device.advance(device.oscillator().read(at + Picos(-EARLIEST.0)), watch);
+        }
+        let at = self.received(number, port, at);
+        let (after, arrival) = (at - flight.start, Arrival { after: at - flight.start, ..arrival });
         let device = &mut self.devices[number];
         let begin: Time<DeviceClock> = device.oscillator().read(at);
         if first {
@@ -124,7 +131,7 @@ impl Segment {
         device.advance(begin, watch);
         let before = self.probes.sees(number).then(|| flight.bytes.to_vec());
         let processed = device.esc.process(flight.bytes, begin, end, flight.good);
-        device.touched();
+        device.touched(flight.start);
         self.latched[number] |= processed.latch_ports;
         if let Some(before) = before {
             self.show(flight.start, arrival, false, before);
@@ -165,6 +172,11 @@ impl Segment {
 
     /// ESCs whose receive times were written keep the arrivals of this frame.
     fn latch_trail(&mut self, start: Time<True>) {
+        if self.trail.iter().any(|arrival| self.latched[arrival.device]) {
+            let trail = std::mem::take(&mut self.trail);
+            self.stamp_next_frames(start, &trail);
+            self.trail = trail;
+        }
         for arrival in &self.trail {
             if self.latched[arrival.device] {
                 let device = &mut self.devices[arrival.device];
@@ -181,6 +193,10 @@ impl Segment {
         Loops::of(self.devices[device].esc.dl_status())
     }
 }
+
+/// No port hands a frame on earlier than the wiring says by so much: half a period, and what
+/// smaller FIFOs take off.
+const EARLIEST: Picos = Picos(200_000);
 
 /// How long a frame of `len` bytes lasts, from its first preamble bit to its last FCS bit.
 pub(crate) fn duration(len: usize) -> Picos {

@@ -1,12 +1,13 @@
 //! An EtherCAT segment in deterministic virtual time: both sides meet, and judges watch.
 //!
 //! From the physics up: an [`oscillator`] makes a clock of its own out of true time; [`cable`] and
-//! [`wiring`] say what is connected to what and how far away, [`path`] when a frame reaches which port;
-//! [`random`] is the one source of chance. A [`device`] is an ESC, a stack, an application and a [`cpu`]
-//! on one oscillator, a [`segment`] is devices on cables that may be pulled and plugged, and switched
-//! off and on, while frames are under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
-//! segment meet in true time. `audience` says whom a frame visits, `flight` and `disturbance` what becomes
-//! of frames that meet something on their way.
+//! [`wiring`] say what is connected to what and how far away, `jitter` what a hop adds for one
+//! frame, [`path`] when a frame reaches which port; [`random`] is the one source of chance. A
+//! [`device`] is an ESC, a stack, an application and a [`cpu`] on one oscillator, a [`segment`] is
+//! devices on cables that may be pulled and plugged, and switched off and on, while frames are
+//! under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
+//! segment meet in true time. `audience` says whom a frame visits, `flight` and `disturbance` what
+//! becomes of frames that meet something on their way.
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
@@ -25,7 +26,9 @@ mod disturbance;
 pub mod finding;
 mod flight;
 pub mod host;
+mod jitter;
 pub mod judge;
+mod next_frame;
 pub mod observation;
 pub mod oscillator;
 pub mod path;

@@ -1,7 +1,7 @@
 //! What judges see of a run: events as they happen.
 
 use isocat_subdevice::Step;
-use isocat_wire::time::{Device, Time};
+use isocat_wire::time::{Device, Time, True};
 use isocat_wire::{AlState, AlStatusCode};
 
 /// One event at one SubDevice.
@@ -14,6 +14,20 @@ pub struct Observation {
     pub device_at: Time<Device>,
     /// What.
     pub event: Observed,
+    /// Which process data it concerns.
+    pub content: Content,
+}
+
+/// Where process data come from: known beside the bytes, by labels that the ESC keeps with its
+/// buffers. Zero where an event concerns none, or where their origin is not known.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Content {
+    /// When the first bit of the frame left the MainDevice: with SM2 the frame that stored outputs,
+    /// with steps of outputs the one that brought them, with SM3 the frame that fetched inputs.
+    pub frame: Time<True>,
+    /// With SM3: when the inputs were latched that the frame fetched, as the SubDevice's own
+    /// oscillator counts.
+    pub latched: Time<Device>,
 }
 
 /// What happened at a SubDevice.

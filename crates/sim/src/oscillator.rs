@@ -157,6 +157,17 @@ impl Oscillator {
         Time::new((count >> 64) as u64)
     }
 
+    /// What it counts at a point of true time in ps, rounded down; wraps with 64 bits.
+    pub(crate) fn count_ps(&self, at: Time<True>) -> u64 {
+        let at = at.count();
+        let count = match &self.shape {
+            None => u128::from(at) * u128::from(self.rate),
+            Some(shape) => shape.count(at),
+        };
+        let part = (u128::from(count as u64) * 1_000) >> 64;
+        ((count >> 64) as u64).wrapping_mul(1_000).wrapping_add(part as u64)
+    }
+
     /// The first point of true time at which it counts `reading`; never, if that is beyond all time.
     pub fn when<S: Scale>(&self, reading: Time<S>) -> Time<True> {
         let count = u128::from(reading.count()) << 64;

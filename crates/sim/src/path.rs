@@ -8,11 +8,16 @@
 //!
 //! A stay in an ESC costs its processing delay if the frame passes the EPU on the way to the next open
 //! port, else its forwarding delay, however many closed ports it skips.
+//!
+//! Where the ports are is computed once. When a frame is there depends on the frame as well, as
+//! each hop jitters: `Path::time` sets the arrivals of one that leaves at a point of true time.
 
 use isocat_wire::PortNumber;
 use isocat_wire::dl::DlStatus;
-use isocat_wire::time::Picos;
+use isocat_wire::time::{Picos, Time, True};
 
+use crate::jitter::Edges;
+use crate::oscillator::Oscillator;
 use crate::wiring::{End, MainPort, Wiring};
 
 #[cfg(test)]
@@ -82,8 +87,27 @@ pub struct Arrival {
     pub device: usize,
     /// The port.
     pub port: PortNumber,
-    /// Since the first bit left the MainDevice.
+    /// Since the first bit left the MainDevice, jitter of the hops included.
     pub after: Picos,
+}
+
+/// What one arrival adds to the one before it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Step {
+    /// The stay before and the hop, without jitter.
+    takes: Picos,
+    edges: Edges,
+    device: usize,
+    /// It is the next one of the entries, else of the returns.
+    entry: bool,
+}
+
+/// Which port hands frames on when, beside what the wiring says of it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Reception {
+    pub edges: Edges,
+    /// How much earlier than the delays of the chip say.
+    pub sooner: Picos,
 }
 
 /// All arrivals of one frame, in the order of time, and its way back.
@@ -101,32 +125,39 @@ pub struct Path {
     /// Every SubDevice on the way processes the frame when it first meets it. Not so if cables are
     /// swapped or the frame comes from the other end of a ring.
     pub processed_first: bool,
+    /// One for each arrival, in the order of time; empty if no hop jitters.
+    steps: Vec<Step>,
+    /// Behind the last arrival.
+    last_step: Picos,
 }
 
 impl Path {
     /// The way of a frame that leaves the MainDevice at `from`. `loops` tells which ports of a SubDevice
     /// are closed.
     pub fn new(wiring: &Wiring, loops: impl Fn(usize) -> Loops, from: MainPort) -> Self {
-        Self::over(wiring, loops, |_| true, from)
+        Self::over(wiring, loops, |_| true, |_, _| Reception::default(), from)
     }
 
     /// The same over those cables only that carry signals: what is sent into another is lost.
-    pub fn over(
+    /// `reception` tells what ports of SubDevices add.
+    pub(crate) fn over(
         wiring: &Wiring,
         loops: impl Fn(usize) -> Loops,
         carries: impl Fn(usize) -> bool,
+        reception: impl Fn(usize, PortNumber) -> Reception,
         from: MainPort,
     ) -> Self {
         let mut path = Path { processed_first: true, ..Path::default() };
         let mut processed = vec![false; wiring.devices()];
         let mut end = End::Main(from);
-        let mut at = Picos::ZERO;
+        let (mut at, mut before) = (Picos::ZERO, Picos::ZERO);
         // No port is arrived at twice, unless the way goes round for ever.
         let mut most = 4 * wiring.devices() + 1;
         while let Some(hop) = wiring.hop(end).filter(|hop| carries(hop.cable)) {
             at += hop.delay;
             let (device, port) = match hop.to {
                 End::Main(port) => {
+                    path.last_step = at - before;
                     path.round_trip = at;
                     path.end = Some(port);
                     break;
@@ -139,7 +170,12 @@ impl Path {
                 break;
             }
             let turn = loops.turn(port);
+            let Reception { edges, sooner } = reception(device, port);
+            at -= sooner;
             let arrival = Arrival { device, port, after: at };
+            let entry = turn.processed;
+            path.steps.push(Step { takes: at - before, edges, device, entry });
+            before = at;
             let stay = wiring.stay(device);
             if turn.processed {
                 path.entries.push(arrival);
@@ -152,6 +188,34 @@ impl Path {
             }
             end = End::Port(device, turn.exit);
         }
+        if !path.steps.iter().any(|step| step.edges.are_there()) {
+            path.steps.clear();
+        }
         path
+    }
+
+    /// Sets all arrivals, and the round trip, to those of a frame that leaves the MainDevice at
+    /// `start`; `oscillator` gives that of a SubDevice.
+    pub(crate) fn time<'a>(
+        &mut self,
+        start: Time<True>,
+        oscillator: impl Fn(usize) -> &'a Oscillator,
+    ) {
+        if self.steps.is_empty() {
+            return;
+        }
+        let (mut entries, mut returns) = (self.entries.iter_mut(), self.returns.iter_mut());
+        let mut at = Picos::ZERO;
+        for step in &self.steps {
+            at += step.takes;
+            at += step.edges.wait(oscillator(step.device), start + at);
+            let arrival = if step.entry { entries.next() } else { returns.next() };
+            if let Some(arrival) = arrival {
+                arrival.after = at;
+            }
+        }
+        if self.end.is_some() {
+            self.round_trip = at + self.last_step;
+        }
     }
 }

@@ -9,7 +9,7 @@ use isocat_wire::{AlState, AlStatus, ObjectAddress};
 
 use crate::bench::{Bench, Intent};
 use crate::finding::{Finding, Judged, Kind, Place};
-use crate::judge::{Grid, Sync0Error, outputs_delay};
+use crate::judge::{Grid, Sync0Error};
 use crate::world::{Setup, Tap, World};
 
 /// A run: what it is made of, and for how long.
@@ -183,6 +183,7 @@ pub fn intent(main: &MainDevice, limit: Nanos) -> Intent {
     let segment = main.segment();
     let timing = segment.timing.as_ref();
     let cycle = timing.map_or(Nanos(1_000_000), |timing| timing.cycle.cycle);
+    let limits = timing.map(|timing| timing.cycle.limits).unwrap_or_default();
     let send = timing.map_or(Nanos::ZERO, |timing| timing.cycle.send);
     let devices =
         || timing.into_iter().flat_map(|t| t.devices.iter().map(move |d| (t.sync0, &d.0)));
@@ -194,12 +195,18 @@ pub fn intent(main: &MainDevice, limit: Nanos) -> Intent {
         let phase = shift.filter(|_| device.mode.uses_dc())?;
         Some(Grid { cycle, phase })
     };
+    let exchange = |(_, device): (Option<Nanos>, &isocat_sync::budget::Device)| {
+        Some(Grid { cycle: Nanos(cycle.0 * i64::from(device.every.max(1))), phase: send })
+    };
     Intent {
+        exchange: devices().map(exchange).collect(),
+        inputs_shifted: devices().map(|(_, device)| device.input_shift > Nanos::ZERO).collect(),
         reference: segment.reference.unwrap_or(0),
         send: Grid { cycle, phase: send },
         sync0: devices().map(sync0).collect(),
         acting: devices().map(acting).collect(),
         sync0_limit: limit.into(),
+        outputs_spread: limits.outputs_spread.into(),
     }
 }
 
@@ -413,9 +420,14 @@ impl<T: Tap> Outcome<T> {
             findings.extend(self.judge_sync0(position, sync0));
         }
         if let Some(at) = bench.outputs_delay.first_beyond() {
-            let (spread, limit) = (bench.outputs_delay.spread(), outputs_delay::LIMIT);
+            let (spread, limit) = (bench.outputs_delay.spread(), bench.outputs_delay.limit());
             findings.push((Some(at), Judged::OutputsUneven { spread, limit }));
         }
+        let late = [
+            Judged::outputs_late(bench.outputs_cycle.late()),
+            Judged::inputs_late(bench.inputs_cycle.late()),
+        ];
+        findings.extend(late.into_iter().flatten().map(|(at, kind)| (Some(at), kind)));
         for (index, counters) in [
             (OUTPUT_PARAMETER, &self.output_counters[position]),
             (INPUT_PARAMETER, &self.input_counters[position]),

@@ -4,15 +4,17 @@ use isocat_esc::Passing;
 use isocat_wire::address::PortNumber;
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
-use isocat_wire::{Command, frame};
+use isocat_wire::{Command, frame, register};
 
 use crate::audience::{self, Audience, Item};
 use crate::cable::{Cable, Phy};
 use crate::device::{Device, DeviceSetup};
 use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice};
 use crate::flight::{Flight, duration};
+use crate::jitter::{self, Edges};
+use crate::next_frame::NextFrame;
 use crate::observation::Observation;
-use crate::path::{Arrival, Loops, Path};
+use crate::path::{Arrival, Loops, Path, Reception};
 use crate::probe::{Probed, Probes};
 use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
@@ -28,6 +30,10 @@ pub struct Connection {
     pub cable: Cable,
     /// The PHYs of its ports; `None`: as its chip has them.
     pub phys: Option<[Phy; 4]>,
+    /// Each hop to it takes its own time for every frame, as its receive FIFOs take it into its
+    /// clock ([`isocat_esc::rx_fifo`]). Default yes; without, the time of a hop is the same for
+    /// all, and the size of FIFOs (0x0100 bits 18:16) changes nothing.
+    pub hop_jitter: bool,
     /// The SubDevice.
     pub device: DeviceSetup,
     /// When it gets its power: what stands at zero is there from the start.
@@ -35,9 +41,11 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// A SubDevice behind a port of another (or of the MainDevice), plugged in at its port 0.
+    /// A SubDevice behind a port of another (or of the MainDevice), plugged in at its port 0; hops
+    /// to it jitter.
     pub fn new(parent: Option<(usize, PortNumber)>, cable: Cable, device: DeviceSetup) -> Self {
-        Self { parent, port: PortNumber::P0, cable, phys: None, device, power_on: Time::ZERO }
+        let (port, power_on) = (PortNumber::P0, Time::ZERO);
+        Self { parent, port, cable, phys: None, hop_jitter: true, device, power_on }
     }
 }
 
@@ -54,6 +62,8 @@ impl Connection {
 pub struct Segment {
     pub(crate) devices: Vec<Device>,
     pub(crate) wiring: Wiring,
+    /// Phase of the clock that takes frames from the wire, by SubDevice.
+    receive_phases: Vec<u64>,
     pub(crate) disturbances: Disturbances,
     /// The way of frames from each MainDevice port, as of the last look at the loops.
     pub(crate) paths: [Path; 2],
@@ -68,6 +78,7 @@ pub struct Segment {
     /// By SubDevice: the frame under way latches receive times.
     pub(crate) latched: Vec<bool>,
     any_latched: bool,
+    pub(crate) next_frame: NextFrame,
     last_frame: Option<(MainPort, Time<True>)>,
     /// Which SubDevices the frame that is followed has met, and its arrivals.
     pub(crate) met: Vec<bool>,
@@ -119,6 +130,7 @@ impl Segment {
     /// together: two at one port, or one at a port that the chip has not.
     pub fn new(connections: Vec<Connection>, seed: u64) -> Self {
         let wiring = wire(&connections);
+        let exists = connections.iter().any(|it| it.device.chip.stamps_next_frame);
         let later: Vec<_> = connections.iter().map(|connection| connection.power_on).collect();
         let devices: Vec<Device> = connections
             .into_iter()
@@ -136,10 +148,12 @@ impl Segment {
             items: Vec::with_capacity(128),
             latched: vec![false; count],
             any_latched: false,
+            next_frame: NextFrame::new(exists),
             last_frame: None,
             met: vec![false; count],
             trail: Vec::new(),
             probes: Probes::default(),
+            receive_phases: (0..count).map(|position| jitter::phase(seed, position)).collect(),
             wiring,
         };
         for cable in 0..segment.wiring.cables() {
@@ -181,7 +195,7 @@ impl Segment {
     }
 
     /// What the probes have seen since the last look.
-    pub fn take_probed(&mut self) -> impl Iterator<Item = Probed> + '_ {
+    pub(crate) fn take_probed(&mut self) -> impl Iterator<Item = Probed> + '_ {
         self.probes.take()
     }
 
@@ -202,12 +216,12 @@ impl Segment {
         &self.wiring
     }
 
-    /// The way of frames from the primary port, as of the last frame that set out.
+    /// The way of frames from the primary port, and its times, as of the last frame that set out.
     pub fn path(&self) -> &Path {
         self.path_from(MainPort::Primary)
     }
 
-    /// The way of frames from a port, as of the last frame that set out.
+    /// The way of frames from a port, and its times, as of the last frame that set out.
     pub fn path_from(&self, port: MainPort) -> &Path {
         &self.paths[port as usize]
     }
@@ -272,13 +286,15 @@ impl Segment {
         self.settle(start, watch);
         self.unsettled |= may_change_loops(bytes);
         let duration = duration(bytes.len());
-        let path = &self.paths[from as usize];
+        let (path, devices) = (&mut self.paths[from as usize], &self.devices);
+        path.time(start, |device| devices[device].oscillator());
         let round_trip = path.round_trip;
         let last_bit = start + round_trip + duration;
         let quiet = !self.unsettled && self.disturbances.are_quiet(start, last_bit);
         let port = match path.end {
             // Against the order of a whole ring: nobody looks into it.
             Some(port) if quiet && path.entries.is_empty() => {
+                self.remember_frame(from, start);
                 return Ok(Returned { port, first_bit: start + round_trip, last_bit, good: true });
             }
             Some(port) if quiet && path.processed_first => port,
@@ -286,6 +302,9 @@ impl Segment {
                 let fate = self.fly(Flight::new(bytes, start), from, watch);
                 self.forget_audiences();
                 self.latched.fill(false);
+                if fate.is_ok() {
+                    self.remember_frame(from, start);
+                }
                 return fate;
             }
         };
@@ -304,6 +323,7 @@ impl Segment {
         self.items = items;
         self.latch_returns(from, start);
         fate?;
+        self.remember_frame(from, start);
         Ok(Returned { port, first_bit: start + round_trip, last_bit, good: true })
     }
 
@@ -466,7 +486,7 @@ impl Segment {
         if device.esc.reach_is_changing() {
             audience.disturb(place);
         }
-        device.touched();
+        device.touched(start);
         if latch {
             device.esc.receive_at_port(entry.port, begin);
             self.latched[entry.device] = true;
@@ -493,7 +513,7 @@ impl Segment {
         if device.esc.reach_is_changing() {
             self.audiences[from as usize].disturb(place);
         }
-        device.touched();
+        device.touched(start);
         if processed.latch_ports {
             device.esc.receive_at_port(entry.port, begin);
             self.latched[entry.device] = true;
@@ -534,6 +554,10 @@ impl Segment {
     fn latch_returns(&mut self, from: MainPort, start: Time<True>) {
         if !std::mem::take(&mut self.any_latched) {
             return;
+        }
+        if self.next_frame.exists() {
+            let own = self.paths[from as usize].returns.clone();
+            self.stamp_next_frames(start, &own);
         }
         for back in &self.paths[from as usize].returns {
             if self.latched[back.device] {
@@ -641,6 +665,26 @@ impl Segment {
         }
     }
 
+    /// What a port of a SubDevice adds to the time of what it receives, by its DL control as it
+    /// stands.
+    fn reception(&self, device: usize, port: PortNumber) -> Reception {
+        if !self.wiring.stay(device).hop_jitter {
+            return Reception::default();
+        }
+        let esc = &self.devices[device].esc;
+        let receiver = esc.chip().receiver(port, esc.register(register::DL_CONTROL));
+        let edges = Edges::new(receiver.period, self.receive_phases[device]);
+        Reception { edges, sooner: receiver.reduction }
+    }
+
+    /// When a frame that is at a port of a SubDevice at `at`, by the delays of the wiring, is
+    /// handed on by it.
+    pub(crate) fn received(&self, device: usize, port: PortNumber, at: Time<True>) -> Time<True> {
+        let Reception { edges, sooner } = self.reception(device, port);
+        let at = at + Picos(-sooner.0);
+        at + edges.wait(self.devices[device].oscillator(), at)
+    }
+
     /// Computes the ways of frames anew, as they are at `at`.
     fn refresh(&mut self, at: Time<True>) {
         for device in &mut self.devices {
@@ -649,9 +693,12 @@ impl Segment {
         let devices = &self.devices;
         let loops = |device: usize| Loops::of(devices[device].esc.dl_status());
         let carries = |cable| self.disturbances.carries(cable, at, at);
-        self.paths = [MainPort::Primary, MainPort::Secondary]
-            .map(|port| Path::over(&self.wiring, loops, carries, port));
+        self.paths = [MainPort::Primary, MainPort::Secondary].map(|port| {
+            let reception = |device, port| self.reception(device, port);
+            Path::over(&self.wiring, loops, carries, reception, port)
+        });
         self.stale = false;
+        self.find_waiting_ports();
         self.forget_audiences();
     }
 }
@@ -678,7 +725,8 @@ const LOOPS: [std::ops::Range<usize>; 2] = [0x0040..0x0041, 0x0100..0x0104];
 /// The order in which frames are processed by SubDevices that hang together like this: for each the
 /// parent and its port, and the own port upstream. It is the order of their positions.
 pub fn processing_order(links: &[(Option<(usize, PortNumber)>, PortNumber)]) -> Vec<usize> {
-    let stay = Stay { processing: Picos(1), forwarding: Picos(1), phys: [Phy::default(); 4] };
+    let phys = [Phy::default(); 4];
+    let stay = Stay { processing: Picos(1), forwarding: Picos(1), phys, hop_jitter: false };
     let mut wiring = Wiring::new(vec![stay; links.len()]);
     for (device, (parent, port)) in links.iter().enumerate() {
         lay(&mut wiring, *parent, (device, *port), Cable::default());
@@ -695,7 +743,8 @@ pub fn processing_order(links: &[(Option<(usize, PortNumber)>, PortNumber)]) -> 
 fn wire(connections: &[Connection]) -> Wiring {
     let stay = |connection: &Connection| {
         let stay = Stay::of(connection.device.chip);
-        Stay { phys: connection.phys.unwrap_or(stay.phys), ..stay }
+        let phys = connection.phys.unwrap_or(stay.phys);
+        Stay { phys, hop_jitter: connection.hop_jitter, ..stay }
     };
     let mut wiring = Wiring::new(connections.iter().map(stay).collect());
     for (device, connection) in connections.iter().enumerate() {

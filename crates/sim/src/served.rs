@@ -133,9 +133,15 @@ impl Served {
         self.observations = observations;
     }
 
-    /// Begins to judge, as of now: SYNC0 of each SubDevice is to keep the grid that was written into its SYNC
-    /// unit, seen by the clock of `reference`.
-    pub fn begin_judging(&mut self, reference: usize, cycle: Nanos, sync0_limit: Picos) {
+    /// Begins to judge, as of now: SYNC0 of each SubDevice is to keep the grid that was written
+    /// into its SYNC unit, seen by the clock of `reference`. The limits are the largest SYNC0
+    /// error, and the largest spread of outputs behind their pulse.
+    pub fn begin_judging(
+        &mut self,
+        reference: usize,
+        cycle: Nanos,
+        (sync0_limit, outputs_spread): (Picos, Picos),
+    ) {
         let device = &self.segment.devices()[reference];
         let reference_time = device.esc.system_time(device.oscillator().read(self.now));
         let sync0 = self.segment.devices().iter().map(|device| {
@@ -173,7 +179,10 @@ impl Served {
             send: Grid { cycle, phase: Nanos::ZERO },
             sync0,
             acting,
+            exchange: vec![None; self.segment.devices().len()],
+            inputs_shifted: Vec::new(),
             sync0_limit,
+            outputs_spread,
         });
         self.clashes.fill(0);
     }
@@ -226,8 +235,7 @@ fn note(observations: &mut Vec<Observation>, everything: bool, observation: Obse
         || match observation.event {
             Began(step) => step == Step::OutputsValid,
             Finished(step) => step == Step::MapOutputs,
-            Sm2 | Sync0 | SmEventMissed(_) | State(..) => true,
-            Sm3 | Sync1 => false,
+            Sm2 | Sm3 | Sync0 | Sync1 | SmEventMissed(_) | State(..) => true,
         };
     if concerns {
         observations.push(observation);

@@ -33,15 +33,19 @@ pub struct Stay {
     pub forwarding: Picos,
     /// The PHYs by port; arrivals count behind them, departures before them.
     pub phys: [Phy; 4],
+    /// Its ports take frames into its own clock, and by the size of their FIFOs: each hop to it
+    /// jitters. Without, every frame takes the same time.
+    pub hop_jitter: bool,
 }
 
 impl Stay {
-    /// As the chip's profile has it.
+    /// As the chip's profile has it; hops jitter.
     pub fn of(chip: &Chip) -> Self {
         Self {
             processing: chip.processing_delay,
             forwarding: chip.forwarding_delay,
             phys: PortNumber::ALL.map(|port| Phy::symmetric(chip.port_delay(port))),
+            hop_jitter: true,
         }
     }
 }
@@ -172,7 +176,7 @@ mod tests {
     fn a_hop_is_phy_cable_phy_and_knows_its_direction() {
         let phy = |transmit, receive| Phy { transmit: Picos(transmit), receive: Picos(receive) };
         let phys = [phy(1, 20), phy(300, 4_000), phy(0, 0), phy(0, 0)];
-        let stay = Stay { processing: Picos(0), forwarding: Picos(0), phys };
+        let stay = Stay { processing: Picos(0), forwarding: Picos(0), phys, hop_jitter: false };
         let mut wiring = Wiring::new(vec![stay; 2]);
         let cable = Cable::of_length(10_000).with_asymmetry(Picos(200_000 - 100_000));
         let (a, b) = (End::Port(0, P1), End::Port(1, P0));

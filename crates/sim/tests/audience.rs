@@ -150,8 +150,6 @@ fn every_frame_comes_back_the_same() {
         let mut chance = Chance(Stream::new(seed, "frames", 0));
         let mut segment = segment();
         let mut book = by_the_book();
-        let entries = segment.path().entries.clone();
-        let returns = segment.path().returns.clone();
         let mut now = Time::<True>::new(1_000_000_000);
         let oscillator = segment.devices()[0].oscillator().clone();
         let read = |at: Time<True>| oscillator.read::<DeviceClock>(at);
@@ -160,6 +158,9 @@ fn every_frame_comes_back_the_same() {
             let mut theirs = ours.clone();
             let duration = Picos(frame::duration_ns(ours.len()) as i64 * 1000);
             segment.pass(&mut ours, now, &mut |_| {}).expect("all loops stay as they are");
+            // As this frame passed them.
+            let entries = segment.path().entries.clone();
+            let returns = segment.path().returns.clone();
             let mut latching = vec![];
             for entry in &entries {
                 let at = now + entry.after;

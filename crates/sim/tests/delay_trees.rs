@@ -12,7 +12,8 @@ use PortNumber::*;
 use isocat_esc::Chip;
 use isocat_sim::{Cable, ClockModel, Connection, MainPort, Segment};
 use isocat_sync::delay::{
-    Averaging, Delay, Found, Mean, Node, Stay, Why, propagation_delays, turn,
+    Averaging, Delay, Found, Hop, HopJitter, Mean, Node, Stay, Why, hop_jitter, propagation_delays,
+    turn,
 };
 use isocat_wire::PortNumber;
 use isocat_wire::time::{Picos, Time};
@@ -59,11 +60,21 @@ struct Tree {
     chips: Vec<&'static Chip>,
     segment: Segment,
     from: MainPort,
+    /// ps until a frame reaches the processing unit, on the average.
+    arrivals: Vec<i64>,
+    /// Hops jitter, and delays allow for it.
+    hop_jitter: bool,
 }
 
 impl Tree {
-    /// 2 to 40 SubDevices, a cable in eight swapped, a chip in six without receive times.
+    /// 2 to 40 SubDevices, a cable in eight swapped, a chip in six without receive times; hops do
+    /// not jitter.
     fn random(chance: &mut Chance, most_ppb: u64) -> Self {
+        Self::with(chance, most_ppb, false)
+    }
+
+    /// The same; where hops jitter, no cable is swapped.
+    fn with(chance: &mut Chance, most_ppb: u64, hop_jitter: bool) -> Self {
         let count = 2 + chance.below(39) as usize;
         let lines = chance.once_in(3);
         let mut links: Vec<Link> = Vec::new();
@@ -78,7 +89,7 @@ impl Tree {
                 let at = chance.below(free.len() as u64) as usize;
                 Some(free.swap_remove(at))
             };
-            let swapped = chance.once_in(8);
+            let swapped = chance.once_in(8) && !hop_jitter;
             let entry = if swapped { [P1, P2, P3][chance.below(3) as usize] } else { P0 };
             let mut ports: Vec<_> = PortNumber::ALL.into_iter().filter(|p| *p != entry).collect();
             let first = chance.below(3) as usize;
@@ -110,10 +121,20 @@ impl Tree {
             };
             let setup = device(chip, ClockModel::constant(ppb), Time::new(local));
             let cable = Cable::of_length(100 + chance.below(90_000));
-            Connection { port: *port, ..Connection::new(*parent, cable, setup) }
+            Connection { port: *port, hop_jitter, ..Connection::new(*parent, cable, setup) }
         });
-        let segment = Segment::new(connections.collect(), 1);
-        Self { links, chips, segment, from: MainPort::Primary }
+        let connections = connections.collect();
+        let seed = if hop_jitter { chance.below(u64::MAX) } else { 1 };
+        Self::of(Segment::new(connections, seed), links, chips, hop_jitter)
+    }
+
+    /// One that no frame has passed yet.
+    fn of(segment: Segment, links: Vec<Link>, chips: Vec<&'static Chip>, hop_jitter: bool) -> Self {
+        let mut arrivals = vec![0; links.len()];
+        for entry in &segment.path().entries {
+            arrivals[entry.device] = entry.after.0;
+        }
+        Self { links, chips, segment, from: MainPort::Primary, arrivals, hop_jitter }
     }
 
     fn timed(&self, device: usize) -> bool {
@@ -127,8 +148,7 @@ impl Tree {
 
     /// ps until the frame reaches the processing unit.
     fn true_arrival(&self, device: usize) -> i64 {
-        let path = self.segment.path_from(self.from);
-        path.entries.iter().find(|entry| entry.device == device).unwrap().after.0
+        self.arrivals[device]
     }
 
     fn is_open(&self, device: usize, port: PortNumber) -> bool {
@@ -165,7 +185,7 @@ impl Tree {
         let Some(reference) = order.iter().position(|device| self.timed(*device)) else {
             return Vec::new();
         };
-        let mut means = vec![Mean::default(); order.len()];
+        let mut means = self.expected(&order, reference);
         let mut found = vec![Found::default(); order.len()];
         for number in 0..latches {
             let at = 5_000_000_000 + number * 300_000_000 + chance.below(100_000_000);
@@ -178,6 +198,20 @@ impl Tree {
         assert!(means.iter().all(|mean| mean.latches() + mean.left_out() == latches as u32));
         let averaging = Averaging::of(&means);
         means.iter().map(|mean| mean.delay(averaging)).collect()
+    }
+
+    /// What is expected of the jitter of hops: MII everywhere.
+    fn expected(&self, order: &[usize], reference: usize) -> Vec<Mean> {
+        let mut jitter = vec![HopJitter::default(); order.len()];
+        if self.hop_jitter {
+            let period = Picos(40_000);
+            let hop = |node: Node| Hop { parent: node.parent, out: period, back: period };
+            let hops: Vec<Hop> = self.nodes(order).into_iter().map(hop).collect();
+            hop_jitter(&hops, &mut jitter);
+            let first = jitter[reference].delay;
+            jitter.iter_mut().for_each(|one| one.delay = one.delay.saturating_sub(first));
+        }
+        jitter.into_iter().map(Mean::expecting).collect()
     }
 
     /// Forks with receive times: no delay can be off by more than a tick for each and two for its ends.
@@ -348,6 +382,75 @@ fn random_trees_state_their_errors_right() {
     }
 }
 
+/// 400 trees whose hops jitter, clocks up to 25 ppm apart: the stated errors hold, and the more
+/// latches the smaller they are.
+#[test]
+fn jitter_is_within_the_stated_errors_and_averages_out() {
+    let mut errors = Vec::new();
+    for latches in [1, 16, 128] {
+        let (mut known, mut within) = (0u32, 0u32);
+        let (mut stated, mut actual) = (0.0, 0.0);
+        for seed in 20_000..20_400 {
+            let mut chance = Chance(seed);
+            let mut tree = Tree::with(&mut chance, 25_000, true);
+            let (results, order) = (tree.measure(&mut chance, latches, 50_000), tree.order());
+            let Some(reference) = order.iter().position(|device| tree.timed(*device)) else {
+                continue;
+            };
+            for (device, result) in order.iter().zip(&results) {
+                let Delay::Known { delay, standard_error, .. } = result else { continue };
+                if *device == order[reference] {
+                    continue;
+                }
+                let truth = tree.true_arrival(*device) - tree.true_arrival(order[reference]);
+                let error = delay.0 - truth;
+                known += 1;
+                within += u32::from(error.abs() <= result.bar().unwrap().0);
+                stated += (standard_error.0 as f64).powi(2);
+                actual += (error as f64).powi(2);
+            }
+        }
+        let count = f64::from(known);
+        let coverage = f64::from(within) / count;
+        let (stated, actual) = ((stated / count).sqrt(), (actual / count).sqrt());
+        println!(
+            "{latches:3} latches: {known} known, {:.2} % within the bar; {:.1} ns stated, {:.1} ns found",
+            100.0 * coverage,
+            stated / 1_000.0,
+            actual / 1_000.0,
+        );
+        assert!(known > 4_000);
+        assert!((0.90..=0.999).contains(&coverage), "{latches} latches: {coverage}");
+        assert!((0.8..2.3).contains(&(stated / actual)), "{stated} and {actual}");
+        errors.push(actual);
+    }
+    assert!(errors[1] < errors[0] / 2.5, "16 are better than one: {errors:?}");
+    assert!(errors[2] < errors[1] / 2.0, "128 are better than 16: {errors:?}");
+}
+
+/// Clocks of one speed: how they stand to each other stays, so that latches average nothing, and
+/// the error says so.
+#[test]
+fn clocks_of_one_speed_average_nothing() {
+    let (mut known, mut within) = (0u32, 0u32);
+    for seed in 30_000..30_200 {
+        let mut chance = Chance(seed);
+        let mut tree = Tree::with(&mut chance, 0, true);
+        let (results, order) = (tree.measure(&mut chance, 16, 0), tree.order());
+        let Some(reference) = order.iter().position(|device| tree.timed(*device)) else { continue };
+        for (device, result) in order.iter().zip(&results) {
+            let (Some(bar), Delay::Known { delay, .. }) = (result.bar(), result) else { continue };
+            if *device != order[reference] {
+                let truth = tree.true_arrival(*device) - tree.true_arrival(order[reference]);
+                known += 1;
+                within += u32::from((delay.0 - truth).abs() <= bar.0);
+            }
+        }
+    }
+    let coverage = f64::from(within) / f64::from(known);
+    assert!((0.90..=0.999).contains(&coverage), "{coverage}");
+}
+
 /// Clocks that run at different speeds: what that makes is within the systematic part.
 #[test]
 fn speeds_of_clocks_are_within_the_bound() {
@@ -384,11 +487,11 @@ fn a_long_line() {
         let connections = line(COUNT).into_iter().map(|(parent, _)| {
             let local = Time::new(chance.below(u64::MAX));
             let cable = Cable::of_length(301 + chance.below(200));
-            Connection::new(parent, cable, device(&WIDE, ClockModel::constant(0), local))
+            let device = device(&WIDE, ClockModel::constant(0), local);
+            Connection { hop_jitter: false, ..Connection::new(parent, cable, device) }
         });
         let segment = Segment::new(connections.collect(), 1);
-        let (links, chips) = (line(COUNT), vec![&WIDE; COUNT]);
-        let mut tree = Tree { links, chips, segment, from: MainPort::Primary };
+        let mut tree = Tree::of(segment, line(COUNT), vec![&WIDE; COUNT], false);
         let result = tree.measure(&mut chance, 1, 0)[COUNT - 1];
         let Delay::Known { delay, standard_error, .. } = result else { panic!("{result:?}") };
         assert_eq!(standard_error.0, 2_042);

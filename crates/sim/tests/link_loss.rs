@@ -24,7 +24,8 @@ fn line_with_quick_links(count: usize, chip: &'static Chip) -> Segment {
     let connection = |(number, (parent, port)): (usize, _)| {
         let cable = Cable { link_loss: LOSS, link_gain: GAIN, ..cable(number) };
         let device = device(chip, ClockModel::constant(number as i64 * 7_000), Time::ZERO);
-        Connection { port, ..Connection::new(parent, cable, device) }
+        // Where a frame is when something happens is told to the picosecond.
+        Connection { port, hop_jitter: false, ..Connection::new(parent, cable, device) }
     };
     Segment::new(line(count).into_iter().enumerate().map(connection).collect(), 1)
 }

@@ -20,7 +20,8 @@ fn line_with_quick_links(count: usize) -> Segment {
         let cable = Cable { link_loss: LOSS, link_gain: GAIN, ..cable(number) };
         let clock = ClockModel::constant(number as i64 * 7_000);
         let device = device(&WIDE, clock, Time::new(number as u64 * 1_000_000_000_000));
-        Connection { port, ..Connection::new(parent, cable, device) }
+        // Where a frame is when something happens is told to the picosecond.
+        Connection { port, hop_jitter: false, ..Connection::new(parent, cable, device) }
     };
     Segment::new(line(count).into_iter().enumerate().map(connection).collect(), 1)
 }

@@ -291,8 +291,11 @@ impl SyncEngine {
             return false;
         }
         self.measurement.begins(now, step);
-        // Where SYNC0 fetches them, outputs have a fixed time to get ready, and act when it is over.
-        let polled = self.setup.chain.looks_for_outputs(Event::Sync0);
+        // Where SYNC0 fetches them, outputs have a fixed time to get ready, and act when it is
+        // over. Where they act at SYNC1 that pulse has looked already, and those in work are the
+        // next ones.
+        let polled =
+            self.setup.chain.looks_for_outputs(Event::Sync0) && self.mode() != SyncMode::DcSync1;
         if step == Step::OutputsValid && polled && self.is_running(Step::MapOutputs) && !self.late {
             self.late = true;
             increment(&mut self.shift_time_too_short);
@@ -389,7 +392,7 @@ impl SyncEngine {
 
     /// From one run of the application to the next, ns: [`Self::cycle`], or where the application runs
     /// once in several SYNC0 cycles, the cycle of SYNC1.
-    pub fn application_cycle(&self) -> Nanos {
+    pub(crate) fn application_cycle(&self) -> Nanos {
         let setup = &self.setup;
         if setup.chain.mode == SyncMode::DcSubordinated && setup.chain.application_on_sync1 {
             Nanos(setup.cycle.0.saturating_mul(i64::from(setup.sub_cycles())))
@@ -558,8 +561,10 @@ impl SyncEngine {
         let polled = self.setup.chain.looks_for_outputs(event);
         let copy = if polled { settings.calc_and_copy } else { Nanos::ZERO };
         let least = copy + settings.output_delay;
-        // SYNC1 is the shift, where outputs act at it.
-        let shift = if event == Event::Sync1 { Nanos::ZERO } else { settings.output_shift };
+        // SYNC1 is the shift, where outputs act at it; with subordinated cycles it is the pulse of
+        // the cycle.
+        let by_sync1 = event == Event::Sync1 && self.mode() != SyncMode::DcSubordinated;
+        let shift = if by_sync1 { Nanos::ZERO } else { settings.output_shift };
         (shift.max(least), shift > Nanos::ZERO && shift < least)
     }
 

@@ -19,6 +19,7 @@ use crate::mode::SyncMode;
 use crate::pulses::Pulses;
 
 mod check;
+mod clocks;
 mod line;
 mod moments;
 mod term;
@@ -26,6 +27,7 @@ mod term;
 mod tests;
 
 pub use check::{Check, Sign, Source};
+pub use clocks::{Tracking, USUAL_DEVIATION_PPB, clock_error};
 pub use line::{Budget, Demand, Line};
 pub use moments::{Moments, Span, moments};
 pub use term::{Origin, Origins, Quantity, Sum, Term};
@@ -41,6 +43,30 @@ pub struct Cycle {
     pub jitter: Nanos,
     /// Two clocks of the segment may differ by this much.
     pub clock_error: Nanos,
+    /// The reference clock's oscillator may be faster or slower than the wire's bit clock by this
+    /// much, ppb.
+    pub clock_deviation_ppb: i64,
+    /// With what a SubDevice counts as synchronized.
+    pub limits: Limits,
+}
+
+/// With what a SubDevice counts as synchronized: the judges of a run refuse more, and so does the
+/// plan.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Limits {
+    /// Largest distance of a SYNC0 edge from the grid that was asked for.
+    pub sync0_error: Nanos,
+    /// Largest spread of the time from the acting pulse to Outputs Valid.
+    pub outputs_spread: Nanos,
+}
+
+impl Default for Limits {
+    /// 1 us for both. SYNC0: what the field calls synchronous; a healthy segment is far below.
+    /// Outputs: the distance of minimum and maximum delay time, 0x1C32:07 and :09, that ETG.1020
+    /// allows.
+    fn default() -> Self {
+        Self { sync0_error: Nanos::micros(1), outputs_spread: Nanos::micros(1) }
+    }
 }
 
 /// One SubDevice's demands.
@@ -83,6 +109,11 @@ pub struct Device {
     pub input_delay: Nanos,
     /// How much later than the pulse its steps may begin: no object states it.
     pub pulse_jitter: Nanos,
+    /// From the shortest to the longest time from the acting pulse to Outputs Valid: no object
+    /// states it.
+    pub outputs_spread: Nanos,
+    /// Its oscillator may be faster or slower than the reference clock's by this much, ppb.
+    pub clock_deviation_ppb: i64,
     /// Where these figures come from.
     pub origins: Origins,
 }
@@ -99,9 +130,21 @@ impl Device {
         Nanos(cycle.cycle.0 * i64::from(self.every))
     }
 
+    /// The shift of its outputs by a local timer, where its mode has one: an output that acts at
+    /// SYNC1 is shifted by SYNC1, and 0x1C32:03 is not used (ETG.1020, columns "DC SYNC1" and "DC
+    /// shift SYNC1").
+    pub fn timed_output_shift(&self) -> Option<Nanos> {
+        let timed = match self.mode {
+            SyncMode::FreeRun | SyncMode::SmSynchronous | SyncMode::DcSync1 => false,
+            SyncMode::DcShiftSync1 => self.pulses.lead == Nanos::ZERO,
+            SyncMode::DcSync0 | SyncMode::DcSubordinated => true,
+        };
+        self.output_shift.filter(|_| timed)
+    }
+
     /// From the acting pulse to Outputs Valid: the shift, but the hardware needs its delay.
     pub fn outputs_act_after(&self) -> Nanos {
-        self.output_shift.unwrap_or(Nanos::ZERO).max(self.output_delay)
+        self.timed_output_shift().unwrap_or(Nanos::ZERO).max(self.output_delay)
     }
 
     /// From SYNC1 to Input Latch where SYNC1 takes the inputs. Without outputs 0x1C33:01 alone tells the mode, and to
@@ -110,8 +153,8 @@ impl Device {
         if self.outputs_arrival.is_some() { self.input_delay } else { Nanos::ZERO }
     }
 
-    /// Whether it must be told when to latch its inputs, and can be.
-    fn shifts_inputs(&self) -> bool {
+    /// Whether a local timer shifts its inputs, in a mode that has such a shift.
+    pub fn shifts_inputs(&self) -> bool {
         let modes = [SyncMode::SmSynchronous, SyncMode::DcSync0, SyncMode::DcSubordinated];
         self.input_shift > Nanos::ZERO && modes.contains(&self.mode)
     }

@@ -15,6 +15,7 @@
 //! - [`Node`] is a SubDevice in the tree with the times of one latch, [`Stay`] what its ESC adds.
 //! - [`propagation_delays`] takes one latch; its results go into one [`Mean`] for each SubDevice.
 //! - [`Averaging`] looks at all of them, and with it [`Mean::delay`] gives the [`Delay`].
+//! - [`hop_jitter()`] is what frames jitter by the ports on their way, which a mean may [expect](Mean::expecting).
 //! - [`turn()`] makes the tree as frames see it that come from the other end of a ring.
 //!
 //! Errors. Each counter counts in ticks of 10 ns and tells the last one, so that a receive time is early by
@@ -25,6 +26,7 @@
 //! that are not known well, and clocks that run at different speeds. A cable or a PHY that is slower in
 //! one direction is in neither: half the difference is an error that nothing here can see.
 
+mod jitter;
 mod mean;
 mod path;
 #[cfg(test)]
@@ -36,6 +38,7 @@ use core::fmt;
 use isocat_wire::address::PortNumber;
 use isocat_wire::time::{Nanos, Picos};
 
+pub use jitter::{Hop, HopJitter, hop_jitter};
 pub use mean::{Averaging, Mean};
 pub use path::{Found, propagation_delays};
 pub use turn::turn;

@@ -14,15 +14,28 @@ const WINDOW: usize = 16;
 pub struct Limits {
     /// Largest difference from the reference in the window, ns.
     pub difference: Nanos,
+    /// Largest mean of the differences in the window, ns: what a loop still has to bring back.
+    /// Single differences have the grain of both clocks and the jitter of the way in them.
+    pub mean: Nanos,
     /// Largest slope of the differences, ns per second (ppb).
     pub slope_ppb: i64,
+    /// Standard deviation of one reading (1 sigma), ns: what frames jitter on their way. Four of
+    /// them are allowed beyond either limit.
+    pub noise: Nanos,
+}
+
+impl Limits {
+    /// The usual ones, with another limit of the difference and a fifth of it for the mean.
+    pub fn of_difference(difference: Nanos) -> Self {
+        Self { difference, mean: Nanos((difference.0 / 5).max(1)), ..Self::default() }
+    }
 }
 
 impl Default for Limits {
-    /// 40 ns: twice the tick of both clocks. 1000 ppb: a clock that slides faster would leave those
-    /// 40 ns within 40 cycles of 1 ms if the drift frames stopped.
+    /// 40 ns: twice the tick of both clocks, and as a mean as well. 1000 ppb: a clock that slides
+    /// faster would leave those 40 ns within 40 cycles of 1 ms if the drift frames stopped.
     fn default() -> Self {
-        Self { difference: Nanos(40), slope_ppb: 1_000 }
+        Self { difference: Nanos(40), mean: Nanos(40), slope_ppb: 1_000, noise: Nanos::ZERO }
     }
 }
 
@@ -74,15 +87,49 @@ impl Convergence {
         }
         let worst = self.readings.iter().map(|(_, d)| d.abs()).max().unwrap_or_default();
         let slope_ppb = self.slope_ppb();
-        if worst <= self.limits.difference && slope_ppb.abs() <= self.limits.slope_ppb {
+        let Limits { difference, mean, slope_ppb: slope, noise } = self.limits;
+        let difference = difference + self.limits.noise_allowed();
+        let slope = slope + self.slope_noise_ppb();
+        // Four errors of a mean of sixteen.
+        let off = self.mean().abs() <= mean + noise;
+        if worst <= difference && off && slope_ppb.abs() <= slope {
             Verdict::Converged { worst, slope_ppb }
         } else {
             Verdict::Converging { worst, slope_ppb }
         }
     }
 
+    /// Mean of the differences in the window, away from zero.
+    fn mean(&self) -> Nanos {
+        let sum: i64 = self.readings.iter().map(|(_, difference)| difference.0).sum();
+        let count = WINDOW as i64;
+        Nanos((sum.abs() + count - 1) / count)
+    }
+
+    /// How much of a slope the noise of readings may make, ns per second; 0 while there are too
+    /// few.
+    pub fn slope_noise_ppb(&self) -> i64 {
+        let noise = i128::from(self.limits.noise_allowed().0);
+        let (denominator, _) = self.line();
+        if self.count < WINDOW || denominator == 0 || noise == 0 {
+            return 0;
+        }
+        // The error of a slope is sigma x sqrt(n / denominator), here in 10^-12 a ns.
+        let scaled = WINDOW as i128 * 1_000_000_000_000_000_000_000_000 / denominator;
+        (noise * scaled.unsigned_abs().isqrt() as i128 / 1_000) as i64
+    }
+
     /// Slope of the least-squares line through the window.
     fn slope_ppb(&self) -> i64 {
+        let (denominator, numerator) = self.line();
+        if denominator == 0 {
+            return 0;
+        }
+        (numerator * 1_000_000_000 / denominator) as i64
+    }
+
+    /// Denominator and numerator of the slope of the least-squares line through the window.
+    fn line(&self) -> (i128, i128) {
         let oldest = self.readings[self.count % WINDOW].0;
         let x = |at: Time<Host>| i128::from((at - oldest).0);
         let n = WINDOW as i128;
@@ -94,11 +141,14 @@ impl Convergence {
             sxx += x * x;
             sxy += x * y;
         }
-        let denominator = n * sxx - sx * sx;
-        if denominator == 0 {
-            return 0;
-        }
-        ((n * sxy - sx * sy) * 1_000_000_000 / denominator) as i64
+        (n * sxx - sx * sx, n * sxy - sx * sy)
+    }
+}
+
+impl Limits {
+    /// What the noise of a reading may add to a difference: four standard deviations.
+    pub const fn noise_allowed(&self) -> Nanos {
+        Nanos(4 * self.noise.0)
     }
 }
 
@@ -122,11 +172,44 @@ mod tests {
         assert_eq!(line(-41, 0).verdict(), Verdict::Converging { worst: Nanos(41), slope_ppb: 0 });
     }
 
+    /// Within the limit of a single difference, but off in the mean.
+    #[test]
+    fn both_sides_of_the_mean() {
+        let limits = Limits::of_difference(Nanos(100));
+        let verdict = |last| {
+            let mut convergence = Convergence::new(limits);
+            for i in 0..WINDOW as u64 {
+                let difference = if i == 8 { last } else { 20 };
+                convergence.sample(Time::new(1_000_000_000 * i), Nanos(difference));
+            }
+            convergence.verdict()
+        };
+        assert!(matches!(verdict(20), Verdict::Converged { .. }));
+        assert!(matches!(verdict(21), Verdict::Converging { .. }));
+    }
+
     #[test]
     fn both_sides_of_the_slope() {
         assert_eq!(line(-8, 1).verdict(), Verdict::Converged { worst: Nanos(8), slope_ppb: 1_000 });
         let sliding = Verdict::Converging { worst: Nanos(16), slope_ppb: -2_000 };
         assert_eq!(line(16, -2).verdict(), sliding);
+    }
+
+    /// 25 ns of noise: 100 ns more, and of the slope four errors of 25 ns x sqrt(12 / 16³) a ms:
+    /// 5400 ns/s.
+    #[test]
+    fn noise_widens_both_limits() {
+        let limits = Limits { noise: Nanos(25), mean: Nanos(200), ..Limits::default() };
+        let line = |start: i64, per_ms: i64| {
+            let mut convergence = Convergence { limits, ..line(start, per_ms) };
+            convergence.limits = limits;
+            convergence
+        };
+        assert!(matches!(line(140, 0).verdict(), Verdict::Converged { .. }));
+        assert!(matches!(line(141, 0).verdict(), Verdict::Converging { .. }));
+        assert!((5_400..5_430).contains(&line(0, 0).slope_noise_ppb()));
+        assert!(matches!(line(0, 6).verdict(), Verdict::Converged { slope_ppb: 6_000, .. }));
+        assert!(matches!(line(0, 7).verdict(), Verdict::Converging { slope_ppb: 7_000, .. }));
     }
 
     #[test]

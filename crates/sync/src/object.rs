@@ -267,6 +267,27 @@ mod tests {
     use std::string::ToString;
 
     #[test]
+    fn each_counter_goes_to_its_field() {
+        let mut read = SyncParameters::default();
+        for (sub, value) in [
+            (sub::SM_EVENT_MISSED, 11),
+            (sub::CYCLE_TIME_TOO_SMALL, 12),
+            (sub::SHIFT_TIME_TOO_SHORT, 13),
+            (sub::TOGGLE_FAILED, 14),
+        ] {
+            read.set(sub, value);
+        }
+        let expected = SyncParameters {
+            sm_event_missed: Some(11),
+            cycle_time_too_small: Some(12),
+            shift_time_too_short: Some(13),
+            toggle_failed: Some(14),
+            ..SyncParameters::default()
+        };
+        assert_eq!(read, expected);
+    }
+
+    #[test]
     fn words_of_real_devices() {
         let akd2g = SupportedTypes(0x0427);
         assert!(akd2g.free_run() && akd2g.sm_synchronous() && akd2g.dc_sync0());

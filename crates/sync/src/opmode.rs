@@ -288,7 +288,7 @@ impl Registers {
     }
 
     /// SYNC1 is made.
-    pub const fn has_sync1(&self) -> bool {
+    pub(crate) const fn has_sync1(&self) -> bool {
         self.count > 0 && self.assign_activate.makes_sync1()
     }
 

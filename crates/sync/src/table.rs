@@ -11,6 +11,10 @@ use core::fmt;
 
 use crate::object::{INPUT_PARAMETER, OUTPUT_PARAMETER};
 
+mod doubts;
+
+pub use doubts::{Aspect, DOUBTS, Doubt};
+
 /// A synchronization mode as the tables tell them apart.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Column {
@@ -77,18 +81,6 @@ pub enum Rights {
     ReadWrite,
     /// Read only or writable, as the device has it.
     Either,
-}
-
-impl Rights {
-    /// Whether a device may let it be written.
-    pub const fn may_be_writable(self) -> bool {
-        matches!(self, Self::ReadWrite | Self::Either)
-    }
-
-    /// Whether a device must let it be written.
-    pub const fn must_be_writable(self) -> bool {
-        matches!(self, Self::ReadWrite)
-    }
 }
 
 impl fmt::Display for Rights {

@@ -5,29 +5,49 @@ use core::fmt;
 use crate::register::newtype_value;
 use crate::time::Nanos;
 
-/// System time difference, register 0x092C: sign and magnitude, not two's complement.
-///
-/// Bit 31 = 1 means that the local copy is ahead of the received time or equal to it. (Older register
-/// texts state the opposite polarity; the newer one agrees with the only captured value.)
+/// System time difference, register 0x092C: sign and magnitude, not two's complement. What the sign
+/// means differs: see [`DifferencePolarity`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct SystemTimeDifference(pub u32);
 newtype_value!(SystemTimeDifference u32 4);
 
+/// What bit 31 of register 0x092C means. Register texts contradict each other; the only chip of
+/// which it was captured, an ET1100, does as the older one says.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+pub enum DifferencePolarity {
+    /// Bit 31 = 0: the local copy is ahead of the received time or equal to it (older texts,
+    /// captured).
+    #[default]
+    PositiveAhead,
+    /// Bit 31 = 1: the local copy is ahead of the received time or equal to it (newer texts).
+    NegativeAhead,
+}
+
 impl SystemTimeDifference {
     /// From local minus received time; the magnitude saturates.
-    pub fn from_nanos(difference: Nanos) -> Self {
+    pub fn from_nanos(difference: Nanos, polarity: DifferencePolarity) -> Self {
         let magnitude = difference.0.unsigned_abs().min(0x7FFF_FFFF) as u32;
         let ahead = difference.0 >= 0;
-        Self(magnitude | u32::from(ahead) << 31)
+        let sign = ahead == (polarity == DifferencePolarity::NegativeAhead);
+        Self(magnitude | u32::from(sign) << 31)
     }
     /// Local minus received time: positive when the local clock is ahead.
-    pub const fn nanos(self) -> Nanos {
-        let magnitude = (self.0 & 0x7FFF_FFFF) as i64;
-        Nanos(if self.0 >> 31 == 1 { magnitude } else { -magnitude })
+    pub const fn nanos(self, polarity: DifferencePolarity) -> Nanos {
+        let magnitude = self.magnitude() as i64;
+        let sign = self.is_negative();
+        let ahead = match polarity {
+            DifferencePolarity::PositiveAhead => !sign,
+            DifferencePolarity::NegativeAhead => sign,
+        };
+        Nanos(if ahead { magnitude } else { -magnitude })
     }
     /// Size of the difference.
     pub const fn magnitude(self) -> u32 {
         self.0 & 0x7FFF_FFFF
+    }
+    /// Bit 31.
+    pub const fn is_negative(self) -> bool {
+        self.0 >> 31 == 1
     }
 }
 
@@ -158,13 +178,21 @@ impl fmt::Display for AssignActivate {
 mod tests {
     use super::*;
 
-    /// Facts 3.4: an ET1100 whose clock lags by 300 ns read 0x000000FD after 101 FRMW.
+    /// A captured ET1100 read 0x000000FD when its clock was ahead; newer texts have it the other
+    /// way round.
     #[test]
-    fn a_lagging_clock_reads_without_the_sign_bit() {
-        assert_eq!(SystemTimeDifference(0x0000_00FD).nanos(), Nanos(-253));
-        assert_eq!(SystemTimeDifference::from_nanos(Nanos(-253)).0, 0xFD);
-        assert_eq!(SystemTimeDifference::from_nanos(Nanos(0)).0, 0x8000_0000);
-        assert_eq!(SystemTimeDifference::from_nanos(Nanos(i64::MIN)).0, 0x7FFF_FFFF);
+    fn the_sign_means_what_the_chip_says() {
+        use DifferencePolarity::{NegativeAhead, PositiveAhead};
+        assert_eq!(SystemTimeDifference(0x0000_00FD).nanos(PositiveAhead), Nanos(253));
+        assert_eq!(SystemTimeDifference(0x0000_00FD).nanos(NegativeAhead), Nanos(-253));
+        for (polarity, behind, equal) in
+            [(PositiveAhead, 0x8000_00FD, 0), (NegativeAhead, 0x0000_00FD, 0x8000_0000)]
+        {
+            let register = |ns| SystemTimeDifference::from_nanos(Nanos(ns), polarity);
+            assert_eq!((register(-253).0, register(0).0), (behind, equal));
+            assert_eq!(register(-253).nanos(polarity), Nanos(-253));
+            assert_eq!(register(i64::MIN).0 & 0x7FFF_FFFF, 0x7FFF_FFFF);
+        }
     }
 
     #[test]

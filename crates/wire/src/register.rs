@@ -352,6 +352,8 @@ pub mod features {
     pub const DC: u16 = 1 << 2;
     /// DC counts 64 bits; else 32.
     pub const DC_64_BIT: u16 = 1 << 3;
+    /// EBUS ports can receive with less jitter: 0x0100 bit 19.
+    pub const LOW_JITTER_EBUS: u16 = 1 << 4;
     /// Bits 7:3 of 0x0981 and register 0x0984 exist.
     pub const ENHANCED_SYNC_ACTIVATION: u16 = 1 << 8;
     /// LRW is not supported.

@@ -113,7 +113,7 @@ pub(super) const RULES: &[Rule] = &[
         id: "AL-15",
         what: "Free Run with a process data buffer of handshake type is refused",
         source: "ET9300, PREOP to SAFEOP; 0x0134 = 0x0029",
-        applies: "devices with Free Run that can be asked for",
+        applies: "devices with Free Run that can be asked for, and process data",
         check: Check::Once(one_buffer),
     },
     Rule {
@@ -375,6 +375,9 @@ fn one_buffer(c: &mut Case<'_, '_>) -> Done {
     let Some(mode) = modes.find(|mode| mode.bit == 0) else {
         return Err(not_applicable("it announces no Free Run"));
     };
+    if c.s.outputs.len == 0 && c.s.inputs.len == 0 {
+        return Err(not_applicable("it has no process data, so no buffers"));
+    }
     c.prepare(mode, c.cycle())?;
     let number = if c.s.outputs.len > 0 { 2 } else { 3 };
     let right = c.s.sync_manager(number);

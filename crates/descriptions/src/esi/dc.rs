@@ -87,7 +87,7 @@ impl EsiOpMode {
     }
 
     /// A pulse is generated, SYNC0 or SYNC1.
-    pub const fn has_pulses(&self) -> bool {
+    pub(crate) const fn has_pulses(&self) -> bool {
         self.sync0() || self.sync1()
     }
 }

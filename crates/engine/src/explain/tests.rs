@@ -53,9 +53,10 @@ fn values_are_taken_apart() {
     assert_eq!(value("0x1C33:01=0x22"), ["0x22 (SM-synchronous with SM2)"]);
     assert_eq!(value("0x1C32:02=1000000"), ["1 ms"]);
     assert_eq!(value("0x1C32:0B=5"), ["5 (0x5)"]);
-    let difference = "the local clock is 253 ns behind the time received";
+    let difference = "the local clock is 253 ns ahead of the time received (behind it on chips whose register text \
+                      has bit 31 the other way round)";
     assert_eq!(value("0x092C=0x000000FD"), [difference]);
-    assert!(value("0x092C=0x80000005")[0].contains("5 ns ahead of"));
+    assert!(value("0x092C=0x80000005")[0].contains("5 ns behind"));
     assert_eq!(value("0x0130=0x14"), ["SAFEOP+ERR"]);
     let word = value("0x0980=0x0730");
     assert_eq!(word, value("AssignActivate 0x0730"));

@@ -15,7 +15,7 @@ use isocat_sim::Finding;
 use isocat_sim::run::{Counters, Progress};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase;
-use isocat_wire::dc::SystemTimeDifference;
+use isocat_wire::dc::{DifferencePolarity, SystemTimeDifference};
 use isocat_wire::register::{self, Register, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
@@ -409,7 +409,8 @@ impl Running<'_> {
                 let address = register::SYSTEM_TIME_DIFFERENCE.address;
                 let len = Register::<SystemTimeDifference>::LEN;
                 let request = main.read_memory(position, address, len);
-                asked.push((request, position, Question::Difference));
+                let polarity = main.segment().devices[position].difference_polarity;
+                asked.push((request, position, Question::Difference(polarity)));
             }
         }
         self.noted.answers.clear();
@@ -506,7 +507,7 @@ impl Running<'_> {
 enum Question {
     Counter(ObjectAddress),
     Status,
-    Difference,
+    Difference(DifferencePolarity),
 }
 
 impl AtEnd {
@@ -539,10 +540,10 @@ impl AtEnd {
                 };
                 self.status = word(0).zip(word(4)).map(|(s, c)| (AlStatus(s), AlStatusCode(c)));
             }
-            Question::Difference => {
+            Question::Difference(polarity) => {
                 let bytes = bytes.first_chunk().copied();
                 self.difference =
-                    bytes.map(|bytes| SystemTimeDifference::from_bytes(bytes).nanos());
+                    bytes.map(|bytes| SystemTimeDifference::from_bytes(bytes).nanos(polarity));
             }
         }
     }

@@ -205,7 +205,11 @@ fn origin(term: &budget::Term, profile: Option<&Profile>) -> String {
     match term.origin {
         // Cables of the file, chips and CPUs of the profile.
         Origin::Measured => Origin::Profile.to_string(),
-        Origin::Assumed if term.quantity == Quantity::PulseJitter => Origin::Profile.to_string(),
+        Origin::Assumed
+            if [Quantity::PulseJitter, Quantity::OutputsSpread].contains(&term.quantity) =>
+        {
+            Origin::Profile.to_string()
+        }
         Origin::Assumed if !profile.has_mailbox() => Origin::Profile.to_string(),
         Origin::Object(object) if assumed(term, profile).is_some() => format!("{object}, assumed"),
         origin => origin.to_string(),
@@ -214,11 +218,17 @@ fn origin(term: &budget::Term, profile: Option<&Profile>) -> String {
 
 /// Why a figure is no more than assumed; `None` if somebody states it, or it is a rule of the plan.
 fn assumed(term: &budget::Term, profile: &Profile) -> Option<String> {
-    let ours = [Quantity::PulseJitter, Quantity::ClockSpeed].contains(&term.quantity);
+    let ours =
+        [Quantity::PulseJitter, Quantity::OutputsSpread, Quantity::ClockSpeed, Quantity::Deviation];
+    let ours = ours.contains(&term.quantity);
     let zero = term.value == Nanos::ZERO;
     match term.origin {
         Origin::Assumed if ours || !profile.has_mailbox() => None,
         Origin::Assumed if zero => Some("the device has no object for it".into()),
+        Origin::Assumed if term.quantity == Quantity::MinimumCycle => Some(
+            "the device states 0, nothing, or less than copying takes; its profile knows its CPU"
+                .into(),
+        ),
         Origin::Assumed => Some("the device states 0 or nothing; its profile knows its CPU".into()),
         Origin::Object(object) => {
             let of_maker = profile.assumptions.iter().find(|a| names(a, object));
@@ -231,16 +241,15 @@ fn assumed(term: &budget::Term, profile: &Profile) -> Option<String> {
 
 /// Whether an assumption is about the value of this entry: `0x1C32:06`, `0x1C32:0A-0D` or `0x1C32`.
 fn names(assumption: &Assumption, object: isocat_wire::ObjectAddress) -> bool {
-    let item = &assumption.item;
-    if item.contains(' ') {
-        return false;
-    }
-    let Some((index, subs)) = item.split_once(':') else {
-        return *item == format!("0x{:04X}", object.index);
+    let (index, subs) = match assumption.item.split_once(':') {
+        Some((index, subs)) => (index, Some(subs)),
+        None => (assumption.item.as_str(), None),
     };
-    if index != format!("0x{:04X}", object.index) {
+    let index = index.strip_prefix("0x").and_then(|digits| u16::from_str_radix(digits, 16).ok());
+    if index != Some(object.index) {
         return false;
     }
+    let Some(subs) = subs else { return true };
     let number = |text: &str| u8::from_str_radix(text, 16).ok();
     let (first, last) = subs.split_once('-').unwrap_or((subs, subs));
     match (number(first), number(last)) {

@@ -59,14 +59,14 @@ impl Proof {
         let (mut findings, mut loose) = (Vec::new(), 0);
         let mut compare = |place: String, at: Option<usize>, line: &mut super::report::Line| {
             let Some((slack, count)) = self.slack(at, line.check) else { return };
-            if slack < 0.0 {
+            if is_excess(-slack) {
                 findings.push(format!("{place}: {}: too late by {:.3} ns", line.demand, -slack));
             }
             let needed = line.available_ns as f64 - slack;
             let of_bound = needed / (line.needed_ns as f64).max(1.0);
             line.measured =
                 Some(Measured { count, needed_ns: round(needed), slack_ns: slack, of_bound });
-            if slack < line.slack_ns as f64 {
+            if is_excess(line.slack_ns as f64 - slack) {
                 let planned = Nanos(line.slack_ns);
                 findings.push(format!(
                     "{place}: {}: slack {slack:.3} ns in true time, planned {planned}",
@@ -90,7 +90,9 @@ impl Proof {
                 let Some(seen) = watch.seen(moment.event) else { continue };
                 moment.measured = Some(seen);
                 let (earliest, latest) = (moment.earliest_ns, moment.latest_ns);
-                if seen.earliest_ns < earliest as f64 || seen.latest_ns > latest as f64 {
+                let early = earliest as f64 - seen.earliest_ns;
+                let late = seen.latest_ns - latest as f64;
+                if is_excess(early) || is_excess(late) {
                     let Seen { earliest_ns, latest_ns, .. } = seen;
                     findings.push(format!(
                         "{place}: {} from {earliest_ns:.3} to {latest_ns:.3} ns in true time, planned {earliest} \
@@ -110,6 +112,12 @@ impl Proof {
             findings,
         });
     }
+}
+
+/// The plan counts whole nanoseconds, and true time picoseconds: what is less than a nanosecond
+/// beyond a bound is within it.
+fn is_excess(beyond_ns: f64) -> bool {
+    beyond_ns >= 1.0
 }
 
 fn round(ns: f64) -> f64 {
@@ -163,6 +171,8 @@ impl Onlooker {
                     chunk: own.map(|chunk| chunks[chunk].logical),
                     expected: Moment::ALL.map(|moment| expected(&moments, moment)),
                     cycle: device.exchange(&timing.cycle).into(),
+                    limits: [timing.cycle.limits.sync0_error, timing.cycle.limits.outputs_spread]
+                        .map(Picos::from),
                     pulse_cycle: if device.mode.uses_dc() { sync0.into() } else { Picos::ZERO },
                     ..Watch::default()
                 }
@@ -349,6 +359,10 @@ struct Watch {
     cycle: Picos,
     /// From SYNC0 to SYNC0.
     pulse_cycle: Picos,
+    /// Of the SYNC0 error, and of the spread of outputs behind their pulse.
+    limits: [Picos; 2],
+    /// Least and most from the pulse to Outputs Valid.
+    acted_after: Option<(i64, i64)>,
     /// Where the middle of each event ought to be.
     expected: [Option<Picos>; Moment::ALL.len()],
     slack: [Least; CHECKS],
@@ -401,6 +415,7 @@ impl Watch {
                     if let Some(pulse) = pulse {
                         let left = self.pulse_cycle - (at - pulse);
                         self.take(Check::OutputsValidInCycle, left, on);
+                        self.acts_after((at - pulse).0, on);
                     }
                 }
             }
@@ -505,6 +520,18 @@ impl Watch {
         }
     }
 
+    /// Outputs act so long after their pulse, ps.
+    fn acts_after(&mut self, after: i64, on: bool) {
+        if !on {
+            return;
+        }
+        let (least, most) = self.acted_after.unwrap_or((after, after));
+        let (least, most) = (least.min(after), most.max(after));
+        self.acted_after = Some((least, most));
+        let [_, limit] = self.limits;
+        self.take(Check::OutputsSpreadWithinLimit, Picos(limit.0 - (most - least)), on);
+    }
+
     /// A pulse that wants outputs to be ready.
     fn outputs_wanted(&mut self, at: Time<True>, check: Check, on: bool) {
         // Those of "DC SYNC1" wait for the SYNC0 that fetches them.
@@ -576,6 +603,10 @@ impl Watch {
         let into = (system_ps - i128::from(expected.0)).rem_euclid(cycle);
         let error = if into > cycle / 2 { into - cycle } else { into } as i64;
         let phase = expected.0 + error;
+        if moment == Moment::Sync0 {
+            let [limit, _] = self.limits;
+            self.take(Check::Sync0WithinLimit, Picos(limit.0 - error.abs()), true);
+        }
         let (least, most, count) = self.phases[number].unwrap_or((phase, phase, 0));
         self.phases[number] = Some((least.min(phase), most.max(phase), count + 1));
     }
@@ -591,3 +622,14 @@ const CHECKS: usize = Check::OF_DEVICE.len() + 1;
 const NANOSECOND: Picos = Picos(1_000);
 /// Cycles from the last SubDevice's OP until the onlooker begins.
 const SETTLING: i64 = 8;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_whole_nanosecond_is_an_excess_and_a_part_of_one_is_none() {
+        assert!(!is_excess(-5.0) && !is_excess(0.0) && !is_excess(0.999));
+        assert!(is_excess(1.0) && is_excess(1.001));
+    }
+}

@@ -68,7 +68,7 @@ pub struct Segment {
     pub output_reference_ns: Option<i64>,
     /// Latest phase of it: all inputs are in time for the next frame. Null if nobody has inputs.
     pub input_reference_ns: Option<i64>,
-    /// Least slack of all lines.
+    /// Least slack of all lines of the cycle; of all lines where one does not fit.
     pub least_slack_ns: i64,
 }
 

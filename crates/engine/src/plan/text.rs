@@ -121,7 +121,8 @@ impl PlanReport {
         )?;
         for device in self.devices.iter().take(MOST_DEVICES) {
             let phase = |ns: Option<i64>| ns.map_or("-".to_owned(), |ns| Nanos(ns).to_string());
-            let tightest = device.lines.iter().min_by_key(|line| line.slack_ns);
+            let counts = |line: &&Line| line.check.is_of_cycle() || line.slack_ns < 0;
+            let tightest = device.lines.iter().filter(counts).min_by_key(|line| line.slack_ns);
             writeln!(
                 out,
                 " {:<3} {:<20} {:<15} {:>9} {:>10} {:>10} {:>12}  {}",
@@ -326,6 +327,9 @@ fn write_line(out: &mut String, line: &Line) -> fmt::Result {
     }
     if line.slack_ns < 0 {
         writeln!(out, "      {style}shows as: {}{style:#}", line.sign)?;
+        for text in wrap(&format!("what helps: {}", line.check.remedy()), WIDTH - 6) {
+            writeln!(out, "      {text}")?;
+        }
     }
     match line.measured {
         Some(measured) => writeln!(

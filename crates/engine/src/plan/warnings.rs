@@ -1,9 +1,8 @@
 //! What the field falls into: settings that are allowed, and that fail on a real wire.
 
-use isocat_maindevice::SubDevice;
-use isocat_maindevice::segment::Timing;
+use isocat_maindevice::segment::{SyncObject, Timing};
+use isocat_maindevice::{DeviceConfig, SubDevice};
 use isocat_segment::Scenario;
-use isocat_sim::judge::outputs_delay;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SupportedTypes, SyncType, sub};
 use isocat_sync::{SyncMode, budget};
 use isocat_wire::coe::info::Access;
@@ -28,7 +27,9 @@ pub(super) fn all(plan: &Plan, scenario: &Scenario) -> Vec<Note> {
         };
         note(NoteKind::Sync0InFrame, sync0_in_frame(&timing.cycle, timing.sync0, planned));
         note(NoteKind::FreeRunBySm, free_run_by_sm(found));
-        note(NoteKind::UnevenOutputs, uneven_outputs(planned));
+        note(NoteKind::CopyLongerThanCycle, copy_longer_than_cycle(found, planned));
+        let wished = plan.config.devices.get(position);
+        note(NoteKind::ShiftUnused, wished.and_then(|wish| shift_unused(planned, wish)));
         note(NoteKind::MailboxNoRoom, mailbox_no_room(found, timing));
         note(NoteKind::TwoPhases, two_phases(found, planned));
         note(NoteKind::TypeReadOnly, read_only_types(found));
@@ -63,15 +64,35 @@ fn sync0_in_frame(
     })
 }
 
-/// Outputs that follow their pulse with a spread that the judges of a run do not let pass.
-fn uneven_outputs(device: &budget::Device) -> Option<String> {
-    let (spread, limit) = (device.pulse_jitter, UNEVEN);
-    let acts = device.mode.uses_dc() && device.outputs_arrival.is_some();
-    (acts && spread > limit).then(|| {
+/// Copying the outputs alone takes longer than the minimum cycle: one of both is not true.
+fn copy_longer_than_cycle(found: &SubDevice, planned: &budget::Device) -> Option<String> {
+    let of = |object: &Option<SyncObject>| object.as_ref().map(|object| object.values);
+    let copy = of(&found.output_sync)?.calc_and_copy_time?;
+    let inputs = of(&found.input_sync).and_then(|values| values.minimum_cycle_time);
+    let cycle = of(&found.output_sync)?.minimum_cycle_time.max(inputs)?;
+    let used = planned.minimum_cycle;
+    let stated = cycle > Nanos::ZERO && planned.mode != SyncMode::FreeRun;
+    (stated && copy > cycle).then(|| {
         format!(
-            "its outputs follow their pulse with a spread of up to {spread}; a run with more than {limit} counts as not in sync"
+            "0x1C32:06 = {copy}, but 0x1C32:05 = {cycle}: outputs take longer than the minimum cycle; the plan takes {used} \
+             for the cycle, which the parts of it make"
         )
     })
+}
+
+/// A shift by local timer that the mode has no use for: its outputs or inputs are shifted by SYNC1,
+/// or not at all.
+fn shift_unused(planned: &budget::Device, wish: &DeviceConfig) -> Option<String> {
+    let asked = |shift: Option<Nanos>| shift.filter(|shift| *shift > Nanos::ZERO);
+    let outputs = asked(wish.shift_outputs)
+        .filter(|_| planned.outputs_arrival.is_some() && planned.timed_output_shift().is_none());
+    let inputs = asked(wish.shift_inputs)
+        .filter(|_| planned.inputs_fetched.is_some() && !planned.shifts_inputs());
+    let words = |shift: Nanos, object, what| format!("{object} = {shift} does not shift {what}");
+    let outputs = outputs.map(|shift| words(shift, "0x1C32:03", "outputs"));
+    let inputs = inputs.map(|shift| words(shift, "0x1C33:03", "inputs"));
+    let all: Vec<String> = outputs.into_iter().chain(inputs).collect();
+    (!all.is_empty()).then(|| format!("{} in mode {}", all.join(", "), planned.mode))
 }
 
 /// A mailbox whose frame is longer than what a cycle has to spare.
@@ -97,8 +118,6 @@ pub(super) fn mailbox_frame(found: &SubDevice) -> Option<Nanos> {
 
 /// Header and working counter.
 const DATAGRAM: usize = datagram::HEADER_LEN + datagram::WKC_LEN;
-/// Spread of outputs behind their pulse that the judges let pass.
-const UNEVEN: Nanos = Nanos(outputs_delay::LIMIT.0 / 1_000);
 
 /// It can't be told to be in Free Run, and would choose SM for itself.
 fn free_run_by_sm(found: &SubDevice) -> Option<String> {

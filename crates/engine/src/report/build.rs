@@ -4,6 +4,7 @@ use isocat_maindevice::SubDevice;
 use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::statistics::Summary;
 use isocat_segment::Scenario;
+use isocat_segment::segment_file::Clock;
 use isocat_sim::bench::DeviceBench;
 use isocat_sim::{Judged, Outcome, Place, Statistics, Tap, run};
 use isocat_sync::SyncMode;
@@ -194,10 +195,24 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
                 _ => cycle,
             })
             .filter(|cycle| *cycle > 0),
-        true_time: true_time(&outcome.bench.devices()[position], mode),
+        true_time: true_time(
+            &outcome.bench.devices()[position],
+            mode,
+            oscillator(scenario, position),
+        ),
         registers: registers(outcome, position),
-        plan: budget.map_or(Vec::new(), |(_, budget)| budget.lines().map(plan_line).collect()),
-        application: application(outcome.world.application().axes().get(position)),
+        plan: budget.map_or(Vec::new(), |(_, budget)| {
+            // Limits of the judges stand with what they judge, unless they alone tell that a plan
+            // does not fit.
+            let counts =
+                |line: &isocat_sync::budget::Line| line.check.is_of_cycle() || !line.fits();
+            budget.lines().filter(counts).map(plan_line).collect()
+        }),
+        // A coupler has no process data.
+        application: found
+            .filter(|found| found.outputs.length + found.inputs.length > 0)
+            .map(|_| application(outcome.world.application().axes().get(position)))
+            .unwrap_or_default(),
         assumptions: wanted
             .profile
             .assumptions
@@ -213,15 +228,32 @@ fn device<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>, position: usize) ->
     }
 }
 
-fn true_time(bench: &DeviceBench, mode: SyncMode) -> DeviceTrueTime {
+/// The constant part of a device's clock, and where it comes from.
+fn oscillator(scenario: &Scenario, position: usize) -> Oscillator {
+    let clock = scenario.devices[position].clock;
+    Oscillator {
+        deviation_ppb: clock.deviation(scenario.seed, position).0,
+        drawn_within_ppb: match clock {
+            Clock::Given(_) => None,
+            Clock::DrawnWithin(limit) => Some(limit.0),
+        },
+    }
+}
+
+fn true_time(bench: &DeviceBench, mode: SyncMode, clock: Oscillator) -> DeviceTrueTime {
     let with_sync0 = |statistics: &Statistics| {
         if mode.uses_dc() { span(statistics) } else { None }
     };
     DeviceTrueTime {
+        clock,
         sync0_error: bench.sync0.as_ref().and_then(|judge| spread(judge.statistics())),
         sm2_to_sync0: with_sync0(bench.margin.distance()),
         sync0_margin: with_sync0(bench.margin.margin()),
         outputs_delay: with_sync0(bench.outputs_delay.delay()),
+        outputs_age: span(bench.outputs_cycle.age()),
+        outputs_late: bench.outputs_cycle.late().count(),
+        inputs_age: span(bench.inputs_cycle.age()),
+        inputs_late: bench.inputs_cycle.late().count(),
         missed_events: bench.missed.count(),
         highest_missed_counter: bench.missed.highest(),
         state: bench.states.last().map_or(AlState::Init, |change| change.state),

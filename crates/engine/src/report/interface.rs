@@ -19,7 +19,7 @@ use super::typed;
 use super::{Counters, DeviceRegisters, Finding, PlanLine, SegmentMainDevice, SegmentPlan, Span};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-interface-report/4";
+pub const FORMAT: &str = "isocat-interface-report/5";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {

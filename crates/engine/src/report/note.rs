@@ -92,8 +92,8 @@ kinds! {
         Sync0InFrame = "sync0-in-frame",
         /// The SubDevice is wanted in Free Run and will work by the SM event.
         FreeRunBySm = "free-run-by-sm",
-        /// Outputs follow their pulse with a spread that judges do not let pass.
-        UnevenOutputs = "uneven-outputs",
+        /// A shift by local timer is asked for, and the mode does not use it.
+        ShiftUnused = "shift-unused",
         /// A mailbox frame takes longer than what a cycle has to spare.
         MailboxNoRoom = "mailbox-no-room",
         /// The base cycle may begin at any of several SYNC0 pulses.
@@ -109,7 +109,7 @@ kinds! {
 
 impl NoteKind {
     /// Whether the sentence comes from the MainDevice, which names the SubDevice itself.
-    pub const fn names_its_device(self) -> bool {
+    pub(crate) const fn names_its_device(self) -> bool {
         matches!(self, Self::NotRead | Self::GivenUp)
     }
 }

@@ -1,18 +1,23 @@
 //! The report for people: a hundred columns, verdict first.
 
+use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 
 use anstyle::{AnsiColor, Style};
 use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
+use isocat_descriptions::quantity::Ppb;
 use isocat_sync::SyncMode;
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
 
+use super::age::{self, DataAge};
 use super::{Counters, Device, DeviceRegisters, Finding, Report, Span, Spread};
 
 /// Findings and SubDevices that a reader wants to see before the rest.
 const MOST_FINDINGS: usize = 12;
 pub(super) const MOST_DEVICES: usize = 40;
+/// Drawn clocks that a note tells one by one.
+const MOST_CLOCKS: usize = 6;
 
 /// Heads of the columns with the counters.
 pub(super) const SOURCE: &str = "0x1C32 [r]";
@@ -45,6 +50,7 @@ impl Report {
         write_findings(out, &self.findings)?;
         if self.segment.plan.is_some() {
             self.write_devices(out)?;
+            self.write_ages(out)?;
         }
         self.write_segment(out)?;
         self.write_budget(out)?;
@@ -85,6 +91,15 @@ impl Report {
             writeln!(out, " …  and {more} more; --json lists them all")?;
         }
         Ok(())
+    }
+
+    fn write_ages(&self, out: &mut String) -> fmt::Result {
+        let of = |device: &Device| (device.true_time.outputs_age, device.true_time.inputs_age);
+        let ages = self.devices.iter().map(|device| {
+            let (outputs, inputs) = of(device);
+            DataAge { position: device.position, name: &device.name, outputs, inputs }
+        });
+        age::write(out, &ages.collect::<Vec<_>>(), " [t]")
     }
 
     fn write_segment(&self, out: &mut String) -> fmt::Result {
@@ -155,8 +170,7 @@ impl Report {
         for device in self.devices.iter().filter(short).take(MOST_DEVICES) {
             let line = device.plan.iter().min_by_key(|line| line.slack_ns).expect("one is short");
             notes.push(format!(
-                "SubDevice {}: the plan does not fit, and was run all the same: {}: {}: slack {}. What comes a whole \
-                 cycle late in each cycle looks regular: counters and judges don't see it",
+                "SubDevice {}: the plan does not fit, and was run all the same: {}: {}: slack {}",
                 device.position,
                 line.object,
                 line.demand,
@@ -189,6 +203,7 @@ impl Report {
                 ));
             }
         }
+        notes.extend(self.drawn_clocks());
         let assumed = self.devices.iter().flat_map(|device| &device.assumptions);
         let assumed = assumed.filter(|assumed| assumed.doubt.is_none()).count();
         if assumed > 0 {
@@ -204,6 +219,33 @@ impl Report {
             "\n {QUIET}0x1C32: 0B SM event missed, 0C cycle time too small, 0D shift time too short, 20 sync error\n \
              [t] measured in true time  [r] read from the device  [m] MainDevice's clock and counts  [p] plan{QUIET:#}"
         )
+    }
+}
+
+impl Report {
+    /// The notes on clocks that the segment file does not give, one for each tolerance.
+    pub fn drawn_clocks(&self) -> Vec<String> {
+        let drawn = self.devices.iter().filter_map(|device| {
+            let clock = &device.true_time.clock;
+            clock.drawn_within_ppb.map(|within| (within, device.position, clock.deviation_ppb))
+        });
+        let mut by_tolerance: BTreeMap<i64, Vec<(usize, i64)>> = BTreeMap::new();
+        for (within, position, ppb) in drawn {
+            by_tolerance.entry(within).or_default().push((position, ppb));
+        }
+        let note = |(within, clocks): (&i64, &Vec<(usize, i64)>)| {
+            let figures = clocks.iter().take(MOST_CLOCKS).map(|(position, ppb)| {
+                format!("SubDevice {position} {:+.2} ppm", *ppb as f64 / 1e3)
+            });
+            let mut figures = figures.collect::<Vec<_>>().join(", ");
+            if clocks.len() > MOST_CLOCKS {
+                figures +=
+                    &format!(", and {} more; --json lists them all", clocks.len() - MOST_CLOCKS);
+            }
+            let within = Ppb(*within).to_string().replace('+', "");
+            format!("clocks drawn from seed {} within \u{b1}{within}: {figures}", self.seed)
+        };
+        by_tolerance.iter().map(note).collect()
     }
 }
 

@@ -93,6 +93,16 @@ fn judged(kind: &Judged, family: Family) -> String {
             let (spread, limit) = (us(*spread), us(*limit));
             format!("outputs follow SYNC0 with a spread of {spread}, limit {limit}")
         }
+        Judged::OutputsLate { cycles, count, age } => format!(
+            "outputs act {} late, {count} times: up to {} after their frame left the MainDevice",
+            whole_cycles(*cycles),
+            time(*age)
+        ),
+        Judged::InputsLate { cycles, count, age } => format!(
+            "inputs arrive {} late, {count} times: up to {} after Input Latch",
+            whole_cycles(*cycles),
+            time(*age)
+        ),
         Judged::SmEventMissed { object, grew, value } => {
             format!("SM event missed: {object} grew by {grew} to {value}")
         }
@@ -132,6 +142,13 @@ fn judged(kind: &Judged, family: Family) -> String {
         }
         Judged::Found { cycle } => format!("found in cycle {cycle}"),
         Judged::AlwaysAbsent => "optional, absent all the time".into(),
+    }
+}
+
+fn whole_cycles(cycles: u64) -> String {
+    match cycles {
+        1 => "1 cycle".into(),
+        more => format!("{more} cycles"),
     }
 }
 

@@ -69,10 +69,11 @@ impl Clock {
         Time::new((clock.base + ticks) * TICK)
     }
 
-    /// Another speed from `now` on. The dividers keep their phase: a new period counts from their next
-    /// pulse on.
-    pub fn adjust(&mut self, now: Time<Device>, start: u16, difference: i16) {
+    /// Another speed from `now` on, and the local time moved by `step` ns. The dividers keep their
+    /// phase: a new period counts from their next pulse on.
+    pub fn adjust(&mut self, now: Time<Device>, start: u16, difference: i16, step: i64) {
         *self = self.rebased(tick(now));
+        self.local = self.local.wrapping_add_signed(step);
         self.gain.period = Divider::new(start, -difference).period;
         self.loss.period = Divider::new(start, difference).period;
     }

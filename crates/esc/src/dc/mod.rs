@@ -1,11 +1,15 @@
 //! The DC unit: local and system time, receive times, the drift loop, the SYNC and the latch unit.
 
 pub(crate) mod clock;
+pub(crate) mod drift_law;
 pub(crate) mod drift_loop;
 pub(crate) mod latch;
 mod show;
 pub(crate) mod sync;
 
+use core::ops::Range;
+
+use isocat_wire::dc::DifferencePolarity;
 use isocat_wire::register::{self, features};
 use isocat_wire::time::{Dc, Device, Local};
 use isocat_wire::{PortNumber, Register, Time};
@@ -13,15 +17,17 @@ use isocat_wire::{PortNumber, Register, Time};
 use crate::chip::Chip;
 use crate::memory::{Registers, Shadow};
 use clock::Clock;
-use drift_loop::{DriftLoop, DriftModel, ProportionalIntegral};
+use drift_law::DriftLaw;
+use drift_loop::{DriftLoop, Settings};
 use latch::{LatchInput, LatchUnit};
-use sync::SyncUnit;
+use sync::{StartWritten, SyncUnit};
 
 /// The DC unit of one ESC.
 pub(crate) struct DcUnit {
     clock: Clock,
     drift: DriftLoop,
-    model: &'static dyn DriftModel,
+    law: DriftLaw,
+    polarity: DifferencePolarity,
     /// The SYNC unit.
     pub sync: SyncUnit,
     /// The latch unit.
@@ -33,17 +39,22 @@ pub(crate) struct DcUnit {
     /// Register 0x0918.
     receive_epu: u64,
     ports: PortStamps,
+    /// See [`Chip::stamps_next_frame`].
+    stamps_next_frame: bool,
     held: show::Held,
     wide: bool,
     enhanced: bool,
 }
 
-/// What reverse mode (0x0936) needs: the time stamps of ports 1-3 that no register shows yet.
+/// What lies between the arrivals at ports 1-3 and their registers.
 #[derive(Clone, Copy)]
 struct PortStamps {
+    /// Time stamps that no register shows yet, for reverse mode (0x0936).
     hidden: [Option<u32>; 3],
     /// The start of the last frame that latched.
     latched: Time<Device>,
+    /// Ports that stamp the next frame, bit 0 for port 1: see [`Chip::stamps_next_frame`].
+    enabled: u8,
 }
 
 impl DcUnit {
@@ -51,30 +62,33 @@ impl DcUnit {
     pub fn new(chip: &Chip, local: u64, now: Time<Device>) -> Self {
         Self {
             clock: Clock::new(local, now),
-            drift: DriftLoop::new(),
-            model: &ProportionalIntegral::DEFAULT,
+            drift: DriftLoop::new(now),
+            law: chip.drift_law,
+            polarity: chip.difference_polarity,
             sync: SyncUnit::new(),
             latch: LatchUnit::new(),
             offset: 0,
             delay: 0,
             receive_epu: 0,
-            ports: PortStamps { hidden: [None; 3], latched: Time::ZERO },
+            ports: PortStamps { hidden: [None; 3], latched: Time::ZERO, enabled: 0 },
+            stamps_next_frame: chip.stamps_next_frame,
             held: [[0; 8]; 2],
             wide: chip.counts_64_bit(),
             enhanced: chip.has(features::ENHANCED_SYNC_ACTIVATION),
         }
     }
 
-    /// A reset at `now`: all but what the world outside determines, which are the pins, and the model.
+    /// A reset at `now`: all but what the world outside determines, which are the pins, and the law
+    /// of the drift loop.
     pub fn restart(&mut self, chip: &Chip, local: u64, now: Time<Device>) {
-        let (mut latch, model) = (self.latch, self.model);
+        let (mut latch, law) = (self.latch, self.law);
         latch.reset();
-        *self = Self { latch, model, ..Self::new(chip, local, now) };
+        *self = Self { latch, law, ..Self::new(chip, local, now) };
     }
 
-    /// Another model of the drift loop.
-    pub fn set_model(&mut self, model: &'static dyn DriftModel) {
-        self.model = model;
+    /// Another law of the drift loop than the chip's.
+    pub fn set_drift_law(&mut self, law: DriftLaw) {
+        self.law = law;
     }
 
     /// Reset values of its registers.
@@ -115,14 +129,28 @@ impl DcUnit {
             if reverse && at > self.ports.latched {
                 return;
             }
+            if self.stamps_next_frame && !reverse {
+                let bit = 1 << (port.index() - 1);
+                if self.ports.enabled & bit == 0 || at < self.ports.latched {
+                    return;
+                }
+                self.ports.enabled &= !bit;
+            }
         }
         registers.store(RECEIVE_TIMES[port.index()], stamp);
+    }
+
+    /// Whether this port stamps the next frame that arrives there, whatever is in it.
+    pub fn awaits_frame(&self, port: PortNumber) -> bool {
+        port != PortNumber::P0 && self.ports.enabled & 1 << (port.index() - 1) != 0
     }
 
     /// A good frame that began at `start` wrote 0x0900, so that receive times are latched.
     pub fn latch_ports(&mut self, start: Time<Device>, registers: &mut Registers) {
         self.ports.latched = start;
-        if registers.load(register::RECEIVE_TIME_LATCH_MODE) & 1 != 0 {
+        let reverse = registers.load(register::RECEIVE_TIME_LATCH_MODE) & 1 != 0;
+        self.ports.enabled = if self.stamps_next_frame && !reverse { 0b111 } else { 0 };
+        if reverse {
             for (receive, hidden) in RECEIVE_TIMES[1..].iter().zip(self.ports.hidden) {
                 if let Some(stamp) = hidden {
                     registers.store(*receive, stamp);
@@ -145,46 +173,66 @@ impl DcUnit {
         if shadow.byte(0x0910).is_some() {
             self.follow(start, end, shadow, registers);
         }
-        if shadow.touches(0x0930..0x0932) {
-            let bandwidth = registers.load(register::SPEED_COUNTER_START) & 0x7FFF;
-            registers.store(register::SPEED_COUNTER_START, bandwidth);
-            self.drift.reset();
-            self.adjust(end, registers);
-        } else if self.enhanced && shadow.touches(0x0934..0x0936) {
-            // Newer cores do this. No register names them; the enhanced SYNC activation came with them.
-            if shadow.byte(0x0934).is_some() {
-                self.drift.reset_time_filter();
-            }
-            if shadow.byte(0x0935).is_some() {
-                self.drift.reset_speed_filter();
-            }
-            self.adjust(end, registers);
-        }
-        if shadow.touches(0x0928..0x092C) {
-            self.delay = registers.load(register::SYSTEM_TIME_DELAY);
-        }
-        if shadow.touches(0x0920..0x0928) {
-            let offset = registers.load(register::SYSTEM_TIME_OFFSET);
-            let step = offset.wrapping_sub(self.offset);
-            let step = if self.wide { step as i64 } else { i64::from(step as u32 as i32) };
-            let cycle = registers.load(register::SYNC0_CYCLE);
-            self.offset = self.offset.wrapping_add_signed(step);
-            self.sync.jump(end, u64::from(cycle), self.system(end), self.wide);
-            self.reschedule(end);
-        }
+        self.set_time_unit(end, |range| shadow.touches(range), registers);
         if shadow.touches(0x09A8..0x09AA) {
             self.latch.configure(registers);
         }
         if shadow.touches(0x0981..0x0982) || shadow.touches(0x0990..0x0998) {
-            self.activate(end, shadow.touches(0x0990..0x0998), registers);
+            let written = StartWritten {
+                lower: shadow.byte(0x0993).is_some(),
+                upper: shadow.byte(0x0997).is_some(),
+            };
+            self.activate(end, written, registers);
+        }
+    }
+
+    /// Settings of the system time (0x0920-0x0935) were written, as far as `touched` tells, and are
+    /// in force in `registers`.
+    pub fn set_time_unit(
+        &mut self,
+        now: Time<Device>,
+        touched: impl Fn(Range<u16>) -> bool,
+        registers: &mut Registers,
+    ) {
+        if touched(0x0930..0x0932) {
+            let bandwidth = registers.load(register::SPEED_COUNTER_START) & 0x7FFF;
+            registers.store(register::SPEED_COUNTER_START, bandwidth);
+            self.drift.reset(now);
+            self.adjust(now, 0, registers);
+        } else if self.enhanced && touched(0x0934..0x0936) {
+            // Newer cores do this. No register names them; the enhanced SYNC activation came with them.
+            if touched(0x0934..0x0935) {
+                self.drift.reset_time_filter(now);
+            }
+            if touched(0x0935..0x0936) {
+                self.drift.reset_speed_filter();
+            }
+            self.adjust(now, 0, registers);
+        }
+        if touched(0x0928..0x092C) {
+            self.delay = registers.load(register::SYSTEM_TIME_DELAY);
+        }
+        if touched(0x0920..0x0928) {
+            let offset = registers.load(register::SYSTEM_TIME_OFFSET);
+            let step = offset.wrapping_sub(self.offset);
+            let step = if self.wide { step as i64 } else { i64::from(step as u32 as i32) };
+            self.offset = self.offset.wrapping_add_signed(step);
+            let cycle = sync::sync0_cycle(registers);
+            self.sync.jump(now, cycle, self.system(now), self.wide);
+            self.reschedule(now);
         }
     }
 
     /// The activation register or the start time was written.
-    pub fn activate(&mut self, now: Time<Device>, start_written: bool, registers: &mut Registers) {
+    pub fn activate(
+        &mut self,
+        now: Time<Device>,
+        written: StartWritten,
+        registers: &mut Registers,
+    ) {
         let system = self.system(now);
         let unit = sync::Start { now, system, wide: self.wide, enhanced: self.enhanced };
-        self.sync.activate(unit, start_written, registers);
+        self.sync.activate(unit, written, registers);
         self.reschedule(now);
     }
 
@@ -224,32 +272,54 @@ impl DcUnit {
         registers: &mut Registers,
     ) {
         let copy = (self.system(start) as u32).wrapping_sub(self.delay);
-        // Bytes that were not written agree with the local copy.
-        let mut received = copy.to_le_bytes();
-        for (address, byte) in (0x0910..).zip(&mut received) {
-            *byte = shadow.byte(address).unwrap_or(*byte);
-        }
-        let received = u32::from_le_bytes(received);
-        self.drift.follow(
-            start,
-            copy.wrapping_sub(received) as i32,
-            received,
-            registers.load(register::SPEED_COUNTER_START),
-            (
-                registers.load(register::TIME_FILTER_DEPTH),
-                registers.load(register::SPEED_FILTER_DEPTH),
-            ),
-            self.model,
-        );
-        self.adjust(end, registers);
+        self.compare((start, end), copy, |address| shadow.byte(address), registers);
     }
 
-    /// Gives the clock the speed that the drift loop wants from `now` on.
-    fn adjust(&mut self, now: Time<Device>, registers: &mut Registers) {
+    /// The PDI has written a system time of another segment: it belongs to the last positive edge
+    /// of LATCH0, which both segments have seen. See [`Chip::system_time_by_pdi`].
+    pub fn follow_latch(
+        &mut self,
+        now: Time<Device>,
+        written: [Option<u8>; 4],
+        registers: &mut Registers,
+    ) {
+        let [edge, ..] = self.latch.times();
+        let byte = |address: u16| written[usize::from(address - 0x0910)];
+        self.compare((now, now), edge as u32, byte, registers);
+    }
+
+    /// Compares the own time `copy` with the one that was written at `at`, and steers from `from`
+    /// on.
+    fn compare(
+        &mut self,
+        (at, from): (Time<Device>, Time<Device>),
+        copy: u32,
+        written: impl Fn(u16) -> Option<u8>,
+        registers: &mut Registers,
+    ) {
+        // Bytes that were not written agree with the own time.
+        let mut received = copy.to_le_bytes();
+        for (address, byte) in (0x0910..).zip(&mut received) {
+            *byte = written(address).unwrap_or(*byte);
+        }
+        let received = u32::from_le_bytes(received);
+        let settings = Settings {
+            start: registers.load(register::SPEED_COUNTER_START),
+            time_depth: registers.load(register::TIME_FILTER_DEPTH),
+            speed_depth: registers.load(register::SPEED_FILTER_DEPTH),
+        };
+        let difference = copy.wrapping_sub(received) as i32;
+        let step = self.drift.follow(at, difference, received == 0, settings, self.law);
+        self.adjust(from, step, registers);
+    }
+
+    /// Moves the local time by `step` ns and gives the clock the speed that the drift loop wants
+    /// from `now` on.
+    fn adjust(&mut self, now: Time<Device>, step: i64, registers: &mut Registers) {
         let start = registers.load(register::SPEED_COUNTER_START);
-        registers.store(register::SYSTEM_TIME_DIFFERENCE, self.drift.difference());
+        registers.store(register::SYSTEM_TIME_DIFFERENCE, self.drift.difference(self.polarity));
         registers.store(register::SPEED_COUNTER_DIFFERENCE, self.drift.mean());
-        self.clock.adjust(now, start, self.drift.applied());
+        self.clock.adjust(now, start, self.drift.applied(), step);
         self.reschedule(now);
     }
 

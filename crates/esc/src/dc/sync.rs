@@ -33,6 +33,15 @@ pub(crate) struct Start {
     pub enhanced: bool,
 }
 
+/// Which bytes of the start time were written that count on their own.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct StartWritten {
+    /// Byte 0x0993, the last one of 32 bits.
+    pub lower: bool,
+    /// Byte 0x0997, the last one of 64 bits.
+    pub upper: bool,
+}
+
 /// The state of the unit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SyncUnit {
@@ -98,13 +107,22 @@ impl SyncUnit {
         }
     }
 
-    /// The activation register (already in force in `registers`) or the start time was written.
-    pub fn activate(&mut self, at: Start, start_written: bool, registers: &mut Registers) {
+    /// The activation register or the start time was written; both are already in force in
+    /// `registers`.
+    pub fn activate(&mut self, at: Start, written: StartWritten, registers: &mut Registers) {
         let mut bits = registers.load(register::SYNC_ACTIVATION).0;
         if !at.enhanced {
             bits &= 0x07;
         }
-        if start_written && bits & SyncActivation::AUTO != 0 {
+        // A start of 64 bits is whole with its last byte; one of 32 bits, or one that is extended,
+        // with its fourth.
+        let extends = at.wide && bits & SyncActivation::EXTEND != 0;
+        let whole = if at.wide && !extends { written.upper } else { written.lower };
+        if extends && written.lower && !self.active {
+            let start = extended(registers.load(register::SYNC_START_TIME) as u32, at.system);
+            registers.store(register::SYNC_START_TIME, start);
+        }
+        if whole && bits & SyncActivation::AUTO != 0 {
             bits |= SyncActivation::ACTIVE;
         }
         if bits & SyncActivation::DEBUG_PULSE != 0 {
@@ -133,11 +151,10 @@ impl SyncUnit {
         let written = registers.load(register::SYNC_START_TIME);
         self.start = written;
         // How far ahead the start lies, in the width that counts.
-        let narrow = !at.wide || bits & SyncActivation::EXTEND != 0;
         let ahead = written.wrapping_sub(at.system);
-        let ahead = if narrow { u64::from(ahead as u32) } else { ahead };
+        let ahead = if at.wide { ahead } else { u64::from(ahead as u32) };
         let near =
-            if narrow || bits & SyncActivation::NEAR_FUTURE != 0 { 1 << 31 } else { 1 << 63 };
+            if !at.wide || bits & SyncActivation::NEAR_FUTURE != 0 { 1 << 31 } else { 1 << 63 };
         self.implausible = ahead >= near;
         let at_once = self.implausible && bits & SyncActivation::PLAUSIBILITY != 0;
         let first = match ahead {
@@ -216,11 +233,11 @@ impl SyncUnit {
             let delay = registers.load(register::SYNC1_CYCLE);
             self.sync1.next = Some(target.wrapping_add(u64::from(delay)));
         }
-        let cycle = u64::from(registers.load(register::SYNC0_CYCLE));
+        let cycle = sync0_cycle(registers);
         self.sync0.next = (cycle > 0).then(|| {
             let next = target.wrapping_add(cycle);
             let behind = system.wrapping_sub(next) as i64;
-            // A cycle below a tick gives one pulse a tick.
+            // Pulses that a step of the clock has passed are missed.
             if behind < 0 {
                 next
             } else {
@@ -304,3 +321,21 @@ impl SyncUnit {
         self.active
     }
 }
+
+/// The next system time with these lower 32 bits, from `system` on.
+fn extended(lower: u32, system: u64) -> u64 {
+    system.wrapping_add(u64::from(lower.wrapping_sub(system as u32)))
+}
+
+/// Register 0x09A0 as the generator takes it, ns: 0 is a single pulse, and a cycle is [`CYCLE_MIN`]
+/// at least.
+pub(crate) fn sync0_cycle(registers: &Registers) -> u64 {
+    match registers.load(register::SYNC0_CYCLE) {
+        0 => 0,
+        cycle => u64::from(cycle.max(CYCLE_MIN)),
+    }
+}
+
+/// Shortest SYNC0 cycle, ns. The register text gives the limit and does not say what a shorter
+/// value does: here it runs as this one, and reads as it was written.
+const CYCLE_MIN: u32 = 60;

@@ -10,6 +10,7 @@ use core::ops::Range;
 use isocat_wire::register::{Value, al_event, sync_manager};
 use isocat_wire::sync_manager::SyncManager;
 
+use crate::chip::Chip;
 use crate::memory::Registers;
 use unit::{PDI_DEACTIVATED, Unit};
 
@@ -70,14 +71,22 @@ pub(crate) struct SyncManagers {
     /// Units that the frame in flight touched, and what they were before it.
     touched: u16,
     before: [Unit; 16],
+    /// By unit and buffer: the label of what fills it, see [`crate::Esc::label`]. Apart from the
+    /// units, so that a frame does not copy them: a label changes when a buffer changes hands,
+    /// which is never taken back.
+    labels: [[u64; 3]; 16],
+    /// The label of what the PDI writes.
+    pub pdi_label: u64,
     /// What the PDI reads, it releases by writing its last byte: register 0x014E bit 0.
     release_by_write: bool,
+    /// See [`Chip::sm_buffer_in_use`].
+    shows_in_use: bool,
 }
 
 impl SyncManagers {
-    /// `count` SyncManagers at rest; their registers get their reset values.
-    pub fn new(count: u8, release_by_write: bool, registers: &mut Registers) -> Self {
-        let count = usize::from(count.min(16));
+    /// The SyncManagers of `chip` at rest; their registers get their reset values.
+    pub fn new(chip: &Chip, registers: &mut Registers) -> Self {
+        let count = usize::from(chip.sm_count.min(16));
         let units = Self {
             units: [Unit::REST; 16],
             count,
@@ -88,7 +97,10 @@ impl SyncManagers {
             changed: 0,
             touched: 0,
             before: [Unit::REST; 16],
-            release_by_write,
+            labels: [[0; 3]; 16],
+            pdi_label: 0,
+            release_by_write: chip.acknowledge_by_write,
+            shows_in_use: chip.sm_buffer_in_use,
         };
         for number in 0..count {
             units.show(number, registers);
@@ -175,11 +187,21 @@ impl SyncManagers {
         self.touched = 0;
     }
 
-    /// The frame in flight was good: buffers that ECAT closed change hands.
-    pub fn end_good_frame(&mut self, registers: &mut Registers) -> Exchanged {
+    /// The label of what was last read, or is being read, from a SyncManager's buffer; 0 without
+    /// one.
+    pub fn label(&self, number: usize) -> u64 {
+        self.labels[number & 15][self.units[number & 15].buffer(Direction::Read)]
+    }
+
+    /// The frame in flight was good: buffers that ECAT closed change hands, those that it wrote
+    /// with its `label`.
+    pub fn end_good_frame(&mut self, label: u64, registers: &mut Registers) -> Exchanged {
         let mut exchanged = Exchanged::default();
         for number in bits(core::mem::take(&mut self.closing)) {
             let unit = &mut self.units[number];
+            if unit.config.is_ecat_write() {
+                self.labels[number][unit.buffer(Direction::Write)] = label;
+            }
             exchanged.watchdog |= unit.complete(Side::Ecat);
             exchanged.latch |= unit.config.activate & SyncManager::LATCH_ECAT != 0;
             self.show(number, registers);
@@ -340,6 +362,9 @@ impl SyncManagers {
                 }
                 Side::Pdi if held && unit.config.length > 1 => {}
                 Side::Pdi => {
+                    if direction == Direction::Write {
+                        self.labels[number][unit.buffer(direction)] = self.pdi_label;
+                    }
                     outcome.watchdog |= unit.complete(side);
                     outcome.changed |= latch;
                 }
@@ -419,7 +444,8 @@ impl SyncManagers {
     }
 
     fn show(&self, number: usize, registers: &mut Registers) {
-        registers.set_byte(sync_manager(number).address + 5, self.units[number].status());
+        let status = self.units[number].status(self.shows_in_use);
+        registers.set_byte(sync_manager(number).address + 5, status);
     }
 }
 

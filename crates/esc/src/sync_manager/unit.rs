@@ -76,7 +76,17 @@ impl Unit {
         !self.config.is_mailbox() && self.config.length > 1
     }
 
-    fn direction_of(&self, side: Side) -> Direction {
+    /// The buffer that `direction` accesses.
+    pub fn buffer(&self, direction: Direction) -> usize {
+        match direction {
+            _ if !self.is_buffered() => 0,
+            Direction::Read => usize::from(self.consumer),
+            Direction::Write => usize::from(self.producer),
+        }
+    }
+
+    /// The way of the data, seen from `side`.
+    pub fn direction_of(&self, side: Side) -> Direction {
         if self.config.is_ecat_write() == (side == Side::Ecat) {
             Direction::Write
         } else {
@@ -128,12 +138,7 @@ impl Unit {
         if !open {
             return None;
         }
-        let buffer = match direction {
-            _ if !self.is_buffered() => 0,
-            Direction::Read => self.consumer,
-            Direction::Write => self.producer,
-        };
-        Some(start + offset + usize::from(buffer) * usize::from(self.config.length))
+        Some(start + offset + self.buffer(direction) * usize::from(self.config.length))
     }
 
     /// The PDI has opened a buffer to read it.
@@ -171,8 +176,8 @@ impl Unit {
         }
     }
 
-    /// The status byte.
-    pub fn status(&self) -> u8 {
+    /// The status byte; `in_use`: the bits of buffers in use exist.
+    pub fn status(&self, in_use: bool) -> u8 {
         let last_written = match (self.config.is_mailbox(), self.filled) {
             (true, _) => 0,
             (false, false) => 3,
@@ -194,8 +199,8 @@ impl Unit {
             | bit(self.int_read, SyncManager::STATUS_READ)
             | bit(self.full, SyncManager::STATUS_FULL)
             | last_written << 4
-            | bit(reading, SyncManager::STATUS_READING)
-            | bit(writing, SyncManager::STATUS_WRITING)
+            | bit(reading && in_use, SyncManager::STATUS_READING)
+            | bit(writing && in_use, SyncManager::STATUS_WRITING)
     }
 }
 

@@ -32,6 +32,53 @@ fn eeprom_reads() {
     assert_eq!(bench.fprd(0x0502, 14).0, [0, 0, 8, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
 }
 
+/// 0x0502 bit 4 of an ET1200 reads 1 until SAFEOP is first reached, and from then on 0.
+#[test]
+fn a_reserved_bit_goes_with_safeop() {
+    for (chip, before, after) in [(&ET1200, 0x0050, 0x0040), (&ET1100, 0x0040, 0x0040)] {
+        let mut bench = Bench::with(chip, [0x04, 0x01, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+        let status = |bench: &mut Bench| bench.read(register::EEPROM_STATUS).0;
+        // Offered to the PDI and taken back; PREOP.
+        for value in [0x01, 0x02, 0x00] {
+            bench.fpwr(0x0500, &[value]);
+            assert_eq!(status(&mut bench), before, "{}", chip.name);
+        }
+        for (state, expected) in [(0x11, before), (0x02, before), (0x04, after), (0x01, after)] {
+            bench.fpwr(0x0120, &[state, 0]);
+            assert_eq!(status(&mut bench), expected, "{} in {state:#04x}", chip.name);
+        }
+        bench.esc.power_on(Time::new(bench.now), Time::ZERO);
+        assert_eq!(bench.esc.register(register::EEPROM_STATUS).0, before, "power-on");
+    }
+    // The same behind a CPU, which sets AL status.
+    let mut bench = Bench::new(&ET1200);
+    for (state, expected) in [(2, 0x0050), (3, 0x0050), (8, 0x0040), (1, 0x0040)] {
+        bench.pdi().write(0x0130, &[state]);
+        assert_eq!(bench.read(register::EEPROM_STATUS).0, expected, "AL status {state}");
+    }
+}
+
+/// How long the memory acknowledges nothing after a write is the chip's setting, to the tick.
+#[test]
+fn the_burn_time_is_a_setting() {
+    static QUICK: Chip = Chip { eeprom_burn_time: isocat_wire::Nanos(2_400_000), ..ET1100 };
+    for (chip, burn) in [(&ET1100, 5_000_000), (&QUICK, 2_400_000)] {
+        for (early, expected) in [(10, 0x2040), (0, 0x0040)] {
+            let mut bench = Bench::new(chip);
+            bench.fpwr(0x0502, &[0x01, 0x02, 0x40, 0, 0, 0, 0x34, 0x12]);
+            let written = bench.now + 200_000;
+            bench.run_to(written);
+            // A read takes 20 us behind its frame, which is one of 60 bytes.
+            let frame = duration_ns(60);
+            bench.run_to(written + burn - 20_000 - frame - early);
+            bench.fpwr(0x0502, &[0x00, 0x01, 0x40, 0, 0, 0]);
+            assert_eq!(bench.now, written + burn - 20_000 - early);
+            bench.run_to(bench.now + 20_000);
+            assert_eq!(bench.esc.register(register::EEPROM_STATUS).0, expected, "{burn} {early}");
+        }
+    }
+}
+
 #[test]
 fn eeprom_is_busy_for_its_time_exactly() {
     let mut bench = Bench::new(&ET1100);

@@ -1,6 +1,7 @@
 //! Ports, DL status, error counters and the ECAT event request.
 
 use super::*;
+use crate::chip::{ActivationEvent, ET1100_MII};
 use crate::{ET1100, ET1200, LAN9252, PortError};
 use isocat_wire::dl::DlStatus;
 
@@ -17,6 +18,44 @@ fn dl_status_follows_the_links() {
     assert_eq!(bench.read(register::DL_STATUS), DlStatus(0x5A31));
     bench.esc.set_port(PortNumber::P3, true);
     assert_eq!(bench.read(register::DL_STATUS), DlStatus(0x5A31), "an ET1100 has no port 3 here");
+}
+
+/// With digital I/O as PDI (0x0140 = 0x04) there is no CPU that must show that it lives.
+#[test]
+fn digital_io_never_misses_the_pdi_watchdog() {
+    for (pdi, expected) in [(0x00, 0x5611), (0x03, 0x5611), (0x04, 0x5613), (0x05, 0x5611)] {
+        let mut configuration = [0; 14];
+        configuration[0] = pdi;
+        let mut bench = Bench::with(&LAN9252, configuration);
+        assert_eq!(bench.read(register::DL_STATUS), DlStatus(expected), "PDI {pdi:#04x}");
+        // After ten times the watchdog's time, too; an access would start it elsewhere.
+        bench.pdi().events();
+        bench.run_to(bench.now + 1_000_000_000);
+        assert_eq!(bench.read(register::DL_STATUS), DlStatus(expected), "PDI {pdi:#04x}, later");
+    }
+}
+
+/// Only a read that touches 0x0110, 0x0111 acknowledges the DL event, only one of 0x0130, 0x0131
+/// the AL event.
+#[test]
+fn a_read_beside_a_status_acknowledges_nothing() {
+    let mut bench = Bench::new(&LAN9252);
+    let requested = |bench: &Bench| bench.esc.ecat_events();
+    for (status, event) in [(0x0110, 1 << 2), (0x0130, 1 << 3)] {
+        for (first, len, kept) in [
+            (status - 2, 2, true),
+            (status + 2, 2, true),
+            (status - 1, 2, false),
+            (status + 1, 2, false),
+        ] {
+            bench.pdi().write(0x0130, &[2]);
+            bench.esc.set_port(PortNumber::P1, true);
+            bench.esc.set_port(PortNumber::P1, false);
+            assert_ne!(requested(&bench) & event, 0);
+            bench.fprd(first, len);
+            assert_eq!(requested(&bench) & event != 0, kept, "{len} bytes from {first:#06x}");
+        }
+    }
 }
 
 #[test]
@@ -106,6 +145,43 @@ fn every_changed_sync_manager_is_to_be_acknowledged() {
     assert_eq!(bench.pdi().events(), register::al_event::SM_ACTIVATION);
     bench.pdi_read(register::sm_activate(7));
     assert_eq!(bench.pdi().events(), 0);
+}
+
+/// A setting of the chip: reading one activation register is enough, whichever it is; and none is
+/// not.
+#[test]
+fn one_read_may_acknowledge_all_sync_managers() {
+    static ANY: Chip = Chip { activation_event: ActivationEvent::Any, ..ET1100_MII };
+    let mut bench = Bench::new(&ANY);
+    bench.bwr(0x0800, &[0; 64]);
+    bench.pdi_bytes(0x0807, 7);
+    assert_eq!(
+        bench.pdi().events(),
+        register::al_event::SM_ACTIVATION,
+        "0x0806 and 0x080E were not read"
+    );
+    bench.pdi_bytes(0x0816, 1);
+    assert_eq!(bench.pdi().events(), 0);
+}
+
+/// The upper bytes of 0x0220 are those of the moment in which the same side read its first one.
+#[test]
+fn halves_of_the_event_request_belong_together() {
+    let mut bench = Bench::new(&ET1100);
+    let request = register::AL_EVENT_REQUEST.address;
+    bench.fpwr(0x0800, &[0x00, 0x10, 4, 0, 0x26, 0, 1, 0]);
+    bench.fpwr(0x1000, &[0; 4]);
+    let whole = register::al_event::SM_ACTIVATION | register::al_event::sync_manager(0);
+    assert_eq!(bench.pdi().events(), whole, "the interrupt's own view is of now");
+    assert_eq!(bench.pdi_bytes(request + 1, 1), [0], "the first byte was never read");
+    assert_eq!(bench.pdi_bytes(request, 1), [whole as u8]);
+    assert_eq!(bench.pdi_bytes(request + 1, 3), whole.to_le_bytes()[1..]);
+    assert_eq!(bench.fprd(request + 1, 3).0, [0; 3], "one side's read is not the other's");
+    // What is gone is shown until the first byte is read again.
+    bench.pdi_bytes(0x1000, 4);
+    assert_eq!(bench.pdi_bytes(request + 1, 1), [1]);
+    assert_eq!(bench.pdi_bytes(request, 2), [whole as u8, 0]);
+    assert_eq!(bench.fprd(request, 4).0, register::al_event::SM_ACTIVATION.to_le_bytes());
 }
 
 #[test]

@@ -50,7 +50,7 @@ fn the_life_of_two_mailboxes() {
 /// As TwinCAT does: the used bytes, then the last byte, in one frame; each datagram counts.
 #[test]
 fn parts_of_a_mailbox() {
-    let mut bench = mailboxes(&ET1100);
+    let mut bench = mailboxes(&LAN9252);
     let head = (Command::Fpwr, station(0x1000), &[1, 2, 3][..]);
     let tail = (Command::Fpwr, station(0x107F), &[9][..]);
     let wkc: Vec<_> = bench.frame(true, &[head, tail]).into_iter().map(|(_, wkc)| wkc).collect();

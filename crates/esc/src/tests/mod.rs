@@ -11,11 +11,14 @@ mod latch;
 mod leds;
 mod mailbox;
 mod mii;
+mod next_frame;
 mod process_data;
 mod registers;
 mod sync_edges;
 mod sync_managers;
 mod sync_signals;
+mod sync_start;
+mod system_time_by_pdi;
 mod watchdogs;
 
 use std::vec;

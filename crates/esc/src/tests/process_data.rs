@@ -36,6 +36,26 @@ fn working_counters_of_process_data() {
     assert_eq!(bench.read(register::sm_status(3)) & SyncManager::STATUS_READING, 0x40);
 }
 
+/// Bits that no FMMU maps keep their values in process RAM, in the bytes at both ends of a mapping.
+#[test]
+fn bits_written_through_a_fmmu_leave_their_neighbours() {
+    let mut bench = Bench::new(&LAN9252);
+    let bits = Fmmu {
+        logical_start_bit: 2,
+        logical_stop_bit: 5,
+        physical_start_bit: 2,
+        ..Fmmu::bytes(0x1_0000, 1, 0x1000, Fmmu::WRITE)
+    };
+    bench.fpwr(0x0600, &bits.to_bytes());
+    for (before, sent, after) in
+        [(0x00, 0xFF, 0x3C), (0xFF, 0x00, 0xC3), (0xC3, 0xFF, 0xFF), (0x81, 0x14, 0x95)]
+    {
+        assert_eq!(bench.fpwr(0x1000, &[before, before]), 1);
+        assert_eq!(bench.send(Command::Lwr, IMAGE, &[sent]).1, 1);
+        assert_eq!(bench.fprd(0x1000, 2).0, [after, before], "{before:#04x}, {sent:#04x} sent");
+    }
+}
+
 #[test]
 fn the_newest_outputs_win() {
     let mut bench = process_data(&ET1100);

@@ -317,3 +317,33 @@ fn power_on_begins_anew() {
     let other: Vec<_> = (0..found.len()).filter(|at| found[*at] != fresh[*at]).collect();
     assert!(other.is_empty(), "{other:04x?}");
 }
+
+/// What docs/dc.md says of registers that are not modelled.
+#[test]
+fn registers_that_are_not_modelled() {
+    for chip in [&ET1100, &LAN9252] {
+        let mut bench = Bench::new(chip);
+        for (first, end) in [
+            (0x0142, 0x0144),
+            (0x0938, 0x0980),
+            (0x0986, 0x0987),
+            (0x098C, 0x098E),
+            (0x09AA, 0x09AE),
+            (0x09D0, 0x09F0),
+        ] {
+            for address in first..end {
+                assert_eq!(bench.fprd(address, 1).1, 0, "{}: {address:#06x} reads", chip.name);
+                assert_eq!(bench.fpwr(address, &[0xFF]), 0, "{}: {address:#06x}", chip.name);
+            }
+        }
+        assert_eq!(bench.esc.register(register::FEATURES) & 1 << 12, 0);
+        // Read as written, without effect.
+        bench.write(register::CYCLIC_UNIT_CONTROL, 0x0E);
+        assert_eq!(bench.read(register::CYCLIC_UNIT_CONTROL), 0x0E);
+        assert_eq!(bench.fpwr(0x0981, &[0x02]), 1, "ECAT owns SYNC0 and SYNC1");
+        bench.fpwr(0x0810, &[0x00, 0x10, 4, 0, 0xE4, 0, 1, 0]);
+        bench.fpwr(0x1000, &[0; 4]);
+        bench.pdi().write(0x0817, &[0xC0]);
+        assert_eq!(bench.fprd(0x0814, 4).0, [0xE4, 0x01, 1, 0]);
+    }
+}

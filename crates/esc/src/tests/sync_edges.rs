@@ -162,25 +162,6 @@ fn an_offset_moved_back_delays_the_next_pulse() {
     }
 }
 
-/// A 32-bit start time, written to a 64-bit unit whose upper half has moved on.
-#[test]
-fn a_start_of_32_bits_is_the_next_one_of_that_time() {
-    for (bits, first) in [(0x13, Some(1_000)), (0x03, None)] {
-        let mut bench = Bench::new(&LAN9252);
-        bench.write(register::SYSTEM_TIME_OFFSET, (5u64 << 32) - 200_000);
-        bench.write(register::SYNC0_CYCLE, MS as u32);
-        bench.run_to(100_000);
-        // The upper half turns over between now and the start.
-        let (begin, list) = (201_000u64, 1_000u32.to_le_bytes());
-        assert_eq!(bench.fpwr(0x0990, &list), 1);
-        bench.take_events();
-        bench.write(register::SYNC_ACTIVATION, SyncActivation(bits));
-        bench.run_to(begin + MS / 2);
-        let expected: Vec<_> = first.iter().map(|_| (begin, EscEvent::Sync0)).collect();
-        assert_eq!(bench.take_events(), expected, "{bits:#x}");
-    }
-}
-
 /// The next pulse in halves, each side for itself; at rest it is the start time as written.
 #[test]
 fn halves_of_the_next_pulse_belong_together() {

@@ -1,7 +1,7 @@
 //! The common rules of SyncManagers and FMMUs, one by one.
 
 use super::*;
-use crate::{ET1100, LAN9252};
+use crate::{ET1100, ET1200, IP_CORE_32, LAN9252};
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::sync_manager::SyncManager;
 
@@ -18,7 +18,7 @@ fn wkc(answers: Vec<(Vec<u8>, u16)>) -> Vec<u16> {
 
 #[test]
 fn a_buffer_is_filled_over_several_frames() {
-    let mut bench = Bench::new(&ET1100);
+    let mut bench = Bench::new(&LAN9252);
     configure(&mut bench, 0, 0x1000, 8, SyncManager::MAILBOX_OUT);
     let status = |bench: &mut Bench| bench.read(register::sm_status(0));
     assert_eq!(bench.fpwr(0x1002, &[9]), 0, "an inner byte of a closed buffer");
@@ -35,10 +35,56 @@ fn a_buffer_is_filled_over_several_frames() {
     assert_eq!(bench.pdi_bytes(0x1000, 8), [0x11, 0, 3, 0, 5, 6, 0, 8]);
 }
 
+/// Status bits 6 and 7 exist on all chips but the ET1100. What they would show happens there too:
+/// the bit of the buffer that was read goes when the next one is opened.
+#[test]
+fn buffers_in_use_show_by_chip() {
+    for (chip, shown) in [(&ET1100, 0x00), (&ET1200, 0xC0), (&LAN9252, 0xC0), (&IP_CORE_32, 0xC0)] {
+        let mut bench = Bench::new(chip);
+        configure(&mut bench, 0, 0x1000, 8, SyncManager::MAILBOX_OUT);
+        configure(&mut bench, 1, 0x1080, 8, SyncManager::MAILBOX_IN);
+        bench.pdi().write(0x1080, &[1; 8]);
+        assert_eq!(bench.fprd(0x1080, 8).1, 1);
+        assert_eq!(bench.read(register::sm_status(1)), SyncManager::STATUS_READ);
+        bench.pdi().write(0x1080, &[1; 7]);
+        assert_eq!(bench.read(register::sm_status(1)), shown & 0x80, "{} writes", chip.name);
+        bench.pdi().write(0x1087, &[1]);
+        assert_eq!(bench.read(register::sm_status(1)), 0x09, "{} has written", chip.name);
+        bench.fpwr(0x1000, &[2; 8]);
+        bench.pdi_bytes(0x1000, 1);
+        assert_eq!(bench.read(register::sm_status(0)), 0x08 | shown & 0x40, "{} reads", chip.name);
+        bench.pdi_bytes(0x1007, 1);
+        assert_eq!(bench.read(register::sm_status(0)), 0x02, "{} has read", chip.name);
+    }
+}
+
+/// Bits 4 to 11 of the ECAT event request, and so the IRQ field of every frame, hold the events of
+/// those SyncManagers alone that are set to raise them: control bit 4.
+#[test]
+fn ecat_events_only_of_sync_managers_that_raise_them() {
+    for (control, expected) in [(0x00, [0, 0]), (SyncManager::CONTROL_ECAT_EVENT, [1 << 4, 1 << 5])]
+    {
+        let mut bench = Bench::new(&LAN9252);
+        configure(&mut bench, 0, 0x1000, 8, SyncManager::MAILBOX_OUT | control);
+        configure(&mut bench, 1, 0x1080, 8, SyncManager::MAILBOX_IN | control);
+        bench.read(register::DL_STATUS);
+        bench.write(register::ECAT_EVENT_MASK, 0x0FF0);
+        let requested = |bench: &mut Bench| bench.read(register::ECAT_EVENT_REQUEST) & 0x0FF0;
+        assert_eq!(requested(&mut bench), 0, "nothing was exchanged yet");
+        bench.fpwr(0x1000, &[2; 8]);
+        assert_eq!(requested(&mut bench), 0, "the PDI has not read yet");
+        bench.pdi_bytes(0x1000, 8);
+        assert_eq!((requested(&mut bench), bench.irq), (expected[0], expected[0]));
+        bench.fpwr(0x1000, &[2; 8]);
+        bench.pdi().write(0x1080, &[1; 8]);
+        assert_eq!((requested(&mut bench), bench.irq), (expected[1], expected[1]));
+    }
+}
+
 /// Opened and closed, opened again and not closed, in one frame: it stays open.
 #[test]
 fn the_first_byte_restarts_also_within_a_frame() {
-    let mut bench = Bench::new(&ET1100);
+    let mut bench = Bench::new(&LAN9252);
     configure(&mut bench, 0, 0x1000, 4, SyncManager::MAILBOX_OUT);
     let whole = (Command::Fpwr, station(0x1000), &[1; 4][..]);
     let first = (Command::Fpwr, station(0x1000), &[2][..]);

@@ -252,13 +252,3 @@ fn at_one_instant_the_frame_ends_before_sync() {
         [(begin, EscEvent::FrameEnd { al_events: 0 }), (begin, EscEvent::Sync0)]
     );
 }
-
-#[test]
-fn a_cycle_below_a_tick_gives_a_pulse_a_tick() {
-    let mut short = SII;
-    (short[4], short[5]) = (1, 0);
-    let mut bench = Bench::with(&LAN9252, short);
-    let begin = start(&mut bench, 1, 0, AssignActivate::SYNC0);
-    bench.run_to(begin + 1_000);
-    assert_eq!(bench.take_events().len(), 101);
-}

@@ -4,10 +4,11 @@
 use std::fmt::Write;
 
 use clap::Args;
+use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_engine::explain;
 use isocat_segment::keys;
 use isocat_sync::object::{self, INPUT_PARAMETER, OUTPUT_PARAMETER};
-use isocat_sync::table::{Column, Condition, Need, Rights, SUBS, lookup};
+use isocat_sync::table::{Aspect, Column, Condition, DOUBTS, Doubt, Need, Rights, SUBS, lookup};
 use serde::Serialize;
 
 use super::{fail, print};
@@ -92,7 +93,50 @@ fn modes() -> String {
     for condition in Condition::ALL {
         let _ = writeln!(text, "   {} if {}", condition.mark(), condition.in_words());
     }
-    text + "Sub-index 00, the highest sub-index, is read only and always there.\n"
+    text += "Sub-index 00, the highest sub-index, is read only and always there.\n";
+    text += "\nWhere a published copy of these tables differs, and why it is not followed:\n";
+    for doubt in &DOUBTS {
+        let what = format!("{}: {}", doubt_place(doubt), doubt_words(doubt));
+        for (i, line) in wrap(&what, WIDTH - 4).iter().enumerate() {
+            let _ = writeln!(text, "{} {line}", if i == 0 { "  -" } else { "   " });
+        }
+    }
+    text
+}
+
+/// `0x1C33:0F to 12, need, DC shift SYNC1 and DC subordinated`
+fn doubt_place(doubt: &Doubt) -> String {
+    let (first, last) = (doubt.subs.first(), doubt.subs.last());
+    let mut place = format!("0x{:04X}:{:02X}", doubt.object, first.copied().unwrap_or_default());
+    if let Some(last) = last.filter(|last| Some(*last) != first) {
+        let _ = write!(place, " to {last:02X}");
+    }
+    let columns: Vec<_> = doubt.columns.iter().map(|column| column.name()).collect();
+    let columns = match columns.len() == Column::ALL.len() {
+        true => "all modes".into(),
+        false => columns.join(" and "),
+    };
+    format!("{place}, {}, {columns}", doubt.aspect.name())
+}
+
+/// `printed O, taken -: reason`; of a whole row no single cell is told.
+fn doubt_words(doubt: &Doubt) -> String {
+    let Doubt { printed, reason, .. } = doubt;
+    match taken(doubt) {
+        Some(taken) => format!("printed {printed}, taken {taken}: {reason}"),
+        None => format!("{printed} printed: {reason}"),
+    }
+}
+
+/// What the tables here have in the cells of a doubt, which is the same in all; `None` for a whole
+/// row.
+fn taken(doubt: &Doubt) -> Option<String> {
+    let cell = lookup(doubt.object, *doubt.subs.first()?, *doubt.columns.first()?)?;
+    let text = match doubt.aspect {
+        Aspect::Rights => cell.rights.to_string(),
+        Aspect::Need => cell.need.to_string(),
+    };
+    (doubt.columns.len() < Column::ALL.len()).then_some(text)
 }
 
 /// The same as JSON.
@@ -129,13 +173,36 @@ fn modes_json() -> String {
         name: title,
         sub_indices: SUBS.iter().map(|sub| row(index, *sub)).collect(),
     });
-    let json = serde_json::to_string_pretty(&Modes { objects });
+    let differences = DOUBTS.iter().map(|doubt| Difference {
+        object: format!("0x{:04X}", doubt.object),
+        subs: doubt.subs,
+        columns: doubt.columns.iter().map(|column| column.name()).collect(),
+        aspect: doubt.aspect.name(),
+        printed: doubt.printed,
+        taken: taken(doubt),
+        reason: doubt.reason,
+    });
+    let differences = differences.collect();
+    let json = serde_json::to_string_pretty(&Modes { objects, differences });
     json.expect("texts and numbers can be written as JSON") + "\n"
 }
 
 #[derive(Serialize)]
 struct Modes {
     objects: [Object; 2],
+    /// Where a published copy of the tables differs.
+    differences: Vec<Difference>,
+}
+
+#[derive(Serialize)]
+struct Difference {
+    object: String,
+    subs: &'static [u8],
+    columns: Vec<&'static str>,
+    aspect: &'static str,
+    printed: &'static str,
+    taken: Option<String>,
+    reason: &'static str,
 }
 
 #[derive(Serialize)]

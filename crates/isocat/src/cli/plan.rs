@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use isocat_descriptions::eni;
 use isocat_engine::plan::{Plan, proof, suggest};
+use isocat_esc::DriftLaw;
 use isocat_segment::Scenario;
 use isocat_wire::Nanos;
 
@@ -27,6 +28,9 @@ pub struct Arguments {
     /// Seed of the proof's run
     #[arg(long, requires = "prove")]
     seed: Option<u64>,
+    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    #[arg(long, value_name = "NAME", requires = "prove")]
+    drift_law: Option<DriftLaw>,
     /// Look for the phase with the most even slack and for the smallest cycle that fits
     #[arg(long)]
     suggest: bool,
@@ -53,6 +57,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     let mut scenario = Scenario::from(file);
     scenario.duration = arguments.duration.unwrap_or(scenario.duration);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    scenario.drift_law = arguments.drift_law.or(scenario.drift_law);
     let plan = match Plan::of(&scenario) {
         Ok(plan) => plan,
         Err(error) => return fail(&place(&scenario, &error)),
@@ -104,6 +109,8 @@ impl Arguments {
         if self.prove {
             words.extend(["--prove", "--for", &duration, "--seed", &seed]);
         }
+        let law = self.drift_law.map(|law| law.to_string());
+        words.extend(law.iter().flat_map(|law| ["--drift-law", law]));
         command(&words)
     }
 }

@@ -10,6 +10,7 @@ use isocat_descriptions::quantity;
 use isocat_engine::Report;
 use isocat_engine::recording::Recording;
 use isocat_engine::report::Finding;
+use isocat_esc::DriftLaw;
 use isocat_maindevice::Fault;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_sim::Outcome;
@@ -46,6 +47,9 @@ pub struct Arguments {
     /// Seed of everything random; the same seed gives the same run
     #[arg(long)]
     seed: Option<u64>,
+    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    #[arg(long, value_name = "NAME")]
+    drift_law: Option<DriftLaw>,
     /// Print the report as one JSON document
     #[arg(long)]
     pub json: bool,
@@ -261,6 +265,7 @@ impl Arguments {
         let mut scenario = Scenario::from(file);
         scenario.duration = self.duration.unwrap_or(scenario.duration);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.drift_law = self.drift_law.or(scenario.drift_law);
         scenario.force = self.force;
         scenario.drift_compensation &= !self.no_drift_compensation;
         scenario
@@ -276,6 +281,8 @@ impl Arguments {
         let mut words = vec!["isocat", "run"];
         words.extend(self.segment.as_deref());
         words.extend(["--for", &duration, "--seed", &seed]);
+        let law = self.drift_law.map(|law| law.to_string());
+        words.extend(law.iter().flat_map(|law| ["--drift-law", law]));
         let flags =
             [(self.no_drift_compensation, "--no-drift-compensation"), (self.force, "--force")];
         words.extend(flags.iter().filter(|(given, _)| *given).map(|(_, flag)| *flag));

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Sender, channel};
 
 use clap::Args;
+use isocat_esc::DriftLaw;
 use isocat_host::{RawSocket, Veth, clock};
 use isocat_segment::Scenario;
 use isocat_serve::control::{self, Requests};
@@ -40,6 +41,9 @@ pub struct Arguments {
     /// Seed of everything random
     #[arg(long)]
     seed: Option<u64>,
+    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    #[arg(long, value_name = "NAME")]
+    drift_law: Option<DriftLaw>,
     /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -56,6 +60,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     };
     let mut scenario = Scenario::from(file);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    scenario.drift_law = arguments.drift_law.or(scenario.drift_law);
     let (interface, path) = match (&arguments.setup_veth, &arguments.interface) {
         (Some(name), _) => {
             (Veth::segment_end_of(name), control::path_of(&Veth::segment_end_of(name)))

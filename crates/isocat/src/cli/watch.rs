@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
-#[cfg(target_os = "linux")]
 use isocat_engine::report::words;
 use isocat_engine::status::Status;
+#[cfg(target_os = "linux")]
+use isocat_esc::DriftLaw;
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::Nanos;
 
@@ -30,6 +31,9 @@ pub struct Arguments {
     /// Seed of everything random
     #[arg(long)]
     seed: Option<u64>,
+    /// Law of all drift loops, in the place of what the file says: hold, block or proportional
+    #[arg(long, value_name = "NAME")]
+    drift_law: Option<DriftLaw>,
     /// Lines instead of a screen; so it is too where there is no terminal
     #[arg(long)]
     plain: bool,
@@ -244,6 +248,7 @@ impl Arguments {
     fn scenario(&self, file: SegmentFile) -> Scenario {
         let mut scenario = Scenario::from(file);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
+        scenario.drift_law = self.drift_law.or(scenario.drift_law);
         scenario.force = self.force;
         scenario.drift_compensation &= !self.no_drift_compensation;
         // What registers and objects say is read in the background, in the default share of the wire if the file has none.

@@ -110,6 +110,11 @@ pub(crate) fn error_cells(spread: Option<&Spread>) -> Markup {
     }
 }
 
+/// The mean age of process data; it stands out where some of them were late.
+pub(crate) fn age_cell(age: Option<Span>, late: u64) -> Markup {
+    html! { td.number.bad[late > 0] { (age.map_or("-".into(), |age| time(age.mean_ns))) } }
+}
+
 /// 0B, 0C, 0D, 20 in four cells; those that counted stand out.
 pub(crate) fn counter_cells(counters: &Counters) -> Markup {
     let all = [

@@ -13,8 +13,8 @@ use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
 use super::parts::{
-    bad_tile, counter_cells, error_cells, figure, findings, origin, origins, range, slack, table,
-    tile,
+    age_cell, bad_tile, counter_cells, error_cells, figure, findings, notes, origin, origins,
+    range, slack, table, tile,
 };
 use super::{Page, compact};
 use crate::picture::Picture;
@@ -67,6 +67,7 @@ impl Run<'_> {
             (self.host())
             (self.budget())
             (self.quality())
+            (notes("Clocks that the segment file does not give", &report.drawn_clocks()))
             (self.assumed())
             (origins())
         };
@@ -167,6 +168,8 @@ impl Run<'_> {
             "deviation",
             "worst",
             "least margin [t]",
+            "age of outputs [t]",
+            "of inputs",
             "0x092C [r]",
             "0x1C32 [r]: 0B",
             "0C",
@@ -187,6 +190,8 @@ impl Run<'_> {
                     td.number.bad[device.true_time.sync0_margin.is_some_and(|m| m.min_ns < 0.0)] {
                         (device.true_time.sync0_margin.map_or("-".into(), |margin| ns(margin.min_ns)))
                     }
+                    (age_cell(device.true_time.outputs_age, device.true_time.outputs_late))
+                    (age_cell(device.true_time.inputs_age, device.true_time.inputs_late))
                     td.number {
                         (device.registers.system_time_difference_ns.map_or("-".into(), |ns| time(ns as f64)))
                     }
@@ -200,7 +205,8 @@ impl Run<'_> {
                 h2 { "SubDevices" }
                 p.quiet {
                     "0x1C32: 0B SM event missed, 0C cycle time too small, 0D shift time too short, 20 sync error. "
-                    "0x092C as it was read when the clocks had converged. A box hides a SubDevice below."
+                    "0x092C as it was read when the clocks had converged. Ages are means: of outputs from their frame at the "
+                    "MainDevice to Outputs Valid, of inputs from Input Latch to the MainDevice. A box hides a SubDevice below."
                 }
                 (table(&heads, rows))
             }

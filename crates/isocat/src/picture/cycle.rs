@@ -288,7 +288,7 @@ impl Drawing<'_> {
         if let Some(pulse) = self.acting() {
             let pulse = self.middle(pulse).unwrap_or(valid);
             let after = self.device.outputs_act_after();
-            let shift = self.device.output_shift.filter(|shift| *shift > Nanos::ZERO);
+            let shift = self.device.timed_output_shift().filter(|shift| *shift > Nanos::ZERO);
             let words = match shift {
                 Some(shift) => format!("shift 1C32:03 {shift}, delay 1C32:09 {}", after - shift),
                 None => format!("delay 1C32:09 {after}"),

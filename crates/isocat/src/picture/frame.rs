@@ -65,7 +65,7 @@ impl Frame {
     }
 
     /// With another place for names of lanes.
-    pub fn with_left(mut self, left: f64) -> Self {
+    pub(crate) fn with_left(mut self, left: f64) -> Self {
         self.left = left;
         self
     }

@@ -75,7 +75,7 @@ impl Source {
     }
 
     /// Of a loop that fills a board on this thread, until it is stopped.
-    pub fn of_board(board: Board, stop: Arc<AtomicBool>, thread: JoinHandle<()>) -> Self {
+    pub(crate) fn of_board(board: Board, stop: Arc<AtomicBool>, thread: JoinHandle<()>) -> Self {
         let focus = Arc::new(AtomicUsize::new(NOBODY));
         Self { from: From::Board(board), focus, stop, thread: Some(thread) }
     }

@@ -56,7 +56,7 @@ impl Application for Counter {
 /// The intent: DC SYNC0 everywhere. The last `slow` of `count` devices have a cycle of `every` bus cycles.
 pub fn config(cycle: Nanos, count: usize, slow: usize, every: i64) -> Config {
     let mut config = Config::new(cycle);
-    config.drift_threshold = Nanos(1_000);
+    config.drift_threshold = Nanos(300);
     let time = Some(Nanos(20_000));
     let assumed = AssumedTimes {
         outputs_calc_and_copy: time,

@@ -165,8 +165,9 @@ fn the_same_application_runs_on_an_interface() {
 }
 
 impl Witness {
-    /// Whether the machine was punctual in half of the cycles at least, the first device was in OP for 300, all were when frames
-    /// began to be dropped, and a frame was held up between two of one cycle seldom.
+    /// Whether the machine was punctual in half of the cycles at least, the first device was in OP
+    /// for 300, all were when frames began to be dropped, and a frame was held up between two of
+    /// one cycle seldom.
     fn saw_enough(&self) -> bool {
         let counts = self.fresh.first().zip(self.stale.first());
         let in_operation = counts.is_some_and(|(a, b)| a + b >= 300 && *a > 10 * b);

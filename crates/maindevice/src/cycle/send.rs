@@ -42,6 +42,17 @@ impl CyclicExchange {
                 let outputs = &self.outputs[from..from + usize::from(chunk.length)];
                 bytes[layout.data()..layout.wkc()].copy_from_slice(outputs);
             }
+            if *part == Part::Drift
+                && let Some(reference) = &self.reference
+                && reference.seen
+                && !reference.reading
+            {
+                // Read over by the reference. Where that is gone, the clocks behind it compare
+                // themselves with what was sent: the host's guess is near, zeros would pull them
+                // away.
+                let guess = self.servo.dc_at(now).count().to_le_bytes();
+                bytes[layout.data()..layout.wkc()].copy_from_slice(&guess);
+            }
             if *part == Part::Lead {
                 let drive = self.drive.as_mut();
                 let value = drive.and_then(|drive| drive.value(now, &self.servo));
@@ -62,6 +73,7 @@ impl CyclicExchange {
         if self.next_frame >= self.frames.len() {
             let earliest = now.max(self.due) + Nanos(self.cycle.0 / 2);
             self.due = self.next_send(earliest);
+            board.lead_due = self.due;
         }
         Some(self.frames[at].bytes.len())
     }
@@ -151,6 +163,9 @@ impl CyclicExchange {
         }
         self.choose_drift();
         board.leading = self.reference.as_ref().is_some_and(|reference| !reference.reading);
+        if board.leading {
+            board.led_at = now;
+        }
         let parity = (self.number & 1) as usize;
         if self.exchanging {
             // Counted up here and set back by whatever goes wrong.

@@ -20,6 +20,10 @@ const MOST_FLIGHTS: usize = 24;
 /// A repetition waits for at most two to this power times as long as the first frame.
 const MOST_DOUBLINGS: u8 = 4;
 
+/// So long a datagram waits for a moment without any frame under way. Others wait behind it
+/// meanwhile.
+const QUIET_PATIENCE: Nanos = Nanos(100_000_000);
+
 /// The queue, the frames in flight, the waits.
 pub(crate) struct Port {
     /// Host time of the last input.
@@ -31,7 +35,11 @@ pub(crate) struct Port {
     free: Vec<usize>,
     queue: VecDeque<usize>,
     flights: Vec<Flight>,
+    /// Lists of earlier flights, empty, for flights to come: a frame allocates nothing then.
+    spare: Vec<Vec<usize>>,
     next_index: u8,
+    /// Since when the first datagram queued waits until every frame is back.
+    quiet_since: Option<Time<Host>>,
     /// Earliest end of a wait, collected anew in each round of polling.
     wake: Time<Host>,
 }
@@ -47,6 +55,7 @@ struct Slot {
     /// Losses so far.
     losses: u8,
     alone: bool,
+    quiet: bool,
     /// Nobody waits any more.
     abandoned: bool,
 }
@@ -77,7 +86,9 @@ impl Port {
             free: Vec::new(),
             queue: VecDeque::new(),
             flights: Vec::new(),
+            spare: Vec::new(),
             next_index: 0,
+            quiet_since: None,
             wake: Time::NEVER,
         }
     }
@@ -100,6 +111,7 @@ impl Port {
             retries: if travel.once { 0 } else { self.retries },
             losses: 0,
             alone: travel.alone,
+            quiet: travel.quiet,
             abandoned: false,
         };
         let at = match self.free.pop() {
@@ -147,19 +159,22 @@ impl Port {
         most: usize,
         statistics: &mut Statistics,
     ) -> Option<usize> {
-        if self.queue.is_empty() || self.flights.len() >= MOST_FLIGHTS {
+        if self.waits_for_quiet(now, 0)
+            || self.queue.is_empty()
+            || self.flights.len() >= MOST_FLIGHTS
+        {
             return None;
         }
         let mut frame = FrameWriter::new(buffer, self.source);
         let index = self.free_index();
-        let mut slots = Vec::new();
+        let mut slots = self.spare.pop().unwrap_or_default();
         let mut len = HEADERS;
         let mut losses = 0;
         while let Some(&at) = self.queue.front() {
             let slot = &mut self.slots[at];
             let more = slot.data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
             let first = slots.is_empty();
-            if !first && (slot.alone || len + more > most) {
+            if !first && (slot.alone || slot.quiet || len + more > most) {
                 break;
             }
             if frame.push(slot.command, index, slot.address, &slot.data).is_err() {
@@ -177,6 +192,7 @@ impl Port {
         }
         if slots.is_empty() {
             // Longer than the caller's buffer: it will never go out.
+            self.spare.push(slots);
             if let Some(at) = self.queue.pop_front() {
                 self.lose(at);
             }
@@ -189,6 +205,23 @@ impl Port {
         let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS));
         self.flights.push(Flight { index, deadline: now + patience, slots });
         Some(frame.finish())
+    }
+
+    /// Whether the first datagram queued waits until every frame is back; `cyclic` are under way
+    /// beside the link's own. What has waited too long is lost.
+    pub fn waits_for_quiet(&mut self, now: Time<Host>, cyclic: usize) -> bool {
+        let Some(&at) = self.queue.front() else { return false };
+        if !self.slots[at].quiet || cyclic + self.flights.len() == 0 {
+            self.quiet_since = None;
+            return false;
+        }
+        let since = *self.quiet_since.get_or_insert(now);
+        if now - since >= QUIET_PATIENCE {
+            self.quiet_since = None;
+            self.queue.pop_front();
+            self.lose(at);
+        }
+        true
     }
 
     /// The next index that no frame in flight has.
@@ -217,9 +250,9 @@ impl Port {
         if !self.belongs(&self.flights[at].slots, payload) {
             return false;
         }
-        let flight = self.flights.swap_remove(at);
+        let mut flight = self.flights.swap_remove(at);
         let mut layouts = Layouts::new();
-        for at in flight.slots {
+        for at in flight.slots.drain(..) {
             let Some(Ok(layout)) = layouts.next(payload) else { break };
             let slot = &mut self.slots[at];
             slot.data.copy_from_slice(&payload[layout.data()..layout.wkc()]);
@@ -229,6 +262,7 @@ impl Port {
                 self.put_back(at);
             }
         }
+        self.spare.push(flight.slots);
         statistics.frames_received += 1;
         true
     }
@@ -259,9 +293,9 @@ impl Port {
     pub fn handle_timeout(&mut self, statistics: &mut Statistics) {
         let now = self.now;
         while let Some(at) = self.flights.iter().position(|flight| flight.deadline <= now) {
-            let flight = self.flights.swap_remove(at);
+            let mut flight = self.flights.swap_remove(at);
             statistics.frames_lost += 1;
-            for at in flight.slots {
+            for at in flight.slots.drain(..) {
                 let slot = &mut self.slots[at];
                 if slot.abandoned {
                     self.put_back(at);
@@ -274,6 +308,7 @@ impl Port {
                     self.lose(at);
                 }
             }
+            self.spare.push(flight.slots);
         }
     }
 
@@ -306,6 +341,7 @@ impl Port {
             SlotState::InFlight => self.slots[at].abandoned = true,
             SlotState::Queued => {
                 self.queue.retain(|queued| *queued != at);
+                self.quiet_since = None;
                 self.put_back(at);
             }
             SlotState::Done | SlotState::Lost => self.put_back(at),

@@ -123,8 +123,8 @@ impl MainDevice {
                 cycle.hold_clocks(false);
             }
             if self.segment.devices.iter().all(|device| device.admitted) {
-                let now = self.link.now();
-                let watch = |config| DelayWatch::new(config, &self.segment, now);
+                let (now, jitters) = (self.link.now(), self.config.hop_jitter);
+                let watch = |config| DelayWatch::new(config, &self.segment, now, jitters);
                 self.delay_watch = self.config.delay_watch.and_then(watch);
             }
         }
@@ -164,10 +164,14 @@ impl MainDevice {
                     && device.dc.has_clock()
                     && self.segment.reference != Some(device.position)
             };
-            let clocks = self.segment.devices.iter().filter(led).cloned().collect();
-            let (link, threshold) = (self.link.clone(), self.config.drift_threshold);
+            let noise = clock::noise(&self.segment, &self.config);
+            let with_limits = |device: &crate::SubDevice| {
+                (device.clone(), clock::limits(&self.config, noise[device.position]))
+            };
+            let clocks = self.segment.devices.iter().filter(led).map(with_limits).collect();
             let station = self.segment.devices[reference].station;
-            let shift = clock::shift(link, threshold, station, clocks);
+            let (filter, _) = self.config.drift_filters.depths(self.config.cycle);
+            let shift = clock::shift(self.link.clone(), filter, station, clocks);
             let shift = async { Ended::Shift(shift.await) };
             self.procedures.start(Kind::Shift, About::default(), shift);
         }

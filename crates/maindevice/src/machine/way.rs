@@ -11,6 +11,7 @@ use super::MainDevice;
 use super::background::Ends;
 use super::procedures::poll;
 use crate::bring_up::{self, End, Work};
+use crate::clock;
 use crate::cycle::CyclicExchange;
 use crate::delay_watch::DelayWatch;
 use crate::error::{Cause, Error};
@@ -158,10 +159,12 @@ impl MainDevice {
         if let Some(cycle) = &mut self.cycle {
             cycle.measuring = true;
         }
-        let watch = |config| DelayWatch::new(config, &self.segment, now);
+        let jitters = self.config.hop_jitter;
+        let watch = |config| DelayWatch::new(config, &self.segment, now, jitters);
         self.delay_watch = self.config.delay_watch.and_then(watch);
         let (number, counts) = self.link.board(|board| (board.cycle, board.statistics));
-        let monitor = |config| Monitor::new(config, &self.segment, now, number, &counts);
+        let noise = clock::noise(&self.segment, &self.config);
+        let monitor = |config| Monitor::new(config, &self.segment, now, number, &counts, &noise);
         self.quality = self.config.quality.map(monitor);
         self.keeper = Keeper::new(self.segment.devices.len());
         self.activity = Activity::Operating;

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use isocat_sync::drift::{Convergence, Limits, Verdict};
 use isocat_wire::StationAddress;
-use isocat_wire::dc::{ActivationStatus, SystemTimeDifference};
+use isocat_wire::dc::{ActivationStatus, DifferencePolarity, SystemTimeDifference};
 use isocat_wire::register::{self, Value, features};
 use isocat_wire::time::{Host, Nanos, Time};
 
@@ -40,6 +40,8 @@ pub struct ClockQuality {
     awaited: bool,
     /// How well its delay is known: see [`isocat_sync::delay::Delay::bar`].
     delay_bar: Nanos,
+    /// What the sign of its 0x092C means.
+    polarity: DifferencePolarity,
     readings: Ring<Reading>,
     limits: Limits,
     convergence: Convergence,
@@ -100,6 +102,7 @@ impl ClockQuality {
             has_status: false,
             awaited: true,
             delay_bar: Nanos::ZERO,
+            polarity: device.difference_polarity,
             readings: Ring::new(history),
             limits,
             convergence: Convergence::new(limits),
@@ -117,6 +120,7 @@ impl ClockQuality {
         self.station = device.station;
         self.has_status =
             device.esc.has(features::ENHANCED_SYNC_ACTIVATION) && device.mode.uses_dc();
+        self.polarity = device.difference_polarity;
         let bar = device.measured_delay.and_then(|delay| delay.bar());
         self.delay_bar = bar.map_or(Nanos::ZERO, |bar| Nanos((bar.0 + 999) / 1_000));
     }
@@ -138,14 +142,16 @@ impl ClockQuality {
     }
 
     /// What became of the alarms with this reading; `None`: the registers did not answer.
-    fn judge(&mut self, found: Option<Registers>, limit: Nanos) -> Vec<Change> {
+    fn judge(&mut self, found: Option<Registers>) -> Vec<Change> {
+        let Limits { difference: limit, .. } = self.limits;
+        let limit = limit + self.limits.noise_allowed();
         let difference = self.last().map_or(Nanos::ZERO, |reading| reading.difference);
         let size = difference.abs();
         let slope = self.slope_ppb();
         // Above zero it leads away.
         let away = self.slope_ppb.map(|slope| slope.saturating_mul(difference.0.signum()));
         let pending = found.and_then(|found| found.activation).is_some_and(|a| a.sync0_pending());
-        let settled = Limits::default().slope_ppb;
+        let settled = Limits::default().slope_ppb + self.convergence.slope_noise_ppb();
         let (beyond, within) = (size > limit, size.0 <= limit.0 / 2);
         let judged = [
             (Alarm::Difference, beyond, within),
@@ -189,23 +195,28 @@ pub(crate) type Wanted = (usize, StationAddress, bool);
 /// Reads all clocks in turn.
 #[derive(Clone, Debug)]
 pub(super) struct Clocks {
-    limit: Nanos,
     pub all: Vec<ClockQuality>,
     turn: usize,
     pub pace: Pace,
 }
 
 impl Clocks {
-    /// The clocks of a segment but the reference's own.
-    pub fn new(config: &QualityWatch, segment: &Segment, pace: Pace) -> Self {
-        let limits = Limits { difference: config.difference_limit, ..Limits::default() };
+    /// The clocks of a segment but the reference's own. `noise`: standard deviation of 0x092C by
+    /// position (1 sigma).
+    pub fn new(config: &QualityWatch, segment: &Segment, pace: Pace, noise: &[Nanos]) -> Self {
+        let limits = |device: &SubDevice| Limits {
+            difference: config.difference_limit,
+            mean: config.difference_limit,
+            noise: noise.get(device.position).copied().unwrap_or_default(),
+            ..Limits::default()
+        };
         let led = |device: &&SubDevice| {
             segment.reference.is_some_and(|reference| device.position != reference)
                 && device.dc.has_clock()
         };
-        let clock = |device| ClockQuality::new(device, config.history, limits);
+        let clock = |device| ClockQuality::new(device, config.history, limits(device));
         let all = segment.devices.iter().filter(led).map(clock).collect();
-        Self { limit: config.difference_limit, all, turn: 0, pace }
+        Self { all, turn: 0, pace }
     }
 
     /// The delay of this SubDevice's clock is another one.
@@ -250,9 +261,9 @@ impl Clocks {
     pub fn sample(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
         let Some(clock) = self.all.get_mut(index) else { return Vec::new() };
         if let Some(registers) = found {
-            clock.take(reading(&registers));
+            clock.take(reading(&registers, clock.polarity));
         }
-        clock.judge(found, self.limit)
+        clock.judge(found)
     }
 }
 
@@ -284,13 +295,13 @@ pub(crate) async fn read(link: Link, wanted: Vec<Wanted>) -> Vec<(usize, Option<
     all
 }
 
-fn reading(registers: &Registers) -> Reading {
+fn reading(registers: &Registers, polarity: DifferencePolarity) -> Reading {
     let b = &registers.bytes;
     let start = i64::from(u16::from_le_bytes([b[4], b[5]]) & 0x7FFF);
     let change = i64::from(i16::from_le_bytes([b[6], b[7]]));
     Reading {
         at: registers.at,
-        difference: SystemTimeDifference::from_bytes([b[0], b[1], b[2], b[3]]).nanos(),
+        difference: SystemTimeDifference::from_bytes([b[0], b[1], b[2], b[3]]).nanos(polarity),
         correction_ppb: correction_ppb(start, change),
         activation: registers.activation,
     }

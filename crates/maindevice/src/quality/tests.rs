@@ -2,7 +2,7 @@ use alloc::vec;
 
 use isocat_sync::delay::Delay;
 use isocat_wire::StationAddress;
-use isocat_wire::dc::SystemTimeDifference;
+use isocat_wire::dc::{DifferencePolarity, SystemTimeDifference};
 use isocat_wire::register::Value;
 use isocat_wire::time::Picos;
 
@@ -31,12 +31,15 @@ fn monitor(clocks: usize) -> Monitor {
     };
     let devices = (0..=clocks).map(device).collect();
     let segment = Segment { devices, reference: Some(0), ..Segment::default() };
-    Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default())
+    Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[])
 }
 
 fn registers(at: u64, difference: i64) -> Option<Registers> {
     let mut bytes = [0; 8];
-    bytes[..4].copy_from_slice(&SystemTimeDifference::from_nanos(Nanos(difference)).to_bytes());
+    bytes[..4].copy_from_slice(
+        &SystemTimeDifference::from_nanos(Nanos(difference), DifferencePolarity::default())
+            .to_bytes(),
+    );
     bytes[4..6].copy_from_slice(&0x1000_u16.to_le_bytes());
     Some(Registers { at: Time::new(at), bytes, activation: None })
 }
@@ -182,7 +185,8 @@ fn halves_of_the_share() {
         let devices = (0..3).map(|position| device(position, objects)).collect();
         let reference = clocks.then_some(0);
         let segment = Segment { devices, reference, ..Segment::default() };
-        let mut monitor = Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default());
+        let mut monitor =
+            Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[]);
         let (mut now, mut asked) = (Time::new(0), 0);
         while now.count() < 1_000_000_000 {
             monitor.clocks_to_read(now);
@@ -215,7 +219,7 @@ fn one_that_is_awaited() {
     let mut segment =
         Segment { devices: (0..4).map(device).collect(), reference: Some(0), ..Segment::default() };
     segment.devices[2].admitted = false;
-    let mut monitor = Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default());
+    let mut monitor = Monitor::new(config(), &segment, Time::ZERO, 0, &Statistics::default(), &[]);
     let asked = |monitor: &mut Monitor, at: u64| {
         let wanted = monitor.clocks_to_read(Time::new(at));
         wanted.iter().map(|(_, station, _)| station.0 - 0x1001).collect::<Vec<_>>()

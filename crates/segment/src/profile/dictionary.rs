@@ -174,6 +174,7 @@ impl Draft<'_> {
             sii,
             chip: self.esc.chip.0,
             esc: self.esc.chip.1,
+            clock_tolerance: self.esc.clock_tolerance,
             times,
             application: self.application,
             assignment: Assignment {

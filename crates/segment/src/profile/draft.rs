@@ -2,6 +2,7 @@
 //! came from.
 
 use isocat_descriptions::document::Source;
+use isocat_descriptions::quantity::Ppb;
 use isocat_esc::chip::Chip;
 use isocat_sim::Unevenness;
 use isocat_subdevice::description::{Behaviour, Mailbox};
@@ -82,6 +83,7 @@ pub(super) struct Esc {
     pub sync_unit: bool,
     pub pulse: Nanos,
     pub alias: u16,
+    pub clock_tolerance: Option<Ppb>,
 }
 
 /// `[outputs]` or `[inputs]`: a process data SyncManager and its PDOs.

@@ -23,7 +23,8 @@ use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Times};
-use super::{ApplicationKind, DriveLayout, Identity, OpMode, Profile, check, dictionary};
+use super::{ApplicationKind, DriveLayout, Identity, OpMode, Profile, check, dictionary, ports};
+use crate::chips;
 
 mod eeprom;
 mod objects;
@@ -173,6 +174,7 @@ impl Import<'_> {
                 sync_unit: device.dc.is_some(),
                 pulse: Nanos::micros(10),
                 alias: 0,
+                clock_tolerance: None,
             },
             mailbox,
             modes: mailbox.is_none().then(|| Placed { at: device.at, value: self.modes() }),
@@ -434,22 +436,10 @@ impl Import<'_> {
 
     /// An ESC with the ports of `Physics` and memory for all areas.
     fn chip(&mut self, mailbox: Option<Mailbox>, areas: [&Option<Area>; 2]) -> &'static Chip {
-        static KNOWN: Mutex<Vec<&'static Chip>> = Mutex::new(Vec::new());
-        let (mut ports, mut used) = (0, false);
-        for (port, letter) in
-            self.device.physics.as_deref().unwrap_or("YY").chars().take(4).enumerate()
-        {
-            let kind = match letter {
-                ' ' => 0,
-                'K' | 'B' => PORT_EBUS,
-                _ => PORT_MII,
-            };
-            used |= kind != 0;
-            ports |= kind << (2 * port);
-        }
-        if !used {
-            ports = PORT_MII | PORT_MII << 2;
-        }
+        let ports = match ports::descriptor(self.device.physics.as_deref().unwrap_or_default()) {
+            0 => ports::descriptor("YY"),
+            ports => ports,
+        };
         let ends = areas
             .into_iter()
             .flatten()
@@ -459,7 +449,6 @@ impl Import<'_> {
         let needed = ends.max().unwrap_or(0).saturating_sub(0x1000).div_ceil(1024) as u8;
         let narrow = self.device.dc.as_ref().is_some_and(|dc| dc.unknown_64_bit);
         let chip = Chip {
-            port_descriptor: ports,
             ram_kib: needed.clamp(ET1100.ram_kib, 60),
             sm_count: 16,
             features: match narrow {
@@ -471,17 +460,11 @@ impl Import<'_> {
                 Some(_) => DcUnits::Always,
                 None => DcUnits::ByEeprom,
             },
-            ..ET1100
+            ..ET1100.with_ports(ports)
         };
         let why = "the description names no chip; its ports and its memory are the description's";
         self.assume("ESC", "ET1100", why);
-        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(same) = known.iter().find(|known| ***known == chip) {
-            return same;
-        }
-        let chip: &'static Chip = Box::leak(Box::new(chip));
-        known.push(chip);
-        chip
+        chips::interned(chip)
     }
 }
 
@@ -554,6 +537,3 @@ const FREE_RUN_AND_SM: u16 = 0x0003;
 const DC_SYNC0: u16 = 0x0004;
 const DC_SYNC1: u16 = 0x0008;
 const DC_SUBORDINATED: u16 = 0x0010;
-/// Two bits a port, register 0x0007.
-const PORT_EBUS: u8 = 2;
-const PORT_MII: u8 = 3;

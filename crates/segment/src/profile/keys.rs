@@ -17,6 +17,8 @@ use isocat_descriptions::document::section::{
     Cell, Choice, Key, Kind, Limit, Need, Row, Rule, Section, Word,
 };
 use isocat_esc::chip::{self, Chip};
+
+use crate::chips;
 use isocat_subdevice::MAX_MAILBOX;
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
@@ -258,6 +260,34 @@ static ESC: Section = Section {
             example: r#""ET1100""#,
         },
         Key {
+            name: "drift_law",
+            kind: Kind::Choice(Choice(&chips::LAWS)),
+            need: Need::Without("hold"),
+            means: "How its drift loop turns time differences into a speed. No maker publishes it.",
+            goes: "what a write to register 0x0910 does to the simulated clock",
+            example: r#""block""#,
+        },
+        chips::DRIFT_PHASE,
+        Key {
+            name: "difference_polarity",
+            kind: Kind::Choice(Choice(&chips::POLARITIES)),
+            need: Need::Without("positive-ahead"),
+            means: "What the sign of register 0x092C means. Register texts contradict each other.",
+            goes: "bit 31 of register 0x092C",
+            example: r#""negative-ahead""#,
+        },
+        Key {
+            name: "ports",
+            kind: Kind::Pattern { expected: PORTS, pattern: "^[YK][YK ]{0,3}$" },
+            need: Need::Without("those of the chip"),
+            means: "Its ports, one letter each from port 0, as `Physics` of an ESI has them: Y is \
+                    MII (copper with a PHY), K is EBUS, a blank is none. Only ports of one kind \
+                    can be joined.",
+            goes: "register 0x0007; the PHYs on the way of a frame; the general category of the \
+                   SII",
+            example: r#""YKY""#,
+        },
+        Key {
             name: "sync_unit",
             kind: Kind::Boolean,
             need: Need::Required("whether SYNC0 can be generated, true or false"),
@@ -284,6 +314,15 @@ static ESC: Section = Section {
             means: "Station alias; 0 for none.",
             goes: "register 0x0012, by word 4 of the SII",
             example: "5",
+        },
+        Key {
+            name: "clock_tolerance",
+            kind: Kind::Rate { least: 0, most: 1_000_000 },
+            need: Need::Without("25 ppm, usual for SubDevices"),
+            means: "How far its oscillator may be off, either way, where the maker states it.",
+            goes: "the deviation that is drawn for the simulated ESC's oscillator where a segment \
+                   file gives none",
+            example: r#""50ppm""#,
         },
     ],
     rules: &[],
@@ -462,6 +501,9 @@ static DEVIATION: Section = Section {
     ],
     rules: &[],
 };
+
+pub(super) const PORTS: &str =
+    "one letter a port from port 0, such as \"YKY\": Y for MII, K for EBUS, a blank for none";
 
 /// What a device does with its process data.
 pub(super) static APPLICATIONS: [Word<ApplicationKind>; 2] = [

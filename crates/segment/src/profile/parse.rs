@@ -2,6 +2,7 @@
 
 use isocat_descriptions::document::section::{Keys, Row};
 use isocat_descriptions::document::{FileError, Source, Table, Value};
+use isocat_esc::chip::Chip;
 use isocat_sim::{Overrun, Unevenness};
 use isocat_subdevice::description::{Behaviour, Mailbox, Measured};
 use isocat_sync::SupportedTypes;
@@ -12,7 +13,8 @@ use isocat_wire::sii::MailboxArea;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Property, Times};
 use super::rows::{objects, parse_access, parse_hex, parse_object, parse_type};
-use super::{Deviation, Identity, OpMode, keys};
+use super::{Deviation, Identity, OpMode, keys, ports};
+use crate::chips;
 
 /// Reads the file.
 pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
@@ -62,11 +64,41 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
 fn esc(keys: &Keys<'_>) -> Result<Esc, FileError> {
     Ok(Esc {
         at: keys.at(),
-        chip: keys.choice("chip", &keys::CHIPS)?,
+        chip: chip(keys)?,
         sync_unit: keys.get("sync_unit")?,
         pulse: keys.get("pulse")?,
         alias: keys.get("alias")?,
+        clock_tolerance: keys.find("clock_tolerance")?,
     })
+}
+
+/// The chip, on a board with the ports that the file names, with a drift loop as the file has it.
+fn chip(keys: &Keys<'_>) -> Result<(&'static str, &'static Chip), FileError> {
+    let (name, mut chip) = keys.choice("chip", &keys::CHIPS)?;
+    chip = chips::with_law(chip, chips::asked_law(keys, chip.drift_law)?);
+    let polarity = keys.find_choice("difference_polarity", &chips::POLARITIES)?;
+    if let Some(difference_polarity) = polarity.filter(|it| *it != chip.difference_polarity) {
+        chip = chips::interned(Chip { difference_polarity, ..*chip });
+    }
+    let Some(value) = keys.value("ports") else { return Ok((name, chip)) };
+    let letters: String = keys.get("ports")?;
+    if let Some(letter) = letters.chars().find(|letter| !"YK ".contains(*letter)) {
+        let message = format!("ports: \"{letter}\" is no kind of port; expected {}", keys::PORTS);
+        return Err(value.error(message));
+    }
+    if letters.chars().count() > 4 || !letters.starts_with(['Y', 'K']) {
+        let message = format!(
+            "ports = \"{letters}\" has no port 0, or more than four ports; expected {}",
+            keys::PORTS
+        );
+        return Err(value.error(message));
+    }
+    if letters.contains('K') && !chip.can_have_ebus() {
+        let message =
+            format!("ports = \"{letters}\" has EBUS, which {name} can't have; expected Y");
+        return Err(value.error(message));
+    }
+    Ok((name, chips::interned(chip.with_ports(ports::descriptor(&letters)))))
 }
 
 fn mailbox(keys: &Keys<'_>) -> Result<Placed<Mailbox>, FileError> {

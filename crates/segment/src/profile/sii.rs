@@ -8,6 +8,7 @@ use isocat_wire::sii::{
 use isocat_wire::sync_manager::SyncManager;
 
 use super::draft::{Area, Draft};
+use super::ports;
 
 /// The image, in the smallest usual EEPROM that it fits into.
 pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
@@ -88,7 +89,7 @@ fn general(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
     if writable {
         data[0x05] |= COE_ASSIGNMENT;
     }
-    data[0x10..0x12].copy_from_slice(&TWO_MII_PORTS.to_le_bytes());
+    data[0x10..0x12].copy_from_slice(&ports::in_sii(draft.esc.chip.1).to_le_bytes());
     if let Some(eeprom) = &draft.eeprom {
         data[0x02] = strings.number(&eeprom.order);
         data[0x05] = eeprom.coe_details;
@@ -283,5 +284,3 @@ const EOE: u16 = 1 << 1;
 const FOE: u16 = 1 << 3;
 /// PDO flag, bit 4: entries can't be changed.
 const FIXED_CONTENT: u16 = 0x0010;
-/// Four bits a port: 1 is MII.
-const TWO_MII_PORTS: u16 = 0x0011;

@@ -1,9 +1,49 @@
-//! How a clock deviates: the keys `clock`, `clock_ramp`, `clock_step`, `clock_walk`.
+//! How a clock deviates: the keys `clocks`, `clock`, `clock_ramp`, `clock_step`, `clock_walk`.
 
 use isocat_descriptions::document::FileError;
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::quantity::Ppb;
 use isocat_sim::oscillator::{ClockModel, Ramp, Step, Walk};
+use isocat_sim::random::Stream;
+
+use crate::profile::{CLOCK_TOLERANCE, Profile};
+
+/// How fast a device's clock runs, as far as it is constant.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Clock {
+    /// As the key `clock` says.
+    Given(Ppb),
+    /// Drawn by the seed, so that no two devices share a crystal: evenly from so much below to so
+    /// much above true time. The limit is that of the key `clocks`, else of the profile, else
+    /// [`CLOCK_TOLERANCE`].
+    DrawnWithin(Ppb),
+}
+
+impl Clock {
+    /// How much faster than true time it runs in the run `seed`, for the device at this position. A
+    /// device more changes nothing for those before it, nor does whatever else is drawn by the
+    /// seed.
+    pub fn deviation(self, seed: u64, position: usize) -> Ppb {
+        match self {
+            Self::Given(deviation) => deviation,
+            Self::DrawnWithin(Ppb(most)) => {
+                let most = most.unsigned_abs();
+                let drawn = Stream::new(seed, "crystal", position as u64).up_to(2 * most);
+                Ppb(drawn as i64 - most as i64)
+            }
+        }
+    }
+}
+
+/// Reads a device's constant deviation; `tolerance` is that of the file.
+pub(super) fn clock(
+    keys: &Keys<'_>,
+    profile: &Profile,
+    tolerance: Option<Ppb>,
+) -> Result<Clock, FileError> {
+    let within = tolerance.or(profile.clock_tolerance).unwrap_or(CLOCK_TOLERANCE);
+    Ok(keys.find("clock")?.map_or(Clock::DrawnWithin(within), Clock::Given))
+}
 
 /// Reads the shape of a device's clock beside its constant deviation.
 pub(super) fn shape(keys: &Keys<'_>) -> Result<ClockModel, FileError> {

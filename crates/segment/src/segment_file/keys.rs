@@ -11,11 +11,12 @@ mod operation;
 use clock::LONGEST_RUN;
 pub(super) use operation::{DIRECTIONS, MARGIN, RECOVERY};
 
-use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Rule, Section};
+use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Rule, Section, Word};
+use isocat_esc::chip::PortKind;
 use isocat_wire::time::Nanos;
 
 use super::misbehave;
-use crate::profile;
+use crate::{chips, profile};
 
 /// The whole file.
 pub static FILE: Section = Section {
@@ -47,12 +48,40 @@ pub static FILE: Section = Section {
             example: "42",
         },
         Key {
+            name: "drift_law",
+            kind: Kind::Choice(Choice(&chips::LAWS)),
+            need: Need::Without("what each device's chip has: hold"),
+            means: "How the drift loops of all devices turn time differences into a speed. No maker publishes it.",
+            goes: "the simulated clocks; --drift-law of the command goes before it",
+            example: r#""block""#,
+        },
+        chips::DRIFT_PHASE,
+        Key {
             name: "shift",
             kind: BELOW_CYCLE,
             need: Need::Without("the plan takes the phase that leaves all devices most slack"),
             means: "Wanted phase of SYNC0: from the start of the bus cycle to the pulse.",
             goes: "Config::shift; register 0x0990",
             example: r#""120us""#,
+        },
+        Key {
+            name: "sync0_limit",
+            kind: LIMIT,
+            need: Need::Default(r#""1us""#),
+            means: "Largest error of a SYNC0 edge, from the grid that was asked for, with which a \
+                    device counts as synchronized. The plan compares its clock error with it.",
+            goes: "Config::limits, the plan and the judges of the run",
+            example: r#""500ns""#,
+        },
+        Key {
+            name: "outputs_spread",
+            kind: LIMIT,
+            need: Need::Default(r#""1us""#),
+            means: "Largest spread of the time from the acting pulse to Outputs Valid with which a \
+                    device counts as synchronized. The plan compares the jitter of its CPU with it.",
+            goes: "Config::limits, the plan and the judges of the run; 1 us is what objects \
+                   0x1C32:07 and 0x1C32:09 may differ by",
+            example: r#""10us""#,
         },
         Key {
             name: "watchdog",
@@ -67,6 +96,7 @@ pub static FILE: Section = Section {
             goes: "Config::watchdog; register 0x0420 in steps of 100 us",
             example: r#""500ms""#,
         },
+        clock::CLOCKS_KEY,
         Key {
             name: "host",
             kind: Kind::Table(&HOST),
@@ -74,6 +104,16 @@ pub static FILE: Section = Section {
             means: "The machine that the MainDevice runs on.",
             goes: "the simulated host; its jitter also into the plan",
             example: r#"{ clock = "-3ppm" }"#,
+        },
+        Key {
+            name: "hop_jitter",
+            kind: Kind::Boolean,
+            need: Need::Default("true"),
+            means: "Whether each hop takes its own time for every frame, as receive FIFOs take frames into \
+                    the clock of their device: within 40 ns for MII, 10 ns for EBUS. Without it all \
+                    frames take the same time, and neither delays nor the plan allow for more.",
+            goes: "Config::hop_jitter; the simulated wire",
+            example: "false",
         },
         Key {
             name: "subdevice",
@@ -94,10 +134,20 @@ pub static FILE: Section = Section {
     rules: &[],
 };
 
+const FILTER_DEPTH: Kind = Kind::Integer { least: 0, most: 15 };
+
 static HOST: Section = Section {
     head: "[host]",
     means: "The machine that the MainDevice runs on.",
     keys: &[
+        Key {
+            name: "port",
+            kind: Kind::Choice(Choice(&HOST_PORTS)),
+            need: Need::Default(r#""mii""#),
+            means: "What the first device is plugged into.",
+            goes: "which first device fits",
+            example: r#""ebus""#,
+        },
         Key {
             name: "clock",
             kind: clock::DEVIATION,
@@ -131,9 +181,32 @@ static HOST: Section = Section {
             goes: "Config::drift_compensation; writes to register 0x0910",
             example: "false",
         },
+        Key {
+            name: "difference_filter",
+            kind: FILTER_DEPTH,
+            need: Need::Without("a mean over 16 ms: 4 at 1 ms"),
+            means: "Filter depth of the clocks' time difference: a mean over 2 to the power of it.",
+            goes: "Config::drift_filters; register 0x0934",
+            example: "0",
+        },
+        Key {
+            name: "speed_filter",
+            kind: FILTER_DEPTH,
+            need: Need::Without("a mean over 64 ms, 6 to 9: 6 from 1 ms on"),
+            means: "Filter depth of the clocks' speed. Small ones follow a change of temperature sooner, large \
+                    ones hand on less of the jitter of the way.",
+            goes: "Config::drift_filters; register 0x0935",
+            example: "12",
+        },
     ],
     rules: &[],
 };
+
+/// Ports that a MainDevice can have.
+pub(super) static HOST_PORTS: [Word<PortKind>; 2] = [
+    ("mii", "copper, as any network interface", PortKind::Mii),
+    ("ebus", "EBUS: an embedded PC with terminals at its side", PortKind::Ebus),
+];
 
 static SUBDEVICE: Section = Section {
     head: "[[subdevice]]",
@@ -243,8 +316,9 @@ static SUBDEVICE: Section = Section {
             need: Need::Without(
                 "the device above, port 1; port 0 if that one's port 1 leads upstream",
             ),
-            means: "Where its cable leads: the name of a device above in the file, or its place \
-                    from 0, and the port there.",
+            means: "Where it is plugged in: the name of a device above in the file, or its place \
+                    from 0, and the port there. Both ports must be of one kind: MII (copper) or \
+                    EBUS.",
             goes: "the topology",
             example: r#""axis 1:2""#,
         },
@@ -261,7 +335,8 @@ static SUBDEVICE: Section = Section {
             name: "cable",
             kind: Kind::Length { least: 10, most: 2_000_000 },
             need: Need::Default(r#""10m""#),
-            means: "Length of the cable that leads to the device.",
+            means: "Length of the cable that leads to the device. A device that is joined by EBUS \
+                    has none.",
             goes: "the simulated cable; propagation delay, register 0x0928",
             example: r#""25m""#,
         },
@@ -289,8 +364,8 @@ static SUBDEVICE: Section = Section {
         Key {
             name: "clock",
             kind: clock::DEVIATION,
-            need: Need::Default(r#""0ppm""#),
-            means: "How much faster than true time its clock runs.",
+            need: Need::Without("drawn by the seed within the tolerance of `clocks`"),
+            means: "How much faster than true time its clock runs. `0ppm` is a perfect clock.",
             goes: "the simulated ESC's oscillator",
             example: r#""-35ppm""#,
         },
@@ -368,6 +443,15 @@ static SUBDEVICE: Section = Section {
             example: r#""2us""#,
         },
         Key {
+            name: "eeprom_burn",
+            kind: Kind::duration(Nanos::ZERO, LONGEST_BURN),
+            need: Need::Without("5 ms, the longest time that the usual parts state"),
+            means: "How long its EEPROM burns what was written and acknowledges nothing. Parts in \
+                    use take 2.1 to 2.7 ms.",
+            goes: "Chip::eeprom_burn_time of the simulated ESC; register 0x0502 bit 13",
+            example: r#""2.4ms""#,
+        },
+        Key {
             name: "misbehave",
             kind: Kind::List(&Kind::Command {
                 expected: "a fault, such as \"missed-copy 3\"",
@@ -423,10 +507,13 @@ const BELOW_CYCLE: Kind = Kind::Duration { least: Limit::At(0), most: BELOW, who
 /// A frame of minimum length with four devices takes about 10 us.
 const SHORTEST_CYCLE: Nanos = Nanos::micros(10);
 pub(super) const LONGEST_CYCLE: Nanos = Nanos::millis(1_000);
+const LIMIT: Kind = Kind::duration(Nanos(1), LONGEST_CYCLE);
 /// Register 0x0420 counts in steps of 100 us.
 const WATCHDOG_STEP: i64 = Nanos::micros(100).0;
 /// Nothing is faster than light, ps/m.
 const LEAST_DELAY: i64 = 3_300;
 const MOST_JITTER: Nanos = Nanos::millis(10);
+/// Four times what the usual parts state.
+const LONGEST_BURN: Nanos = Nanos::millis(20);
 /// Station addresses are 16 bits.
 pub(super) const MOST_DEVICES: usize = 65_535;

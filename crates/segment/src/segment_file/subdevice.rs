@@ -5,7 +5,7 @@ use std::path::Path;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value, name_hint};
-use isocat_descriptions::quantity::{DelayPerMetre, Length};
+use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_sync::{SyncMode, object};
 use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
@@ -14,13 +14,22 @@ use super::{Place, SubDevice, clock, esi, misbehave};
 use crate::profile::Doubt;
 use crate::profile::{self, Overrides, Profile, RunAs};
 
+/// What the head of the file says for all devices.
+#[derive(Clone, Copy)]
+pub(super) struct Bus {
+    pub cycle: Nanos,
+    /// Key `clocks`.
+    pub tolerance: Option<Ppb>,
+}
+
 /// Reads a table. Its name and place are still those that the table alone tells.
 pub(super) fn subdevice(
     source: Source<'_>,
     keys: &Keys<'_>,
-    bus: Nanos,
+    bus: Bus,
     files: &mut esi::Files,
 ) -> Result<SubDevice, FileError> {
+    let Bus { cycle: bus, tolerance } = bus;
     let cycle = own_cycle(keys, bus)?;
     let (profile, run_as) = device(source, keys, cycle.unwrap_or(bus), files)?;
     let profile = with_times(keys, profile)?;
@@ -42,7 +51,7 @@ pub(super) fn subdevice(
         cable,
         cable_delay,
         cable_asymmetry: keys.by(twice(cable, cable_delay)).get("cable_asymmetry")?,
-        clock: keys.get("clock")?,
+        clock: clock::clock(keys, profile, tolerance)?,
         clock_shape: clock::shape(keys)?,
         cycle,
         shift,
@@ -108,14 +117,15 @@ fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Pro
     Profile::from_toml(&path, &text)
 }
 
-/// `calc_copy`, `delay`, `copy_time`, `jitter`, `misbehave`: the device with what it says and does
-/// differently.
+/// `calc_copy`, `delay`, `copy_time`, `jitter`, `eeprom_burn`, `misbehave`: the device with what it
+/// says and does differently.
 fn with_times(keys: &Keys<'_>, profile: &'static Profile) -> Result<&'static Profile, FileError> {
     let overrides = Overrides {
         stated_calc_and_copy: keys.find("calc_copy")?,
         stated_delay: keys.find("delay")?,
         calc_and_copy: keys.find("copy_time")?,
         jitter: keys.find("jitter")?,
+        eeprom_burn_time: keys.find("eeprom_burn")?,
         misbehaviour: misbehave::misbehave(keys, profile)?,
     };
     profile.with(overrides).map_err(|entry| {

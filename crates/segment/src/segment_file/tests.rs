@@ -1,12 +1,16 @@
 //! The built-in segment, defaults, and every kind of mistake with its place.
 
+use isocat_wire::PortNumber::{P1, P2};
+
 use super::*;
 use crate::profile;
 
+mod clock;
 mod count;
 mod operation;
 mod optional;
 mod physics;
+mod ports;
 
 /// The error of a text, as `line:column message` and hint.
 fn refused(text: &str) -> (String, Option<String>) {
@@ -33,7 +37,13 @@ fn the_built_in_segment() {
     assert_eq!((segment.seed, segment.shift), (1, None));
     assert_eq!(
         segment.host,
-        Host { clock: Ppb::ppm(12), jitter: Nanos::micros(20), drift_compensation: true }
+        Host {
+            port: PortKind::Mii,
+            clock: Ppb::ppm(12),
+            jitter: Nanos::micros(20),
+            drift_compensation: true,
+            drift_filters: DriftFilters::default()
+        }
     );
     let found: Vec<_> = segment
         .subdevices
@@ -42,32 +52,47 @@ fn the_built_in_segment() {
         .collect();
     let (dc, free) = (Some(SyncMode::DcSync0), Some(SyncMode::FreeRun));
     let cable = Length::metres(10);
+    let given = |ppm| Clock::Given(Ppb::ppm(ppm));
+    let drawn = Clock::DrawnWithin(Ppb::ppm(25));
     assert_eq!(
         found,
         [
-            ("kollmorgen_akd2g", dc, cable, Ppb::ppm(-35), 11),
-            ("kollmorgen_akd2g", dc, cable, Ppb::ppm(20), 18),
-            ("beckhoff_el2502-0010", free, cable, Ppb(0), 25),
-            ("hpmicro_ecat_cia402_ssc", dc, cable, Ppb::ppm(48), 32),
+            ("kollmorgen_akd2g", dc, cable, given(-35), 11),
+            ("kollmorgen_akd2g", dc, cable, given(20), 18),
+            ("beckhoff_ek1100", None, cable, drawn, 26),
+            ("beckhoff_el2502-0010", free, Length(0), drawn, 31),
+            ("hpmicro_ecat_cia402_ssc", dc, cable, given(48), 36),
         ]
     );
+    let places = segment.subdevices.iter().map(|device| device.place.upstream);
+    let (line, behind) = ([None, Some((0, P1)), Some((1, P1))], [Some((2, P1)), Some((2, P2))]);
+    assert!(places.eq(line.into_iter().chain(behind)));
     assert!(std::ptr::eq(segment.subdevices[0].profile, segment.subdevices[1].profile));
 }
 
 #[test]
 fn defaults() {
-    let text = "cycle = \"250us\"\n[[subdevice]]\ndevice = \"beckhoff_el2502-0010\"";
+    let text = "cycle = \"250us\"\n[[subdevice]]\ndevice = \"beckhoff_ep9214-0023\"";
     let segment = SegmentFile::parse("s.toml", text).unwrap();
     assert_eq!(segment.duration, Nanos::millis(10_000));
     assert_eq!((segment.seed, segment.shift), (1, None));
     assert_eq!(
         segment.host,
-        Host { clock: Ppb::ppm(12), jitter: Nanos::micros(20), drift_compensation: true }
+        Host {
+            port: PortKind::Mii,
+            clock: Ppb::ppm(12),
+            jitter: Nanos::micros(20),
+            drift_compensation: true,
+            drift_filters: DriftFilters::default()
+        }
     );
     let device = &segment.subdevices[0];
     assert_eq!((device.mode, device.shift), (None, None));
-    assert_eq!((device.cable, device.clock), (Length::metres(10), Ppb(0)));
-    assert_eq!(device.name, "beckhoff_el2502-0010 0");
+    assert_eq!(
+        (device.cable, device.clock),
+        (Length::metres(10), Clock::DrawnWithin(Ppb::ppm(25)))
+    );
+    assert_eq!(device.name, "beckhoff_ep9214-0023 0");
     let short = SegmentFile::parse("s.toml", &text.replace("250us", "100us")).unwrap();
     assert_eq!(short.host.jitter, Nanos::micros(10));
 }
@@ -97,10 +122,16 @@ fn everything_written_out() {
     assert_eq!((segment.seed, segment.shift), (42, Some(Nanos(120_000))));
     assert_eq!(
         segment.host,
-        Host { clock: Ppb::ppm(-3), jitter: Nanos::ZERO, drift_compensation: false }
+        Host {
+            port: PortKind::Mii,
+            clock: Ppb::ppm(-3),
+            jitter: Nanos::ZERO,
+            drift_compensation: false,
+            drift_filters: DriftFilters::default()
+        }
     );
     let device = &segment.subdevices[0];
-    assert_eq!((device.cable, device.clock), (Length(250), Ppb(-500)));
+    assert_eq!((device.cable, device.clock), (Length(250), Clock::Given(Ppb(-500))));
     assert_eq!((device.name.as_str(), device.shift), ("left", Some(Nanos(40_000))));
     let stated = device.profile.sync_parameters(0x1C32).unwrap();
     assert_eq!(stated.calc_and_copy_time, Some(Nanos(70_000)));
@@ -119,8 +150,8 @@ fn the_time_needed_follows_the_time_stated() {
     assert_eq!(times("calc_copy = \"80us\"\ncopy_time = \"90us\""), Nanos(90_000));
     assert_eq!(times("copy_time = \"90us\""), Nanos(90_000));
     // The terminal's profile says what it needs, since it states nothing.
-    let text =
-        "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\ncalc_copy = \"9us\"";
+    let text = "cycle = \"1ms\"\nhost = { port = \"ebus\" }\n[[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\n\
+                calc_copy = \"9us\"";
     let terminal = SegmentFile::parse("s.toml", text).unwrap().subdevices.remove(0);
     assert_eq!(terminal.profile.times.calc_and_copy, Nanos(30_000));
 }
@@ -159,7 +190,7 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(message, "1:1 unknown key \"cylce\" in the top level");
     assert_eq!(
         hint.unwrap(),
-        "did you mean \"cycle\"? expected one of: cycle, for, seed, shift, watchdog, host, subdevice, quality, delay_watch, recovery, direction"
+        "did you mean \"cycle\"? expected one of: cycle, for, seed, drift_law, drift_phase, shift, sync0_limit, outputs_spread, watchdog, clocks, host, hop_jitter, subdevice, quality, delay_watch, recovery, direction"
     );
 
     let (message, hint) = refused(&one("cabel = \"1m\""));
@@ -170,11 +201,11 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(message, "3:10 unknown device \"AKD2G\"");
     assert_eq!(
         hint.unwrap(),
-        "did you mean \"kollmorgen_akd2g\"? expected one of 33, such as: kollmorgen_akd2g, \
+        "did you mean \"kollmorgen_akd2g\"? expected one of 35, such as: kollmorgen_akd2g, \
          beckhoff_el2502-0010, hpmicro_ecat_cia402_ssc, beckhoff_ax8640, beckhoff_ej3108"
     );
     let (_, hint) = refused("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"omron\"");
-    assert!(hint.unwrap().starts_with("expected one of 33, such as: kollmorgen_akd2g"));
+    assert!(hint.unwrap().starts_with("expected one of 35, such as: kollmorgen_akd2g"));
 
     let (message, hint) = refused(&one("mode = \"dc_sync0\""));
     assert_eq!(message, "4:8 unknown mode \"dc_sync0\"");
@@ -392,4 +423,20 @@ fn damaged_files_are_no_panic() {
         }
     }
     assert!(damaged > 1_000, "{damaged}");
+}
+
+#[test]
+fn an_eeprom_burns_as_long_as_the_file_says() {
+    let burn = |line: &str| {
+        let text =
+            format!("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n{line}\n");
+        let file = SegmentFile::parse("burn.toml", &text).map_err(|error| error.to_string())?;
+        let chip = file.subdevices[0].profile.esc();
+        Ok::<_, String>((chip.eeprom_burn_time, chip.name))
+    };
+    let (usual, name) = burn("").expect("a segment");
+    assert_eq!(usual, Nanos::millis(5));
+    assert_eq!(burn("eeprom_burn = \"2.4ms\""), Ok((Nanos::micros(2_400), name)));
+    assert_eq!(burn("eeprom_burn = \"0ns\""), Ok((Nanos::ZERO, name)));
+    assert!(burn("eeprom_burn = \"20.001ms\"").is_err_and(|error| error.contains("eeprom_burn")));
 }

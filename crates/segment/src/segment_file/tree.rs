@@ -1,10 +1,11 @@
-//! Where devices hang: the keys `connect` and `port`.
+//! Where devices hang: the keys `connect` and `port`, and whether both ends are of one kind.
 //!
 //! A file lists devices in any order in which the upstream one stands first. Everything after works in
 //! the order of positions, which is the order in which frames are processed: see [`sort`].
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Value, name_hint};
+use isocat_esc::chip::PortKind;
 use isocat_sim::segment::processing_order;
 use isocat_wire::PortNumber;
 
@@ -24,16 +25,48 @@ pub struct Place {
     pub port: PortNumber,
 }
 
-/// Which ports of the devices so far have a cable.
-#[derive(Default)]
-pub(super) struct Ports(Vec<[bool; 4]>);
+/// Which ports of the devices so far are taken.
+pub(super) struct Ports {
+    /// What the first device is plugged into.
+    main: PortKind,
+    taken: Vec<[bool; 4]>,
+}
+
+/// The end of a device that leads upstream.
+#[derive(Clone, Copy)]
+pub(super) struct Plug<'a> {
+    pub name: &'a str,
+    pub profile: &'static Profile,
+    pub port: PortNumber,
+}
+
+impl Plug<'_> {
+    fn kind(self) -> PortKind {
+        self.profile.esc().port(self.port)
+    }
+
+    /// What is wrong with this end at a port of another kind.
+    fn misfit(self, above: &str, kind: PortKind) -> String {
+        let Self { name, port, .. } = self;
+        format!(
+            "port {port} of \"{name}\" is {}, but {above} is {}: they can't be joined",
+            word(self.kind()),
+            word(kind)
+        )
+    }
+}
 
 impl Ports {
+    /// No devices yet, behind a MainDevice with this port.
+    pub fn of(main: PortKind) -> Self {
+        Self { main, taken: Vec::new() }
+    }
+
     /// Reads where the next device hangs, below the `earlier` ones: as `connect` says, or behind the last.
     pub fn place<'a>(
         &mut self,
         keys: &Keys<'a>,
-        port: PortNumber,
+        plug: Plug<'_>,
         connect: Option<Value<'a>>,
         earlier: &[SubDevice],
     ) -> Result<Place, FileError> {
@@ -44,7 +77,10 @@ impl Ports {
                 ));
             }
             (Some(value), Some(_)) => Some(upstream(value, earlier)?),
-            (None, None) => None,
+            (None, None) => {
+                self.fits_main_device(keys, plug)?;
+                None
+            }
             (None, Some(last)) => {
                 let port =
                     if last.place.port == PortNumber::P1 { PortNumber::P0 } else { PortNumber::P1 };
@@ -52,7 +88,7 @@ impl Ports {
             }
         };
         let mut own = [false; 4];
-        own[port.index()] = true;
+        own[plug.port.index()] = true;
         if let Some((above, port)) = upstream {
             let fail = |message: String| match &connect {
                 Some(value) => value.error(message),
@@ -66,17 +102,65 @@ impl Ports {
                     "\"{name}\" ({chip}) has no port {port}; it has {ports}"
                 )));
             }
-            if std::mem::replace(&mut self.0[above][port.index()], true) {
+            if device.profile.esc().port(port) != plug.kind() {
+                let above = format!("port {port} of \"{}\"", device.name);
+                let message = plug.misfit(&above, device.profile.esc().port(port));
+                let error = connect
+                    .as_ref()
+                    .map_or_else(|| keys.error(&message), |value| value.error(&message));
+                return Err(error.with_hint(self.remedy(plug, earlier)));
+            }
+            if std::mem::replace(&mut self.taken[above][port.index()], true) {
                 let other = (earlier.iter()).find(|d| d.place.upstream == Some((above, port)));
                 let what =
                     other.map_or("its own cable upstream".into(), |d| format!("\"{}\"", d.name));
                 return Err(fail(format!("port {port} of \"{}\" is taken by {what}", device.name)));
             }
         }
-        self.0.push(own);
-        Ok(Place { upstream, port })
+        self.taken.push(own);
+        Ok(Place { upstream, port: plug.port })
+    }
+
+    /// The first device hangs on the MainDevice.
+    fn fits_main_device(&self, keys: &Keys<'_>, plug: Plug<'_>) -> Result<(), FileError> {
+        if plug.kind() == self.main {
+            return Ok(());
+        }
+        let hint = match plug.kind() {
+            PortKind::Ebus => format!(
+                "expected {COUPLER} before it, or [host] port = \"ebus\" for an embedded PC with \
+                 terminals at its side"
+            ),
+            _ => "expected a terminal first, or [host] without port = \"ebus\"".to_owned(),
+        };
+        let message = plug.misfit("the port of the MainDevice ([host] port)", self.main);
+        Err(keys.error(message).with_hint(hint))
+    }
+
+    /// Where a device that does not fit where it stands could be plugged in.
+    fn remedy(&self, plug: Plug<'_>, earlier: &[SubDevice]) -> String {
+        let free = |(device, port): &(&SubDevice, PortNumber), taken: &[bool; 4]| {
+            device.profile.esc().port(*port) == plug.kind() && !taken[port.index()]
+        };
+        let mut ends = earlier.iter().zip(&self.taken).rev().flat_map(|(device, taken)| {
+            PortNumber::ALL.map(|port| ((device, port), taken)).into_iter()
+        });
+        if let Some(((device, port), _)) = ends.find(|(end, taken)| free(end, taken)) {
+            return format!(
+                "expected a free port of its kind: connect = \"{}:{port}\"",
+                device.name
+            );
+        }
+        match plug.kind() {
+            PortKind::Ebus => format!("expected {COUPLER} before it"),
+            _ => format!("expected {EXTENSION} before it"),
+        }
     }
 }
+
+/// What leads from copper to terminals, and back.
+const COUPLER: &str = "a coupler, such as device = \"beckhoff_ek1100\",";
+const EXTENSION: &str = "an EtherCAT extension, such as device = \"beckhoff_ek1110\",";
 
 /// Brings devices into the order of their positions.
 pub(super) fn sort(devices: Vec<SubDevice>) -> Vec<SubDevice> {
@@ -139,6 +223,15 @@ fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumb
             .with_hint(name_hint(name, earlier.iter().map(|device| device.name.as_str())))
     })?;
     Ok((above, port))
+}
+
+/// A kind of port in the field's words.
+fn word(kind: PortKind) -> &'static str {
+    match kind {
+        PortKind::Mii => "MII (copper)",
+        PortKind::Ebus => "EBUS",
+        PortKind::None | PortKind::NotConfigured => "not there",
+    }
 }
 
 fn port_number(number: i64) -> PortNumber {

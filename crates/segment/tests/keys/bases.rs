@@ -6,7 +6,11 @@ use isocat_segment::keys::Place;
 /// there.
 pub fn file(place: &Place, line: Option<&str>) -> String {
     let (name, head) = (place.key.name, place.section.head);
-    let Base { before, lines, after, inline } = base(place.file.name, head, name);
+    let Base { mut before, lines, after, inline } = base(place.file.name, head, name);
+    if line.is_some_and(|line| line.contains("\"ebus\"")) {
+        // What a MainDevice with EBUS has at its side.
+        before = before.replace("simple_io4", "beckhoff_el2502-0010");
+    }
     let (without, with) = beside(head, name);
     let own = lines.iter().filter(|(key, _)| *key != name && !without.contains(key));
     let mut lines: Vec<String> = own.map(|(key, value)| format!("{key} = {value}")).collect();
@@ -50,7 +54,7 @@ fn base(file: &str, head: &str, name: &str) -> Base {
     }
 }
 
-const DEVICES: &str = "cycle = \"1ms\"\n[[subdevice]]\nname = \"axis 1\"\ndevice = \"kollmorgen_akd2g\"\n\
+const DEVICES: &str = "cycle = \"1ms\"\n[[subdevice]]\nname = \"axis 1\"\ndevice = \"model_every_mode\"\n\
                        [[subdevice]]\nname = \"x\"\n";
 const DEVICE: (&str, &str) = ("device", "\"model_every_mode\"");
 

@@ -35,7 +35,7 @@ const PER_CHUNK: usize = 90;
 const OUTPUTS_AT: u16 = 0x1000;
 const INPUTS_AT: u16 = 0x1400;
 /// Station address of the reference clock, the first SubDevice.
-const REFERENCE: u16 = 0x1001;
+pub const REFERENCE: u16 = 0x1001;
 const SOURCE: [u8; 6] = [0x10; 6];
 
 /// A device without mailbox and dictionary.
@@ -193,11 +193,12 @@ impl Line {
     }
 
     fn set_up(&mut self) {
+        // Before the first frame: the mean times.
+        let entries = self.segment.path().entries.clone();
         let outputs = SyncManager::new(OUTPUTS_AT, BYTES, SyncManager::OUTPUTS, true);
         let inputs = SyncManager::new(INPUTS_AT, BYTES, SyncManager::INPUTS, true);
         self.write(sync_manager(2), outputs);
         self.write(sync_manager(3), inputs);
-        let entries = self.segment.path().entries.clone();
         let mut buffer = vec![0; frame::MAX_LEN];
         for chunk in entries.chunks(20) {
             let mut writer = FrameWriter::new(&mut buffer, SOURCE);
@@ -341,11 +342,20 @@ impl Tap for NoTap {
 
 /// The line behind a MainDevice, which has brought it up into operation. The error, if it can't.
 pub fn world(count: usize) -> Result<World<Motion, NoTap>, String> {
+    world_of(connections(count), |_| {})
+}
+
+/// The same with SubDevices and a configuration that are not quite those.
+pub fn world_of(
+    segment: Vec<Connection>,
+    adjust: impl FnOnce(&mut Config),
+) -> Result<World<Motion, NoTap>, String> {
+    let count = segment.len();
     let mut config = Config::new(cycle_of(count));
     // Procedures of all SubDevices send at once: their frames wait for each other at the port.
     config.timeouts.frame = Nanos::millis(100);
     // Long cycles bring few times to the drift loops, which then take a minute for the last 100 ns.
-    config.drift_threshold = Nanos(1_000);
+    config.drift_threshold = Nanos(300);
     let assumed = AssumedTimes {
         outputs_calc_and_copy: Some(Nanos(20_000)),
         inputs_calc_and_copy: Some(Nanos(20_000)),
@@ -353,7 +363,7 @@ pub fn world(count: usize) -> Result<World<Motion, NoTap>, String> {
     };
     let device = DeviceConfig { mode: Some(SyncMode::DcSync0), assumed, ..DeviceConfig::default() };
     config.devices = vec![device; count];
-    let segment = connections(count);
+    adjust(&mut config);
     let setup = Setup { seed: 1, config, host: HostModel::default(), segment };
     let mut world = World::new(setup, Motion::default(), None);
     let limit = Time::new(300_000_000_000_000);

@@ -4,14 +4,20 @@
 //! time, the reference clock's oscillator) and intent (cycle and phase that were asked for).
 
 pub mod host_phase;
+pub mod inputs_cycle;
 pub mod missed_events;
+mod opportunity;
+pub mod outputs_cycle;
 pub mod outputs_delay;
 pub mod outputs_valid;
 pub mod sync0_error;
 pub mod sync_margin;
 
 pub use host_phase::HostPhase;
+pub use inputs_cycle::InputsCycle;
 pub use missed_events::MissedEvents;
+pub use opportunity::{Late, Opportunity};
+pub use outputs_cycle::OutputsCycle;
 pub use outputs_delay::OutputsDelay;
 pub use outputs_valid::OutputsValid;
 pub use sync_margin::SyncMargin;

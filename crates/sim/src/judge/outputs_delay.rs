@@ -4,19 +4,21 @@ use isocat_wire::time::{Picos, Time, True};
 
 use crate::statistics::Statistics;
 
-/// Largest spread of the time from SYNC0 to valid outputs with which a SubDevice counts as synchronized:
-/// the distance of minimum and maximum delay time, 0x1C32:07 and :09, that ETG.1020 allows.
-pub const LIMIT: Picos = Picos(1_000_000);
-
-/// Watches one SubDevice: from SYNC0 to valid outputs.
+/// Watches one SubDevice: from the acting pulse to valid outputs.
 #[derive(Clone, Debug, Default)]
 pub struct OutputsDelay {
+    limit: Picos,
     sync0: Option<Time<True>>,
     delay: Statistics,
     first_beyond: Option<Time<True>>,
 }
 
 impl OutputsDelay {
+    /// Expects no more spread than `limit`.
+    pub fn new(limit: Picos) -> Self {
+        Self { limit, ..Self::default() }
+    }
+
     /// SYNC0 acts.
     pub fn sync0(&mut self, at: Time<True>) {
         self.sync0 = Some(at);
@@ -26,7 +28,7 @@ impl OutputsDelay {
     pub fn valid(&mut self, at: Time<True>) {
         let Some(sync0) = self.sync0.take() else { return };
         self.delay.push((at - sync0).0);
-        if self.spread() > LIMIT && self.first_beyond.is_none() {
+        if self.spread() > self.limit && self.first_beyond.is_none() {
             self.first_beyond = Some(at);
         }
     }
@@ -41,6 +43,11 @@ impl OutputsDelay {
         Picos(self.delay.largest() - self.delay.least())
     }
 
+    /// The largest spread allowed.
+    pub fn limit(&self) -> Picos {
+        self.limit
+    }
+
     /// When the spread first passed the limit.
     pub fn first_beyond(&self) -> Option<Time<True>> {
         self.first_beyond
@@ -53,12 +60,13 @@ mod tests {
 
     #[test]
     fn both_sides_of_the_limit() {
-        let mut judge = OutputsDelay::default();
+        let limit = Picos(1_000_000);
+        let mut judge = OutputsDelay::new(limit);
         for (cycle, delay) in [(0, 30_000_000), (1_000_000_000, 31_000_000)] {
             judge.sync0(Time::new(cycle));
             judge.valid(Time::new(cycle + delay));
         }
-        assert_eq!((judge.spread(), judge.first_beyond()), (LIMIT, None));
+        assert_eq!((judge.spread(), judge.first_beyond()), (limit, None));
         judge.sync0(Time::new(2_000_000_000));
         judge.valid(Time::new(2_031_000_001));
         assert_eq!(judge.first_beyond(), Some(Time::new(2_031_000_001)));

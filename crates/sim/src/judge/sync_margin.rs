@@ -4,13 +4,16 @@ use isocat_wire::time::{Device, Nanos, Time};
 
 use crate::statistics::Statistics;
 
-/// Watches one SubDevice: from the SM2 event, and from the end of copying, to SYNC0. All spans are
-/// counted by the SubDevice's own oscillator, as its times in 0x1C32 are.
+/// Watches one SubDevice: from the SM2 event to the next SYNC0, and from the end of copying to the
+/// pulse at which the outputs act, SYNC0 or SYNC1. All spans are counted by the SubDevice's own
+/// oscillator, as its times in 0x1C32 are.
 #[derive(Clone, Debug, Default)]
 pub struct SyncMargin {
     sm2: Option<Time<Device>>,
+    /// An SM2 event that no SYNC0 has followed yet.
+    stored: Option<Time<Device>>,
     ready: Option<Time<Device>>,
-    /// A SYNC0 that found copying under way.
+    /// An acting pulse that found copying under way.
     overtaken: Option<Time<Device>>,
     distance: Statistics,
     margin: Statistics,
@@ -21,23 +24,28 @@ impl SyncMargin {
     /// Outputs were stored.
     pub fn sm2(&mut self, at: Time<Device>) {
         self.sm2 = Some(at);
+        self.stored = Some(at);
     }
 
-    /// Outputs are copied and calculated; gives the margin if SYNC0 came first.
+    /// Outputs are copied and calculated; gives the margin if the acting pulse came first.
     pub fn ready(&mut self, at: Time<Device>) -> Option<Nanos> {
-        let Some(sync0) = self.overtaken.take() else {
+        let Some(pulse) = self.overtaken.take() else {
             self.ready = Some(at);
             return None;
         };
-        Some(self.left(sync0 - at))
+        Some(self.left(pulse - at))
     }
 
-    /// SYNC0 acts; gives the margin if the outputs are ready.
-    pub fn sync0(&mut self, at: Time<Device>) -> Option<Nanos> {
-        let sm2 = self.sm2.take();
-        if let Some(sm2) = sm2 {
+    /// SYNC0 came. Where it is the acting pulse, [`acts`](Self::acts) follows.
+    pub fn sync0(&mut self, at: Time<Device>) {
+        if let Some(sm2) = self.stored.take() {
             self.distance.push((at - sm2).0 * 1000);
         }
+    }
+
+    /// The pulse came at which outputs act; gives the margin if the outputs are ready.
+    pub fn acts(&mut self, at: Time<Device>) -> Option<Nanos> {
+        let sm2 = self.sm2.take();
         let Some(ready) = self.ready.take() else {
             self.unready += 1;
             self.overtaken = sm2.map(|_| at);
@@ -51,16 +59,16 @@ impl SyncMargin {
         margin
     }
 
-    /// From SM2 to SYNC0.
+    /// From SM2 to the next SYNC0.
     pub fn distance(&self) -> &Statistics {
         &self.distance
     }
-    /// From the end of calc and copy to SYNC0: the slack that was left; negative where SYNC0 came first.
-    /// A SYNC0 without any SM2 event is in [`SyncMargin::unready`] only.
+    /// From the end of calc and copy to the acting pulse: the slack that was left; negative where
+    /// the pulse came first. A pulse without any SM2 event is in [`SyncMargin::unready`] only.
     pub fn margin(&self) -> &Statistics {
         &self.margin
     }
-    /// SYNC0 edges that found no outputs ready.
+    /// Acting pulses that found no outputs ready.
     pub fn unready(&self) -> u64 {
         self.unready
     }
@@ -70,14 +78,34 @@ impl SyncMargin {
 mod tests {
     use super::*;
 
+    /// A SYNC0 at which outputs act.
+    fn pulse(judge: &mut SyncMargin, at: u64) {
+        judge.sync0(Time::new(at));
+        judge.acts(Time::new(at));
+    }
+
+    /// SYNC0 fetches, SYNC1 acts: the distance ends at the first, the margin at the second.
+    #[test]
+    fn the_distance_to_sync0_is_not_the_one_to_sync1() {
+        let mut judge = SyncMargin::default();
+        judge.sm2(Time::new(100));
+        judge.sync0(Time::new(300));
+        judge.ready(Time::new(350));
+        judge.acts(Time::new(400));
+        // With subordinated cycles several SYNC0 follow an SM2 event: the first counts.
+        judge.sync0(Time::new(500));
+        assert_eq!((judge.distance().count(), judge.distance().least()), (1, 200_000));
+        assert_eq!((judge.margin().count(), judge.margin().least()), (1, 50_000));
+    }
+
     #[test]
     fn a_sync0_that_overtakes_the_copying_has_a_negative_margin() {
         let mut judge = SyncMargin::default();
         judge.sm2(Time::new(100));
-        judge.sync0(Time::new(160));
+        pulse(&mut judge, 160);
         judge.ready(Time::new(161));
         assert_eq!((judge.margin().count(), judge.margin().least()), (1, -1_000));
-        judge.sync0(Time::new(1160));
+        pulse(&mut judge, 1160);
         assert_eq!((judge.margin().count(), judge.unready()), (1, 2));
     }
 
@@ -86,9 +114,9 @@ mod tests {
         let mut judge = SyncMargin::default();
         judge.sm2(Time::new(100));
         judge.ready(Time::new(160));
-        judge.sync0(Time::new(160));
+        pulse(&mut judge, 160);
         judge.sm2(Time::new(1100));
-        judge.sync0(Time::new(1160));
+        pulse(&mut judge, 1160);
         assert_eq!((judge.margin().count(), judge.margin().least()), (1, 0));
         assert_eq!((judge.distance().count(), judge.distance().least()), (2, 60_000));
         assert_eq!(judge.unready(), 1);

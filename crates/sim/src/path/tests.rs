@@ -8,6 +8,7 @@ const STAY: Stay = Stay {
     processing: Picos(300_000),
     forwarding: Picos(200_000),
     phys: [Phy { transmit: Picos(0), receive: Picos(0) }; 4],
+    hop_jitter: false,
 };
 
 /// Cables by their ends and metres. A port with a cable is open, unless it is in `closed`.

@@ -1,6 +1,6 @@
 //! A reference ESC and one that follows it, with a MainDevice's start-up of their clocks.
 
-use isocat_esc::{Chip, ET1100, Esc, EscEvent, Pdi};
+use isocat_esc::{Chip, DriftLaw, ET1100, Esc, EscEvent, Pdi};
 use isocat_sim::oscillator::Oscillator;
 use isocat_wire::datagram::{Address, datagrams};
 use isocat_wire::frame::{self, FrameWriter};
@@ -113,6 +113,18 @@ impl Pair {
         pair.write(1, register::STATION_ADDRESS, 0x1002);
         pair.write(0, register::SYSTEM_TIME_OFFSET, EPOCH);
         pair
+    }
+
+    /// The same pair with another law of the follower's drift loop.
+    pub fn with_law(mut self, law: DriftLaw) -> Self {
+        self.follower.esc = self.follower.esc.with_drift_law(law);
+        self
+    }
+
+    /// Register 0x092C of the follower, ns: positive when it is ahead.
+    pub fn shown(&mut self) -> i64 {
+        let polarity = self.follower.esc.chip().difference_polarity;
+        self.read(1, register::SYSTEM_TIME_DIFFERENCE).nanos(polarity).0
     }
 
     /// Lives for `ns` of true time.

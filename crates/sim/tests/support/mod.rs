@@ -54,14 +54,15 @@ pub fn cable(number: usize) -> Cable {
     Cable::of_length(3_000 + (number as u64 * 7_919) % 17_000)
 }
 
-/// SubDevices of one chip that hang together like this, with ideal clocks.
+/// SubDevices of one chip that hang together like this, with ideal clocks; hops do not jitter.
 pub fn segment(links: &[Link], chip: impl Fn(usize) -> &'static Chip) -> Segment {
     let connection = |(number, (parent, port)): (usize, &Link)| {
         let clock = ClockModel::constant(0);
         // Every counter starts elsewhere; some wrap at 32 bits while the frame is on its way.
         let local = (number as u64 * 0x3_1234_5677).wrapping_sub(5_100_000);
         let device = device(chip(number), clock, Time::new(local));
-        Connection { port: *port, ..Connection::new(*parent, cable(number), device) }
+        let connection = Connection::new(*parent, cable(number), device);
+        Connection { port: *port, hop_jitter: false, ..connection }
     };
     Segment::new(links.iter().enumerate().map(connection).collect(), 1)
 }

@@ -272,6 +272,55 @@ fn the_application_can_wait_for_sync1() {
     assert_eq!((applied, calls.contains(&Call::Application(Nanos(250_000)))), (1, false));
 }
 
+/// The next SYNC0 fetches the next outputs before the hardware's delay behind SYNC1 is over.
+#[test]
+fn outputs_of_the_next_cycle_in_work_are_not_late_for_this_one() {
+    let mut bench = in_op(
+        |_| {},
+        [3, 3],
+        (1_000_000, 980_000),
+        &[(10_000, Event::Sync0), (990_000, Event::Sync1)],
+    );
+    bench.write_outputs(&[9; 7]);
+    bench.run(Event::Sm2);
+    bench.pass(Nanos(10_000));
+    bench.run(Event::Sync0);
+    bench.pass(Nanos(980_000));
+    let steps = event(&mut bench, Event::Sync1);
+    assert!(steps.as_slice().contains(&(OutputsValid, Nanos(30_000))));
+    bench.write_outputs(&[8; 7]);
+    bench.pass(Nanos(20_000));
+    event(&mut bench, Event::Sync0);
+    begin(&mut bench, MapOutputs);
+    bench.now += Nanos(10_000);
+    begin(&mut bench, OutputsValid);
+    assert_eq!(counts(&bench), [0; 3]);
+    finish(&mut bench, OutputsValid);
+    bench.now += Nanos(10_000);
+    finish(&mut bench, MapOutputs);
+    assert!(bench.calls().contains(&Call::Map(std::vec![8; 7])), "they are not too late either");
+}
+
+/// 0x1C32:03 shifts outputs behind SYNC1 of subordinated cycles, and not behind a SYNC1 that is the
+/// shift itself.
+#[test]
+fn a_local_timer_shifts_behind_the_pulse_of_the_cycle_only() {
+    let valid_after = |types, sync: (u32, u32), cycle: &[(i64, Event)]| {
+        let shifts = |d: &mut Builder| {
+            (d.behaviour.application_on_sync1, d.behaviour.shift_outputs) = (true, true);
+            d.preset(0x1C32, 3, &45_000u32.to_le_bytes());
+        };
+        let mut bench = in_op(shifts, types, sync, cycle);
+        bench.write_outputs(&[1; 7]);
+        bench.run(Event::Sm2);
+        bench.run(Event::Sync0);
+        let steps = bench.run(Event::Sync1);
+        steps.into_iter().find(|(step, _)| *step == OutputsValid).map(|(_, delay)| delay)
+    };
+    assert_eq!(valid_after([3, 3], (250_000, 750_000), &SUBORDINATED), Some(45_000));
+    assert_eq!(valid_after([3, 3], (1_000_000, 100_000), &SHIFTED), Some(30_000));
+}
+
 #[test]
 fn a_sync_signal_that_stays_away_ends_op() {
     for missing in [Event::Sync0, Event::Sync1] {

@@ -34,6 +34,10 @@ pub enum Check {
     OutputsValidInCycle,
     /// Outputs come again before the watchdog of the process data is over.
     OutputsBeforeWatchdog,
+    /// SYNC0 lies on its grid as nearly as asked for.
+    Sync0WithinLimit,
+    /// Outputs follow their pulse as evenly as asked for.
+    OutputsSpreadWithinLimit,
 }
 
 /// Where a demand is stated.
@@ -70,7 +74,7 @@ pub enum Sign {
 
 impl Check {
     /// Those of one SubDevice, in the order of its cycle.
-    pub const OF_DEVICE: [Check; 11] = [
+    pub const OF_DEVICE: [Check; 13] = [
         Self::MinimumCycle,
         Self::OutputsStoredBeforeSync0,
         Self::Sync1CoversCopy,
@@ -82,7 +86,45 @@ impl Check {
         Self::InputShiftCoversDelay,
         Self::OutputsValidInCycle,
         Self::OutputsBeforeWatchdog,
+        Self::Sync0WithinLimit,
+        Self::OutputsSpreadWithinLimit,
     ];
+
+    /// Whether it speaks of time in the cycle, and not of what counts as synchronized: its slack
+    /// tells how much later something may be.
+    pub const fn is_of_cycle(self) -> bool {
+        !matches!(self, Self::Sync0WithinLimit | Self::OutputsSpreadWithinLimit)
+    }
+
+    /// What helps where it is not met.
+    pub const fn remedy(self) -> &'static str {
+        match self {
+            Self::FramesInCycle => {
+                "a longer cycle, fewer bytes, or slower cycles for devices that need no faster"
+            }
+            Self::MinimumCycle => "a longer cycle, or another mode",
+            Self::OutputsBeforeSync0
+            | Self::OutputsStoredBeforeSync0
+            | Self::InputsReadBeforeSync0 => {
+                "a later SYNC0 (shift), a longer cycle, or a host with less jitter"
+            }
+            Self::Sync1CoversCopy => "a longer sync1",
+            Self::Sync1BeforeNextSync0 => "a shorter sync1",
+            Self::InputsBeforeFrame => {
+                "an earlier SYNC0 (shift), a shorter shift of the inputs, or a longer cycle"
+            }
+            Self::ShiftCoversDelay => "a longer shift",
+            Self::InputShiftCoversDelay => "a longer input_shift",
+            Self::OutputsValidInCycle => "a shorter shift, or a longer cycle",
+            Self::OutputsBeforeWatchdog => "a shorter cycle, or a longer watchdog",
+            Self::Sync0WithinLimit => {
+                "a shorter cycle, clocks that deviate less, or a larger sync0_limit"
+            }
+            Self::OutputsSpreadWithinLimit => {
+                "a shift by a local timer or SYNC1 where the device has one, or a larger outputs_spread"
+            }
+        }
+    }
 
     /// Short name, for programs.
     pub const fn name(self) -> &'static str {
@@ -99,6 +141,8 @@ impl Check {
             Self::InputShiftCoversDelay => "input-shift-covers-delay",
             Self::OutputsValidInCycle => "outputs-valid-in-cycle",
             Self::OutputsBeforeWatchdog => "outputs-before-watchdog",
+            Self::Sync0WithinLimit => "sync0-within-limit",
+            Self::OutputsSpreadWithinLimit => "outputs-spread-within-limit",
         }
     }
 
@@ -109,6 +153,10 @@ impl Check {
             Self::OutputsBeforeWatchdog => {
                 return Some(Source::Register(register::WATCHDOG_TIME_PROCESS_DATA.address));
             }
+            Self::Sync0WithinLimit => {
+                return Some(Source::Register(register::SYSTEM_TIME_DIFFERENCE.address));
+            }
+            Self::OutputsSpreadWithinLimit => (OUTPUT_PARAMETER, sub::MINIMUM_DELAY_TIME),
             Self::Sync1BeforeNextSync0 => (OUTPUT_PARAMETER, sub::CYCLE_TIME),
             Self::MinimumCycle => (OUTPUT_PARAMETER, sub::MINIMUM_CYCLE_TIME),
             Self::OutputsBeforeSync0 | Self::OutputsStoredBeforeSync0 | Self::Sync1CoversCopy => {
@@ -148,6 +196,12 @@ impl Check {
             Self::InputShiftCoversDelay => "delay time <= shift time of the inputs",
             Self::OutputsValidInCycle => "acting pulse to outputs valid <= cycle of the pulse",
             Self::OutputsBeforeWatchdog => "cycle + send jitter <= watchdog of the process data",
+            Self::Sync0WithinLimit => {
+                "clock error + tick of the pulse <= SYNC0 error that is allowed (sync0_limit)"
+            }
+            Self::OutputsSpreadWithinLimit => {
+                "spread of outputs behind their pulse <= spread that is allowed (outputs_spread)"
+            }
         }
     }
 
@@ -172,6 +226,8 @@ impl Check {
                 Sign::Refusal(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION)
             }
             Self::InputsBeforeFrame => Sign::Judge("inputs fetched in their cycle"),
+            Self::Sync0WithinLimit => Sign::Judge("SYNC0 on its grid"),
+            Self::OutputsSpreadWithinLimit => Sign::Judge("outputs evenly behind their pulse"),
         }
     }
 }

@@ -6,7 +6,7 @@ use isocat_wire::time::Nanos;
 use isocat_wire::{AlStatusCode, frame};
 
 use super::term::{Origin, Quantity, Sum};
-use super::{Check, Cycle, Device, Sign};
+use super::{Check, Cycle, Device, Sign, USUAL_DEVIATION_PPB, clocks};
 use crate::mode::SyncMode;
 
 /// One line of the budget.
@@ -96,9 +96,9 @@ impl Budget {
     pub fn failure(&self) -> Option<Line> {
         self.lines().filter(|line| !line.fits()).min_by_key(Line::slack)
     }
-    /// The least slack.
+    /// The least slack in the cycle.
     pub fn slack(&self) -> Option<Nanos> {
-        self.lines().map(|line| line.slack()).min()
+        self.lines().filter(|line| line.check.is_of_cycle()).map(|line| line.slack()).min()
     }
 
     pub(super) fn push(&mut self, line: Line) {
@@ -121,7 +121,7 @@ pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
             .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
             .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
             // The wire's time is not the reference clock's.
-            .if_any(Quantity::ClockSpeed, speed_error(cycle, cycle.cycle), Origin::Assumed),
+            .and_speed(cycle, cycle.clock_deviation_ppb, cycle.cycle),
         available: Sum::default().and(Quantity::Cycle, cycle.cycle, Origin::Intent),
     }
 }
@@ -150,7 +150,12 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
             let copy = device.output_calc_and_copy;
             let copy = Sum::default()
                 .and(Quantity::OutputCalcAndCopy, copy, origins.output_calc_and_copy)
-                .if_any(Quantity::ClockSpeed, speed_error(cycle, copy), Origin::Assumed);
+                .and_speed(cycle, device.clock_deviation_ppb, copy)
+                .if_any(
+                    Quantity::Moved,
+                    clocks::moved(cycle, device.pulses.sync1),
+                    Origin::Assumed,
+                );
             (copy, Sum::default().and(Quantity::Sync1, device.pulses.sync1, origins.sync1))
         }
         Check::Sync1BeforeNextSync0
@@ -159,17 +164,23 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
             let origins = &device.origins;
             let sync1 = Sum::default().and(Quantity::Sync1, device.pulses.sync1, origins.sync1);
             let sync0_cycle = device.pulses.sync0_cycle;
-            // Both are made of one system time.
-            let error = speed_error(cycle, device.pulses.sync1).min(cycle.clock_error);
+            // Both are made of one system time, each on a tick of its own.
+            let moved = clocks::moved(cycle, sync0_cycle - device.pulses.sync1);
+            let tick = if moved > Nanos::ZERO { TICK } else { Nanos::ZERO };
+            let sync1 = sync1.if_any(Quantity::Moved, moved, Origin::Assumed).if_any(
+                Quantity::Tick,
+                tick,
+                Origin::Chip,
+            );
             (
-                strictly(sync1.if_any(Quantity::ClockSpeed, error, Origin::Assumed)),
+                strictly(sync1),
                 Sum::default().and(Quantity::Sync0Cycle, sync0_cycle, origins.sync0_cycle),
             )
         }
         Check::InputsBeforeFrame if mode.uses_dc() => inputs_available(cycle, shift, device)?,
         Check::InputsBeforeFrame if device.shifts_inputs() => inputs_by_timer(cycle, device)?,
         Check::ShiftCoversDelay if mode.uses_dc() => {
-            let shift = device.output_shift?;
+            let shift = device.timed_output_shift()?;
             shift_covers(
                 (device.output_delay, device.origins.output_delay, Quantity::OutputDelay),
                 (shift, Origin::Intent, Quantity::OutputShift),
@@ -185,6 +196,8 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
         }
         Check::OutputsValidInCycle if mode.uses_dc() => outputs_valid(cycle, device)?,
         Check::OutputsBeforeWatchdog => within_watchdog(cycle, device)?,
+        Check::Sync0WithinLimit if mode.uses_dc() => sync0_within_limit(cycle)?,
+        Check::OutputsSpreadWithinLimit if mode.uses_dc() => outputs_spread(cycle, device)?,
         _ => return None,
     };
     Some(Demand { check, needed, available })
@@ -199,23 +212,19 @@ fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
             needed
                 .and(Quantity::SendJitter, cycle.jitter, Origin::Intent)
                 .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
-                .if_any(
-                    Quantity::ClockSpeed,
-                    // A time that is stated is a nominal one; one of a CPU counts in that CPU's own oscillator.
-                    if origin == Origin::Assumed {
-                        speed_error(cycle, device.exchange(cycle))
-                    } else {
-                        Nanos::ZERO
-                    },
-                    Origin::Assumed,
-                ),
+                .and_own_minimum(cycle, device, device.exchange(cycle)),
             own_cycle(available, cycle, device),
         ),
-        SyncMode::DcSubordinated => (needed, sync0_cycle(device)),
-        mode if mode.uses_dc() && device.pulses.sync0_cycle > cycle.cycle => {
-            (needed, sync0_cycle(device))
+        mode => {
+            let needed = needed.and_own_minimum(cycle, device, device.minimum_cycle);
+            let own = device.pulses.sync0_cycle > cycle.cycle;
+            let available = match mode {
+                SyncMode::DcSubordinated => sync0_cycle(device),
+                _ if own => sync0_cycle(device),
+                _ => available.and(Quantity::Cycle, cycle.cycle, Origin::Intent),
+            };
+            (needed, available)
         }
-        _ => (needed, available.and(Quantity::Cycle, cycle.cycle, Origin::Intent)),
     }
 }
 
@@ -231,7 +240,7 @@ fn within_watchdog(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     let needed = own_cycle(Sum::default(), cycle, device)
         .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
         .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
-        .if_any(Quantity::ClockSpeed, speed_error(cycle, watchdog), Origin::Assumed);
+        .and_speed(cycle, device.clock_deviation_ppb, watchdog);
     Some((needed, Sum::default().and(Quantity::Watchdog, watchdog, origin)))
 }
 
@@ -287,6 +296,7 @@ fn pulse(shift: Nanos, lead: Nanos) -> Sum {
 fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
     let fetched = device.inputs_fetched?;
     let (pulses, origins) = (&device.pulses, &device.origins);
+    let by_timer = if device.shifts_inputs() { device.input_shift } else { Nanos::ZERO };
     let latch = match device.mode {
         SyncMode::DcShiftSync1 => Sum::default()
             .and(Quantity::Sync1, pulses.sync1, origins.sync1)
@@ -301,7 +311,8 @@ fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum
     let needed = latch
         .if_any(Quantity::PulseJitter, device.pulse_jitter, origins.pulse_jitter)
         .and(Quantity::InputCalcAndCopy, device.input_calc_and_copy, origins.input_calc_and_copy)
-        .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent);
+        .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
+        .and_timer(cycle, device, by_timer);
     let available =
         next_frame(cycle, device, fetched).and(Quantity::ActingPulse, -shift, Origin::Plan);
     Some((needed, available))
@@ -313,14 +324,17 @@ fn inputs_by_timer(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     let origins = &device.origins;
     let stored = outputs_stored(cycle, device)?;
     let copy = device.output_calc_and_copy;
-    let waits = if device.input_shift < copy {
+    let timer_counts = device.input_shift >= copy;
+    let waits = if !timer_counts {
         // When the timer comes the CPU is still at the outputs that the frame brought.
         stored.and(Quantity::OutputCalcAndCopy, copy, origins.output_calc_and_copy)
     } else {
         stored.and(Quantity::InputShift, device.input_shift, origins.input_shift)
     };
     let copy = device.input_calc_and_copy;
-    let needed = waits.and(Quantity::InputCalcAndCopy, copy, origins.input_calc_and_copy);
+    let needed = waits
+        .and(Quantity::InputCalcAndCopy, copy, origins.input_calc_and_copy)
+        .and_timer(cycle, device, if timer_counts { device.input_shift } else { Nanos::ZERO });
     Some((needed, next_frame(cycle, device, fetched)))
 }
 
@@ -348,7 +362,7 @@ fn shift_covers(delay: Figure, shift: Figure) -> (Sum, Sum) {
 fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     device.outputs_arrival?;
     let (pulses, origins) = (&device.pulses, &device.origins);
-    let needed = match device.output_shift.filter(|shift| *shift >= device.output_delay) {
+    let needed = match device.timed_output_shift().filter(|shift| *shift >= device.output_delay) {
         Some(shift) => Sum::default().and(Quantity::OutputShift, shift, Origin::Intent),
         None => {
             let delay = device.output_delay;
@@ -357,20 +371,70 @@ fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     };
     // With subordinated cycles each SYNC0 lets outputs act anew.
     let pulse_cycle = pulses.sync0_cycle;
-    let error = speed_error(cycle, needed.total());
+    let own = needed.total();
     let needed = needed
         .if_any(Quantity::PulseJitter, device.pulse_jitter, origins.pulse_jitter)
-        .if_any(Quantity::ClockSpeed, error, Origin::Assumed);
+        .and_speed(cycle, device.clock_deviation_ppb, own);
     let available = Sum::default().and(Quantity::Sync0Cycle, pulse_cycle, origins.sync0_cycle);
     Some((needed, available))
 }
 
-/// By how much two counts of a span may differ that no loop keeps together: oscillators are within 100 ppm, and
-/// pulses come on ticks of 10 ns. Clocks without error have none.
-fn speed_error(cycle: &Cycle, span: Nanos) -> Nanos {
-    match cycle.clock_error {
-        Nanos::ZERO => Nanos::ZERO,
-        _ => Nanos(span.0 / 10_000 + 10),
+/// SYNC0 lies where the SubDevice's clock has it, on a tick.
+fn sync0_within_limit(cycle: &Cycle) -> Option<(Sum, Sum)> {
+    let error = Some(cycle.clock_error).filter(|error| *error > Nanos::ZERO)?;
+    let needed = Sum::default().and(Quantity::ClockError, error, Origin::Intent).and(
+        Quantity::Tick,
+        TICK,
+        Origin::Chip,
+    );
+    let limit = cycle.limits.sync0_error;
+    Some((needed, Sum::default().and(Quantity::Sync0Limit, limit, Origin::Intent)))
+}
+
+/// How unevenly outputs follow their pulse, by true time; nothing to demand of outputs that follow
+/// it evenly.
+fn outputs_spread(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
+    device.outputs_arrival?;
+    let spread = Some(device.outputs_spread).filter(|spread| *spread > Nanos::ZERO)?;
+    // Its CPU counts the spread by an oscillator of its own; the pulse's tick is the same for both
+    // ends of it.
+    let speed = clocks::speed_part(cycle, device.clock_deviation_ppb, spread);
+    let needed = Sum::default()
+        .and(Quantity::OutputsSpread, spread, device.origins.pulse_jitter)
+        .if_any(Quantity::Deviation, speed, Origin::Assumed);
+    let limit = cycle.limits.outputs_spread;
+    Some((needed, Sum::default().and(Quantity::OutputsSpreadLimit, limit, Origin::Intent)))
+}
+
+/// SYNC pulses come on ticks.
+const TICK: Nanos = Nanos(10);
+
+impl Sum {
+    /// What a count of `span` by an oscillator that deviates by so much may be off: no loop keeps
+    /// it.
+    fn and_speed(self, cycle: &Cycle, deviation_ppb: i64, span: Nanos) -> Self {
+        let error = clocks::speed_error(cycle, deviation_ppb, span);
+        match deviation_ppb {
+            USUAL_DEVIATION_PPB => self.if_any(Quantity::ClockSpeed, error, Origin::Assumed),
+            _ => self.if_any(Quantity::StatedClockSpeed, error, Origin::Profile),
+        }
+    }
+
+    /// The same for a local timer, if one runs.
+    fn and_timer(self, cycle: &Cycle, device: &Device, span: Nanos) -> Self {
+        match span {
+            Nanos::ZERO => self,
+            _ => self.and_speed(cycle, device.clock_deviation_ppb, span),
+        }
+    }
+
+    /// The same for a minimum cycle: a time that is stated is a nominal one; one of a CPU counts in
+    /// that CPU's own oscillator.
+    fn and_own_minimum(self, cycle: &Cycle, device: &Device, span: Nanos) -> Self {
+        match device.origins.minimum_cycle {
+            Origin::Assumed => self.and_speed(cycle, device.clock_deviation_ppb, span),
+            _ => self,
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use isocat_wire::time::Nanos;
 
-use super::{Cycle, Device, Origin};
+use super::{Cycle, Device, Origin, clocks};
 use crate::mode::SyncMode;
 use crate::moment::Moment;
 
@@ -78,6 +78,8 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
     let sync0 = at(shift - pulses.lead);
     let latched = |span: Span| (span, span.after(Nanos::ZERO, device.input_calc_and_copy));
     let has_inputs = device.inputs_fetched.is_some();
+    // Spans behind a pulse are the device's own count.
+    let off = |span| clocks::speed_part(cycle, device.clock_deviation_ppb, span);
     match device.mode {
         SyncMode::FreeRun => return moments,
         SyncMode::SmSynchronous => {
@@ -88,7 +90,8 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
             let shift = Some(device.input_shift).filter(|_| device.shifts_inputs());
             match (stored, shift) {
                 (Some(stored), Some(shift)) if has_inputs => {
-                    let (latch, available) = latched(stored.after(shift, shift));
+                    let by_timer = stored.after(shift - off(shift), shift + off(shift));
+                    let (latch, available) = latched(by_timer);
                     // The CPU may still be at the outputs.
                     let waits = device.output_calc_and_copy.max(shift) - shift;
                     let latest = available.latest + waits;
@@ -110,8 +113,10 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
         let after = device.outputs_act_after();
         // What is only assumed says how long it takes at most.
         let assumed = device.origins.output_delay == Origin::Assumed;
-        let least = if assumed { device.output_shift.unwrap_or(Nanos::ZERO) } else { after };
-        moments.outputs_valid = Some(at(shift).after(least, after + device.pulse_jitter));
+        let least =
+            if assumed { device.timed_output_shift().unwrap_or(Nanos::ZERO) } else { after };
+        let most = after + off(after) + device.pulse_jitter;
+        moments.outputs_valid = Some(at(shift).after(least - off(least), most));
     }
     if has_inputs {
         let after = match device.mode {
@@ -120,7 +125,9 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
             SyncMode::DcSubordinated => device.input_shift - pulses.behind_sync0(),
             _ => device.input_shift,
         };
-        let (latch, available) = latched(at(shift).after(after, after + device.pulse_jitter));
+        let timed = if device.shifts_inputs() { off(device.input_shift) } else { Nanos::ZERO };
+        let most = after + timed + device.pulse_jitter;
+        let (latch, available) = latched(at(shift).after(after - timed, most));
         (moments.input_latch, moments.inputs_available) = (Some(latch), Some(available));
     }
     moments

@@ -116,6 +116,20 @@ pub enum Quantity {
     ClockError,
     /// How much a SubDevice's own count of a span may differ from system time.
     ClockSpeed,
+    /// The same where more is known of its oscillator.
+    StatedClockSpeed,
+    /// The same for spans that no pulse begins.
+    Deviation,
+    /// How far a clock that is led may move in a span.
+    Moved,
+    /// Ticks on which pulses come.
+    Tick,
+    /// Largest SYNC0 error that counts as synchronized.
+    Sync0Limit,
+    /// How unevenly outputs follow their pulse.
+    OutputsSpread,
+    /// Largest spread of outputs that counts as synchronized.
+    OutputsSpreadLimit,
     /// Bus cycle.
     Cycle,
     /// A SubDevice's own cycle, of several bus cycles.
@@ -167,6 +181,13 @@ impl Quantity {
             Self::SendJitter => "send jitter",
             Self::ClockError => "clock error",
             Self::ClockSpeed => "100 ppm of it and a tick",
+            Self::StatedClockSpeed => "deviation of its clock over it and a tick",
+            Self::Deviation => "deviation of its clock over it",
+            Self::Moved => "share of the clock error in it",
+            Self::Tick => "tick of the pulse",
+            Self::Sync0Limit => "limit of the SYNC0 error",
+            Self::OutputsSpread => "spread of outputs behind the pulse",
+            Self::OutputsSpreadLimit => "limit of the spread",
             Self::Cycle => "cycle",
             Self::OwnCycle => "its own cycle",
             Self::OtherGroups => "frames of other groups before it",

@@ -6,6 +6,8 @@ const CYCLE: Cycle = Cycle {
     send: Nanos(0),
     jitter: Nanos(20_000),
     clock_error: Nanos(100),
+    clock_deviation_ppb: USUAL_DEVIATION_PPB,
+    limits: Limits { sync0_error: Nanos(1_000), outputs_spread: Nanos(1_000) },
 };
 
 fn drive() -> Device {
@@ -27,6 +29,8 @@ fn drive() -> Device {
         input_delay: Nanos(700),
         delay: Nanos(300),
         pulse_jitter: Nanos(0),
+        outputs_spread: Nanos(0),
+        clock_deviation_ppb: USUAL_DEVIATION_PPB,
         origins: Origins::default(),
     }
 }
@@ -49,8 +53,10 @@ fn inputs_before_the_next_frame_to_the_nanosecond() {
     let last = 1_000_000 + 1_000 - 40_000 - 100;
     assert_eq!(slack(&CYCLE, last, &drive(), Check::InputsBeforeFrame), 0);
     assert_eq!(slack(&CYCLE, last + 1, &drive(), Check::InputsBeforeFrame), -1);
-    let shifted = Device { input_shift: Nanos(1), ..drive() };
-    assert_eq!(slack(&CYCLE, last, &shifted, Check::InputsBeforeFrame), -1);
+    // The timer's own speed, a tick, and the shift.
+    let shifted = |ns| Device { input_shift: Nanos(ns), ..drive() };
+    assert_eq!(slack(&CYCLE, last, &shifted(1), Check::InputsBeforeFrame), -1 - 11);
+    assert_eq!(slack(&CYCLE, last - 20_012, &shifted(20_000), Check::InputsBeforeFrame), 0);
 }
 
 #[test]
@@ -69,8 +75,8 @@ fn minimum_cycle_names_both_figures() {
     // What nobody states is a CPU's own count: 100 ppm of the cycle, and a tick.
     let origins = Origins { minimum_cycle: Origin::Assumed, ..exact.origins };
     let unstated = Device { origins, ..exact };
-    assert_eq!(slack(&cycle(270_037), 0, &unstated, Check::MinimumCycle), 0);
-    assert_eq!(slack(&cycle(270_036), 0, &unstated, Check::MinimumCycle), -1);
+    assert_eq!(slack(&cycle(270_038), 0, &unstated, Check::MinimumCycle), 0);
+    assert_eq!(slack(&cycle(270_037), 0, &unstated, Check::MinimumCycle), -1);
 }
 
 #[test]
@@ -82,8 +88,8 @@ fn shift_covers_the_delay_and_stays_in_the_cycle() {
     assert_eq!(slack(&ideal, 500_000, &with(1_000_000), Check::OutputsValidInCycle), 0);
     assert_eq!(slack(&ideal, 500_000, &with(1_000_001), Check::OutputsValidInCycle), -1);
     // An oscillator within 100 ppm, and a tick.
-    assert_eq!(slack(&CYCLE, 500_000, &with(999_891), Check::OutputsValidInCycle), 0);
-    assert_eq!(slack(&CYCLE, 500_000, &with(999_892), Check::OutputsValidInCycle), -1);
+    assert_eq!(slack(&CYCLE, 500_000, &with(999_890), Check::OutputsValidInCycle), 0);
+    assert_eq!(slack(&CYCLE, 500_000, &with(999_891), Check::OutputsValidInCycle), -1);
     assert_eq!(slack(&CYCLE, 500_000, &with(30_000), Check::OutputsValidInCycle), 969_987);
 }
 
@@ -111,10 +117,14 @@ fn dc_sync1_needs_the_outputs_before_sync0_and_the_copy_time_before_sync1() {
     let at = |shift, device: &Device, check| slack(&CYCLE, shift, device, check);
     assert_eq!(at(stored + 60_000, &device, Check::OutputsStoredBeforeSync0), 0);
     assert_eq!(at(stored + 59_999, &device, Check::OutputsStoredBeforeSync0), -1);
-    assert_eq!(at(500_000, &distance(60_016), Check::Sync1CoversCopy), 0);
-    assert_eq!(at(500_000, &distance(60_015), Check::Sync1CoversCopy), -1);
-    assert_eq!(at(500_000, &distance(999_899), Check::Sync1BeforeNextSync0), 0);
-    assert_eq!(at(500_000, &distance(999_900), Check::Sync1BeforeNextSync0), -1);
+    // A tick, 100 ppm of the copy time, and 6 % of the clock error.
+    assert_eq!(at(500_000, &distance(60_023), Check::Sync1CoversCopy), 0);
+    assert_eq!(at(500_000, &distance(60_022), Check::Sync1CoversCopy), -1);
+    // A tick, and no share of the clock error that is worth a nanosecond.
+    assert_eq!(at(500_000, &distance(999_988), Check::Sync1BeforeNextSync0), 0);
+    assert_eq!(at(500_000, &distance(999_989), Check::Sync1BeforeNextSync0), -1);
+    // Half a cycle from SYNC1 to SYNC0: half the clock error.
+    assert_eq!(at(500_000, &distance(500_000), Check::Sync1BeforeNextSync0), 500_000 - 50 - 11);
     assert_eq!(device.sync0_phase(Nanos(500_000)), Nanos(440_000));
     assert_eq!(device.sync0_phase(Nanos(50_000)), Nanos(990_000));
     // Inputs are taken at SYNC1 itself.
@@ -177,8 +187,9 @@ fn the_inputs_shift_covers_their_delay() {
 fn inputs_by_timer_stand_before_the_next_frame() {
     let with = |ns| Device { mode: SyncMode::SmSynchronous, input_shift: Nanos(ns), ..drive() };
     let last = 1_000_000 + 1_000 - 40_000 - (12_345 + 20_000 + 100);
-    assert_eq!(slack(&CYCLE, 0, &with(last), Check::InputsBeforeFrame), 0);
-    assert_eq!(slack(&CYCLE, 0, &with(last + 1), Check::InputsBeforeFrame), -1);
+    let own = 93 + 10;
+    assert_eq!(slack(&CYCLE, 0, &with(last - own), Check::InputsBeforeFrame), 0);
+    assert_eq!(slack(&CYCLE, 0, &with(last - own + 1), Check::InputsBeforeFrame), -1);
 }
 
 #[test]
@@ -254,4 +265,79 @@ fn sums_are_made_of_their_figures() {
     assert_eq!(demand.needed.total(), Nanos(92_445));
     let last = demand.needed.terms().last().unwrap();
     assert_eq!(last.origin.to_string(), "0x1C32:06");
+}
+
+/// SYNC1 is the shift where outputs act at it: a local timer counts in neither mode.
+#[test]
+fn an_output_that_acts_at_sync1_has_no_shift_by_timer() {
+    let device = |mode, on_sync1| Device {
+        mode,
+        pulses: Pulses::new(mode, CYCLE.cycle, Nanos(250_000), Nanos(250_000), on_sync1),
+        output_shift: Some(Nanos(904_000)),
+        ..drive()
+    };
+    let after = |mode, on_sync1| device(mode, on_sync1).outputs_act_after().0;
+    assert_eq!(after(SyncMode::DcSync0, false), 904_000);
+    assert_eq!(after(SyncMode::DcShiftSync1, false), 904_000);
+    assert_eq!(after(SyncMode::DcSubordinated, false), 904_000);
+    assert_eq!(after(SyncMode::DcShiftSync1, true), 30_000);
+    assert_eq!(after(SyncMode::DcSync1, false), 30_000);
+    let sync1 = device(SyncMode::DcSync1, false);
+    assert_eq!(budget(&CYCLE, Nanos(500_000), &sync1).line(Check::ShiftCoversDelay), None);
+    let valid = moments(&CYCLE, Nanos(500_000), &sync1).outputs_valid.unwrap();
+    // Delay, clock error, and 100 ppm of the delay.
+    assert_eq!((valid.earliest, valid.latest), (Nanos(529_897), Nanos(530_103)));
+}
+
+/// Both limits to the nanosecond: spread with 100 ppm of it, clock error with a tick.
+#[test]
+fn limits_of_the_judges_are_lines() {
+    let spread = |spread, limit| {
+        let limits = Limits { outputs_spread: Nanos(limit), ..Limits::default() };
+        let device = Device { outputs_spread: Nanos(spread), ..drive() };
+        let cycle = Cycle { limits, ..CYCLE };
+        budget(&cycle, Nanos(500_000), &device).line(Check::OutputsSpreadWithinLimit)
+    };
+    assert_eq!(spread(0, 0), None);
+    assert_eq!(spread(999, 1_000).unwrap().slack(), Nanos(0));
+    assert_eq!(spread(1_000, 1_000).unwrap().slack(), Nanos(-1));
+    assert_eq!(spread(20_000, 20_002).unwrap().slack(), Nanos(0));
+    let sync0 = |limit| {
+        let limits = Limits { sync0_error: Nanos(limit), ..Limits::default() };
+        slack(&Cycle { limits, ..CYCLE }, 500_000, &drive(), Check::Sync0WithinLimit)
+    };
+    assert_eq!((sync0(110), sync0(109)), (0, -1));
+    let by_frame =
+        Device { mode: SyncMode::SmSynchronous, outputs_spread: Nanos(5_000), ..drive() };
+    let lines = budget(&CYCLE, Nanos(0), &by_frame);
+    assert_eq!(lines.line(Check::Sync0WithinLimit), None);
+    assert_eq!(lines.line(Check::OutputsSpreadWithinLimit), None);
+}
+
+/// 400 us by an oscillator that is 137 ppm off: 54.8 ns and a tick.
+#[test]
+fn a_clock_that_is_known_to_deviate_more_counts_with_it() {
+    let shifted = |ppb| {
+        let shift = Some(Nanos(400_000));
+        Device { output_shift: shift, clock_deviation_ppb: ppb, ..drive() }
+    };
+    let left = |device: &Device| slack(&CYCLE, 500_000, device, Check::OutputsValidInCycle);
+    assert_eq!(left(&shifted(100_000)), 1_000_000 - 400_000 - 50);
+    assert_eq!(left(&shifted(137_000)), 1_000_000 - 400_000 - 65);
+    let demand = demand(&CYCLE, Nanos(0), &shifted(137_000), Check::OutputsValidInCycle).unwrap();
+    let stated = demand.needed.terms().find(|term| term.quantity == Quantity::StatedClockSpeed);
+    assert_eq!(stated.map(|term| term.value), Some(Nanos(65)));
+    let valid = moments(&CYCLE, Nanos(0), &shifted(137_000)).outputs_valid.unwrap();
+    assert_eq!((valid.earliest, valid.latest), (Nanos(399_845), Nanos(400_155)));
+}
+
+/// A CPU's own count of its cycle: 100 ppm of 250 us and a tick; a stated one is nominal.
+#[test]
+fn an_assumed_minimum_cycle_counts_in_the_devices_own_time() {
+    let with = |origin| {
+        let origins = Origins { minimum_cycle: origin, ..Origins::default() };
+        slack(&CYCLE, 500_000, &Device { origins, ..drive() }, Check::MinimumCycle)
+    };
+    assert_eq!(with(Origins::default().minimum_cycle), 750_000);
+    assert_eq!(with(Origin::Assumed), 750_000 - 25 - 10);
 }

@@ -8,12 +8,16 @@
 //! one delay that is a poor estimate (an interval of whole ticks never deviates), so it is taken over all SubDevices:
 //! [`Averaging`].
 //!
+//! The jitter of hops ([`HopJitter`]) is treated as quantization is: it is one of clocks that stand
+//! anyhow to each other and may stand still, so that latches average it out as far as they are seen
+//! to.
+//!
 //! Noise that is no quantization shows in the spread of the delay itself: the error is never stated below it.
 
 use isocat_wire::time::Picos;
 
 use super::path::TICK;
-use super::{Delay, Found, Why};
+use super::{Delay, Found, HopJitter, Why};
 
 /// All latches of one SubDevice.
 #[derive(Clone, Copy, Default, Debug)]
@@ -33,6 +37,8 @@ pub struct Mean {
     systematic: Picos,
     /// The last one that did not tell it.
     between: Option<(Picos, Picos)>,
+    /// What is expected beside quantization.
+    jitter: HopJitter,
 }
 
 /// Numbers that lie close together.
@@ -56,6 +62,16 @@ pub struct Averaging {
 const ALL: u32 = 1024;
 
 impl Mean {
+    /// No latch yet, of a SubDevice that frames come to with this jitter. The default expects none.
+    pub fn expecting(jitter: HopJitter) -> Self {
+        Self { jitter, ..Self::default() }
+    }
+
+    /// The same without the latches taken.
+    pub fn restarted(&self) -> Self {
+        Self::expecting(self.jitter)
+    }
+
     /// Takes one more latch.
     pub fn add(&mut self, found: &Found) {
         if found.why.is_some() {
@@ -104,7 +120,7 @@ impl Mean {
         }
         // A clock behind the reference can't be reached before it: below zero there is only noise.
         let delay = Picos(self.delays.mean().max(0));
-        let one = self.quantization();
+        let one = self.quantization() + u128::from(self.jitter.delay);
         let kept = one * u128::from(averaging.kept) / u128::from(ALL);
         let variance = kept.max(one / u128::from(self.known)).max(self.delays.of_the_mean());
         let standard_error = Picos(root(variance) as i64);
@@ -152,17 +168,25 @@ impl Spread {
 impl Averaging {
     /// Looks at all SubDevices of a segment.
     pub fn of(means: &[Mean]) -> Self {
-        let rounds = || means.iter().flat_map(|mean| &mean.rounds).filter(|round| round.count > 0);
-        // Two times in each, with a variance of 10² / 12 ns²; all times 6.
+        let rounds = || {
+            let all = means.iter().flat_map(|mean| mean.rounds.iter().zip(mean.jitter.rounds));
+            all.filter(|(round, _)| round.count > 0)
+        };
+        // Two times in each, with a variance of 10² / 12 ns², and the jitter; all times 6. Each
+        // counts the same, however much is expected of it.
         let all = 100 * rounds().count() as u128;
-        let seen: u128 = rounds().map(|r| 6 * r.deviations() / u128::from(r.count)).sum();
+        let seen = |(round, jitter): (&Spread, u64)| {
+            let expected = 100 + 6 * u128::from(jitter) / 1_000_000;
+            600 * round.deviations() / (u128::from(round.count) * expected)
+        };
+        let seen: u128 = rounds().map(seen).sum();
         let kept = all.saturating_sub(seen) * u128::from(ALL);
         Self { kept: kept.checked_div(all).map_or(ALL, |kept| kept as u32) }
     }
 }
 
 /// Integer square root, rounded up: an error is not stated smaller than it is.
-fn root(square: u128) -> u64 {
+pub(super) fn root(square: u128) -> u64 {
     let root = square.isqrt();
     (root + u128::from(root * root < square)).min(u128::from(u64::MAX >> 1)) as u64
 }

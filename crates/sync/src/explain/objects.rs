@@ -251,8 +251,9 @@ const DELAY_OUT: Entry = entry(
          together"],
 );
 const DELAY_IN: Entry = entry(
-    "Hardware delay from the acting event to Input Latch, u32 ns; of interest where SYNC1 takes \
-     the inputs.",
+    "Hardware delay from the acting event to Input Latch, u32 ns. It counts where SYNC1 takes the \
+     inputs of outputs that act at SYNC0 (dc-shift-sync1): the latch comes this long behind SYNC1. \
+     In the other modes inputs are latched at the pulse itself, or after the shift of :03.",
     &[],
     &[":03: must not be below"],
     &["nothing: it is read only"],

@@ -35,7 +35,7 @@ const fn register(
 }
 
 /// By ascending address.
-pub static REGISTERS: [RegisterEntry; 30] = [
+pub(crate) static REGISTERS: [RegisterEntry; 30] = [
     register(
         0x0008,
         2,

@@ -6,6 +6,17 @@ use isocat_wire::time::Nanos;
 /// A deviation in either direction.
 pub(super) const DEVIATION: Kind = Kind::Rate { least: -MOST_DRIFT, most: MOST_DRIFT };
 
+pub(super) const CLOCKS_KEY: Key = Key {
+    name: "clocks",
+    kind: Kind::Rate { least: 0, most: MOST_DRIFT },
+    need: Need::Without("what the device's profile states, else 25 ppm, usual for SubDevices"),
+    means: "How far the oscillators of devices without `clock` may be off, either way. What each \
+            really is off is drawn by the seed, evenly within this. `0ppm` gives all devices the \
+            same perfect clock, which no real segment has.",
+    goes: "the simulated ESCs' oscillators",
+    example: r#""50ppm""#,
+};
+
 pub(super) const RAMP_KEY: Key = Key {
     name: "clock_ramp",
     kind: Kind::Table(&RAMP),

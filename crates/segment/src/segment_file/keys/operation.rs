@@ -173,7 +173,7 @@ pub(super) const DIRECTION_KEY: Key = Key {
     name: "direction",
     kind: Kind::Choice(Choice(&DIRECTIONS)),
     need: Need::Default(r#""follow-reference""#),
-    means: "Which clock leads the segment. \"drive-reference\" needs a bus cycle of at most 4 ms.",
+    means: "Which clock leads the segment. \"drive-reference\" needs a bus cycle of at most 2 ms.",
     goes: "Config::direction; writes to register 0x0910",
     example: r#""drive-reference""#,
 };

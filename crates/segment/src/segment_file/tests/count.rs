@@ -5,7 +5,7 @@ use super::*;
 const GROUP: &str = r#"
     cycle = "1ms"
     [[subdevice]]
-    device = "kollmorgen_akd2g"
+    device = "model_every_mode"
     [[subdevice]]
     device = "simple_io16"
     name = "io"
@@ -32,7 +32,7 @@ fn equal_devices_stand_one_behind_the_other() {
     assert_eq!(
         names(&segment),
         [
-            ("kollmorgen_akd2g 0", None),
+            ("model_every_mode 0", None),
             ("io 0", Some((0, 2))),
             ("io 1", Some((1, 1))),
             ("io 2", Some((2, 1))),
@@ -41,7 +41,10 @@ fn equal_devices_stand_one_behind_the_other() {
         ]
     );
     for device in segment.subdevices.iter().filter(|device| device.name.starts_with("io")) {
-        assert_eq!((device.cable, device.clock, device.line), (Length::metres(3), Ppb::ppm(7), 5));
+        assert_eq!(
+            (device.cable, device.clock, device.line),
+            (Length::metres(3), Clock::Given(Ppb::ppm(7)), 5)
+        );
     }
 }
 

@@ -5,7 +5,7 @@ use isocat_sync::phase::Direction;
 
 use super::*;
 
-const DEVICE: &str = "[[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\n";
+const DEVICE: &str = "[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n";
 
 fn read(root: &str, tables: &str) -> Operation {
     let text = format!("cycle = \"1ms\"\n{root}{DEVICE}{tables}");

@@ -8,7 +8,7 @@ use super::*;
 
 /// A file of devices with these lines; all have the ports 0, 1 and 2.
 fn file(devices: &[&str]) -> String {
-    let device = |lines: &&str| format!("[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n{lines}\n");
+    let device = |lines: &&str| format!("[[subdevice]]\ndevice = \"model_every_mode\"\n{lines}\n");
     format!("cycle = \"1ms\"\n{}", devices.iter().map(device).collect::<String>())
 }
 
@@ -113,7 +113,7 @@ fn places_that_do_not_exist() {
             "4:11 the first device hangs on the MainDevice; expected no \"connect\" here",
             None,
         ),
-        (vec!["port = 3"], "4:8 AKD2G", None),
+        (vec!["port = 3"], "4:8 Every mode", None),
         (vec!["port = 4"], "4:8 port = 4 is out of range; expected an integer from 0 to 3", None),
     ] {
         let (message, found_hint) = refused(&file(&devices));

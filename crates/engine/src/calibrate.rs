@@ -1,0 +1,367 @@
+//! Measures on a segment what no data sheet tells: crystals, the sign of 0x092C, the law of each
+//! drift loop, delay and jitter of each hop, times of EEPROM and state changes.
+//!
+//! Data's way: `found` looks what the segment is and refuses one that is in operation; `bus` sends
+//! single frames by position, in virtual time or on a socket ([`isocat_conform::wire`]); `clocks`
+//! makes latches and drift frames of them, `course` a whole course of drift frames. `replay` gives
+//! the same frames at the same instants to the software ESC with each law that is thinkable, and
+//! `judge` compares. `hops` and `response` need no drift frame. At the end everything that was
+//! written is put back, whatever happened. [`report::calibrate`](crate::report::calibrate) tells
+//! the result.
+//!
+//! The host's clock paces the frames and nothing else: what is computed with are instants by the
+//! reference clock, which each drift frame brings along.
+
+mod bus;
+mod clocks;
+mod course;
+mod found;
+mod hops;
+mod judge;
+mod replay;
+mod response;
+
+use std::sync::atomic::AtomicBool;
+
+use isocat_conform::wire::Wire;
+use isocat_wire::dc::{DifferencePolarity, SystemTimeDifference};
+use isocat_wire::register::{self, Value};
+use isocat_wire::time::Nanos;
+
+use bus::Bus;
+use clocks::{Clocks, Fix, LATCHES};
+use course::{Asked, Course, START};
+use found::Found;
+use replay::Known;
+
+pub use bus::{Operating, Trouble};
+pub use hops::{Hop, Spread};
+pub use judge::{Fit, Judgement, MOST_MISFIT, TOLD_APART, Verdict};
+pub use response::{Response, StateChange, Times};
+
+/// A part of the calibration, for showing its progress.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Step {
+    /// What the segment is.
+    Look,
+    /// EEPROM and state changes.
+    Response,
+    /// Round trips and latches.
+    Hops,
+    /// Crystals, for the first time.
+    Crystals,
+    /// The sign of 0x092C.
+    Polarity,
+    /// One of the courses of drift frames: number and count.
+    Course(usize, usize),
+    /// Crystals again.
+    Drift,
+    /// What each law would have done.
+    Judge,
+}
+
+/// What was measured.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Calibration {
+    /// Position of the reference clock.
+    pub reference: usize,
+    /// The devices, by position.
+    pub devices: Vec<Device>,
+    /// Courses of drift frames that were run.
+    pub courses: usize,
+    /// Drift frames in them, and how many did not come back.
+    pub drift_frames: (usize, usize),
+    /// Shortest and longest interval of the drift frames that were to come each millisecond.
+    pub paced: (Nanos, Nanos),
+    /// Frames sent, and how many did not come back.
+    pub frames: (u64, u64),
+    /// Clocks that could not be put back as they were found, and why.
+    pub left_changed: Vec<(usize, Trouble)>,
+}
+
+/// What was measured at one device.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Device {
+    /// Its position.
+    pub position: usize,
+    /// Type of its ESC, register 0x0000.
+    pub kind: u8,
+    /// Receive times, register 0x0900.
+    pub has_times: bool,
+    /// A system clock, register 0x0920.
+    pub has_clock: bool,
+    /// What its clock showed; `None` for the reference and without a clock.
+    pub clock: Option<Clock>,
+    /// The hop to it and the frames' stay behind it; `None` without receive times.
+    pub hop: Option<Hop>,
+    /// EEPROM and state changes.
+    pub response: Response,
+}
+
+/// What was measured at one clock beside the reference.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Clock {
+    /// How much faster its crystal runs than the reference's, parts per billion, and the standard
+    /// error.
+    pub crystal_ppb: (f64, f64),
+    /// How much that changed until the end of the calibration, and the standard error.
+    pub crystal_change_ppb: (f64, f64),
+    /// Over how long each was measured.
+    pub window: Nanos,
+    /// What bit 31 of 0x092C means; `None`: it was not told.
+    pub polarity: Option<DifferencePolarity>,
+    /// Jitter of a latch against the reference: standard deviation, ns, grain of the ticks
+    /// included.
+    pub jitter: f64,
+    /// The drift loop's law.
+    pub law: Judgement,
+}
+
+/// Calibrates what is behind a wire. `stop` ends it early; `progress` is told each step.
+///
+/// Whatever the result, delays, offsets and filters are then as they were found, as are the states.
+/// An error says why there are no figures.
+pub fn calibrate(
+    wire: &mut dyn Wire,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(Step),
+) -> Result<Calibration, Trouble> {
+    let mut bus = Bus::new(wire, stop);
+    progress(Step::Look);
+    let found = found::look(&mut bus)?;
+    // Nothing was written so far, and without two clocks nothing is.
+    Clocks::new(&mut bus, &found)?;
+    let result = measure(&mut bus, &found, progress);
+    let left_changed = found::put_back(&mut bus, &found);
+    let frames = (bus.sent, bus.lost);
+    match result {
+        Ok(calibration) => Ok(Calibration { left_changed, frames, ..calibration }),
+        // The first device that was not put back is named; more of them have the same reason.
+        Err(trouble @ Trouble::NotPutBack { .. }) => Err(trouble),
+        Err(trouble) => match left_changed.into_iter().next() {
+            None => Err(trouble),
+            Some((position, left)) => {
+                Err(Trouble::NotPutBack { position, why: Box::new(left), first: Box::new(trouble) })
+            }
+        },
+    }
+}
+
+fn measure(
+    bus: &mut Bus<'_>,
+    found: &[Found],
+    progress: &mut dyn FnMut(Step),
+) -> Result<Calibration, Trouble> {
+    progress(Step::Response);
+    let responses = response::measure(bus, found)?;
+    progress(Step::Hops);
+    let hops = hops::measure(bus, found)?;
+    let mut clocks = Clocks::new(bus, found)?;
+    let reference = clocks.reference;
+    progress(Step::Crystals);
+    let (first, at) = crystals(&mut clocks, CRYSTAL_WINDOW)?;
+    progress(Step::Polarity);
+    let polarities = polarities(&mut clocks)?;
+    let asked = courses(&first);
+    let mut run = Vec::with_capacity(asked.len());
+    for (number, asked) in asked.iter().enumerate() {
+        progress(Step::Course(number, COURSES));
+        run.push(course::run(&mut clocks, *asked)?);
+    }
+    progress(Step::Drift);
+    let (last, end) = crystals(&mut clocks, DRIFT_WINDOW)?;
+    progress(Step::Judge);
+    let mut devices: Vec<Device> = found
+        .iter()
+        .zip(responses)
+        .zip(hops)
+        .map(|((found, response), hop)| Device {
+            position: found.position,
+            kind: found.kind,
+            has_times: found.has_times,
+            has_clock: found.clock.is_some(),
+            clock: None,
+            hop,
+            response,
+        })
+        .collect();
+    for (follower, (position, _)) in clocks.followers.iter().enumerate() {
+        let (first, last) = (first[follower], last[follower]);
+        let change = last.ppb - first.ppb;
+        let known = |course: &Course| {
+            let share = (course.fixed_at - at) / (end - at);
+            let ppb = first.ppb + change * share.clamp(0.0, 1.0);
+            // Half of what it changed by may have come at any time.
+            let error = first.error.hypot(change / 2.0).hypot(WANDER_PPB);
+            // The grain of the ticks is in the model already.
+            let jitter = (first.deviation * first.deviation - GRAIN * GRAIN).max(0.0).sqrt();
+            Known { follower, faster: (ppb / 1e9, error / 1e9), jitter }
+        };
+        let known: Vec<Known> = run.iter().map(known).collect();
+        devices[*position].clock = Some(Clock {
+            crystal_ppb: (first.ppb, first.error),
+            crystal_change_ppb: (change, first.error.hypot(last.error)),
+            window: CRYSTAL_WINDOW,
+            polarity: polarities[follower],
+            jitter: first.deviation,
+            law: judge::judge(&run, &known),
+        });
+    }
+    Ok(Calibration {
+        reference,
+        devices,
+        courses: run.len(),
+        drift_frames: (
+            run.iter().map(|course| course.frames.len()).sum(),
+            run.iter().map(|course| course.lost).sum(),
+        ),
+        paced: paced(&run),
+        frames: (0, 0),
+        left_changed: Vec::new(),
+    })
+}
+
+/// A crystal against the reference's.
+#[derive(Clone, Copy)]
+struct Crystal {
+    ppb: f64,
+    error: f64,
+    deviation: f64,
+}
+
+/// How much faster each follower's crystal is, measured without drift frames; and the middle of the
+/// measurement, by the reference's local time.
+fn crystals(clocks: &mut Clocks<'_, '_>, window: Nanos) -> Result<(Vec<Crystal>, f64), Trouble> {
+    clocks.reset([0, 12], START)?;
+    let first = clocks.fix(CRYSTAL_LATCHES)?;
+    clocks.bus.wait(window)?;
+    let last = clocks.fix(CRYSTAL_LATCHES)?;
+    let span = last.at - first.at;
+    let each = first.spots.iter().zip(&last.spots).map(|(first, last)| {
+        let error = first.error(CRYSTAL_LATCHES).hypot(last.error(CRYSTAL_LATCHES));
+        Crystal {
+            ppb: wrapped(last.apart - first.apart) / span * 1e9,
+            error: error / span * 1e9,
+            deviation: ((first.deviation.powi(2) + last.deviation.powi(2)) / 2.0).sqrt(),
+        }
+    });
+    Ok((each.collect(), f64::midpoint(first.at, last.at)))
+}
+
+/// Clocks are compared by their lower 32 bits.
+fn wrapped(difference: f64) -> f64 {
+    difference - (difference / WRAP).round() * WRAP
+}
+
+/// What bit 31 of 0x092C means: a delay that is too long by a known amount makes the local copy lag
+/// by as much, one that is too short makes it lead. Only an answer of the right size to both
+/// counts.
+fn polarities(clocks: &mut Clocks<'_, '_>) -> Result<Vec<Option<DifferencePolarity>>, Trouble> {
+    let longer = lag(clocks, LAG)?;
+    let shorter = lag(clocks, -LAG)?;
+    let each = longer.into_iter().zip(shorter).map(|(longer, shorter)| {
+        let right_size =
+            |shown: SystemTimeDifference| (i64::from(shown.magnitude()) - LAG).abs() < LAG / 4;
+        let told = right_size(longer)
+            && right_size(shorter)
+            && longer.is_negative() != shorter.is_negative();
+        told.then(|| match longer.is_negative() {
+            true => DifferencePolarity::PositiveAhead,
+            false => DifferencePolarity::NegativeAhead,
+        })
+    });
+    Ok(each.collect())
+}
+
+/// Register 0x092C of all followers behind one drift frame, while their delays are too long by
+/// `by`.
+fn lag(clocks: &mut Clocks<'_, '_>, by: i64) -> Result<Vec<SystemTimeDifference>, Trouble> {
+    for _ in 0..POLARITY_TRIES {
+        clocks.reset([0, 12], START)?;
+        let fix: Fix = clocks.fix(LATCHES)?;
+        clocks.set_ahead(&fix, USUAL_DELAY)?;
+        clocks.set_delays((USUAL_DELAY + by) as u32)?;
+        clocks.reset([0, 12], START)?;
+        if clocks.drift_frame(0, 0)?.is_none() {
+            continue;
+        }
+        let shown = clocks.shown(register::SYSTEM_TIME_DIFFERENCE.address, 4)?;
+        return Ok(shown
+            .iter()
+            .map(|b| SystemTimeDifference::from_bytes([b[0], b[1], b[2], b[3]]))
+            .collect());
+    }
+    Err(Trouble::Lost { address: register::SYSTEM_TIME.address })
+}
+
+/// What is tried. Each course tells something else: a single huge difference, the phase part at
+/// three paces, the speed part at two filter depths over more than one block, and the smallest
+/// depth.
+fn courses(crystals: &[Crystal]) -> [Asked; COURSES] {
+    let usual = Asked {
+        depths: [0, 12],
+        ahead: 500,
+        frames: 256,
+        interval: Nanos::millis(1),
+        lead: 0,
+        look_every: 64,
+        pause: Nanos::millis(500),
+    };
+    let lead = lead(crystals);
+    [
+        Asked { ahead: 10_000_000, frames: 1, look_every: 1, ..usual },
+        Asked { interval: Nanos::micros(100), ..usual },
+        usual,
+        Asked { interval: Nanos::millis(4), ..usual },
+        // Not where a block of 256 or 4096 ends: a lost frame must not move a look to the other
+        // side of it.
+        Asked { depths: [0, 8], ahead: 0, frames: 1_200, lead, look_every: 100, ..usual },
+        Asked { depths: [0, 12], ahead: 0, frames: 4_500, lead, look_every: 500, ..usual },
+        Asked { depths: [4, 0], frames: 300, look_every: 300, ..usual },
+    ]
+}
+
+/// How much the reference's time is moved from one drift frame to the next, ns at 1 ms, so that
+/// each clock has a drift that shows: crystals of one maker may be almost alike.
+fn lead(crystals: &[Crystal]) -> i64 {
+    let least = |lead: i64| {
+        let drifts = crystals.iter().map(|crystal| (crystal.ppb - lead as f64 * 1_000.0).abs());
+        drifts.fold(f64::INFINITY, f64::min)
+    };
+    let enough = |lead: &i64| least(*lead) >= LEAST_DRIFT_PPB;
+    LEADS.into_iter().find(enough).unwrap_or_else(|| {
+        LEADS.into_iter().max_by(|a, b| least(*a).total_cmp(&least(*b))).unwrap_or(0)
+    })
+}
+
+/// Shortest and longest interval where one millisecond was asked for.
+fn paced(courses: &[Course]) -> (Nanos, Nanos) {
+    let each = courses.iter().filter(|course| course.asked.interval == Nanos::millis(1));
+    let gaps = each.flat_map(|course| course.frames.windows(2).map(|pair| pair[1].at - pair[0].at));
+    let (least, most) =
+        gaps.fold((i64::MAX, 0), |(least, most), gap| (least.min(gap), most.max(gap)));
+    (Nanos(least.min(most)), Nanos(most))
+}
+
+/// From one fix to the other: with 1.5 ns each, 0.2 ppb.
+const CRYSTAL_WINDOW: Nanos = Nanos::millis(10_000);
+/// The same at the end.
+const DRIFT_WINDOW: Nanos = Nanos::millis(5_000);
+const CRYSTAL_LATCHES: usize = 64;
+const WRAP: f64 = 4_294_967_296.0;
+/// How much a crystal may wander within a minute beside what the two measurements of it show.
+const WANDER_PPB: f64 = 5.0;
+/// By how much delays are wrong: more than clocks 200 ppm apart drift from the fix to the drift
+/// frame on a slow host.
+const LAG: i64 = 20_000;
+/// A delay from which it can be taken away.
+const USUAL_DELAY: i64 = 100_000;
+const POLARITY_TRIES: usize = 5;
+/// Courses of drift frames.
+const COURSES: usize = 7;
+/// Drifts of known size that may be added, ns each millisecond; the first that leaves each clock
+/// enough.
+const LEADS: [i64; 7] = [0, 6, -6, 12, -12, 24, -24];
+const LEAST_DRIFT_PPB: f64 = 3_000.0;
+/// Standard deviation of the difference of two clocks that show whole ticks of 10 ns.
+const GRAIN: f64 = 4.08;

@@ -1,0 +1,159 @@
+//! One course of drift frames: from a known difference, at known instants, with looks at what
+//! became of it.
+
+use isocat_wire::register;
+use isocat_wire::time::Nanos;
+
+use super::bus::Trouble;
+use super::clocks::{Clocks, Fix, LATCHES};
+
+/// What is sent in a course.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) struct Asked {
+    /// Registers 0x0934 and 0x0935.
+    pub depths: [u8; 2],
+    /// How far the followers are ahead when it begins, ns.
+    pub ahead: i64,
+    /// Drift frames.
+    pub frames: usize,
+    /// From one to the next.
+    pub interval: Nanos,
+    /// How much the reference's time is moved from each drift frame to the next, ns: a drift of
+    /// known size beside that of the crystals.
+    pub lead: i64,
+    /// How many drift frames lie between two reads of register 0x0932.
+    pub look_every: usize,
+    /// Pause behind the last drift frame, in which the clocks run by themselves.
+    pub pause: Nanos,
+}
+
+/// What happened. All instants are the reference's local time, ns.
+#[derive(Clone, Debug)]
+pub(super) struct Course {
+    pub asked: Asked,
+    /// When the fix was taken from which the offsets come.
+    pub fixed_at: f64,
+    /// How far each follower was ahead then, ns, and the standard error of it.
+    pub ahead: Vec<(f64, f64)>,
+    /// When the loops were cleared.
+    pub reset_at: i64,
+    /// The drift frames.
+    pub frames: Vec<Frame>,
+    /// Drift frames that did not come back.
+    pub lost: usize,
+    /// Register 0x0932, and how many drift frames had been sent when it was read.
+    pub looks: Vec<(usize, Vec<i16>)>,
+    /// How far each follower is ahead behind the last drift frame, and after the pause.
+    pub behind: Ahead,
+    pub later: Ahead,
+}
+
+/// A drift frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    /// When it passed.
+    pub at: i64,
+    /// How far the reference's time was moved then, ns.
+    pub lead: i64,
+    /// It came back. Otherwise it may have passed or not, and its instant is that of the host's
+    /// clock.
+    pub came_back: bool,
+}
+
+/// How far the followers are ahead at an instant.
+#[derive(Clone, Debug)]
+pub(super) struct Ahead {
+    pub at: f64,
+    /// ns, and standard error.
+    pub by: Vec<(f64, f64)>,
+}
+
+/// Register 0x0930 in all courses.
+pub(super) const START: u16 = 0x1000;
+
+/// Runs one course; starts over if too many of its drift frames are lost, which is one of a short
+/// course.
+pub(super) fn run(clocks: &mut Clocks<'_, '_>, asked: Asked) -> Result<Course, Trouble> {
+    for _ in 1..MOST_TRIES {
+        let course = attempt(clocks, asked)?;
+        if course.lost * MOST_LOST <= asked.frames {
+            return Ok(course);
+        }
+    }
+    attempt(clocks, asked)
+}
+
+fn attempt(clocks: &mut Clocks<'_, '_>, asked: Asked) -> Result<Course, Trouble> {
+    clocks.reset(asked.depths, START)?;
+    clocks.set_delays(0)?;
+    let fix = clocks.fix(LATCHES)?;
+    let left = clocks.set_ahead(&fix, asked.ahead)?;
+    let ahead: Vec<(f64, f64)> =
+        left.iter().zip(&fix.spots).map(|(left, spot)| (*left, spot.error(LATCHES))).collect();
+    let moved: Vec<f64> =
+        left.iter().zip(&fix.spots).map(|(left, spot)| left - spot.apart).collect();
+    let reset_at = clocks.reset(asked.depths, START)?;
+    let mut course = Course {
+        asked,
+        fixed_at: fix.at,
+        ahead,
+        reset_at,
+        frames: Vec::with_capacity(asked.frames),
+        lost: 0,
+        looks: Vec::new(),
+        behind: Ahead { at: 0.0, by: Vec::new() },
+        later: Ahead { at: 0.0, by: Vec::new() },
+    };
+    send(clocks, &mut course)?;
+    let behind = clocks.fix(LATCHES)?;
+    clocks.bus.wait(asked.pause)?;
+    let later = clocks.fix(LATCHES)?;
+    course.behind = Ahead::of(&behind, &moved);
+    course.later = Ahead::of(&later, &moved);
+    Ok(course)
+}
+
+/// The drift frames and the looks.
+fn send(clocks: &mut Clocks<'_, '_>, course: &mut Course) -> Result<(), Trouble> {
+    let asked = course.asked;
+    let mut due = clocks.bus.now() + asked.interval;
+    for number in 0..asked.frames {
+        clocks.bus.wait_until(due)?;
+        let lead = asked.lead * number as i64;
+        let sent = clocks.bus.now();
+        match clocks.drift_frame(lead, lead + asked.lead)? {
+            Some(at) => course.frames.push(Frame { at, lead, came_back: true }),
+            None => {
+                course.lost += 1;
+                let at = clocks.local_at(sent);
+                course.frames.push(Frame { at, lead, came_back: false });
+            }
+        }
+        let count = number + 1;
+        if count % asked.look_every == 0 {
+            let bytes = clocks.shown(register::SPEED_COUNTER_DIFFERENCE.address, 2)?;
+            let speeds = bytes.iter().map(|bytes| i16::from_le_bytes([bytes[0], bytes[1]]));
+            course.looks.push((count, speeds.collect()));
+        }
+        // What this machine was late by is not made up for: even intervals matter more than their
+        // number.
+        due = (due + asked.interval).max(clocks.bus.now());
+    }
+    if asked.lead != 0 {
+        clocks.end_lead()?;
+    }
+    Ok(())
+}
+
+impl Ahead {
+    fn of(fix: &Fix, moved: &[f64]) -> Self {
+        let by = fix.spots.iter().zip(moved);
+        let by = by.map(|(spot, moved)| (spot.apart + moved, spot.error(LATCHES))).collect();
+        Self { at: fix.at, by }
+    }
+}
+
+/// How often a course is tried.
+const MOST_TRIES: usize = 5;
+/// A course may lose one frame in this many.
+const MOST_LOST: usize = 50;

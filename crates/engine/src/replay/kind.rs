@@ -1,0 +1,73 @@
+//! Kinds of differences between silicon and model.
+
+use isocat_maindevice::kinds;
+
+kinds! {
+    /// What a difference is about.
+    #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+    pub enum Kind {
+        /// An earlier session left a register, a state or a mask that this capture has not written
+        /// yet. The model takes it over.
+        EarlierSession = "earlier-session",
+        /// The EEPROM still burned what was written, or no longer: how long it takes is a property
+        /// of the part.
+        BurnTime = "burn-time",
+        /// Errors on a cable or expired watchdogs were counted that no capture at the MainDevice
+        /// shows. The model takes them over.
+        ErrorCounter = "error-counter",
+        /// Another number of SubDevices than before was reached, or a cable was plugged or pulled.
+        SegmentChange = "segment-change",
+        /// A request before this frame has no answer in the capture: whether it reached the
+        /// SubDevices is not known.
+        LostFrame = "lost-frame",
+        /// Other SubDevices counted than in the model.
+        WorkingCounter = "working-counter",
+        /// The position was counted otherwise.
+        Position = "position",
+        /// The IRQ field.
+        EventField = "event-field",
+        /// The source address was marked otherwise.
+        SourceAddress = "source-address",
+        /// Identity and limits of the chip, registers 0x0000 to 0x0009 and 0x0140 to 0x0153.
+        Identity = "identity",
+        /// DL control or DL status.
+        DataLink = "data-link",
+        /// AL control, AL status or its code.
+        ApplicationLayer = "application-layer",
+        /// The EEPROM interface.
+        Eeprom = "eeprom",
+        /// A FMMU's registers.
+        Fmmu = "fmmu",
+        /// A SyncManager's registers.
+        SyncManager = "sync-manager",
+        /// A register of the clock that does not run by itself.
+        Clock = "clock",
+        /// Process data or other RAM.
+        Memory = "memory",
+        /// Another register.
+        Register = "register",
+    }
+}
+
+impl Kind {
+    /// Whether it is a known variance of parts or sessions, and no fault of the model.
+    pub const fn is_explained(self) -> bool {
+        use Kind::*;
+        matches!(self, EarlierSession | BurnTime | ErrorCounter | SegmentChange | LostFrame)
+    }
+
+    /// The kind of what lies at this address.
+    pub(crate) const fn of(address: u16) -> Self {
+        match address {
+            0x0000..0x0010 | 0x0140..0x0200 => Self::Identity,
+            0x0100..0x0120 => Self::DataLink,
+            0x0120..0x0140 => Self::ApplicationLayer,
+            0x0500..0x0510 => Self::Eeprom,
+            0x0600..0x0700 => Self::Fmmu,
+            0x0800..0x0880 => Self::SyncManager,
+            0x0900..0x0A00 => Self::Clock,
+            0x0F80.. => Self::Memory,
+            _ => Self::Register,
+        }
+    }
+}

@@ -1,0 +1,395 @@
+//! The unpublished part of the drift loop: how a time difference acts on the clock.
+//!
+//! No data sheet tells it. What the public record admits (register texts, captures of real chips,
+//! figures of users) leaves two laws, [`DriftLaw::Hold`] and [`DriftLaw::Block`]; neither is known
+//! to be the chips' own, so what is claimed of synchronization should hold with both.
+//! [`DriftLaw::Proportional`] contradicts the record and is kept for comparison.
+//!
+//! Both admissible laws have two parts. The *speed* is corrected by what a difference grew from one
+//! received time to the next, a mean over about 2^(register 0x0935) of them, and lasts while no
+//! time is received. The *phase* is corrected by small steps of the local time, a share of the
+//! filtered difference at each received time. The speed is measured without these steps, so the two
+//! do not disturb each other, and no filter depth makes them unstable.
+
+use core::fmt;
+use core::str::FromStr;
+
+/// Fraction bits of a time difference, ns.
+pub(super) const FRACTION: u32 = 20;
+
+/// How a received system time acts on a clock.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum DriftLaw {
+    /// The change of the difference since the last received time corrects the mean speed by 1 /
+    /// 2^(0x0935) of it. Agrees with all that is public.
+    Hold {
+        /// A step of phase is the filtered difference over 2^`phase`, at a speed counter start of
+        /// 0x1000. The record admits 10 and 11.
+        phase: u8,
+    },
+    /// As `Hold`, but the speed changes once in 2^(0x0935) received times, by the whole of what was
+    /// measured since. Agrees with all that is public but one fine point: a single huge difference
+    /// leaves no trace.
+    Block {
+        /// As with `Hold`. The record admits 9 and 10.
+        phase: u8,
+    },
+    /// A proportional and integral controller in which the mean of the applied difference is the
+    /// integral part:
+    ///
+    /// ```text
+    /// applied = clamp(mean - gain * clamp(filtered difference))
+    /// mean   += (applied - mean) / 2^(speed counter filter depth)        (the filter of register 0x0935)
+    /// ```
+    ///
+    /// It locks far faster than the captured pair of ET1100 does, and is unstable at small depths
+    /// of 0x0935, where the data sheet recommends 0.
+    Proportional {
+        /// Speed counter difference for each ns of time difference, from a speed counter start of
+        /// 0x1000 on; below, where a unit is worth more, in proportion to the start.
+        gain: u16,
+        /// Largest time difference that steers, ns.
+        limit: u16,
+    },
+}
+
+impl DriftLaw {
+    /// The law in use unless told otherwise.
+    pub const HOLD: Self = Self::Hold { phase: 10 };
+    /// The other law that the record admits.
+    pub const BLOCK: Self = Self::Block { phase: 9 };
+    /// A gain of 4 corrects a difference with a time constant of about 20 ms at the reset value of
+    /// 0x0930. At 1000 ns it asks for the whole range of 0x0932 there.
+    pub const PROPORTIONAL: Self = Self::Proportional { gain: 4, limit: 1_000 };
+    /// The laws by their names.
+    pub const NAMED: [(&'static str, Self); 3] =
+        [("hold", Self::HOLD), ("block", Self::BLOCK), ("proportional", Self::PROPORTIONAL)];
+}
+
+/// `hold` or `hold 11`, with the law's parameters where they are not the usual ones.
+impl fmt::Display for DriftLaw {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some((name, _)) = Self::NAMED.iter().find(|(_, law)| law == self) {
+            return f.pad(name);
+        }
+        match self {
+            Self::Hold { phase } => write!(f, "hold {phase}"),
+            Self::Block { phase } => write!(f, "block {phase}"),
+            Self::Proportional { gain, limit } => write!(f, "proportional {gain} {limit}"),
+        }
+    }
+}
+
+/// Not the name of a law.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct UnknownDriftLaw;
+
+impl fmt::Display for UnknownDriftLaw {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("expected \"hold\", \"block\" or \"proportional\"")
+    }
+}
+
+impl core::error::Error for UnknownDriftLaw {}
+
+impl FromStr for DriftLaw {
+    type Err = UnknownDriftLaw;
+
+    fn from_str(text: &str) -> Result<Self, UnknownDriftLaw> {
+        let named = Self::NAMED.iter().find(|(name, _)| *name == text);
+        named.map(|(_, law)| *law).ok_or(UnknownDriftLaw)
+    }
+}
+
+/// What is known when a system time was received.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Received {
+    /// Local copy less received time, ns: positive when the local copy is ahead.
+    pub difference: i32,
+    /// The same after the filter of register 0x0934, with [`FRACTION`] fraction bits.
+    pub filtered: i64,
+    /// Zero was written: a reset that MainDevices do, or a datagram that has not passed the
+    /// reference.
+    pub zero: bool,
+    /// Time since the last one, or since register 0x0930 was written, ns by the device's
+    /// oscillator.
+    pub interval: i64,
+    /// Nothing was received before since then.
+    pub first: bool,
+    /// Register 0x0930, within 0x0080..=0x3FFF.
+    pub start: u16,
+    /// Register 0x0934, 0..=15.
+    pub time_depth: u8,
+    /// Register 0x0935, 0..=15.
+    pub speed_depth: u8,
+}
+
+/// What a law remembers.
+#[derive(Clone, Copy, Default, Debug)]
+pub(super) struct Steering {
+    /// Speed counter difference in force, with [`FRACTION`] fraction bits.
+    applied: i64,
+    /// Its mean, as register 0x0932 shows it, with [`FRACTION`] fraction bits.
+    mean: i64,
+    /// Mean deviation of the clock's period that is taken off, 2^-60.
+    speed: i64,
+    /// Steps of phase so far, ns.
+    stepped: i64,
+    /// What is left of a step, with [`FRACTION`] fraction bits.
+    rest: i64,
+    /// Filtered difference without the steps, with [`FRACTION`] fraction bits.
+    drifted: i64,
+    /// What of it has been counted as drift already, or was a jump.
+    counted: i64,
+    /// Received times of this block, and how long it lasts, ns.
+    block: (u32, i64),
+}
+
+impl Steering {
+    /// A system time was received. Gives the step of the local time, ns.
+    pub fn follow(&mut self, law: DriftLaw, received: &Received) -> i64 {
+        match law {
+            DriftLaw::Hold { phase } => {
+                self.drift(received);
+                self.hold(received);
+                self.apply_speed(received.start);
+                self.step(received, phase)
+            }
+            DriftLaw::Block { phase } => {
+                self.drift(received);
+                self.block(received);
+                self.apply_speed(received.start);
+                self.step(received, phase)
+            }
+            DriftLaw::Proportional { gain, limit } => {
+                self.proportional(received, i64::from(gain), i64::from(limit));
+                0
+            }
+        }
+    }
+
+    /// The speed counter difference in force.
+    pub const fn applied(&self) -> i16 {
+        round(self.applied) as i16
+    }
+
+    /// The speed counter difference as register 0x0932 shows it.
+    pub const fn shown(&self) -> i16 {
+        round(self.mean) as i16
+    }
+
+    /// The difference is measured anew, the speed stays.
+    pub fn forget_difference(&mut self) {
+        (self.stepped, self.rest, self.drifted, self.counted) = (0, 0, 0, 0);
+    }
+
+    /// The speed starts anew.
+    pub fn forget_speed(&mut self) {
+        (self.applied, self.mean, self.speed, self.block) = (0, 0, 0, (0, 0));
+    }
+
+    /// The filtered difference as it would be without steps of phase.
+    fn drift(&mut self, received: &Received) {
+        let sample = (i64::from(received.difference) - self.stepped) << FRACTION;
+        self.drifted += (sample - self.drifted) >> received.time_depth;
+    }
+
+    /// Law `Hold`: what the difference grew since the last received time corrects the speed.
+    fn hold(&mut self, received: &Received) {
+        let interval = received.interval.clamp(1, LONGEST);
+        let most = (interval * speed_at(range(received.start), received.start)) >> 20;
+        let grown = (self.drifted - self.counted).clamp(-most, most);
+        let rest = self.drifted - self.counted - grown;
+        // The grain of the ticks may be left for the next time. More is a jump and no drift, as is
+        // the first difference.
+        let grain = !received.first && rest.abs() <= GRAIN;
+        self.counted = if grain { self.counted + grown } else { self.drifted };
+        let deviation = ((grown << 20) / interval) << 20;
+        let limit = fastest(received.start);
+        self.speed = (self.speed - (deviation >> received.speed_depth)).clamp(-limit, limit);
+    }
+
+    /// Law `Block`: what the difference grew since the block began corrects the speed when the
+    /// block is full.
+    fn block(&mut self, received: &Received) {
+        if received.first {
+            self.counted = self.drifted;
+            self.block = (0, 0);
+            return;
+        }
+        let (count, span) = self.block;
+        self.block = (count + 1, span.saturating_add(received.interval.max(1)));
+        if self.block.0 < 1 << received.speed_depth {
+            return;
+        }
+        let limit = fastest(received.start);
+        let grown = i128::from(self.drifted - self.counted) << 40;
+        let deviation = grown / i128::from(self.block.1);
+        let deviation = deviation.clamp(i128::from(-2 * limit), i128::from(2 * limit)) as i64;
+        self.speed = (self.speed - deviation).clamp(-limit, limit);
+        self.counted = self.drifted;
+        self.block = (0, 0);
+    }
+
+    /// The whole speed counter difference that makes up for the mean deviation.
+    fn apply_speed(&mut self, start: u16) {
+        let limit = i64::from(range(start));
+        let whole = counter_difference(self.speed, start).clamp(-limit, limit);
+        self.applied = whole << FRACTION;
+        self.mean = self.applied;
+    }
+
+    /// A share of the filtered difference is taken off at once, in whole ns.
+    fn step(&mut self, received: &Received, phase: u8) -> i64 {
+        // More than 8 ms asks for the largest step anyway.
+        let filtered = received.filtered.clamp(-(1 << 43), 1 << 43);
+        let share = (filtered * 0x1000 / i64::from(received.start)) >> phase.min(20);
+        let wanted = self.rest - share.clamp(-LARGEST_STEP, LARGEST_STEP);
+        let whole = wanted >> FRACTION;
+        self.rest = wanted - (whole << FRACTION);
+        self.stepped += whole;
+        whole
+    }
+
+    /// Law `Proportional`.
+    fn proportional(&mut self, received: &Received, gain: i64, limit: i64) {
+        // Zeros are shown, not followed.
+        if received.zero {
+            return;
+        }
+        let steering = received.filtered.clamp(-(limit << FRACTION), limit << FRACTION);
+        let share = i64::from(received.start.min(0x1000));
+        let wanted = gain * (steering * share / 0x1000);
+        let wanted = self.mean - self.patient(wanted, steering, gain, received);
+        let range = i64::from(range(received.start)) << FRACTION;
+        self.applied = wanted.clamp(-range, range);
+        self.mean += (self.applied - self.mean) >> received.speed_depth;
+    }
+
+    /// What is steered lasts until the next time is received. Where those are so far apart that it
+    /// would correct more than the whole difference by then (a filter makes it answer as many
+    /// received times later), it is limited to that: else the loop would overshoot.
+    ///
+    /// A unit of difference D at a start of A - 2 changes the speed by (A² + D²) / (5 (A² - D²)²).
+    fn patient(&self, wanted: i64, steering: i64, gain: i64, received: &Received) -> i64 {
+        let (a, d) = (i64::from(received.start) + 2, self.applied >> FRACTION);
+        let (sum, product) = (a * a + d * d, a * a - d * d);
+        let filter = 1i64 << received.time_depth.saturating_sub(2).min(13);
+        let whole = 5 * product * product;
+        let interval = if received.first { 0 } else { received.interval.max(0) };
+        let turns = sum.saturating_mul(interval).saturating_mul(filter);
+        if turns.saturating_mul(gain) <= whole {
+            return wanted;
+        }
+        let most = i128::from(steering.abs()) * i128::from(whole) / i128::from(turns);
+        let most = i64::try_from(most).unwrap_or(i64::MAX);
+        wanted.clamp(-most, most)
+    }
+}
+
+/// Register 0x0932 reaches this far to both sides.
+const fn range(start: u16) -> u16 {
+    start - 0x7F
+}
+
+/// What a small speed counter difference changes the period by at this start, 2^-40: difference /
+/// (5 (start + 2)²).
+fn speed_at(difference: u16, start: u16) -> i64 {
+    let a = i64::from(start) + 2;
+    (i64::from(difference) << 40) / (5 * a * a)
+}
+
+/// What the largest speed counter difference changes the period by, 2^-60: R / (5 (A + R) (A - R))
+/// with R the range and A the start and 2.
+fn fastest(start: u16) -> i64 {
+    let (a, r) = (i64::from(start) + 2, i64::from(range(start)));
+    ((r << 48) / (5 * (a + r) * (a - r))) << 12
+}
+
+/// The speed counter difference that changes the period by `speed`, 2^-60, to the nearest whole
+/// one: the published speed = D / (5 (A + D) (A - D)) solved for D.
+///
+/// D = 10 y A² / (1 + sqrt(1 + (10 y A)²)).
+fn counter_difference(speed: i64, start: u16) -> i64 {
+    let a = i64::from(start) + 2;
+    let speed = speed >> 20;
+    let tenfold = (10 * speed * a) >> 16;
+    let root = ((1u64 << 48) + tenfold.unsigned_abs().pow(2)).isqrt() as i64;
+    let fixed = 10 * speed * a * a / ((1 << 24) + root);
+    (fixed + (1 << 15)) >> 16
+}
+
+/// To the nearest whole number.
+pub(super) const fn round(fixed: i64) -> i64 {
+    (fixed + (1 << (FRACTION - 1))) >> FRACTION
+}
+
+/// More than this without a received time (17 s) counts as this, ns.
+const LONGEST: i64 = 1 << 34;
+/// Differences come in the ticks of two clocks: so much may be left over without being a jump, ns.
+const GRAIN: i64 = 32 << FRACTION;
+/// The largest step of phase, ns. The record asks for no more than some limit between 8 ns and
+/// none.
+const LARGEST_STEP: i64 = 100 << FRACTION;
+
+#[cfg(test)]
+mod tests {
+    use std::string::ToString;
+
+    use super::*;
+
+    #[test]
+    fn the_published_speed_is_solved_for_the_difference() {
+        for start in [0x0080, 0x0081, 0x0100, 0x1000, 0x3FFF] {
+            let (a, most) = (f64::from(start) + 2.0, i64::from(range(start)));
+            for d in (-most..=most).step_by((most as usize / 50).max(1)) {
+                let d = d as f64;
+                let speed = d / (5.0 * (a + d) * (a - d)) * (1u64 << 60) as f64;
+                assert_eq!(counter_difference(speed as i64, start), d as i64, "start {start:#x}");
+            }
+            assert_eq!(counter_difference(fastest(start), start), most, "start {start:#x}");
+            assert_eq!(counter_difference(-fastest(start), start), -most, "start {start:#x}");
+        }
+    }
+
+    #[test]
+    fn names() {
+        for (name, law) in DriftLaw::NAMED {
+            assert_eq!((name.parse(), law.to_string().as_str()), (Ok(law), name));
+        }
+        assert_eq!("Hold".parse::<DriftLaw>(), Err(UnknownDriftLaw));
+        assert_eq!(DriftLaw::Hold { phase: 11 }.to_string(), "hold 11");
+    }
+
+    /// Whatever is received, nothing overflows.
+    #[test]
+    fn any_input() {
+        for (_, law) in DriftLaw::NAMED.into_iter().chain([("", DriftLaw::Hold { phase: 255 })]) {
+            for start in [0x0080, 0x1000, 0x3FFF] {
+                for difference in [i32::MIN, i32::MAX, 0] {
+                    let mut steering = Steering::default();
+                    let mut filtered = 0;
+                    for (number, interval) in
+                        [0, 1, i64::MAX, 1_000_000, -1, i64::MAX].into_iter().enumerate()
+                    {
+                        let difference = if number % 2 == 0 { difference } else { !difference };
+                        filtered += ((i64::from(difference) << FRACTION) - filtered) >> 1;
+                        let received = Received {
+                            difference,
+                            filtered,
+                            zero: false,
+                            interval,
+                            first: number == 0,
+                            start,
+                            time_depth: number as u8,
+                            speed_depth: 0,
+                        };
+                        let step = steering.follow(law, &received);
+                        assert!(step.abs() <= 100);
+                        assert!(i64::from(steering.applied()).abs() <= i64::from(range(start)));
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Drift frames beside those of the cycle, and what 0x092C shows of them.
+
+use alloc::vec::Vec;
+use core::future::Future;
+use core::pin::Pin;
+use core::task::Poll;
+
+use isocat_sync::drift::Limits;
+use isocat_wire::StationAddress;
+use isocat_wire::command::Command;
+use isocat_wire::datagram::Address;
+use isocat_wire::dc::SystemTimeDifference;
+use isocat_wire::register::{self, Value};
+use isocat_wire::time::{Host, Nanos, Time};
+
+use crate::config::Config;
+use crate::delay::{self};
+use crate::error::AccessError;
+use crate::link::{Exchange, Link, Travel};
+use crate::segment::Segment;
+
+/// One drift frame, alone as a loop takes one value a frame, and once as a repetition would bring another time.
+///
+/// The reference reads its time over what is sent. Where it is gone, the clocks behind it compare themselves with that:
+/// the host's guess is near, zeros would pull them away.
+pub(super) fn drift_frame(link: &Link, reference: StationAddress) -> Exchange {
+    let address = Address::Station(reference, register::SYSTEM_TIME.address);
+    let travel = Travel { alone: true, once: true, ..Travel::default() };
+    let guess = link.with(|shared| {
+        shared.board.statistics.drift_frames += 1;
+        let (host, dc) = shared.board.reference_time;
+        if dc == Time::ZERO { dc } else { dc + (shared.port.now - host) }
+    });
+    link.exchange(Command::Frmw, address, guess.count().to_bytes().to_vec(), travel)
+}
+
+/// A stream of drift frames.
+pub(super) struct Burst<'a> {
+    link: &'a Link,
+    station: StationAddress,
+    /// What each must count: the reference read, all other clocks written.
+    count: u16,
+    in_flight: Vec<Exchange>,
+}
+
+impl<'a> Burst<'a> {
+    /// Drift frames of the clock at `station`, each of which must count `count`.
+    pub fn new(link: &'a Link, station: StationAddress, count: u16) -> Self {
+        Self { link, station, count, in_flight: Vec::new() }
+    }
+
+    /// One frame each [`PACE`] until `end`. One that is lost does not hold up the others.
+    pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
+        while self.link.now() < end {
+            let next = self.link.now() + PACE;
+            if self.in_flight.len() < IN_FLIGHT {
+                self.in_flight.push(drift_frame(self.link, self.station));
+            }
+            self.link.until(next).await;
+            self.take(false).await?;
+        }
+        Ok(())
+    }
+
+    /// Waits for what is in flight.
+    pub async fn finish(mut self) -> Result<(), AccessError> {
+        self.take(true).await
+    }
+
+    /// Takes those that are back or lost; waits for the others, or not. A lost drift frame matters nothing, the next one
+    /// brings a newer time. One that counts wrongly does: a clock is not led.
+    async fn take(&mut self, all: bool) -> Result<(), AccessError> {
+        core::future::poll_fn(|context| {
+            let mut at = 0;
+            while let Some(exchange) = self.in_flight.get_mut(at) {
+                match Pin::new(exchange).poll(context) {
+                    Poll::Pending => at += 1,
+                    Poll::Ready(reply) => {
+                        let exchange = self.in_flight.remove(at);
+                        let counted = reply.map_or(Ok(()), |r| exchange.counts(&r, self.count));
+                        if counted.is_err() {
+                            return Poll::Ready(counted);
+                        }
+                    }
+                }
+            }
+            if all && at > 0 { Poll::Pending } else { Poll::Ready(Ok(())) }
+        })
+        .await
+    }
+}
+
+/// One more drift frame than the cycle's own when its time has come, whoever of several asks first. The others stay where
+/// they are: it is the same time, told more often.
+///
+/// They come evenly, between those of the cycle too: a loop takes the time since the last one for a measure, and two that
+/// follow each other closely tell it nothing but the grain of the clocks.
+///
+/// What counts wrongly is seen by the cycle's own datagram.
+pub(super) async fn hasten(link: &Link, config: &Config, reference: StationAddress) {
+    let now = link.now();
+    // What they teach of the speed must hold for cycles: the others get them, too.
+    let pace = PACE.max(Nanos(config.cycle.0 / 10));
+    let due = link.board(|board| {
+        let mut due = board.led_at + pace;
+        // The cycle's own comes soon enough.
+        if now < board.lead_due && now + Nanos(pace.0 / 2) > board.lead_due {
+            due = board.lead_due + pace;
+        }
+        if board.leading && now >= due {
+            board.led_at = now;
+            return None;
+        }
+        Some(if board.leading { due } else { now + pace })
+    });
+    if let Some(due) = due {
+        return link.until(due).await;
+    }
+    // One that is lost matters nothing, the next brings a newer time.
+    let _lost = drift_frame(link, reference).reply().await.is_err();
+}
+
+/// All clocks but the reference.
+pub(super) fn followers(segment: &Segment, reference: usize) -> Vec<(usize, StationAddress)> {
+    let clocks = segment.devices.iter().enumerate();
+    let clocks = clocks.filter(|(at, device)| device.dc.has_clock() && *at != reference);
+    clocks.map(|(at, device)| (at, device.station)).collect()
+}
+
+/// Register 0x092C of every clock, with the time stamp of the frame that read it.
+pub(super) async fn read_differences(
+    link: &Link,
+    clocks: &[(usize, StationAddress)],
+) -> Result<Vec<(Time<Host>, SystemTimeDifference)>, AccessError> {
+    let address = register::SYSTEM_TIME_DIFFERENCE.address;
+    let reads: Vec<_> = clocks.iter().map(|(_, station)| link.fprd(*station, address, 4)).collect();
+    let mut all = Vec::with_capacity(reads.len());
+    for read in reads {
+        let reply = read.expect(1).await?;
+        let bytes = reply.data.first_chunk().copied().unwrap_or_default();
+        all.push((reply.sent, SystemTimeDifference::from_bytes(bytes)));
+    }
+    Ok(all)
+}
+
+/// From one reading of 0x092C to the next: so long that the noise of readings (1 sigma) makes half of the slope that a
+/// converged clock may have at most.
+pub(super) fn reading_interval(noise: Nanos) -> Nanos {
+    READING_INTERVAL.max(Nanos(NOISE_INTERVALS * noise.0))
+}
+
+/// When a clock counts as converged.
+pub(crate) fn limits(config: &Config, noise: Nanos) -> Limits {
+    Limits { noise, ..Limits::of_difference(config.drift_threshold) }
+}
+
+/// Standard deviation of 0x092C by position (1 sigma), whole ns: what the jitter of the way makes of it behind the filter of
+/// 0x0934, a mean of first order.
+pub(crate) fn noise(segment: &Segment, config: &Config) -> Vec<Nanos> {
+    let (difference, _) = config.drift_filters.depths(config.cycle);
+    let readings = (2u64 << difference) - 1;
+    let root = (readings * 10_000).isqrt() as i64;
+    let filtered = |one: Nanos| Nanos((one.0 * 100 + root - 1) / root);
+    delay::noise(segment, config.hop_jitter).into_iter().map(filtered).collect()
+}
+
+/// From one drift frame to the next in a burst, and while a clock joins. A tick of 10 ns within it is 100 ppm: what a loop
+/// can just tell from a speed. They take 7 % of the wire, and a tenth of the time that the cycle's own would at 1 ms.
+const PACE: Nanos = Nanos(100_000);
+
+/// Most drift frames in flight, where the way is longer than their pace or frames are lost.
+const IN_FLIGHT: usize = 8;
+
+/// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
+const READING_INTERVAL: Nanos = Nanos(2_000_000);
+
+/// The same for 1 ns of noise: four errors of the slope of sixteen readings, 4 x sqrt(12 / 16^3) a reading, are 500 ns/s.
+const NOISE_INTERVALS: i64 = 433_000;

@@ -1,0 +1,129 @@
+//! Latches of the ports' receive times: as many as the delays need, and what they tell.
+
+use alloc::vec::Vec;
+
+use isocat_sync::delay::Delay;
+use isocat_wire::time::{Host, Nanos, Picos, Time};
+
+use crate::config::Config;
+use crate::delay::{self, Estimator, FREE_RUNNING_PPB, Times};
+use crate::error::Cause;
+use crate::event::Event;
+use crate::link::Link;
+use crate::segment::{Segment, SubDevice};
+
+/// Latches several times; delays become the mean. Gives the last latch.
+pub(super) async fn measure_delays(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    reference: usize,
+) -> Result<Times, Cause> {
+    let wanted = config.delay_latches.max(1);
+    let stations = delay::stations(segment);
+    let patient = config.hop_jitter;
+    let mut latches = latch_often(link, config, &stations, 0, patient).await?;
+    let before = latches.get(wanted.wrapping_sub(2)).map(|(_, latch)| latch);
+    delay::find_entries(segment, before, &latches[wanted - 1].1)?;
+    let mut estimator = Estimator::new(segment, reference, FREE_RUNNING_PPB, config.hop_jitter);
+    for (_, latch) in &latches {
+        estimator.sample(latch);
+    }
+    let Some(last) = latches.pop() else { return Ok(Times::new()) };
+    let (_, last) = match patient {
+        true => refine(link, config, &mut estimator, &stations, 0, last).await?,
+        false => last,
+    };
+    for (position, (device, delay)) in
+        segment.devices.iter_mut().zip(estimator.delays()).enumerate()
+    {
+        take(link, device, delay);
+        let mean = estimator.mean(position);
+        device.delay_spread = delay.nanos().map(|_| Nanos(mean.spread().0 / 1_000));
+        device.delay_latches_left_out = mean.left_out();
+    }
+    Ok(last)
+}
+
+/// As many latches as are wanted, each with the instant before it and, if `patient`, a pause; some may be lost, not more than come back.
+pub(super) async fn latch_often(
+    link: &Link,
+    config: &Config,
+    stations: &delay::Stations,
+    strangers: u16,
+    patient: bool,
+) -> Result<Vec<(Time<Host>, Times)>, Cause> {
+    let wanted = config.delay_latches.max(1);
+    let mut latches = Vec::with_capacity(wanted);
+    let mut lost = 0;
+    while latches.len() < wanted {
+        if patient {
+            link.sleep(pause(latches.len() + lost)).await;
+        }
+        let sent = link.now();
+        match delay::latch_among(link, stations, strangers).await {
+            Ok(latch) => latches.push((sent, latch)),
+            Err(error) => {
+                lost += 1;
+                if lost > wanted {
+                    return Err(error.into());
+                }
+            }
+        }
+    }
+    link.board(|board| {
+        board.statistics.delay_latches += wanted as u64;
+        board.statistics.delay_latches_lost += lost as u64;
+    });
+    Ok(latches)
+}
+
+/// Latches on until all delays are known as well as wanted, or no more latches are allowed. Gives the last latch.
+pub(super) async fn refine(
+    link: &Link,
+    config: &Config,
+    estimator: &mut Estimator,
+    stations: &delay::Stations,
+    strangers: u16,
+    mut last: (Time<Host>, Times),
+) -> Result<(Time<Host>, Times), Cause> {
+    let most = MOST_LATCHES.saturating_mul(config.delay_latches.max(1));
+    while estimator.latches() < most && estimator.worst_error() > Picos::from(config.delay_error) {
+        for latch in latch_often(link, config, stations, strangers, true).await? {
+            estimator.sample(&latch.1);
+            last = latch;
+        }
+    }
+    Ok(last)
+}
+
+/// The pause before a latch. Each is another one: between two clocks that slip by a whole period in a constant one, all
+/// latches would find the same.
+fn pause(number: usize) -> Nanos {
+    let part = number as i64 * 618 % 1_000;
+    SHORTEST_PAUSE + Nanos(part * PAUSES.0 / 1_000)
+}
+
+/// Takes over what was measured. A clock whose delay can't be known is led all the same, with the middle of what
+/// is possible, and is reported.
+pub(super) fn take(link: &Link, device: &mut SubDevice, delay: Delay) {
+    device.measured_delay = Some(delay);
+    device.delay = delay.nanos();
+    if let Delay::Indeterminate { why, between } = delay
+        && device.dc.has_clock()
+    {
+        let used = delay.or_middle();
+        device.delay = Some(used);
+        let position = device.position;
+        link.report(Event::DelayUnknown { position, why, between, used });
+    }
+}
+
+/// Latches in all, in times of those that are taken at least.
+const MOST_LATCHES: usize = 8;
+
+/// Between two latches at least: at 10 ppm, clocks slip by 10 ns.
+const SHORTEST_PAUSE: Nanos = Nanos(1_000_000);
+
+/// By how much pauses differ.
+const PAUSES: Nanos = Nanos(4_000_000);

@@ -1,0 +1,57 @@
+//! What the sign of register 0x092C means at each clock.
+//!
+//! Register texts contradict each other, so it is tried: each clock gets a delay that is too long
+//! by a known amount, which makes its copy of the system time lag by as much, and one drift frame.
+//! What the sign is then means "behind". It is done while the clocks are still being set: the true
+//! delays are written behind it, and the filters are reset.
+
+use alloc::vec::Vec;
+
+use isocat_wire::StationAddress;
+use isocat_wire::dc::DifferencePolarity;
+use isocat_wire::time::Nanos;
+
+use super::{drift_frames, settings};
+use crate::config::Config;
+use crate::error::AccessError;
+use crate::link::Link;
+use crate::segment::Segment;
+
+/// How much too long the delays are: more than clocks 100 ppm apart drift in the time that a slow
+/// host takes from the latch to here, and so little that a loop is hardly moved by it.
+const LAG: Nanos = Nanos(20_000);
+/// Drift frames that may be lost.
+const MOST_TRIES: usize = 3;
+
+/// Finds out the polarity of every clock but the reference. A clock that shows something else than
+/// the lag keeps what it has.
+pub(super) async fn learn(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    reference: usize,
+) -> Result<(), AccessError> {
+    settings::write(link, config, segment, LAG).await?;
+    let clocks: Vec<(usize, StationAddress)> = drift_frames::followers(segment, reference);
+    let leader = segment.devices[reference].station;
+    let mut tries = 0;
+    while let Err(error) = drift_frames::drift_frame(link, leader).reply().await {
+        tries += 1;
+        if tries > MOST_TRIES {
+            return Err(error);
+        }
+    }
+    for ((at, _), (_, shown)) in
+        clocks.iter().zip(drift_frames::read_differences(link, &clocks).await?)
+    {
+        let off = i64::from(shown.magnitude()) - LAG.0;
+        if off.abs() > LAG.0 / 2 {
+            continue;
+        }
+        segment.devices[*at].difference_polarity = match shown.is_negative() {
+            true => DifferencePolarity::PositiveAhead,
+            false => DifferencePolarity::NegativeAhead,
+        };
+    }
+    Ok(())
+}

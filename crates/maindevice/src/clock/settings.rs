@@ -1,0 +1,92 @@
+//! What is written to clocks: offsets, delays, the depths of their filters.
+
+use alloc::vec::Vec;
+
+use isocat_wire::StationAddress;
+use isocat_wire::register::{self, Value};
+use isocat_wire::time::Nanos;
+
+use crate::config::Config;
+use crate::delay::{self};
+use crate::error::AccessError;
+use crate::link::Link;
+use crate::segment::Segment;
+
+/// Writes delay and offset of every clock and resets its filters; delays are too long by `lag`. Filter depths first: the
+/// write to 0x0930 is the one that clears all of them.
+pub(super) async fn write(
+    link: &Link,
+    config: &Config,
+    segment: &Segment,
+    lag: Nanos,
+) -> Result<(), AccessError> {
+    let clocks = || segment.devices.iter().filter(|device| device.dc.has_clock());
+    let mut writes = Vec::new();
+    for device in clocks() {
+        let delay = (device.delay.unwrap_or(Nanos::ZERO) + lag).0 as u32;
+        let station = device.station;
+        writes.push(link.fpwr(
+            station,
+            register::SYSTEM_TIME_OFFSET.address,
+            &device.offset.to_bytes(),
+        ));
+        writes.push(link.fpwr(station, register::SYSTEM_TIME_DELAY.address, &delay.to_bytes()));
+    }
+    for write in writes {
+        write.expect(1).await?;
+    }
+    let count = clocks().count() as u16;
+    let depths = burst_depths(segment, config);
+    link.bwr(register::TIME_FILTER_DEPTH.address, &depths).expect(count).await?;
+    let start = SPEED_COUNTER_START.to_bytes();
+    link.bwr(register::SPEED_COUNTER_START.address, &start).expect(count).await?;
+    Ok(())
+}
+
+/// Filter depths and, last, the write to 0x0930 that clears all filters of this clock.
+pub(super) async fn reset_filters(
+    link: &Link,
+    config: &Config,
+    segment: &Segment,
+    station: StationAddress,
+) -> Result<(), AccessError> {
+    let depths = burst_depths(segment, config);
+    link.fpwr(station, register::TIME_FILTER_DEPTH.address, &depths).expect(1).await?;
+    link.write(station, register::SPEED_COUNTER_START, SPEED_COUNTER_START).await
+}
+
+/// Register 0x0934 of these clocks. Should it be lost somewhere, that clock shows its difference less or more
+/// filtered, and is led all the same.
+pub(super) async fn set_filter(
+    link: &Link,
+    clocks: impl Iterator<Item = StationAddress>,
+    depth: u8,
+) {
+    let address = register::TIME_FILTER_DEPTH.address;
+    let writes: Vec<_> = clocks.map(|station| link.fpwr(station, address, &[depth])).collect();
+    for write in writes {
+        let _lost = write.reply().await.is_err();
+    }
+}
+
+/// Depths of 0x0934 and 0x0935 while clocks lock. The speed's is that of the cycle already, as newer chips forget the speed
+/// when it is written. The difference's suits the pace of a burst: what hops jitter must not be taken for a speed.
+fn burst_depths(segment: &Segment, config: &Config) -> [u8; 2] {
+    let filters = config.drift_filters;
+    let (_, speed) = filters.depths(config.cycle);
+    let noise = delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default();
+    let usual = if noise > NOISY { NOISY_DEPTH } else { QUIET_DEPTH };
+    [filters.difference.unwrap_or(usual), speed]
+}
+
+/// Depth of 0x0934 in a burst.
+const QUIET_DEPTH: u8 = 4;
+
+/// The same where hops jitter by more than [`NOISY`], a standard deviation.
+const NOISY_DEPTH: u8 = 6;
+
+/// What the mean of 16 differences, from one to the next, makes of this is a tick of 10 ns in the pace.
+const NOISY: Nanos = Nanos(30);
+
+/// Register 0x0930: reset value of the chips.
+pub(super) const SPEED_COUNTER_START: u16 = 0x1000;

@@ -1,0 +1,51 @@
+//! The ports of a device in the letters of an ESI's `Physics`: one a port, from port 0.
+
+use isocat_esc::chip::{Chip, PortKind};
+use isocat_wire::PortNumber;
+
+/// Register 0x0007 of these letters, two bits a port: `Y` is MII, `H` MII with fast hot connect,
+/// `K` and `B` are EBUS, a blank is a port that is not used.
+pub(super) fn descriptor(letters: &str) -> u8 {
+    let kind = |letter| match letter {
+        ' ' => 0,
+        'K' | 'B' => EBUS,
+        _ => MII,
+    };
+    letters
+        .chars()
+        .take(4)
+        .enumerate()
+        .fold(0, |all, (port, letter)| all | kind(letter) << (2 * port))
+}
+
+/// The ports of a chip for the SII, general category, offset 0x10: four bits a port.
+pub(super) fn in_sii(chip: &Chip) -> u16 {
+    let kind = |port| match chip.port(port) {
+        PortKind::Mii => 1,
+        PortKind::Ebus => 3,
+        PortKind::None | PortKind::NotConfigured => 0_u16,
+    };
+    PortNumber::ALL.into_iter().fold(0, |all, port| all | kind(port) << (4 * port.index()))
+}
+
+/// What the two bits of register 0x0007 say.
+const EBUS: u8 = 0b10;
+const MII: u8 = 0b11;
+
+#[cfg(test)]
+mod tests {
+    use crate::chips::interned;
+    use isocat_esc::chip::ET1100;
+
+    use super::*;
+
+    #[test]
+    fn letters_are_ports() {
+        assert_eq!(descriptor("YKY"), ET1100.port_descriptor);
+        assert_eq!(descriptor("K KY"), 0b11_10_00_10);
+        assert_eq!(in_sii(&ET1100), 0x0131);
+        let terminal = interned(ET1100.with_ports(descriptor("KK")));
+        assert!(std::ptr::eq(terminal, interned(ET1100.with_ports(0x0A))));
+        assert_eq!(in_sii(terminal), 0x0033);
+    }
+}

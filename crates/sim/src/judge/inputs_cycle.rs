@@ -1,0 +1,157 @@
+//! Inputs arrive with the first frame behind the event at which they were taken.
+//!
+//! The event is the pulse (or the SM event) that starts the latch, not the latch itself: a shift of
+//! Input Latch moves the latch within its cycle. Inputs that come with a later frame are a whole
+//! cycle late, however regular that is. Which inputs a frame fetched is known by their content, as
+//! it is for [`super::OutputsCycle`].
+
+use isocat_wire::time::{Device, Nanos, Picos, Time, True};
+
+use super::{Late, Opportunity};
+use crate::statistics::Statistics;
+
+/// Inputs that may be under way at a time: three buffers, and those that are being copied.
+const UNDER_WAY: usize = 4;
+
+/// What binds the inputs of a SubDevice to the cycle.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Bound {
+    /// Nothing, or nobody knows when frames are to leave.
+    Free,
+    /// The event of a frame. The inputs are due with the next frame if a timer shifts their latch;
+    /// else they only have to stand in the buffer at the next event, when that frame is through,
+    /// and are due with the one behind it.
+    Frame {
+        /// From frame to frame.
+        cycle: Nanos,
+        /// 0x1C33:03 shifts the latch.
+        shifted: bool,
+    },
+    /// A pulse, and which frame is the first opportunity.
+    Pulse(Opportunity),
+}
+
+/// Inputs that were fetched.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Fetched {
+    /// The frame that fetched them.
+    pub frame: Time<True>,
+    /// When they were latched: what [`InputsCycle::latched`] was told, and the same in true time.
+    pub latched: (Time<Device>, Time<True>),
+    /// When the last bit of the frame is back at the MainDevice.
+    pub arrive: Time<True>,
+}
+
+/// Watches one SubDevice: which inputs its frames bring.
+#[derive(Clone, Debug, Default)]
+pub struct InputsCycle {
+    /// The last event that takes inputs: a pulse, or the frame of an SM event.
+    event: Time<True>,
+    /// When inputs were latched, and the event that they belong to.
+    latched: [(Time<Device>, Time<True>); UNDER_WAY],
+    next: usize,
+    age: Statistics,
+    late: Late,
+}
+
+impl InputsCycle {
+    /// The event that takes inputs: when the pulse was, or for an SM event when its frame left.
+    pub fn event(&mut self, at: Time<True>) {
+        self.event = at;
+    }
+
+    /// Inputs are latched.
+    pub fn latched(&mut self, at: Time<Device>) {
+        self.latched[self.next] = (at, self.event);
+        self.next = (self.next + 1) % UNDER_WAY;
+    }
+
+    /// A frame fetched inputs that no frame had fetched before.
+    pub fn fetched(&mut self, fetched: Fetched, bound: Bound) {
+        let age = fetched.arrive - fetched.latched.1;
+        self.age.push(age.0);
+        let known = self.latched.iter().find(|(at, _)| *at == fetched.latched.0);
+        let event = known.map_or(Time::ZERO, |(_, event)| *event);
+        if event == Time::ZERO {
+            return;
+        }
+        let since = fetched.frame - event;
+        let cycles = match bound {
+            Bound::Free => 0,
+            Bound::Frame { cycle, shifted } => {
+                let cycle = Picos::from(cycle).0.max(1);
+                (since.0 + cycle / 2) / cycle - if shifted { 1 } else { 2 }
+            }
+            Bound::Pulse(opportunity) => opportunity.cycles_late_until_frame(since),
+        };
+        self.late.take(fetched.arrive, cycles, age);
+    }
+
+    /// From Input Latch to the last bit of the first frame that brings the inputs to the
+    /// MainDevice.
+    pub fn age(&self) -> &Statistics {
+        &self.age
+    }
+
+    /// Inputs that came with a later frame than the first.
+    pub fn late(&self) -> &Late {
+        &self.late
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::judge::Grid;
+
+    const CYCLE: Nanos = Nanos::micros(1_000);
+
+    fn at(us: u64) -> Time<True> {
+        Time::new(us * 1_000_000)
+    }
+
+    /// Latched behind an event, and fetched by a frame that is back 10 us later.
+    fn fetch(judge: &mut InputsCycle, event: u64, latch: u64, frame: u64, bound: Bound) {
+        judge.event(at(event));
+        judge.latched(Time::new(latch * 1_000));
+        let latched = (Time::new(latch * 1_000), at(latch));
+        judge.fetched(Fetched { frame: at(frame), latched, arrive: at(frame + 10) }, bound);
+    }
+
+    #[test]
+    fn a_latch_behind_the_frame_comes_with_the_next_one() {
+        let [pulse, frames] = [650, 0].map(|us| Grid { cycle: CYCLE, phase: Nanos::micros(us) });
+        let bound = Bound::Pulse(Opportunity::new(pulse, frames).unwrap());
+        let mut judge = InputsCycle::default();
+        fetch(&mut judge, 5_650, 5_990, 6_000, bound);
+        assert_eq!((judge.late().count(), judge.age().largest()), (0, 20_000_000));
+        fetch(&mut judge, 6_650, 7_150, 8_000, bound);
+        assert_eq!((judge.late().count(), judge.late().cycles()), (1, 1));
+        assert_eq!(judge.late().first(), Some(at(8_010)));
+        assert_eq!(judge.late().age(), Nanos::micros(860).into());
+    }
+
+    #[test]
+    fn inputs_of_a_frame_come_with_the_next_frame_or_the_one_behind_it() {
+        let mut judge = InputsCycle::default();
+        let bound = |shifted| Bound::Frame { cycle: CYCLE, shifted };
+        fetch(&mut judge, 1_000, 1_900, 2_000, bound(true));
+        fetch(&mut judge, 2_000, 2_900, 3_020, bound(true));
+        // Done when the next frame was under way: that is in time for the next event.
+        fetch(&mut judge, 3_000, 3_990, 5_000, bound(false));
+        assert_eq!(judge.late().count(), 0);
+        fetch(&mut judge, 5_000, 5_999, 7_000, bound(true));
+        assert_eq!((judge.late().count(), judge.late().cycles()), (1, 1));
+        fetch(&mut judge, 7_000, 8_500, 10_000, bound(false));
+        assert_eq!((judge.late().count(), judge.late().cycles()), (2, 1));
+    }
+
+    #[test]
+    fn what_was_latched_before_anybody_looked_has_an_age_only() {
+        let mut judge = InputsCycle::default();
+        let latched = (Time::new(500_000), at(500));
+        let fetched = Fetched { frame: at(9_000), latched, arrive: at(9_010) };
+        judge.fetched(fetched, Bound::Frame { cycle: CYCLE, shifted: true });
+        assert_eq!((judge.late().count(), judge.age().count()), (0, 1));
+    }
+}

@@ -1,0 +1,162 @@
+//! How many cycles went by between what sets out and the first occasion at which it could take
+//! effect.
+
+use isocat_wire::time::{Nanos, Picos, Time, True};
+
+use super::Grid;
+
+/// The first occasion for something that sets out: the first point of one grid behind a point of
+/// another. Both are intent, so this says what "in its cycle" means, and a distance that was seen
+/// between a real start and a real occasion says how many cycles late it was.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Opportunity {
+    /// From a point of the first grid to the first point of the second behind it, if the second
+    /// comes as often; more than zero, and a `step` at most.
+    distance: Picos,
+    /// The shorter of both cycles: occasions that go by are counted in it.
+    step: Picos,
+    /// The longer one: what counts as a whole cycle.
+    cycle: Picos,
+}
+
+impl Opportunity {
+    /// From points of `start` to points of `occasion`. `None` if a cycle is zero.
+    pub fn new(start: Grid, occasion: Grid) -> Option<Self> {
+        let (step, cycle) = (start.cycle.min(occasion.cycle).0, start.cycle.max(occasion.cycle).0);
+        let distance = (occasion.phase.0 - start.phase.0).checked_rem_euclid(step)?;
+        let distance = if distance == 0 { step } else { distance };
+        Some(Self {
+            distance: Nanos(distance).into(),
+            step: Nanos(step).into(),
+            cycle: Nanos(cycle).into(),
+        })
+    }
+
+    /// Whole cycles by which what took effect `seen` after its start was late; 0 is in its cycle. A
+    /// start may be up to a quarter of a step before its point of the grid and three quarters
+    /// behind it, as a host sends late and not early.
+    pub fn cycles_late_since_frame(&self, seen: Picos) -> i64 {
+        self.cycles_late(seen, self.step.0 / 4 * 3)
+    }
+
+    /// The same where what comes late is the occasion: the frame that takes something along.
+    pub fn cycles_late_until_frame(&self, seen: Picos) -> i64 {
+        self.cycles_late(seen, self.step.0 / 4)
+    }
+
+    fn cycles_late(&self, seen: Picos, room: i64) -> i64 {
+        let steps = (seen.0 - self.distance.0 + room).div_euclid(self.step.0);
+        // What is early by this count left later than three quarters of a step, and was in time all
+        // the same.
+        (steps.max(0).saturating_mul(self.step.0)) / self.cycle.0
+    }
+}
+
+/// What was late: how often, since when, by how much.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Late {
+    count: u64,
+    first: Option<Time<True>>,
+    cycles: u64,
+    age: Picos,
+}
+
+impl Late {
+    /// Something took effect at `at`, late by this number of `cycles` and at this age. What was in
+    /// its cycle is not counted.
+    pub fn take(&mut self, at: Time<True>, cycles: i64, age: Picos) {
+        let Ok(cycles @ 1..) = u64::try_from(cycles) else { return };
+        self.count += 1;
+        self.first.get_or_insert(at);
+        self.cycles = self.cycles.max(cycles);
+        self.age = self.age.max(age);
+    }
+
+    /// How often.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+    /// When for the first time.
+    pub fn first(&self) -> Option<Time<True>> {
+        self.first
+    }
+    /// The most cycles.
+    pub fn cycles(&self) -> u64 {
+        self.cycles
+    }
+    /// The largest age of what was late.
+    pub fn age(&self) -> Picos {
+        self.age
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(cycle: i64, phase: i64) -> Grid {
+        Grid { cycle: Nanos::micros(cycle), phase: Nanos::micros(phase) }
+    }
+
+    fn us(us: i64) -> Picos {
+        Nanos::micros(us).into()
+    }
+
+    #[test]
+    fn a_whole_cycle_begins_where_the_next_occasion_lies() {
+        let late = Opportunity::new(grid(1000, 0), grid(1000, 650)).unwrap();
+        for (sent_late, seen, cycles) in
+            [(0, 650, 0), (600, 50, 0), (0, 1650, 1), (740, 910, 1), (0, 2650, 2), (-200, 850, 0)]
+        {
+            assert_eq!(late.cycles_late_since_frame(us(seen)), cycles, "sent {sent_late} us late");
+        }
+        // The smallest step: three quarters of a cycle late counts as the same cycle's frame, more
+        // as the next one's.
+        let edge = 650 + 1000 - 750;
+        assert_eq!(late.cycles_late_since_frame(us(edge)), 1);
+        assert_eq!(late.cycles_late_since_frame(us(edge) - Picos(1)), 0);
+    }
+
+    #[test]
+    fn a_frame_may_take_inputs_along_late_but_not_in_the_next_cycle() {
+        let late = Opportunity::new(grid(1000, 650), grid(1000, 0)).unwrap();
+        for (seen, cycles) in [(350, 0), (350 + 740, 0), (350 + 1000, 1), (350 + 2000, 2)] {
+            assert_eq!(late.cycles_late_until_frame(us(seen)), cycles, "{seen}");
+        }
+        let edge = us(350 + 750);
+        assert_eq!(late.cycles_late_until_frame(edge), 1);
+        assert_eq!(late.cycles_late_until_frame(edge - Picos(1)), 0);
+    }
+
+    #[test]
+    fn phases_that_fall_together_are_a_cycle_apart() {
+        let late = Opportunity::new(grid(1000, 100), grid(1000, 100)).unwrap();
+        assert_eq!(late.cycles_late_since_frame(us(1000)), 0);
+        assert_eq!(late.cycles_late_since_frame(us(2000)), 1);
+    }
+
+    #[test]
+    fn the_longer_cycle_counts() {
+        // Frames every 250 us, pulses every 1 ms: what waits for its pulse is not late.
+        let slow = Opportunity::new(grid(250, 0), grid(1000, 650)).unwrap();
+        for (seen, cycles) in [(150, 0), (400, 0), (900, 0), (1150, 1), (1900, 1), (2150, 2)] {
+            assert_eq!(slow.cycles_late_since_frame(us(seen)), cycles, "{seen}");
+        }
+        // Pulses every 250 us: four of them make a cycle.
+        let fast = Opportunity::new(grid(1000, 0), grid(250, 100)).unwrap();
+        for (seen, cycles) in [(100, 0), (850, 0), (1100, 1), (1850, 1), (2100, 2)] {
+            assert_eq!(fast.cycles_late_since_frame(us(seen)), cycles, "{seen}");
+        }
+        assert_eq!(Opportunity::new(grid(0, 0), grid(1000, 0)), None);
+    }
+
+    #[test]
+    fn the_first_is_dated_and_the_worst_is_kept() {
+        let mut late = Late::default();
+        for (at, cycles) in [(5, 0), (6, 1), (7, 3), (8, 2), (9, -1)] {
+            late.take(Time::new(at), cycles, us(cycles));
+        }
+        assert_eq!((late.count(), late.first(), late.cycles()), (3, Some(Time::new(6)), 3));
+        assert_eq!(late.age(), us(3));
+    }
+}

@@ -5,7 +5,9 @@ const CYCLE: Cycle = Cycle {
     cycle: Nanos(1_000_000),
     send: Nanos(0),
     jitter: Nanos(20_000),
+    hop_jitter: Nanos::ZERO,
     clock_error: Nanos(100),
+    clock_error_origin: Origin::Computed,
     clock_deviation_ppb: USUAL_DEVIATION_PPB,
     limits: Limits { sync0_error: Nanos(1_000), outputs_spread: Nanos(1_000) },
 };

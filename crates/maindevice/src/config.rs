@@ -99,7 +99,8 @@ pub struct Config {
     pub survey: Option<Survey>,
     /// Whether devices that announce dynamic times (0x1C32:04 or 0x1C33:04, bit 14) and state 0 for one measure
     /// them (sub-index 08). For that the segment goes to OP with outputs of 0, back to PREOP, and up again
-    /// by a plan with what was measured. Default no: a machine goes to OP twice only if it is asked to.
+    /// by a plan with what was measured. The application is not called before that. Default no: a machine goes to
+    /// OP twice only if it is asked to.
     pub measure_times: Option<MeasureTimes>,
     /// What becomes of SubDevices that are lost while the segment runs, by power or by cable. `None`: nothing is
     /// done, and nothing expected otherwise. Default: they are admitted again when they are back.

@@ -115,6 +115,10 @@ fn pulses(
     let known = times::known(device, wish).outputs_calc_and_copy.or(assumed);
     let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(known);
     let distance = wish.and_then(|wish| wish.sync1).unwrap_or(match mode {
+        // What it needs is still to be measured.
+        SyncMode::DcSync1 if copy.is_none() && config.measure_times.is_some() => {
+            Nanos(cycle.0 / 2 / 10 * 10)
+        }
         SyncMode::DcSync1 => {
             // The device's oscillator may be 100 ppm slower than system time, pulses come on ticks,
             // and the clock moves between them.
@@ -271,11 +275,7 @@ fn with_measured(
     let cycle = outputs.minimum_cycle_time.max(inputs.minimum_cycle_time);
     for (origin, stated, measured) in [
         (&mut origins.minimum_cycle, cycle, own.minimum_cycle),
-        (
-            &mut origins.output_calc_and_copy,
-            outputs.calc_and_copy_time,
-            own.outputs_calc_and_copy,
-        ),
+        (&mut origins.output_calc_and_copy, outputs.calc_and_copy_time, own.outputs_calc_and_copy),
         (&mut origins.output_delay, outputs.delay_time, own.outputs_delay),
         (&mut origins.input_calc_and_copy, inputs.calc_and_copy_time, own.inputs_calc_and_copy),
         (&mut origins.input_delay, inputs.delay_time, own.inputs_delay),

@@ -203,11 +203,7 @@ async fn measure_one(
 
 /// Writes sub-index 08 of both objects, as stacks are known that keep one command for each; `false`
 /// if no object takes it.
-async fn command(
-    device: &SubDevice,
-    mailbox: &mut Mailbox,
-    value: u16,
-) -> Result<bool, Cause> {
+async fn command(device: &SubDevice, mailbox: &mut Mailbox, value: u16) -> Result<bool, Cause> {
     let mut taken = false;
     for (index, _) in dynamic(device) {
         let object = ObjectAddress::new(index, sub::GET_CYCLE_TIME);

@@ -12,14 +12,10 @@ pub(crate) struct Measurement {
     on: bool,
     /// Some measurement was begun since power-on.
     begun: bool,
-    /// When the step under way began, by step.
+    /// When the step under way began, by step; of the mapping of the outputs, the event that started it.
     step_began: [Time<Device>; Step::ALL.len()],
     /// The event to which Outputs Valid and Input Latch are related.
     trigger: Time<Device>,
-    /// The event that started the mapping of the outputs.
-    outputs_event: Time<Device>,
-    /// Input Latch of the inputs that are being mapped.
-    latched: Option<Time<Device>>,
     last_cycle: Option<Time<Device>>,
     /// Work of the present cycle so far.
     work: Nanos,
@@ -84,18 +80,17 @@ impl Measurement {
 
     /// An event starts to map outputs.
     pub fn maps_outputs(&mut self, now: Time<Device>) {
-        self.outputs_event = now;
+        self.step_began[Step::MapOutputs as usize] = now;
     }
 
     /// A step begins.
     pub fn begins(&mut self, now: Time<Device>, step: Step) {
-        self.step_began[step as usize] = now;
+        if step != Step::MapOutputs {
+            self.step_began[step as usize] = now;
+        }
         let direction = match step {
             Step::OutputsValid => 0,
-            Step::LatchInputs => {
-                self.latched = Some(now);
-                1
-            }
+            Step::LatchInputs => 1,
             _ => return,
         };
         if self.on {
@@ -109,21 +104,13 @@ impl Measurement {
         if !self.on {
             return;
         }
-        let began = self.step_began[step as usize];
         // What 0x1C32:06 and 0x1C33:06 mean: from the event, and from Input Latch.
-        let since = match step {
-            Step::MapOutputs => self.outputs_event,
-            Step::MapInputs | Step::Application => began,
-            Step::OutputsValid | Step::LatchInputs => return,
-        };
-        let took = now - since;
+        let took = now - self.step_began[step as usize];
         match step {
             Step::MapOutputs => self.mapped(0, took),
-            Step::MapInputs => {
-                let latched = self.latched.take().unwrap_or(began);
-                self.mapped(1, now - latched);
-            }
-            _ => {}
+            Step::MapInputs => self.mapped(1, now - self.step_began[Step::LatchInputs as usize]),
+            Step::Application => {}
+            Step::OutputsValid | Step::LatchInputs => return,
         }
         self.work += took;
         self.longest_work = self.longest_work.max(self.work);

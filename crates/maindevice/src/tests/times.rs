@@ -29,10 +29,8 @@ fn stated_then_measured_then_assumed() {
     let assumed =
         AssumedTimes { outputs_calc_and_copy: Some(Nanos(9_000)), ..AssumedTimes::default() };
     let only_assumed = DeviceConfig { assumed, ..DeviceConfig::default() };
-    let times = |ns| MeasuredTimes {
-        outputs_calc_and_copy: Some(Nanos(ns)),
-        ..MeasuredTimes::default()
-    };
+    let times =
+        |ns| MeasuredTimes { outputs_calc_and_copy: Some(Nanos(ns)), ..MeasuredTimes::default() };
     let configured = DeviceConfig { measured: times(5_000), ..only_assumed.clone() };
     assert_eq!(copy_of(&stating(1), &configured), (1, Origin::Object(entry)));
     assert_eq!(copy_of(&stating(0), &configured), (5_000, Origin::MeasuredByDevice(entry)));

@@ -349,9 +349,9 @@ fn an_assumed_minimum_cycle_counts_in_the_devices_own_time() {
 fn jitter_of_hops_is_not_the_hosts() {
     let cycle = Cycle { jitter: Nanos(20_124), hop_jitter: Nanos(124), ..CYCLE };
     let one = Cycle { hop_jitter: Nanos::ZERO, ..cycle };
-    let checks = Check::OF_DEVICE.into_iter().filter_map(|check| {
-        Some((demand(&cycle, Nanos(500_000), &drive(), check)?, check))
-    });
+    let checks = Check::OF_DEVICE
+        .into_iter()
+        .filter_map(|check| Some((demand(&cycle, Nanos(500_000), &drive(), check)?, check)));
     for (with, check) in checks {
         let without = demand(&one, Nanos(500_000), &drive(), check).unwrap();
         assert_eq!(with.line(), without.line());

@@ -123,14 +123,6 @@ impl MainDevice {
                 }
                 self.end();
             }
-            // A device that needs more time than the first plan gives it may not get to OP: its times
-            // are taken in SAFEOP, as far as it measures them there.
-            (Piece::Operate, Err(error))
-                if times::is_wanted(&self.segment, &self.config)
-                    && matches!(error.cause, Cause::Refused { .. }) =>
-            {
-                self.begin_piece(Piece::MeasureTimes);
-            }
             (_, Err(error)) => self.fail(error),
             (Piece::Prepare, Ok(())) => self.begin_cycle(),
             (Piece::Synchronize, Ok(())) => {

@@ -295,7 +295,7 @@ pub enum Recovery {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Timeouts {
     /// From sending a frame to giving it up. Default 5 ms: a full frame through a thousand devices
-    /// takes 2 ms, and a busy host adds its own. Each repetition of a datagram waits twice as long as the
+    /// takes 2 ms, and a busy host adds its own. Each SubDevice beyond the thousandth adds 2 us by itself. Each repetition of a datagram waits twice as long as the
     /// one before.
     pub frame: Nanos,
     /// How often a datagram that may be repeated is sent again after a loss. Default 3: with 5 ms for the

@@ -12,6 +12,7 @@ pub mod interface;
 mod note;
 pub mod quality;
 pub mod scan;
+mod services;
 mod text;
 pub mod typed;
 pub mod words;
@@ -23,6 +24,7 @@ use isocat_sim::Kind;
 use isocat_sync::SyncMode;
 use isocat_wire::AlState;
 pub use note::NoteKind;
+pub use services::ServiceNote;
 use schemars::JsonSchema;
 use serde::Serialize;
 pub(crate) use text::{BAD, GOOD, QUIET};
@@ -62,6 +64,8 @@ pub struct Report {
     pub findings: Vec<Finding>,
     /// How SubDevices that may be absent came and went; nothing against the segment.
     pub visits: Vec<Finding>,
+    /// Optional services that SubDevices answered badly, and what was taken instead; nothing against the segment.
+    pub services: Vec<ServiceNote>,
     /// Bus cycle.
     pub cycle_ns: i64,
     /// Virtual time that was judged, from the moment when all SubDevices were in OP.

@@ -107,6 +107,16 @@ pub struct Config {
     /// [`Config::survey`], [`Config::delay_watch`] (frames don't come back the way they went, so nothing can be measured),
     /// [`DeviceConfig::hot_connect`], and a [`Config::direction`] but following the reference clock.
     pub ring: Option<Ring>,
+    /// Whether any SubDevice may fail on the way up: it is left out, in INIT, and the others run
+    /// ([`SubDevice::left_out`], [`Event::LeftOut`](crate::Event::LeftOut)). Default no: a machine with an axis
+    /// missing is not the machine that was planned. Those that may be absent ([`DeviceConfig::hot_connect`]) are left out
+    /// in any case.
+    pub tolerate: bool,
+    /// Whether SubDevices whose SII begins alike (configuration, identity and checksum, but for alias and serial number)
+    /// share one reading of it. Default yes: reading it is most of the way up of a long line. Switch it off where
+    /// EEPROMs of one identity differ in their categories, as those of modular devices may that store their
+    /// modules there.
+    pub share_sii: bool,
     /// How long to wait for what.
     pub timeouts: Timeouts,
 }
@@ -173,6 +183,8 @@ impl Config {
             readmission: Some(Readmission::default()),
             recovery: Recovery::Never,
             ring: None,
+            tolerate: false,
+            share_sii: true,
             timeouts: Timeouts::default(),
         }
     }

@@ -109,7 +109,7 @@ pub struct MainDevice {
     delay_watch: Option<DelayWatch>,
     quality: Option<Monitor>,
     ring: Option<Box<Ring>>,
-    /// Told once the ring is as it was found.
+    /// Why the way up failed: told once SubDevices are back in INIT and the ring is as it was found.
     failure: Option<Error>,
     stopping: bool,
 }

@@ -193,6 +193,8 @@ impl MainDevice {
             match (wish, &mut self.cycle) {
                 (Wish::HoldClocks, Some(cycle)) => cycle.hold_clocks(true),
                 (Wish::Lead(position), Some(_)) => self.lead(position),
+                (Wish::LeaveOut(position), Some(cycle)) => cycle.set_present(position, false),
+                // A cycle that begins later looks for itself who takes part.
                 (_, None) => {}
             }
         }

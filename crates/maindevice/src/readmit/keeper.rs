@@ -26,7 +26,7 @@ struct Absence {
     busy: Option<Time<Host>>,
     /// Not again before.
     not_before: Time<Host>,
-    /// Another device stands in its place.
+    /// Another device stands in its place, or it failed on the way up: it is not asked again before it is gone.
     taken: bool,
     /// Whether it was out of OP when its state was last read.
     fallen: bool,
@@ -58,6 +58,11 @@ impl Keeper {
                 && now >= absence.not_before
         };
         (0..places.len().min(self.absences.len())).filter(wanted).collect()
+    }
+
+    /// It was left out on the way up: it is left alone until it is gone.
+    pub fn leave_out(&mut self, position: usize) {
+        self.absences[position].taken = true;
     }
 
     /// A procedure has it in hand.

@@ -1,0 +1,139 @@
+//! What is optional stays optional: each optional service of a SubDevice in the middle of a segment answered badly in turn,
+//! and a SubDevice that does not come up at all.
+
+use isocat::{Report, Scenario, SegmentFile};
+use isocat_maindevice::{SegmentChange, Service};
+use isocat_sim::{Judged, Kind};
+use isocat_wire::AlState;
+
+/// Three devices, of which the second misbehaves.
+fn segment(misbehave: &str) -> Scenario {
+    let text = format!(
+        r#"
+        cycle = "1ms"
+        for = "200ms"
+        [[subdevice]]
+        device = "kollmorgen_akd2g"
+        [[subdevice]]
+        device = "model_every_mode"
+        name = "middle"
+        mode = "dc-sync0"
+        misbehave = [{misbehave}]
+        [[subdevice]]
+        device = "simple_io16"
+    "#
+    );
+    Scenario::from(SegmentFile::parse("optional.toml", &text).expect("it reads"))
+}
+
+/// It runs, and these services are named, all of them the second SubDevice's.
+fn runs_without(misbehave: &str, services: &[Service]) -> Report {
+    let report = isocat::run(&segment(misbehave));
+    assert!(report.in_sync, "{misbehave}: {}", report.verdict);
+    assert!(report.devices.iter().all(|device| device.registers.al_status.is_op()), "{misbehave}");
+    let named: Vec<Service> = report.services.iter().map(|note| note.service).collect();
+    assert_eq!(named, services, "{misbehave}: {:#?}", report.services);
+    for note in &report.services {
+        assert_eq!((note.position, &*note.device), (1, "middle"), "{misbehave}");
+        assert!(report.text().contains(&note.what), "{misbehave}: {}", report.text());
+    }
+    report
+}
+
+#[test]
+fn nothing_is_named_where_all_is_answered_well() {
+    runs_without("", &[]);
+}
+
+/// An answer of headers alone is what stacks of the field send for "object does not exist".
+#[test]
+fn sdo_information_may_be_answered_in_any_way() {
+    for answer in ["short", "silent", "garbage"] {
+        let fault = format!("\"bad-information {answer}\"");
+        runs_without(&fault, &[Service::SdoInformation]);
+    }
+    // A refusal is an answer: the service is not there.
+    for answer in ["error", "abort"] {
+        runs_without(&format!("\"bad-information {answer}\""), &[]);
+    }
+}
+
+#[test]
+fn objects_that_the_sii_stands_in_for_may_be_answered_in_any_way() {
+    for (index, service) in [
+        ("1C00", Service::SyncManagerTypes),
+        ("1C12", Service::Assignment),
+        ("1C13", Service::Assignment),
+    ] {
+        for answer in ["short", "silent", "garbage", "error"] {
+            let fault = format!("\"bad-transfer {index} {answer}\"");
+            let report = runs_without(&fault, &[service]);
+            assert!(report.services[0].what.contains(index), "{}", report.services[0].what);
+        }
+    }
+    runs_without("\"bad-transfer 1C00 abort\"", &[]);
+    runs_without("\"bad-transfer 1C12 abort\"", &[Service::Assignment]);
+}
+
+#[test]
+fn sync_objects_may_be_answered_in_any_way() {
+    for index in ["1C32", "1C33"] {
+        for answer in ["short", "silent", "garbage", "error"] {
+            let fault = format!("\"bad-transfer {index} {answer}\"");
+            let report = runs_without(&fault, &[Service::SyncEntry]);
+            assert!(report.services[0].what.contains(index), "{}", report.services[0].what);
+        }
+        runs_without(&format!("\"bad-transfer {index} abort\""), &[]);
+    }
+}
+
+/// The SII of the second has no end: its categories are read as far as they go.
+#[test]
+fn a_sii_without_end_is_read_as_far_as_it_goes() {
+    let scenario = segment("");
+    let mut run = scenario.run();
+    let device = &mut run.setup.segment[1].device;
+    let mut image = device.sii.to_vec();
+    let mut at = 0x80;
+    while image[at..at + 2] != [0xFF, 0xFF] {
+        at += 4 + 2 * usize::from(u16::from_le_bytes([image[at + 2], image[at + 3]]));
+    }
+    // A category that goes on for longer than any EEPROM is.
+    image[at..at + 4].copy_from_slice(&[0x00, 0x08, 0xFF, 0xFF]);
+    device.sii = image.into();
+    let outcome = run.execute(None::<isocat::NoTap>, &mut |_| {});
+    let report = Report::new(&scenario, &outcome);
+    assert!(report.in_sync, "{}", report.verdict);
+    let named: Vec<Service> = report.services.iter().map(|note| note.service).collect();
+    assert_eq!(named, [Service::Categories], "{:#?}", report.services);
+}
+
+/// Refuses SAFEOP, or OP, or PREOP: alone it ends the way up and the others go back to INIT; tolerated, it is left out.
+#[test]
+fn a_device_that_does_not_come_up_is_left_out_if_that_is_wanted() {
+    for (state, rest) in [("PREOP", "pre-op"), ("SAFEOP", "safe-op"), ("OP", "op")] {
+        let mut scenario = segment(&format!("\"refused-state {state}\""));
+        let outcome = scenario.run().execute(None::<isocat::NoTap>, &mut |_| {});
+        let error = outcome.failure.as_ref().unwrap_or_else(|| panic!("{rest}: it came up"));
+        assert_eq!(error.cause.place().map(|place| place.position), Some(1), "{error}");
+        for (at, device) in outcome.world.segment().devices().iter().enumerate() {
+            assert_eq!(device.stack.state(), AlState::Init, "{state}: SubDevice {at}");
+        }
+        // The evidence stays.
+        let found = &outcome.world.main().segment().devices[1];
+        assert!(found.al_status.error(), "{state}: {}", found.al_status);
+
+        scenario.tolerate = true;
+        let outcome = scenario.run().execute(None::<isocat::NoTap>, &mut |_| {});
+        let report = Report::new(&scenario, &outcome);
+        let kinds: Vec<&Kind> = report.findings.iter().map(|finding| &finding.kind).collect();
+        let left_out = |kind: &Kind| matches!(kind, Kind::Change(SegmentChange::LeftOut { cause })
+            if cause.name() == "state-refused");
+        assert!(kinds.len() == 1 && left_out(kinds[0]), "{state}: {:#?}", report.findings);
+        assert_eq!(report.findings[0].position, Some(1));
+        assert!(!report.in_sync && report.verdict.starts_with("In sync except"), "{}", report.verdict);
+        let states = outcome.world.segment().devices().iter().map(|device| device.stack.state());
+        assert_eq!(states.collect::<Vec<_>>(), [AlState::Op, AlState::Init, AlState::Op], "{state}");
+        assert!(!kinds.iter().any(|kind| matches!(kind, Kind::Judged(Judged::WorkingCounter { .. }))));
+    }
+}

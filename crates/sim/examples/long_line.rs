@@ -5,6 +5,8 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
+use isocat_maindevice::Config;
+
 #[path = "../benches/line/mod.rs"]
 mod line;
 
@@ -12,7 +14,12 @@ fn main() -> ExitCode {
     let mut code = ExitCode::SUCCESS;
     for count in std::env::args().skip(1).filter_map(|text| text.parse().ok()) {
         let began = Instant::now();
-        match line::world(count) {
+        // What the line loosens for ten thousand is as nobody touched it here.
+        let untouched = |config: &mut Config| {
+            let Config { timeouts, drift_threshold, .. } = Config::new(config.cycle);
+            (config.timeouts, config.drift_threshold) = (timeouts, drift_threshold);
+        };
+        match line::world_of(line::connections(count), untouched) {
             Ok(world) => {
                 let statistics = world.main().statistics();
                 let ms = |time: Option<isocat_wire::Nanos>| time.map_or(0, |t| t.0 / 1_000_000);

@@ -352,6 +352,10 @@ pub fn world_of(
 ) -> Result<World<Motion, NoTap>, String> {
     let count = segment.len();
     let mut config = Config::new(cycle_of(count));
+    // Procedures of all SubDevices send at once: their frames wait for each other at the port.
+    config.timeouts.frame = Nanos::millis(100);
+    // Long cycles bring few times to the drift loops, which then take a minute for the last 100 ns.
+    config.drift_threshold = Nanos(300);
     let assumed = AssumedTimes {
         outputs_calc_and_copy: Some(Nanos(20_000)),
         inputs_calc_and_copy: Some(Nanos(20_000)),

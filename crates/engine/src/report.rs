@@ -24,9 +24,9 @@ use isocat_sim::Kind;
 use isocat_sync::SyncMode;
 use isocat_wire::AlState;
 pub use note::NoteKind;
-pub use services::ServiceNote;
 use schemars::JsonSchema;
 use serde::Serialize;
+pub use services::ServiceNote;
 pub(crate) use text::{BAD, GOOD, QUIET};
 
 use typed::{KindDocument, StateRead};

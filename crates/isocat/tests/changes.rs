@@ -404,9 +404,9 @@ fn a_device_that_fell_is_brought_back_at_every_cycle() {
                 matches!(event, Event::StateChanged { position, status, .. }
                     if *position == device && status.error())
             });
-            let tried = at(&|event| {
-                matches!(event, Event::Recovering { position, .. } if *position == device)
-            });
+            let tried = at(
+                &|event| matches!(event, Event::Recovering { position, .. } if *position == device),
+            );
             let (Some(fell), Some(tried)) = (fell, tried) else {
                 panic!("{cycle} ms: SubDevice {device} is not brought back: {:#?}", field.told());
             };

@@ -173,7 +173,8 @@ async fn assignment(
     index: u16,
 ) -> Result<Option<Vec<u16>>, Cause> {
     let object = ObjectAddress::new(index, 0);
-    let count = match coe::upload(mailbox, object, false).await.and_then(|bytes| number_of(&bytes)) {
+    let count = match coe::upload(mailbox, object, false).await.and_then(|bytes| number_of(&bytes))
+    {
         Ok(count) => count,
         Err(SdoError::Abort(AbortCode::NO_OBJECT)) => return Ok(None),
         Err(error) => return Err(sdo(device, object, error)),

@@ -256,9 +256,11 @@ impl Start {
     /// Whether two SII are taken to be the same but for alias and serial number: configuration, identity, size and the
     /// head of the first category agree, and the checksum where it covers the same.
     pub fn is_like(&self, other: &Self) -> bool {
-        let word = |image: &Self, at: usize| image.image.get(2 * at..2 * at + 2).map(<[u8]>::to_vec);
+        let word =
+            |image: &Self, at: usize| image.image.get(2 * at..2 * at + 2).map(<[u8]>::to_vec);
         let same = |at: usize| word(self, at) == word(other, at);
-        let identified = self.image.get(IDENTITY).is_some_and(|bytes| bytes.iter().any(|b| *b != 0));
+        let identified =
+            self.image.get(IDENTITY).is_some_and(|bytes| bytes.iter().any(|b| *b != 0));
         let checked = !same(ALIAS_WORD) || same(CHECKSUM_WORD);
         let own = [ALIAS_WORD, CHECKSUM_WORD, SERIAL_WORD, SERIAL_WORD + 1];
         let mut shared = (0..START_WORDS).filter(|at| !own.contains(at));

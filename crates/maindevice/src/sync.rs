@@ -19,8 +19,8 @@ use crate::error::{AccessError, Cause, SdoError};
 use crate::link::Link;
 use crate::mailbox::Mailbox;
 use crate::objects::{number, sdo};
-use crate::service::Service;
 use crate::segment::{DcCapability, Segment, SubDevice, SyncObject, SyncSetting};
+use crate::service::Service;
 
 /// Writes the type of synchronization (01), the cycle time (02) and the shift time (03) of both
 /// sync objects, in PREOP, where the device lets itself be told. A refused type is no error yet:

@@ -167,9 +167,8 @@ pub(super) fn verdict(findings: &[Finding]) -> Option<String> {
         0 => String::new(),
         more => format!("; {more} more below"),
     };
-    let left_out = |finding: &Finding| {
-        matches!(finding.kind, Kind::Change(SegmentChange::LeftOut { .. }))
-    };
+    let left_out =
+        |finding: &Finding| matches!(finding.kind, Kind::Change(SegmentChange::LeftOut { .. }));
     // What was asked for with the wish to go on without those that fail.
     let head = if findings.iter().all(left_out) { "In sync except" } else { "Not in sync" };
     Some(format!("{head}: {}{others}.", first.sentence()))

@@ -100,8 +100,8 @@ pub struct MainDevice {
     /// Object accesses that wait for their mailboxes.
     jobs: VecDeque<Job>,
     next_request: u32,
-    /// What the cyclic broadcast read when health was last checked, and in which cycle.
-    checked: Option<((u16, u16), u64)>,
+    /// What the cyclic broadcast read when health was last checked, and when that was.
+    checked: Option<((u16, u16), Time<Host>)>,
     /// Those that are lost or out of OP, and what is done about it.
     keeper: Keeper,
     /// How many answered when that last disagreed with the tree.
@@ -110,7 +110,7 @@ pub struct MainDevice {
     delay_watch: Option<DelayWatch>,
     quality: Option<Monitor>,
     ring: Option<Box<Ring>>,
-    /// Told once the ring is as it was found.
+    /// Why the way up failed: told once SubDevices are back in INIT and the ring is as it was found.
     failure: Option<Error>,
     stopping: bool,
 }

@@ -70,6 +70,7 @@ pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) ->
     if !config.devices.is_empty() && !hot_connect::allows(config, count.into()) {
         return Err(Cause::Count { expected: config.devices.len(), found: count.into() });
     }
+    link.with(|shared| shared.port.expect_way(count));
     for position in 0..usize::from(count) {
         let mut device = SubDevice::new(position, station_of(position));
         if let Some(config) = config.devices.get(position) {

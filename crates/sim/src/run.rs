@@ -399,7 +399,8 @@ impl<T: Tap> Outcome<T> {
         let mut findings = Vec::new();
         let bench = &self.bench.devices()[position];
         let devices = &self.world.main().segment().devices;
-        let absent = self.is_optional(position) && !devices[position].admitted;
+        let left_out = devices[position].left_out.is_some();
+        let absent = (self.is_optional(position) || left_out) && !devices[position].admitted;
         // Who may come and go is on its way up or down now and then.
         let mut states = bench.states.iter();
         let left = match self.is_optional(position) {

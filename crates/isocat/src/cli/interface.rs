@@ -237,6 +237,7 @@ pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
         true => Config {
             drift_compensation: scenario.drift_compensation,
             force: scenario.force,
+            tolerate: scenario.tolerate,
             ..Config::new(options.cycle.unwrap_or(DEFAULT_CYCLE))
         },
         false => scenario.config(),
@@ -270,6 +271,7 @@ fn finish(
         words.extend(asked.namespace.iter().flat_map(|namespace| ["--netns", namespace]));
         words.extend(arguments.wire.any.then_some("--any"));
         words.extend(["--for", &duration]);
+        words.extend(arguments.tolerate.then_some("--tolerate"));
         html::interface::page(&report, &outcome.segment, &command(&words))
     });
     let (path, page) = (arguments.report.as_deref(), page.as_ref());

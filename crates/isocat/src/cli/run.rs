@@ -64,6 +64,10 @@ pub struct Arguments {
     pub waves: Option<PathBuf>,
     #[command(flatten)]
     pub files: super::files::Options,
+    /// Go on without devices that fail on the way up: each is named with the cause, the others run and are judged;
+    /// exit 1 if any was left out that the segment file does not call optional
+    #[arg(long)]
+    pub tolerate: bool,
     /// For testing: let the clocks run apart
     #[arg(long)]
     no_drift_compensation: bool,
@@ -267,6 +271,7 @@ impl Arguments {
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.drift_law = self.drift_law.or(scenario.drift_law);
         scenario.force = self.force;
+        scenario.tolerate = self.tolerate;
         scenario.drift_compensation &= !self.no_drift_compensation;
         scenario
     }
@@ -283,8 +288,11 @@ impl Arguments {
         words.extend(["--for", &duration, "--seed", &seed]);
         let law = self.drift_law.map(|law| law.to_string());
         words.extend(law.iter().flat_map(|law| ["--drift-law", law]));
-        let flags =
-            [(self.no_drift_compensation, "--no-drift-compensation"), (self.force, "--force")];
+        let flags = [
+            (self.tolerate, "--tolerate"),
+            (self.no_drift_compensation, "--no-drift-compensation"),
+            (self.force, "--force"),
+        ];
         words.extend(flags.iter().filter(|(given, _)| *given).map(|(_, flag)| *flag));
         command(&words)
     }

@@ -62,8 +62,12 @@ async fn lead(
     let mut next_reading = begin + interval;
     loop {
         burst.until(next_reading).await?;
-        next_reading = link.now() + interval;
+        let asked = link.now();
         let readings = read_differences(link, &clocks).await?;
+        // Reading a thousand clocks takes longer than the interval, and no drift frame is sent meanwhile: most of the
+        // time is left to what leads them.
+        let took = link.now() - asked;
+        next_reading = (asked + interval).max(link.now() + Nanos(PULLING_PER_READING * took.0));
         for (((device, _), judge), (at, difference)) in clocks.iter().zip(&mut judged).zip(readings)
         {
             let device = &mut segment.devices[*device];
@@ -150,3 +154,5 @@ pub(crate) async fn follow(
 /// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
 /// an eighth.
 const LEARNING_FRAMES: i64 = 128;
+/// Drift frames go out for at least so many times as long as a reading of all clocks takes.
+const PULLING_PER_READING: i64 = 3;

@@ -175,8 +175,9 @@ pub(super) fn pace_for(cycle: Nanos) -> Nanos {
     PACE.max(Nanos(cycle.0 / 10))
 }
 
-/// Most drift frames in flight, where the way is longer than their pace or frames are lost.
-const IN_FLIGHT: usize = 8;
+/// Most drift frames in flight, where the way is longer than their pace or frames are lost: the way through 2000
+/// SubDevices at that pace, and fewer than the frames that the link has in flight at all.
+const IN_FLIGHT: usize = 20;
 
 /// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
 const READING_INTERVAL: Nanos = Nanos(2_000_000);

@@ -17,6 +17,10 @@ const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
 /// Most frames of the link in flight. More than a long line needs to be filled, and few enough that
 /// an index comes again only long after its frame was given up.
 const MOST_FLIGHTS: usize = 24;
+/// SubDevices whose way is in [`Timeouts::frame`](crate::config::Timeouts::frame) as it stands.
+const USUAL_COUNT: u16 = 1000;
+/// Way through a SubDevice and back, with cables of 100 m: 0.5 us and 0.5 us each way.
+const WAY_PER_SUBDEVICE: Nanos = Nanos(2_000);
 /// A repetition waits for at most two to this power times as long as the first frame.
 const MOST_DOUBLINGS: u8 = 4;
 
@@ -30,6 +34,8 @@ pub(crate) struct Port {
     pub now: Time<Host>,
     source: [u8; 6],
     frame_timeout: Nanos,
+    /// What a long line adds to that.
+    longer_way: Nanos,
     retries: u8,
     slots: Vec<Slot>,
     free: Vec<usize>,
@@ -81,6 +87,7 @@ impl Port {
             now,
             source,
             frame_timeout,
+            longer_way: Nanos::ZERO,
             retries,
             slots: Vec::new(),
             free: Vec::new(),
@@ -91,6 +98,12 @@ impl Port {
             quiet_since: None,
             wake: Time::NEVER,
         }
+    }
+
+    /// So many SubDevices answer: frames through more than [`USUAL_COUNT`] are waited for longer.
+    pub fn expect_way(&mut self, count: u16) {
+        let more = i64::from(count.saturating_sub(USUAL_COUNT));
+        self.longer_way = Nanos(more * WAY_PER_SUBDEVICE.0);
     }
 
     /// Queues a datagram; gives its slot.
@@ -202,7 +215,7 @@ impl Port {
         statistics.frames_sent += 1;
         statistics.datagrams += slots.len() as u64;
         // Each repetition waits twice as long: whoever was asleep on the way gets time to wake.
-        let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS));
+        let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS)) + self.longer_way;
         self.flights.push(Flight { index, deadline: now + patience, slots });
         Some(frame.finish())
     }

@@ -3,6 +3,7 @@
 use alloc::vec::Vec;
 
 use isocat_wire::al::{AlState, AlStatus};
+use isocat_wire::time::{Host, Nanos, Time};
 
 use super::MainDevice;
 use super::background::Kind;
@@ -30,10 +31,12 @@ impl MainDevice {
             return;
         }
         // The broadcast is an OR over all: a second SubDevice may fall without changing it. So the same
-        // picture is looked at again after a while.
-        let now = cycle.number();
-        let known = |(picture, at): ((u16, u16), u64)| {
-            picture == seen && now.wrapping_sub(at) < CHECK_AGAIN
+        // picture is looked at again after a while, and when a SubDevice may be brought back.
+        let now = self.link.now();
+        let next_attempt = self.keeper.next_attempt();
+        let known = |(picture, at): ((u16, u16), Time<Host>)| {
+            let attempt = next_attempt.filter(|attempt| *attempt > at);
+            picture == seen && now < attempt.unwrap_or(Time::NEVER).min(at + CHECK_AGAIN)
         };
         if self.checked.is_some_and(known) {
             return;
@@ -84,5 +87,6 @@ impl MainDevice {
     }
 }
 
-/// Cycles after which the states of all SubDevices are read again while the broadcast looks wrong.
-const CHECK_AGAIN: u64 = 100;
+/// After this time the states of all SubDevices are read again while the broadcast looks wrong. It does not depend on
+/// the cycle, as the pauses of [`Recovery`](crate::Recovery) do not.
+const CHECK_AGAIN: Nanos = Nanos::millis(100);

@@ -32,6 +32,7 @@ impl MainDevice {
             cycle.set_present(position, false);
         }
         self.procedures.end_at(Kind::Recover, position);
+        self.keeper.is_lost(position);
         self.end_background(Ends::Way);
         if self.segment.reference == Some(position) {
             self.link.report(Event::ReferenceLost { position, cycle: number });
@@ -137,7 +138,8 @@ impl MainDevice {
         while let Some(ended) = self.procedures.go_on(Kind::Recover, &mut from) {
             let Ended::Recover(position, result) = ended else { continue };
             let now = self.link.now();
-            let (after, again) = self.keeper.attempted(position, self.config.recovery, now);
+            let (policy, well) = (self.config.recovery, result.is_ok());
+            let (after, again) = self.keeper.attempted(position, policy, now, well);
             match *result {
                 Ok(device) => {
                     self.segment.devices[position] = device;
@@ -191,6 +193,8 @@ impl MainDevice {
             match (wish, &mut self.cycle) {
                 (Wish::HoldClocks, Some(cycle)) => cycle.hold_clocks(true),
                 (Wish::Lead(position), Some(_)) => self.lead(position),
+                (Wish::LeaveOut(position), Some(cycle)) => cycle.set_present(position, false),
+                // A cycle that begins later looks for itself who takes part.
                 (_, None) => {}
             }
         }
@@ -225,10 +229,10 @@ impl MainDevice {
     pub(super) fn consider_recovery(&mut self, position: usize) {
         let device = &self.segment.devices[position];
         let (status, code) = (device.al_status, device.al_code);
-        if status == AlStatus::new(AlState::Op) {
-            return;
-        }
         let now = self.link.now();
+        if status == AlStatus::new(AlState::Op) {
+            return self.keeper.is_well(position, now);
+        }
         let Some(attempt) = self.keeper.attempt(position, self.config.recovery, now) else {
             return;
         };

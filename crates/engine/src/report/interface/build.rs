@@ -12,6 +12,7 @@ use crate::live::job::{self, AtEnd, End};
 use crate::report::build::{
     application, counters, delay_error, delay_unknown, plan_line, summary, verdict_of_modes,
 };
+use crate::report::services;
 use crate::report::times::MeasuredTimes;
 use crate::report::typed::StateRead;
 use crate::report::words::{self, Family};
@@ -55,6 +56,7 @@ impl InterfaceReport {
             verdict: verdict(&devices, &findings),
             findings,
             notes: outcome.notes.clone(),
+            services: services::notes(&outcome.segment.devices),
             ended_by: match outcome.end {
                 End::Time => EndedBy::Time,
                 End::Asked => EndedBy::Signal,

@@ -9,7 +9,7 @@ use isocat_wire::register;
 use isocat_wire::sii::{
     self, HEADER_LEN, Header, MailboxArea, PdoEntryRecord, PdoRecord, SmRecord, category, word,
 };
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::config::Config;
 use crate::error::{Cause, SiiProblem};
@@ -26,6 +26,7 @@ pub(crate) async fn read(
         link,
         station: device.station,
         patience: config.timeouts.eeprom,
+        begin: link.now(),
         image: Vec::new(),
     };
     let result = reader.sii().await;
@@ -63,7 +64,8 @@ pub(crate) async fn identity(
     device: &SubDevice,
 ) -> Result<Identity, Cause> {
     let (station, patience) = (device.station, config.timeouts.eeprom);
-    let mut reader = Reader { link, station, patience, image: Vec::new() };
+    let begin = link.now();
+    let mut reader = Reader { link, station, patience, begin, image: Vec::new() };
     let read = reader.words(0, usize::from(word::MAILBOX_PROTOCOLS) + 1).await;
     read.map_err(|failure| match failure {
         Failure::Problem(problem) => Cause::Sii { place: device.place(), problem },
@@ -120,6 +122,8 @@ struct Reader<'a> {
     link: &'a Link,
     station: StationAddress,
     patience: Nanos,
+    /// When reading began.
+    begin: Time<Host>,
     /// Bytes read so far, from word 0; gaps are zeros.
     image: Vec<u8>,
 }
@@ -186,6 +190,10 @@ impl Reader<'_> {
 
     /// One access: the 4 or 8 bytes at a word.
     async fn access(&mut self, word: usize) -> Result<Vec<u8>, Failure> {
+        let after = self.link.now() - self.begin;
+        if after.0 > self.patience.0.saturating_mul(MOST_PATIENCES) {
+            return Err(Failure::Problem(SiiProblem::Slow { after }));
+        }
         let end = self.link.now() + self.patience;
         let address = register::EEPROM_STATUS.address;
         loop {
@@ -273,6 +281,9 @@ const ACCESS_LEN: usize = 14;
 /// Words of the largest EEPROM that two address bytes reach; an image without an end mark is read
 /// no further.
 const MOST_WORDS: usize = 0x1_0000;
+/// The time for a whole image, in times of what a single access may take. A large image of an honest EEPROM takes 10 s, and some times as
+/// long where a thousand SubDevices are read side by side.
+const MOST_PATIENCES: i64 = 600;
 /// An EEPROM needs some hundred microseconds for a read.
 const POLL: Nanos = Nanos(100_000);
 /// Before another try after a missing acknowledge.

@@ -72,12 +72,28 @@ pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) ->
     if !config.devices.is_empty() && !hot_connect::allows(config, count.into()) {
         return Err(Cause::Count { expected: config.devices.len(), found: count.into() });
     }
+    if config.devices.is_empty() && count > DOUBTFUL {
+        check_ends(link, count).await?;
+    }
     for position in 0..usize::from(count) {
         let mut device = SubDevice::new(position, station_of(position));
         if let Some(config) = config.devices.get(position) {
             device.name.clone_from(&config.name);
         }
         segment.devices.push(device);
+    }
+    Ok(())
+}
+
+/// Whether there is a last SubDevice and none behind it, where a single working counter says that there are many and nobody
+/// has said how many there should be: each of them costs memory and frames.
+async fn check_ends(link: &Link, count: u16) -> Result<(), Cause> {
+    let (last, behind) = (usize::from(count) - 1, usize::from(count));
+    for (position, expected) in [(last, 1), (behind, 0)] {
+        // Behind 65 535 SubDevices, the position is that of the first one again.
+        if position <= usize::from(u16::MAX) {
+            link.aprd(position, register::TYPE.address, 1).expect(expected).await?;
+        }
     }
     Ok(())
 }
@@ -141,6 +157,9 @@ async fn count(link: &Link) -> Result<u16, Cause> {
         return Err(Cause::Silent { sent: counts.frames_sent, after, foreign });
     }
 }
+
+/// So many SubDevices are believed without a further question: they cost next to nothing.
+const DOUBTFUL: u16 = 512;
 
 /// Register 0x0100 bit 0: EtherCAT frames are processed and their source address is marked, other frames are destroyed.
 const DL_CONTROL_MARKS: u8 = 1;

@@ -139,20 +139,22 @@ impl Reader<'_> {
         let mut strings: Vec<u8> = Vec::new();
         let (mut name, mut order) = (0, 0);
         let mut at = usize::from(word::CATEGORIES);
-        loop {
+        for _ in 0..MOST_CATEGORIES {
             if at >= MOST_WORDS {
-                return Err(Failure::Problem(SiiProblem::NoEnd));
+                break;
             }
             let head = self.words(at, 2).await?;
             let kind = u16::from_le_bytes([head[0], head[1]]);
             if kind == category::END {
-                break;
+                sii.name = text(&strings, name);
+                sii.order = text(&strings, order);
+                return Ok(sii);
             }
             let length = usize::from(u16::from_le_bytes([head[2], head[3]]));
             let start = at + 2;
             at = start + length;
             if at >= MOST_WORDS {
-                return Err(Failure::Problem(SiiProblem::NoEnd));
+                break;
             }
             if !USED.contains(&kind) {
                 continue;
@@ -168,9 +170,7 @@ impl Reader<'_> {
                 _ => sii.take(kind, &data),
             }
         }
-        sii.name = text(&strings, name);
-        sii.order = text(&strings, order);
-        Ok(sii)
+        Err(Failure::Problem(SiiProblem::NoEnd))
     }
 
     /// `count` words from word `first` on. What one access gives beyond them is kept for the next.
@@ -281,6 +281,8 @@ const ACCESS_LEN: usize = 14;
 /// Words of the largest EEPROM that two address bytes reach; an image without an end mark is read
 /// no further.
 const MOST_WORDS: usize = 0x1_0000;
+/// Categories of an image at most: it is years' worth of standards to have a dozen, and empty ones could be had by the thousand.
+const MOST_CATEGORIES: usize = 256;
 /// The time for a whole image, in times of what a single access may take. A large image of an honest EEPROM takes 10 s, and some times as
 /// long where a thousand SubDevices are read side by side.
 const MOST_PATIENCES: i64 = 600;

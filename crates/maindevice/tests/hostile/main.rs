@@ -1,0 +1,106 @@
+//! A MainDevice on a wire that lies: whatever is answered, each call costs bounded work and memory, each run ends with a name,
+//! and where one SubDevice lies, no other one is blamed. `ISOCAT_SEEDS=N` tries N seeds, `ISOCAT_FIRST_SEED=N` from there on.
+
+mod device;
+mod lies;
+mod run;
+
+use std::collections::BTreeMap;
+
+use lies::{Lie, Wire};
+use run::{Call, End, Meter, Story, Wishes};
+
+/// Counts what calls allocate: work that is the same in every run.
+#[derive(Default)]
+struct Allocations {
+    /// Most allocations, and most bytes, of one call.
+    worst: (u64, u64),
+    bytes: i64,
+    most_bytes: i64,
+}
+
+impl Meter for Allocations {
+    fn call<R>(&mut self, _: Call, call: impl FnOnce() -> R) -> R {
+        let mut result = None;
+        let counted = allocation_counter::measure(|| result = Some(call()));
+        self.worst.0 = self.worst.0.max(counted.count_total);
+        self.worst.1 = self.worst.1.max(counted.bytes_total);
+        self.bytes += counted.bytes_current;
+        self.most_bytes = self.most_bytes.max(self.bytes);
+        result.expect("it was called")
+    }
+}
+
+fn number(name: &str, default: u64) -> u64 {
+    let text = std::env::var(name).ok();
+    text.map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name}={text}")))
+}
+
+#[test]
+fn honest_segments_come_up() {
+    for seed in 0..40 {
+        let mut story = Story::of_seed(seed);
+        (story.liars, story.wire, story.wishes.survey) = (Vec::new(), Wire::default(), false);
+        let outcome = run::run(&story, &mut Allocations::default());
+        assert_eq!(outcome.end, End::Stopped, "seed {seed}: {story:?}");
+        assert!(outcome.was_up && outcome.statistics.frames_missed() == 0, "seed {seed}");
+    }
+}
+
+#[test]
+fn whatever_is_answered_costs_bounded_work_and_ends() {
+    let first = number("ISOCAT_FIRST_SEED", 0);
+    let mut ends: BTreeMap<(String, String), [u64; 3]> = BTreeMap::new();
+    let (mut longest, mut most_frames, mut worst, mut most_bytes) = ((0, 0), (0, 0), (0, 0), 0);
+    let mut bad = Vec::new();
+    for seed in first..first + number("ISOCAT_SEEDS", 200) {
+        let story = Story::of_seed(seed);
+        let mut meter = Allocations::default();
+        let outcome = run::run(&story, &mut meter);
+        let name = match &outcome.end {
+            End::Stopped => "stopped".into(),
+            End::Failed(cause) => cause.name().into(),
+            End::Endless => "ENDLESS".into(),
+        };
+        let lie = match story.liars[..] {
+            [(_, lie, ..)] if story.wire.is_honest() => format!("{lie:?}"),
+            _ => "several".into(),
+        };
+        let [count, frames, took] = ends.entry((lie, name)).or_default();
+        *count += 1;
+        *frames = outcome.statistics.frames_sent.max(*frames);
+        *took = outcome.took.max(*took);
+        longest = longest.max((outcome.took, seed));
+        most_frames = most_frames.max((outcome.statistics.frames_sent, seed));
+        worst = (worst.0.max(meter.worst.0), worst.1.max(meter.worst.1));
+        most_bytes = most_bytes.max(meter.most_bytes);
+        if outcome.end == End::Endless || !outcome.wrong_blame.is_empty() {
+            bad.push((seed, story, outcome.end, outcome.wrong_blame));
+        }
+    }
+    println!("{:>16} {:>14} {:>6} {:>8} {:>8}", "lie", "end", "runs", "frames", "ms");
+    for ((lie, name), [count, frames, took]) in &ends {
+        println!("{lie:>16} {name:>14} {count:6} {frames:8} {:8}", took / 1_000_000);
+    }
+    println!("longest {longest:?}, most frames {most_frames:?}, most allocations {worst:?}, bytes {most_bytes}");
+    for (seed, story, end, blame) in bad.iter().take(20) {
+        let blame = blame.first();
+        println!("seed {seed}: {} devices, {:?}, {end:?} {blame:?}", story.makes.len(), story.liars);
+    }
+    assert!(bad.is_empty(), "{} seeds", bad.len());
+}
+
+#[test]
+fn each_lie_is_told() {
+    for lie in Lie::ALL {
+        let told = |seed| {
+            let mut story = Story::of_seed(seed);
+            let make = device::Make { clock: true, mailbox: true };
+            (story.makes, story.liars) = (vec![make; 3], vec![(1, lie, 0, u64::MAX)]);
+            (story.wire, story.wishes) = (Wire::default(), Wishes::default());
+            story.wishes.requests = true;
+            run::run(&story, &mut Allocations::default()).told
+        };
+        assert!((0..3).any(|seed| told(seed) > 0), "{lie:?}");
+    }
+}

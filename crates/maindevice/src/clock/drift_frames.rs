@@ -40,19 +40,25 @@ pub(super) struct Burst<'a> {
     station: StationAddress,
     /// What each must count: the reference read, all other clocks written.
     count: u16,
+    pace: Nanos,
     in_flight: Vec<Exchange>,
 }
 
 impl<'a> Burst<'a> {
     /// Drift frames of the clock at `station`, each of which must count `count`.
     pub fn new(link: &'a Link, station: StationAddress, count: u16) -> Self {
-        Self { link, station, count, in_flight: Vec::new() }
+        Self { link, station, count, pace: PACE, in_flight: Vec::new() }
     }
 
-    /// One frame each [`PACE`] until `end`. One that is lost does not hold up the others.
+    /// A tenth of the frames, or all of them.
+    pub fn slow(&mut self, slow: bool) {
+        self.pace = if slow { Nanos(10 * PACE.0) } else { PACE };
+    }
+
+    /// One frame each [`PACE`], or more slowly, until `end`. One that is lost does not hold up the others.
     pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
         while self.link.now() < end {
-            let next = self.link.now() + PACE;
+            let next = self.link.now() + self.pace;
             if self.in_flight.len() < IN_FLIGHT {
                 self.in_flight.push(drift_frame(self.link, self.station));
             }

@@ -16,7 +16,7 @@ use isocat_wire::sii::{
 };
 use isocat_wire::{ObjectAddress, PortNumber};
 
-use crate::lies::{Liar, Random};
+use super::lies::{Liar, Random};
 
 /// Bytes of memory: registers and a little process RAM.
 const MEMORY: usize = 0x1300;

@@ -3,7 +3,7 @@
 use isocat_wire::command::Command;
 use isocat_wire::mailbox::Protocol;
 
-use crate::device::{Device, RECEIVE, SEND};
+use super::device::{Device, RECEIVE, SEND};
 
 /// A small generator of random numbers (splitmix64): one seed, one run.
 #[derive(Clone, Debug)]
@@ -80,6 +80,8 @@ pub enum Lie {
     Silent,
     /// Times of the DC unit.
     Times,
+    /// The clock is never where it should be (0x092C).
+    Difference,
     /// Any byte that is read may be another one.
     Noise,
     /// Its accesses count more than once.
@@ -91,7 +93,7 @@ pub enum Lie {
 }
 
 impl Lie {
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Lie::SiiNoise,
         Lie::SiiEndless,
         Lie::SiiHuge,
@@ -110,6 +112,7 @@ impl Lie {
         Lie::MailboxNoise,
         Lie::Silent,
         Lie::Times,
+        Lie::Difference,
         Lie::Noise,
         Lie::CountsTwice,
         Lie::AnswersForOthers,
@@ -224,6 +227,7 @@ impl Liar {
                 let width = data.len().min(8);
                 data[..width].copy_from_slice(&lie[..width]);
             }
+            Lie::Difference if ado == 0x092C => data.copy_from_slice(&[0, 0, 0, 0x40]),
             Lie::Noise if random.one_in(50) => {
                 let at = random.below(data.len() as u64) as usize;
                 data[at] = random.extreme() as u8;

@@ -31,6 +31,14 @@ impl Meter for Allocations {
     }
 }
 
+/// Allocations of one call, for each SubDevice and one more. A call that begins a stage asks each SubDevice at once, with some
+/// datagrams to each.
+const MOST_ALLOCATIONS: u64 = 100;
+/// Bytes of one call, for each of them. The readings of the quality watch are the most, once.
+const MOST_BYTES: u64 = 300_000;
+/// Bytes held, for each of them.
+const MOST_HELD: i64 = 200_000;
+
 fn number(name: &str, default: u64) -> u64 {
     let text = std::env::var(name).ok();
     text.map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name}={text}")))
@@ -52,6 +60,7 @@ fn whatever_is_answered_costs_bounded_work_and_ends() {
     let first = number("ISOCAT_FIRST_SEED", 0);
     let mut ends: BTreeMap<(String, String), [u64; 3]> = BTreeMap::new();
     let (mut longest, mut most_frames, mut worst, mut most_bytes) = ((0, 0), (0, 0), (0, 0), 0);
+    let (mut failed, mut named) = (0, 0);
     let mut bad = Vec::new();
     for seed in first..first + number("ISOCAT_SEEDS", 200) {
         let story = Story::of_seed(seed);
@@ -63,6 +72,9 @@ fn whatever_is_answered_costs_bounded_work_and_ends() {
             End::Endless => "ENDLESS".into(),
         };
         let lie = match story.liars[..] {
+            [(_, lie, ..)] if story.wire.is_honest() && story.wishes.patient => {
+                format!("{lie:?}, patient")
+            }
             [(_, lie, ..)] if story.wire.is_honest() => format!("{lie:?}"),
             _ => "several".into(),
         };
@@ -74,20 +86,57 @@ fn whatever_is_answered_costs_bounded_work_and_ends() {
         most_frames = most_frames.max((outcome.statistics.frames_sent, seed));
         worst = (worst.0.max(meter.worst.0), worst.1.max(meter.worst.1));
         most_bytes = most_bytes.max(meter.most_bytes);
-        if outcome.end == End::Endless || !outcome.wrong_blame.is_empty() {
+        if story.author().is_some() && matches!(outcome.end, End::Failed(_)) {
+            failed += 1;
+            named += u64::from(outcome.named);
+        }
+        let devices = story.makes.len() as u64;
+        let (allocations, bytes) = meter.worst;
+        let is_bounded = allocations <= MOST_ALLOCATIONS * (devices + 1)
+            && bytes <= MOST_BYTES * (devices + 1)
+            && meter.most_bytes <= MOST_HELD * (devices as i64 + 1);
+        if outcome.end == End::Endless || !outcome.wrong_blame.is_empty() || !is_bounded {
             bad.push((seed, story, outcome.end, outcome.wrong_blame));
         }
     }
-    println!("{:>16} {:>14} {:>6} {:>8} {:>8}", "lie", "end", "runs", "frames", "ms");
+    println!("{:>24} {:>14} {:>6} {:>8} {:>8}", "lie", "end", "runs", "frames", "ms");
     for ((lie, name), [count, frames, took]) in &ends {
-        println!("{lie:>16} {name:>14} {count:6} {frames:8} {:8}", took / 1_000_000);
+        println!("{lie:>24} {name:>14} {count:6} {frames:8} {:8}", took / 1_000_000);
     }
-    println!("longest {longest:?}, most frames {most_frames:?}, most allocations {worst:?}, bytes {most_bytes}");
+    println!("one liar ended {failed} runs, and is named in {named} of them");
+    println!("longest run {} ms (seed {})", longest.0 / 1_000_000, longest.1);
+    println!("most frames {} (seed {})", most_frames.0, most_frames.1);
+    println!("one call: at most {} allocations, {} bytes; held: {most_bytes} bytes", worst.0, worst.1);
     for (seed, story, end, blame) in bad.iter().take(20) {
         let blame = blame.first();
         println!("seed {seed}: {} devices, {:?}, {end:?} {blame:?}", story.makes.len(), story.liars);
     }
     assert!(bad.is_empty(), "{} seeds", bad.len());
+}
+
+/// A clock that never comes into step is waited for as long as any, and not at the rate of the line.
+#[test]
+fn a_hostile_clock_is_waited_for_with_patience() {
+    for lie in [Lie::Times, Lie::Difference] {
+        for seed in 0..number("ISOCAT_SEEDS", 200) / 10 {
+            let mut story = Story::of_seed(seed);
+            let make = device::Make { clock: true, mailbox: false };
+            let position = seed as usize % 3;
+            (story.makes, story.liars) = (vec![make; 3], vec![(position, lie, 0, u64::MAX)]);
+            story.wire = Wire::default();
+            story.wishes = Wishes { patient: true, ..Wishes::default() };
+            let outcome = run::run(&story, &mut Allocations::default());
+            // 30 s at the rate of the first five would be 310 000.
+            let frames = outcome.statistics.frames_sent;
+            assert!(frames < 100_000, "{lie:?} {seed}: {frames} frames, {:?}", outcome.end);
+            if let End::Failed(cause) = &outcome.end
+                && let Some(place) = cause.place()
+                && position > 0
+            {
+                assert_eq!(place.position, position, "{lie:?} {seed}: {cause}");
+            }
+        }
+    }
 }
 
 #[test]

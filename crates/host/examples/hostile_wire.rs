@@ -17,7 +17,7 @@ use run::{Call, End, Meter, Story};
 #[derive(Default)]
 struct Stopwatch {
     longest: [u64; 3],
-    calls: [[u64; 40]; 3],
+    calls: [[u64; 32]; 3],
 }
 
 impl Meter for Stopwatch {
@@ -27,7 +27,7 @@ impl Meter for Stopwatch {
         let took = begin.elapsed().as_nanos() as u64;
         let kind = kind as usize;
         self.longest[kind] = self.longest[kind].max(took);
-        self.calls[kind][took.max(1).ilog2().min(39) as usize] += 1;
+        self.calls[kind][took.max(1).ilog2().min(31) as usize] += 1;
         result
     }
 }
@@ -69,7 +69,7 @@ fn main() {
     }
     println!("{:>8} {:9.1} (seed {})", "most", slowest.0 as f64 / 1e3, slowest.1);
     println!("calls by time, from 2^n ns on:  frame  timeout  transmit");
-    for power in 0..40 {
+    for power in 0..32 {
         let calls = all.calls.map(|calls| calls[power]);
         if calls.iter().any(|calls| *calls > 0) {
             println!("{power:>4} {:12} {:12} {:12}", calls[0], calls[1], calls[2]);

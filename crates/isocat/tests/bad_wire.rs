@@ -7,9 +7,9 @@ use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_maindevice::{Cause, Config, Event, FRAME_LEN, MainDevice, SdoError, Stage};
 use isocat_sim::Segment;
 use isocat_wire::datagram::Address;
-use isocat_wire::{AutoIncrementAddress, Command, ObjectAddress, register};
 use isocat_wire::frame::{self, LOCALLY_ADMINISTERED};
 use isocat_wire::time::{Host, Picos, Time};
+use isocat_wire::{AutoIncrementAddress, Command, ObjectAddress, register};
 
 /// What becomes of a frame.
 enum Fate {

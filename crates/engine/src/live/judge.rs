@@ -221,10 +221,8 @@ pub(super) fn note(
         ));
     }
     if let Some((before, after)) = traffic {
-        let late = total.frames_late
-            + total.frames_unexpected
-            + total.frames_echoed
-            + figures.too_late;
+        let late =
+            total.frames_late + total.frames_unexpected + total.frames_echoed + figures.too_late;
         let ours = total.frames_received + total.frames_foreign + late;
         let came = (after.received - before.received).saturating_sub(ours);
         // What another program sends on the same interface may be EtherCAT too.

@@ -85,8 +85,7 @@ impl Line {
                 let data = &mut payload[layout.data()..wkc_at];
                 let count = device.process(command, header.address, times, data, random);
                 let wkc = u16::from_le_bytes([payload[wkc_at], payload[wkc_at + 1]]);
-                payload[wkc_at..wkc_at + 2]
-                    .copy_from_slice(&wkc.wrapping_add(count).to_le_bytes());
+                payload[wkc_at..wkc_at + 2].copy_from_slice(&wkc.wrapping_add(count).to_le_bytes());
             }
         }
     }

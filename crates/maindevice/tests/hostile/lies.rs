@@ -186,7 +186,9 @@ impl Liar {
                 count = count.wrapping_add(1 + random.below(3) as u16);
             }
             Lie::AnswersForOthers
-                if matches!(command, Command::Fprd | Command::Fpwr) && !mine && random.one_in(4) =>
+                if matches!(command, Command::Fprd | Command::Fpwr)
+                    && !mine
+                    && random.one_in(4) =>
             {
                 count += 1;
             }
@@ -201,7 +203,8 @@ impl Liar {
                 }
             }
             Lie::SiiEndless | Lie::SiiHuge if ado == 0x0502 && self.is_category(device) => {
-                let head = if self.lie == Lie::SiiHuge { [10, 0, 0xFE, 0xFF] } else { [1, 0, 0, 0] };
+                let head =
+                    if self.lie == Lie::SiiHuge { [10, 0, 0xFE, 0xFF] } else { [1, 0, 0, 0] };
                 for (byte, lie) in data.iter_mut().skip(6).zip(head.into_iter().cycle()) {
                     *byte = lie;
                 }

@@ -106,10 +106,17 @@ fn whatever_is_answered_costs_bounded_work_and_ends() {
     println!("one liar ended {failed} runs, and is named in {named} of them");
     println!("longest run {} ms (seed {})", longest.0 / 1_000_000, longest.1);
     println!("most frames {} (seed {})", most_frames.0, most_frames.1);
-    println!("one call: at most {} allocations, {} bytes; held: {most_bytes} bytes", worst.0, worst.1);
+    println!(
+        "one call: at most {} allocations, {} bytes; held: {most_bytes} bytes",
+        worst.0, worst.1
+    );
     for (seed, story, end, blame) in bad.iter().take(20) {
         let blame = blame.first();
-        println!("seed {seed}: {} devices, {:?}, {end:?} {blame:?}", story.makes.len(), story.liars);
+        println!(
+            "seed {seed}: {} devices, {:?}, {end:?} {blame:?}",
+            story.makes.len(),
+            story.liars
+        );
     }
     assert!(bad.is_empty(), "{} seeds", bad.len());
 }
@@ -136,6 +143,35 @@ fn a_hostile_clock_is_waited_for_with_patience() {
                 assert_eq!(place.position, position, "{lie:?} {seed}: {cause}");
             }
         }
+    }
+}
+
+/// A working counter that claims thousands costs what the plan is large, and not what it claims.
+#[test]
+fn work_grows_with_the_plan_and_not_with_what_is_claimed() {
+    let worst = |count| {
+        let mut story = Story::of_seed(1);
+        story.makes = vec![device::Make { clock: false, mailbox: false }; count];
+        // From its 700th datagram on it is in operation.
+        story.liars = vec![(count / 2, Lie::CountsThousands, 700, u64::MAX)];
+        (story.wire, story.wishes) = (Wire::default(), Wishes::default());
+        let mut meter = Allocations::default();
+        let outcome = run::run(&story, &mut meter);
+        assert!(outcome.was_up && outcome.told > 0, "{count}: {:?}", outcome.end);
+        meter.worst
+    };
+    let (few, many) = (worst(50), worst(200));
+    assert!(many.0 < 6 * few.0 && many.1 < 6 * few.1, "{few:?} {many:?}");
+}
+
+/// Scripts of any bytes, as the fuzz target has them.
+#[test]
+fn answers_that_follow_a_script_end_as_well() {
+    let mut random = lies::Random(1);
+    for _ in 0..number("ISOCAT_SEEDS", 200) {
+        let len = random.below(200) as usize;
+        let script: Vec<u8> = (0..len).map(|_| random.extreme() as u8).collect();
+        run::follow(&script);
     }
 }
 

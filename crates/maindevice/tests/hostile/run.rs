@@ -4,13 +4,14 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use isocat_maindevice::{
-    Cause, Config, DelayWatch, Event, FRAME_LEN, MainDevice, QualityWatch, Recovery, Statistics, Survey,
+    Cause, Config, DelayWatch, Event, FRAME_LEN, MainDevice, QualityWatch, Recovery, Statistics,
+    Survey,
 };
-use isocat_wire::{ObjectAddress, StationAddress};
 use isocat_wire::al::AlState;
 use isocat_wire::datagram::{Address, Layouts};
 use isocat_wire::frame::{self, LOCALLY_ADMINISTERED, payload_offset};
 use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::{ObjectAddress, StationAddress};
 
 use super::device::{Line, Make};
 use super::lies::{Liar, Lie, Random, Wire};
@@ -173,16 +174,100 @@ fn config(story: &Story) -> Config {
     config
 }
 
+/// Runs two SubDevices whose answers are changed as a script says, see [`Script`]; the first byte is what is asked for.
+pub fn follow(bytes: &[u8]) {
+    struct Nothing;
+    impl Meter for Nothing {
+        fn call<R>(&mut self, _: Call, call: impl FnOnce() -> R) -> R {
+            call()
+        }
+    }
+    let (&first, script) = bytes.split_first().unwrap_or((&0, &[]));
+    let bit = |number: u8| first >> number & 1 != 0;
+    let wishes = Wishes {
+        unplanned: bit(0),
+        survey: first & 0x0E == 0x0E,
+        quality: bit(1),
+        delay_watch: bit(2),
+        recovery: bit(3),
+        requests: bit(4),
+        patient: false,
+    };
+    let makes = vec![Make { clock: bit(5), mailbox: true }, Make { clock: true, mailbox: bit(6) }];
+    let (liars, wire, seed) = (Vec::new(), Wire::default(), first.into());
+    let story = Story { makes, liars, wire, wishes, seed };
+    let outcome = begin(&story, Script { bytes: script.to_vec(), ..Script::default() })
+        .to_the_end(&mut Nothing);
+    assert_ne!(outcome.end, End::Endless, "{:?}", outcome.statistics);
+}
+
+/// What becomes of the answers, one after the other: a byte for each says what, and those behind it how. Behind its end
+/// answers are true.
+#[derive(Default)]
+struct Script {
+    bytes: Vec<u8>,
+    at: usize,
+    /// Answers that stay as they are before the next change.
+    skip: usize,
+}
+
+impl Script {
+    fn byte(&mut self) -> u8 {
+        let byte = self.bytes.get(self.at).copied().unwrap_or(0);
+        self.at += 1;
+        byte
+    }
+
+    /// Changes an answer; false: it is lost.
+    fn change(&mut self, frame: &mut Vec<u8>) -> bool {
+        if self.skip > 0 || self.at >= self.bytes.len() {
+            self.skip = self.skip.saturating_sub(1);
+            return true;
+        }
+        match self.byte() {
+            // So that a script reaches far.
+            few @ 0..=0x7F => self.skip = few.into(),
+            0x80 => return false,
+            0x81 => frame.truncate(usize::from(self.byte())),
+            0x82..=0x8F => {
+                let at = usize::from(u16::from_le_bytes([self.byte(), self.byte() & 7]));
+                let value = self.byte();
+                let from = at.min(frame.len());
+                frame.iter_mut().skip(from).take(1).for_each(|byte| *byte = value);
+            }
+            0x90..=0xAF => {
+                // Data behind the header of the first datagram, as they are read most.
+                let at = 26 + usize::from(self.byte() & 0x1F);
+                let value = self.byte();
+                frame.iter_mut().skip(at).take(1).for_each(|byte| *byte = value);
+            }
+            many => {
+                // A working counter, or whatever stands where that of a short datagram stands.
+                let at = 26 + usize::from(many & 0x0F);
+                let value = [self.byte(), self.byte()];
+                let counter = frame.iter_mut().skip(at).zip(value);
+                counter.for_each(|(byte, value)| *byte = value);
+            }
+        }
+        true
+    }
+}
+
 /// Runs a story to its end.
 pub fn run(story: &Story, meter: &mut impl Meter) -> Outcome {
+    begin(story, Script::default()).to_the_end(meter)
+}
+
+fn begin(story: &Story, script: Script) -> Run {
     let mut line = Line::new(&story.makes);
     for (position, lie, from, until) in &story.liars {
         line.devices[*position].liar = Some(Liar::new(*lie, *from, *until));
     }
     let machine = MainDevice::new(config(story), Time::new(0));
-    let run = Run {
+    Run {
         machine,
         line,
+        script,
         random: Random(story.seed),
         wire: story.wire,
         now: 0,
@@ -194,13 +279,13 @@ pub fn run(story: &Story, meter: &mut impl Meter) -> Outcome {
         requests: story.wishes.requests,
         wrong_blame: Vec::new(),
         named: false,
-    };
-    run.to_the_end(meter)
+    }
 }
 
 struct Run {
     machine: MainDevice,
     line: Line,
+    script: Script,
     random: Random,
     wire: Wire,
     now: u64,
@@ -295,6 +380,9 @@ impl Run {
             return;
         }
         self.line.pass(start, &mut bytes, random);
+        if !self.script.change(&mut bytes) {
+            return;
+        }
         let mut back = self.wire_free + LATENCY;
         if hit(random, wire.unmarked) {
             bytes[6] &= !LOCALLY_ADMINISTERED;

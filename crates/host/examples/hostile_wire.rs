@@ -5,10 +5,13 @@
 use std::time::Instant;
 
 #[path = "../../maindevice/tests/hostile/device.rs"]
+#[allow(dead_code, reason = "the tests use more of it")]
 mod device;
 #[path = "../../maindevice/tests/hostile/lies.rs"]
+#[allow(dead_code, reason = "the tests use more of it")]
 mod lies;
 #[path = "../../maindevice/tests/hostile/run.rs"]
+#[allow(dead_code, reason = "the tests use more of it")]
 mod run;
 
 use run::{Call, End, Meter, Story};

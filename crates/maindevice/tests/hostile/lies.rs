@@ -230,7 +230,9 @@ impl Liar {
                 let width = data.len().min(8);
                 data[..width].copy_from_slice(&lie[..width]);
             }
-            Lie::Difference if ado == 0x092C => data.copy_from_slice(&[0, 0, 0, 0x40]),
+            Lie::Difference if ado == 0x092C => {
+                data.iter_mut().zip([0, 0, 0, 0x40]).for_each(|(byte, lie)| *byte = lie);
+            }
             Lie::Noise if random.one_in(50) => {
                 let at = random.below(data.len() as u64) as usize;
                 data[at] = random.extreme() as u8;

@@ -386,10 +386,15 @@ async fn wait_for_sync(link: &Link, config: &Config, segment: &Segment) -> Resul
         crate::segment::DcCapability::Clock64 => now,
         _ => crate::cycle::extend(now.count() as u32, start),
     };
+    // However far off the clock now says that it is: what pulses there are is seen behind this.
+    let most = config.timeouts.sync_lead + LONGEST_GRID + LONGEST_GRID;
     let left = start - now + config.cycle;
-    link.sleep(Nanos(left.0.max(0))).await;
+    link.sleep(left.clamp(Nanos::ZERO, most)).await;
     Ok(())
 }
+
+/// The longest period of a grid of pulses, of which the first pulse may be one behind its lead.
+const LONGEST_GRID: Nanos = Nanos(i32::MAX as i64);
 
 /// All SubDevices to SAFEOP: outputs end. Those that refuse or are silent do not hold up the
 /// others.

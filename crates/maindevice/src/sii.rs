@@ -10,7 +10,7 @@ use isocat_wire::register;
 use isocat_wire::sii::{
     self, HEADER_LEN, Header, MailboxArea, PdoEntryRecord, PdoRecord, SmRecord, category, word,
 };
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::config::Config;
 use crate::error::{Cause, SiiProblem};
@@ -298,6 +298,8 @@ struct Reader<'a> {
     link: &'a Link,
     station: StationAddress,
     patience: Nanos,
+    /// When reading began.
+    begin: Time<Host>,
     /// Bytes read so far, from word 0; gaps are zeros.
     image: Vec<u8>,
 }
@@ -305,7 +307,7 @@ struct Reader<'a> {
 impl<'a> Reader<'a> {
     fn new(link: &'a Link, config: &Config, device: &SubDevice) -> Self {
         let (station, patience) = (device.station, config.timeouts.eeprom);
-        Self { link, station, patience, image: Vec::new() }
+        Self { link, station, patience, begin: link.now(), image: Vec::new() }
     }
 
     /// The header, of which the start is there.
@@ -333,9 +335,9 @@ impl<'a> Reader<'a> {
         (name, order): &mut (u8, u8),
     ) -> Result<(), Failure> {
         let mut at = usize::from(word::CATEGORIES);
-        loop {
+        for _ in 0..MOST_CATEGORIES {
             if at >= MOST_WORDS {
-                return Err(Failure::Problem(SiiProblem::NoEnd));
+                break;
             }
             let head = self.words(at, 2).await?;
             let kind = u16::from_le_bytes([head[0], head[1]]);
@@ -346,7 +348,7 @@ impl<'a> Reader<'a> {
             let start = at + 2;
             at = start + length;
             if at >= MOST_WORDS {
-                return Err(Failure::Problem(SiiProblem::NoEnd));
+                break;
             }
             if !USED.contains(&kind) {
                 continue;
@@ -362,6 +364,7 @@ impl<'a> Reader<'a> {
                 _ => sii.take(kind, &data),
             }
         }
+        return Ok(());
     }
 
     /// `count` words from word `first` on. What one access gives beyond them is kept for the next.
@@ -382,6 +385,10 @@ impl<'a> Reader<'a> {
 
     /// One access: the 4 or 8 bytes at a word.
     async fn access(&mut self, word: usize) -> Result<Vec<u8>, Failure> {
+        let after = self.link.now() - self.begin;
+        if after.0 > self.patience.0.saturating_mul(MOST_PATIENCES) {
+            return Err(Failure::Problem(SiiProblem::Slow { after }));
+        }
         let end = self.link.now() + self.patience;
         let address = register::EEPROM_STATUS.address;
         loop {
@@ -476,6 +483,11 @@ const ACCESS_LEN: usize = 14;
 /// Words of the largest EEPROM that two address bytes reach; an image without an end mark is read
 /// no further.
 const MOST_WORDS: usize = 0x1_0000;
+/// Categories of an image at most: it is years' worth of standards to have a dozen, and empty ones could be had by the thousand.
+const MOST_CATEGORIES: usize = 256;
+/// The time for a whole image, in times of what a single access may take. A large image of an honest EEPROM takes 10 s, and some times as
+/// long where a thousand SubDevices are read side by side.
+const MOST_PATIENCES: i64 = 600;
 /// An EEPROM needs some hundred microseconds for a read.
 const POLL: Nanos = Nanos(100_000);
 /// Before another try after a missing acknowledge.

@@ -218,7 +218,7 @@ fn run_for<T: Tap>(
 ) {
     let began = world.now();
     let end = began + duration;
-    let lost = world.main().statistics().frames_lost;
+    let lost = world.main().statistics().frames_missed();
     let mut told = began;
     while world.step(end) {
         take_events(world, notes);
@@ -228,7 +228,7 @@ fn run_for<T: Tap>(
         }
     }
     take_events(world, notes);
-    notes.lost = world.main().statistics().frames_lost - lost;
+    notes.lost = world.main().statistics().frames_missed() - lost;
 }
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {

@@ -8,7 +8,8 @@ use isocat_wire::register::{self};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
-    Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
+    Burst, PACE, SLOWER, followers, hasten, limits, noise, pace_for, read_differences,
+    reading_interval,
 };
 use super::settings::set_filter;
 use crate::config::Config;
@@ -62,11 +63,14 @@ async fn lead(
     let mut next_reading = begin + interval;
     loop {
         burst.until(next_reading).await?;
+        let slow = link.now() - begin > HURRY;
+        burst.slow(slow);
         let asked = link.now();
         let readings = read_differences(link, &clocks).await?;
         // Reading a thousand clocks takes longer than the interval, and no drift frame is sent meanwhile: most of the
         // time is left to what leads them.
         let took = link.now() - asked;
+        let interval = if slow { Nanos(SLOWER * interval.0) } else { interval };
         next_reading = (asked + interval).max(link.now() + Nanos(PULLING_PER_READING * took.0));
         for (((device, _), judge), (at, difference)) in clocks.iter().zip(&mut judged).zip(readings)
         {
@@ -91,6 +95,10 @@ async fn lead(
         }
     }
 }
+
+/// Clocks lock in half a second as a rule. One that has not by then has time: a clock that never comes into step, whatever it is
+/// led by, must not take the wire for as long as it is waited for.
+const HURRY: Nanos = Nanos(5_000_000_000);
 
 /// The clock that is furthest off, and its slope.
 fn worst(

@@ -10,7 +10,7 @@ use super::background::Kind;
 use super::procedures::{About, Ended};
 use super::way::Activity;
 use crate::event::Event;
-use crate::health::{self, Answer, Look};
+use crate::health::{self, Answer, Look, Others};
 
 /// States.
 impl MainDevice {
@@ -44,7 +44,7 @@ impl MainDevice {
         self.checked = (!good).then_some((seen, now));
         let asked = self.segment.devices.iter().filter(|device| device.admitted);
         let asked = asked.map(|device| (device.position, device.station)).collect();
-        let look = health::look(self.link.clone(), asked);
+        let look = health::look(self.link.clone(), asked, self.segment.devices.len());
         self.procedures.start(Kind::Look, About::default(), async { Ended::Look(look.await) });
     }
 
@@ -74,10 +74,11 @@ impl MainDevice {
         if reference.is_some_and(|at| lost.contains(&at)) {
             self.elect();
         }
-        match look.everybody {
-            Some(_) if self.is_ring_cut() => {}
-            Some(everybody) => self.welcome(everybody),
-            None => {
+        match look.others {
+            Others::Everybody(_) | Others::TooMany(_) if self.is_ring_cut() => {}
+            Others::Everybody(everybody) => self.welcome(everybody),
+            Others::TooMany(found) => self.report_unplanned(found),
+            Others::None => {
                 self.unplanned = None;
                 for device in self.segment.devices.iter().filter(|device| !device.admitted) {
                     self.keeper.is_absent(device.position);

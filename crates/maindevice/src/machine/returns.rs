@@ -72,11 +72,7 @@ impl MainDevice {
         let found = everybody.len() as u16;
         let is_out = |position| self.keeper.is_out(position);
         let Ok(places) = readmit::places(&self.segment, &everybody, is_out) else {
-            if self.unplanned != Some(found) {
-                self.unplanned = Some(found);
-                self.link.report(Event::Unplanned { cycle, found });
-            }
-            return;
+            return self.report_unplanned(found);
         };
         self.unplanned = None;
         let devices = &self.segment.devices;
@@ -104,6 +100,14 @@ impl MainDevice {
             readmit::readmit(work).await;
             Ended::Readmit
         });
+    }
+
+    /// So many answer, and they are not those of the plan.
+    pub(super) fn report_unplanned(&mut self, found: u16) {
+        if !self.procedures.has(Kind::Readmit) && self.unplanned.replace(found) != Some(found) {
+            let cycle = self.link.board(|board| board.cycle);
+            self.link.report(Event::Unplanned { cycle, found });
+        }
     }
 
     /// Goes on with those that are being taken up, and takes the end of each.

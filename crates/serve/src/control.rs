@@ -12,9 +12,9 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use isocat_descriptions::limits;
@@ -176,31 +176,30 @@ fn attend_all(
     sender: &Sender<(String, Sender<String>)>,
     waker: &UnixStream,
 ) {
-    let mut clients: VecDeque<Arc<UnixStream>> = VecDeque::new();
+    let mut clients: VecDeque<Weak<UnixStream>> = VecDeque::new();
     for client in listener.incoming() {
         let Ok(client) = client else {
             // Out of descriptors, say: not at once again.
             std::thread::sleep(SLICE);
             continue;
         };
-        // One that is done is held by nobody else.
-        clients.retain(|client| Arc::strong_count(client) > 1);
+        // One that is done has been closed by its thread.
+        clients.retain(|client| client.strong_count() > 0);
         if clients.len() >= limits::CONTROL_CLIENTS
-            && let Some(oldest) = clients.pop_front()
+            && let Some(oldest) = clients.pop_front().and_then(|oldest| oldest.upgrade())
         {
             // Its thread reads the end.
             let _ = oldest.shutdown(std::net::Shutdown::Both);
         }
         let client = Arc::new(client);
         let Ok(waker) = waker.try_clone() else { continue };
-        let (shared, sender) = (client.clone(), sender.clone());
-        let spawned = std::thread::Builder::new().name("client".into()).spawn(move || {
+        clients.push_back(Arc::downgrade(&client));
+        let sender = sender.clone();
+        // Without a thread it is closed at once.
+        let _ = std::thread::Builder::new().name("client".into()).spawn(move || {
             // One that hangs up or misbehaves is its own trouble.
-            let _ = attend(&shared, &sender, &waker);
+            let _ = attend(&client, &sender, &waker);
         });
-        if spawned.is_ok() {
-            clients.push_back(client);
-        }
     }
 }
 

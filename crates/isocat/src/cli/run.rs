@@ -216,7 +216,7 @@ pub(crate) fn write_report(
         (Some("html" | "htm"), Some(page)) => page.render(),
         _ => anstream::adapter::strip_str(text).to_string(),
     };
-    std::fs::write(path, content).map_err(|error| unwritable("report", Some(path), &error))
+    super::output::write(path, content).map_err(|error| unwritable("report", Some(path), &error))
 }
 
 /// Whether a report is wanted as a page.
@@ -323,7 +323,12 @@ impl Arguments {
 
 pub(crate) fn unwritable(what: &str, path: Option<&Path>, error: &std::io::Error) -> String {
     let path = path.map_or(String::new(), |path| path.display().to_string());
-    format!("the {what} file {path} can't be written: {error}")
+    match error.kind() {
+        std::io::ErrorKind::StorageFull => {
+            format!("the {what} file {path} can't be written: no space left on its disk")
+        }
+        _ => format!("the {what} file {path} can't be written: {error}"),
+    }
 }
 
 /// Shown on a terminal only, and only if the run takes a while.

@@ -4,6 +4,7 @@ use isocat_engine::NoTap;
 use isocat_engine::verdict::{self, Answer, Engine, Questions, Readings};
 use isocat_maindevice::{Event, Motion};
 use isocat_segment::{Scenario, SegmentFile};
+use isocat_sim::host::HostMachine;
 use isocat_sim::oscillator::{Ramp, Step};
 use isocat_sim::run::intent;
 use isocat_sim::{BitError, Cable, Direction, Setup, World};
@@ -179,25 +180,27 @@ impl Field {
         let begin = self.world.now();
         let end = begin + duration.into();
         let after = |at: Nanos| begin + at.into();
-        let mut done = 0;
-        let mut held = 0;
+        let (mut done, mut held) = (0, 0);
+        let mut sleeper = Oversleep::default();
         loop {
             let number = self.world.main().statistics().cycles;
-            let main = self.world.main();
-            let sleeps = main.frames_in_flight() == 0 && main.next_timeout() == main.next_cycle();
             let now = self.world.now();
             match *fault {
                 Fault::Late { at, by, times, every }
-                    if now >= after(at) && done < times && sleeps && number >= held + every =>
+                    if now >= after(at) && done < times && number >= held + every =>
                 {
-                    (done, held) = (done + 1, number);
-                    self.world.host_mut().oversleep(by);
+                    if sleeper.arm(self.world.host_mut(), number, by) {
+                        (done, held) = (done + 1, number);
+                    }
                 }
-                Fault::Stall { at, length } if now >= after(at) && done == 0 && sleeps => {
-                    done = 1;
-                    self.world.host_mut().oversleep(length);
+                Fault::Stall { at, length } if now >= after(at) && done == 0 => {
+                    done = u64::from(sleeper.arm(self.world.host_mut(), number, length));
                 }
-                Fault::Exchanged { cable, at, metres } if now >= after(at) && done == 0 && sleeps => {
+                Fault::Exchanged { cable, at, metres }
+                    if now >= after(at)
+                        && done == 0
+                        && self.world.main().frames_in_flight() == 0 =>
+                {
                     done = 1;
                     let cable = cable as usize;
                     self.world.segment_mut().replace_cable(cable, Cable::of_length(metres * 1_000));
@@ -231,6 +234,26 @@ impl Field {
             told: told.collect(),
             before: self.last_look.end(main, &self.readings, self.limit, skipped),
         }
+    }
+}
+
+/// Makes the host sleep too long once. A timer is set anew with each frame that comes back, so it is told until the cycle
+/// after the next has begun.
+#[derive(Default)]
+struct Oversleep {
+    until: Option<u64>,
+}
+
+impl Oversleep {
+    /// Whether it is over.
+    fn arm(&mut self, host: &mut HostMachine, number: u64, by: Nanos) -> bool {
+        let until = *self.until.get_or_insert(number + 2);
+        let over = number >= until;
+        host.oversleep(if over { Nanos::ZERO } else { by });
+        if over {
+            self.until = None;
+        }
+        over
     }
 }
 

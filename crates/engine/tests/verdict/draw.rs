@@ -74,9 +74,10 @@ pub fn draw(seed: u64) -> Drawn {
     let count = 1 + chance.between(0, 4);
     let duration = Nanos((cycle * chance.between(150, 400)) as i64);
     let fault = fault(&mut chance, cycle, duration, count);
+    let mut forks = Vec::new();
     let liar = chance.between(0, count - 1);
     for place in 0..count {
-        device(&mut chance, &mut text, place);
+        device(&mut chance, &mut text, place, &mut forks);
         if let (Fault::Misbehaves(words), true) = (&fault, place == liar) {
             let _ = writeln!(text, "misbehave = [\"{words}\"]");
         }
@@ -84,24 +85,40 @@ pub fn draw(seed: u64) -> Drawn {
     Drawn { text, cycle: Nanos(cycle as i64), duration, fault }
 }
 
-fn device(chance: &mut Chance, text: &mut String, place: u64) {
-    let ids: Vec<_> = built_in_ids().collect();
-    let id = if chance.one_in(3) { "model_every_mode" } else { *chance.of(&ids) };
+/// Writes a device; `forks` are those before it that have a port free for a branch.
+fn device(chance: &mut Chance, text: &mut String, place: u64, forks: &mut Vec<u64>) {
+    // Terminals of an EBUS need a coupler before them.
+    let copper = |id: &&str| !EBUS.iter().any(|prefix| id.starts_with(prefix));
+    let ids: Vec<_> = built_in_ids().filter(copper).collect();
+    let id = if chance.one_in(3) { FORK } else { *chance.of(&ids) };
     let modes: Vec<_> = built_in(id).expect("a built-in profile").modes().collect();
     let _ = writeln!(text, "[[subdevice]]\ndevice = \"{id}\"");
     // Subordinated cycles need settings of their own.
-    let modes: Vec<_> = modes.into_iter().filter(|m| *m != SyncMode::DcSubordinated).collect();
-    if !modes.is_empty() && !chance.one_in(3) {
-        let _ = writeln!(text, "mode = \"{}\"", chance.of(&modes));
+    let modes = modes.into_iter().filter(|m| *m != SyncMode::DcSubordinated);
+    let (dc, others): (Vec<_>, Vec<_>) = modes.partition(|mode| mode.uses_dc());
+    match (dc.is_empty(), others.is_empty()) {
+        (false, _) if !chance.one_in(5) => {
+            let _ = writeln!(text, "mode = \"{}\"", chance.of(&dc));
+        }
+        (_, false) => {
+            let _ = writeln!(text, "mode = \"{}\"", chance.of(&others));
+        }
+        _ => {}
     }
     let _ = writeln!(text, "cable = \"{}m\"", chance.between(1, 100));
     let deviation = chance.between(0, 100) as i64 - 50;
     let _ = writeln!(text, "clock = \"{deviation}ppm\"");
-    if place > 1 && chance.one_in(4) {
-        let (upstream, port) = (chance.between(0, place - 2), chance.between(1, 3));
-        let _ = writeln!(text, "connect = \"{upstream}:{port}\"");
+    if let Some(fork) = forks.pop_if(|fork| *fork + 1 < place && chance.one_in(2)) {
+        let _ = writeln!(text, "connect = \"{fork}:2\"");
+    }
+    if id == FORK {
+        forks.push(place);
     }
 }
+
+/// It has a third port.
+const FORK: &str = "model_every_mode";
+const EBUS: [&str; 3] = ["beckhoff_ek", "beckhoff_ej", "beckhoff_el"];
 
 fn fault(chance: &mut Chance, cycle: u64, duration: Nanos, devices: u64) -> Fault {
     let share = |chance: &mut Chance, from, to| {

@@ -1,10 +1,10 @@
 //! One run: a segment comes up, something goes wrong, and two verdicts are given.
 
 use isocat_engine::NoTap;
-use isocat_engine::verdict::{self, Answer, Engine, Questions, Readings};
+use isocat_engine::verdict::{self, Answer, Engine, Gap, Questions, Readings, Unknown};
 use isocat_maindevice::{Event, Motion};
 use isocat_segment::{Scenario, SegmentFile};
-use isocat_sim::host::HostMachine;
+use isocat_sim::host::{HostMachine, Stall};
 use isocat_sim::oscillator::{Ramp, Step};
 use isocat_sim::run::intent;
 use isocat_sim::{BitError, Cable, Direction, Setup, World};
@@ -28,8 +28,10 @@ pub struct Ran {
     pub losses: Vec<(usize, Loss)>,
     /// By what the wire shows.
     pub answer: Answer,
-    /// Kinds of findings and of what is not known and decides.
-    pub told: Vec<(&'static str, Option<usize>)>,
+    /// Findings, and what is not known and decides.
+    pub told: Vec<String>,
+    /// All that decides and is not known is how near clocks are to their limit.
+    pub near_limit: bool,
     /// Why nothing on the wire can show these losses.
     pub hidden: Option<&'static str>,
     /// What the last look finds.
@@ -48,16 +50,19 @@ pub fn run(seed: u64) -> Fate {
         let mut setup = scenario.run().setup;
         setup.config = verdict::with_reads(setup.config);
         if let Some(began) = began {
-            change_clocks(&mut setup, &fault, began);
+            change_setup(&mut setup, &fault, began);
         }
         setup
     };
-    let clocks = matches!(
+    let early = matches!(
         fault,
-        Fault::ClockStep { .. } | Fault::ClockRamp { .. } | Fault::HostClock { .. }
+        Fault::ClockStep { .. }
+            | Fault::ClockRamp { .. }
+            | Fault::HostClock { .. }
+            | Fault::Stall { .. }
     );
     let Some(mut world) = up(setup(None)) else { return Fate::NotUp };
-    if clocks {
+    if early {
         // Nothing changes before operation, so it begins at the same instant again.
         let began = world.now();
         world = match up(setup(Some(began))) {
@@ -75,7 +80,7 @@ pub fn run(seed: u64) -> Fate {
 }
 
 /// What of a fault must be known before time begins.
-fn change_clocks(setup: &mut Setup, fault: &Fault, began: Time<True>) {
+fn change_setup(setup: &mut Setup, fault: &Fault, began: Time<True>) {
     let from = |at: Nanos| Nanos((began - Time::ZERO).0 / 1_000) + at;
     match *fault {
         Fault::ClockStep { device, at, by_ppb } => {
@@ -89,6 +94,7 @@ fn change_clocks(setup: &mut Setup, fault: &Fault, began: Time<True>) {
         Fault::HostClock { at, by_ppb } => {
             setup.host.clock_step = Some(Step { by_ppb, at: from(at) });
         }
+        Fault::Stall { at, length } => setup.host.stall = Some(Stall { at: from(at), length }),
         _ => {}
     }
 }
@@ -193,9 +199,6 @@ impl Field {
                         (done, held) = (done + 1, number);
                     }
                 }
-                Fault::Stall { at, length } if now >= after(at) && done == 0 => {
-                    done = u64::from(sleeper.arm(self.world.host_mut(), number, length));
-                }
                 Fault::Exchanged { cable, at, metres }
                     if now >= after(at)
                         && done == 0
@@ -223,18 +226,23 @@ impl Field {
         let skipped = self.engine.cycles_skipped();
         let (main, axes) = (self.world.main(), self.world.application().axes());
         let verdict = self.engine.end(at, main, axes, &self.readings);
-        let findings = verdict.findings.iter().map(|found| (found.kind.name(), found.place.device));
+        let findings = verdict.findings.iter().map(|found| format!("{:?} {:?}", found.place.device, found.kind));
         let open = verdict.unknown.iter().filter(|unknown| unknown.kind.decides());
-        let told = findings.chain(open.map(|open| (open.kind.name(), open.place.device)));
+        let told = findings.chain(open.map(|open| format!("{:?} {:?}", open.place.device, open.kind)));
         Ran {
             fault: fault.name(),
             hidden: hidden(fault, &losses),
             losses,
+            near_limit: verdict.unknown.iter().filter(|open| open.kind.decides()).all(near_limit),
             answer: verdict.answer(),
             told: told.collect(),
             before: self.last_look.end(main, &self.readings, self.limit, skipped),
         }
     }
+}
+
+fn near_limit(unknown: &Unknown) -> bool {
+    matches!(unknown.kind, Gap::ClockNearLimit { .. })
 }
 
 /// Makes the host sleep too long once. A timer is set anew with each frame that comes back, so it is told until the cycle

@@ -173,7 +173,13 @@ impl Engine {
 
     /// The time is over. `readings` is what the SubDevices said, by position, empty if they were not asked; `axes` is how
     /// the application sees them.
-    pub fn end(mut self, at: Nanos, main: &MainDevice, axes: &[Axis], readings: &[Readings]) -> Verdict {
+    pub fn end(
+        mut self,
+        at: Nanos,
+        main: &MainDevice,
+        axes: &[Axis],
+        readings: &[Readings],
+    ) -> Verdict {
         self.cycle(at, main);
         let mut verdict = Verdict::default();
         let cycles = self.last.cycles - self.first.cycles;

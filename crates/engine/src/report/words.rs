@@ -122,7 +122,9 @@ fn judged(kind: &Judged, family: Family) -> String {
         }
         Judged::FramesTooLate { cycles, by } => {
             let cycles = in_cycles(*cycles);
-            format!("outputs came up to {by} too late for SYNC0 {cycles}, by the times that it states")
+            format!(
+                "outputs came up to {by} too late for SYNC0 {cycles}, by the times that it states"
+            )
         }
         Judged::FramesTooEarly { cycles, by } => {
             let cycles = in_cycles(*cycles);
@@ -130,7 +132,9 @@ fn judged(kind: &Judged, family: Family) -> String {
         }
         Judged::DelayChanged { written, found } => {
             let found = us(*found);
-            format!("its delay is {found} and no longer the {written} that were written: a cable was changed")
+            format!(
+                "its delay is {found} and no longer the {written} that were written: a cable was changed"
+            )
         }
         Judged::DriveNotEnabled => "drive never reached operation enabled".into(),
         Judged::WorkingCounter { datagrams } => {
@@ -143,9 +147,7 @@ fn judged(kind: &Judged, family: Family) -> String {
                     1 => "1 cycle was".into(),
                     cycles => format!("{cycles} cycles were"),
                 };
-                format!(
-                    "{cycles} skipped: the machine woke too late, no frame left in them"
-                )
+                format!("{cycles} skipped: the machine woke too late, no frame left in them")
             }
         },
         Judged::FramesLost { frames } => format!("{frames} frames did not come back in time"),

@@ -42,7 +42,8 @@ impl Clocks {
 
     fn look_at(&mut self, index: usize, at: Nanos, main: &MainDevice) {
         let (limit, quality) = (self.limit, main.quality());
-        let (Some(followed), Some(clock)) = (self.followed.get_mut(index), quality.get(index)) else {
+        let (Some(followed), Some(clock)) = (self.followed.get_mut(index), quality.get(index))
+        else {
             return;
         };
         let Some(last) = clock.last().filter(|last| Some(last.at) != followed.seen) else { return };
@@ -61,7 +62,13 @@ impl Clocks {
     }
 
     /// Says what was read; `readings` is what each SubDevice said at the end.
-    pub fn end(&mut self, at: Nanos, main: &MainDevice, readings: &[Readings], verdict: &mut Verdict) {
+    pub fn end(
+        &mut self,
+        at: Nanos,
+        main: &MainDevice,
+        readings: &[Readings],
+        verdict: &mut Verdict,
+    ) {
         for index in 0..self.followed.len() {
             self.look_at(index, at, main);
         }
@@ -89,7 +96,8 @@ impl Clocks {
                 _ => {
                     let bound = followed.bound.map(|bound| Nanos(bound.0 * BETWEEN_FRAMES));
                     if let Some(bound) = bound.filter(|bound| *bound > limit) {
-                        verdict.doubt(Place::device(position), Gap::ClockNearLimit { bound, limit });
+                        verdict
+                            .doubt(Place::device(position), Gap::ClockNearLimit { bound, limit });
                     }
                 }
             }

@@ -55,7 +55,8 @@ impl Counted {
         };
         pace.silent |= objects.is_silent();
         let missed = |entry: &&EntryQuality| entry.object.sub == sub::SM_EVENT_MISSED;
-        let Some((last, _)) = objects.entries.iter().find(missed).and_then(|entry| entry.last) else {
+        let Some((last, _)) = objects.entries.iter().find(missed).and_then(|entry| entry.last)
+        else {
             return;
         };
         if pace.last != Some(last) {
@@ -171,7 +172,8 @@ mod tests {
         let small = |small| Counters { cycle_time_too_small: Some(small), ..Counters::default() };
         let says = |before, after| complaint(0x1C32, &small(before), &small(after), &[]);
         let object = ObjectAddress::new(0x1C32, 0x0C);
-        let grew = |grew, value| Some(Judged::CycleTimeTooSmall { object, grew: Some(grew), value });
+        let grew =
+            |grew, value| Some(Judged::CycleTimeTooSmall { object, grew: Some(grew), value });
         assert_eq!(says(7, 7), None);
         assert_eq!(says(7, 2), grew(2, 2), "set back, and counted on");
     }

@@ -96,8 +96,7 @@ fn counters_of(main: &MainDevice, position: usize, index: u16) -> Vec<ObjectAddr
 fn take(readings: &mut Readings, question: Question, bytes: &[u8], before: bool) {
     match question {
         Question::Counter(object) => {
-            let number =
-                bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
+            let number = bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
             let counters = match (object.index, before) {
                 (OUTPUT_PARAMETER, true) => &mut readings.outputs_before,
                 (OUTPUT_PARAMETER, false) => &mut readings.outputs,
@@ -114,11 +113,7 @@ fn take(readings: &mut Readings, question: Question, bytes: &[u8], before: bool)
         }
         Question::Status => {
             let word = |at: usize| {
-                bytes
-                    .get(at..)
-                    .and_then(|rest| rest.first_chunk())
-                    .copied()
-                    .map(u16::from_le_bytes)
+                bytes.get(at..).and_then(|rest| rest.first_chunk()).copied().map(u16::from_le_bytes)
             };
             readings.status = word(0).zip(word(4)).map(|(s, c)| (AlStatus(s), AlStatusCode(c)));
         }

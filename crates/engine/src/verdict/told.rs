@@ -135,13 +135,7 @@ impl Told {
 
     /// Says what it came to. `readings` is what the SubDevices said at the end, `errors` counts datagrams with a wrong working
     /// counter.
-    pub fn end(
-        self,
-        main: &MainDevice,
-        readings: &[Readings],
-        errors: u64,
-        verdict: &mut Verdict,
-    ) {
+    pub fn end(self, main: &MainDevice, readings: &[Readings], errors: u64, verdict: &mut Verdict) {
         for device in &main.segment().devices {
             let position = device.position;
             let optional = self.is_optional(position);

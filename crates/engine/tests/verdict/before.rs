@@ -28,7 +28,13 @@ impl LastLook {
     }
 
     /// What speaks against the segment at the end; empty: "in sync".
-    pub fn end(mut self, main: &MainDevice, readings: &[Readings], limit: Nanos, skipped: u64) -> Vec<&'static str> {
+    pub fn end(
+        mut self,
+        main: &MainDevice,
+        readings: &[Readings],
+        limit: Nanos,
+        skipped: u64,
+    ) -> Vec<&'static str> {
         let grew = |before: Option<u32>, after: Option<u32>| {
             let (before, after) = (before.unwrap_or(0), after.unwrap_or(0));
             after.checked_sub(before).unwrap_or(after) > 0
@@ -44,7 +50,9 @@ impl LastLook {
             if said.status.is_none_or(|(status, _)| status != AlStatus::new(AlState::Op)) {
                 self.told.push("state at the end");
             }
-            if counted(&said.outputs_before, &said.outputs) || counted(&said.inputs_before, &said.inputs) {
+            if counted(&said.outputs_before, &said.outputs)
+                || counted(&said.inputs_before, &said.inputs)
+            {
                 self.told.push("counter at the end");
             }
             let steered = device.mode.uses_dc() && segment.reference != Some(device.position);

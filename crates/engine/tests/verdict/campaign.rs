@@ -1,13 +1,13 @@
 //! One run: a segment comes up, something goes wrong, and two verdicts are given.
 
 use isocat_engine::NoTap;
-use isocat_engine::verdict::{self, Answer, Engine, Gap, Questions, Readings, Unknown};
+use isocat_engine::verdict::{self, Answer, Engine, Gap, Questions, Readings, Verdict};
 use isocat_maindevice::{Event, Motion};
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_sim::host::{HostMachine, Stall};
 use isocat_sim::oscillator::{Ramp, Step};
 use isocat_sim::run::intent;
-use isocat_sim::{BitError, Cable, Direction, Setup, World};
+use isocat_sim::{BitError, Cable, Direction, Finding, Judged, Kind, Setup, World};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use crate::before::LastLook;
@@ -30,7 +30,7 @@ pub struct Ran {
     pub answer: Answer,
     /// Findings, and what is not known and decides.
     pub told: Vec<String>,
-    /// All that decides and is not known is how near clocks are to their limit.
+    /// Clocks near their limit are all that speaks against it.
     pub near_limit: bool,
     /// Why nothing on the wire can show these losses.
     pub hidden: Option<&'static str>,
@@ -167,7 +167,12 @@ impl Field {
                 let direction = if back { Direction::Back } else { Direction::Out };
                 for bit in 0..frames as usize {
                     let at = now + at.into();
-                    segment.disturb(BitError { cable: cable as usize, direction, at, bit: 200 + bit });
+                    segment.disturb(BitError {
+                        cable: cable as usize,
+                        direction,
+                        at,
+                        bit: 200 + bit,
+                    });
                 }
             }
             Fault::Cut { cable, at, length } => {
@@ -226,14 +231,18 @@ impl Field {
         let skipped = self.engine.cycles_skipped();
         let (main, axes) = (self.world.main(), self.world.application().axes());
         let verdict = self.engine.end(at, main, axes, &self.readings);
-        let findings = verdict.findings.iter().map(|found| format!("{:?} {:?}", found.place.device, found.kind));
+        let findings = verdict
+            .findings
+            .iter()
+            .map(|found| format!("{:?} {:?}", found.place.device, found.kind));
         let open = verdict.unknown.iter().filter(|unknown| unknown.kind.decides());
-        let told = findings.chain(open.map(|open| format!("{:?} {:?}", open.place.device, open.kind)));
+        let told =
+            findings.chain(open.map(|open| format!("{:?} {:?}", open.place.device, open.kind)));
         Ran {
             fault: fault.name(),
             hidden: hidden(fault, &losses),
             losses,
-            near_limit: verdict.unknown.iter().filter(|open| open.kind.decides()).all(near_limit),
+            near_limit: near_limit(&verdict),
             answer: verdict.answer(),
             told: told.collect(),
             before: self.last_look.end(main, &self.readings, self.limit, skipped),
@@ -241,8 +250,15 @@ impl Field {
     }
 }
 
-fn near_limit(unknown: &Unknown) -> bool {
-    matches!(unknown.kind, Gap::ClockNearLimit { .. })
+/// Whether clocks near their limit, on this side of it or just beyond, are all that speaks against a segment.
+fn near_limit(verdict: &Verdict) -> bool {
+    let near = |finding: &Finding| match finding.kind {
+        Kind::Judged(Judged::ClockOff { difference, limit }) => difference.abs().0 < 2 * limit.0,
+        _ => false,
+    };
+    let mut open = verdict.unknown.iter().filter(|open| open.kind.decides());
+    verdict.findings.iter().all(near)
+        && open.all(|open| matches!(open.kind, Gap::ClockNearLimit { .. }))
 }
 
 /// Makes the host sleep too long once. A timer is set anew with each frame that comes back, so it is told until the cycle

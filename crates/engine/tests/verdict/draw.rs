@@ -24,23 +24,60 @@ pub struct Drawn {
 pub enum Fault {
     None,
     /// Frames damaged on a cable: which, when, how many in a row, on the way back.
-    Damaged { cable: u64, at: Nanos, frames: u64, back: bool },
+    Damaged {
+        cable: u64,
+        at: Nanos,
+        frames: u64,
+        back: bool,
+    },
     /// A cable cut for a time: too short for a link, or long enough.
-    Cut { cable: u64, at: Nanos, length: Nanos },
+    Cut {
+        cable: u64,
+        at: Nanos,
+        length: Nanos,
+    },
     /// A SubDevice without power for a time.
-    Power { device: u64, at: Nanos, length: Nanos },
+    Power {
+        device: u64,
+        at: Nanos,
+        length: Nanos,
+    },
     /// The host wakes up late, so many times, once in `every` cycles.
-    Late { at: Nanos, by: Nanos, times: u64, every: u64 },
+    Late {
+        at: Nanos,
+        by: Nanos,
+        times: u64,
+        every: u64,
+    },
     /// The host does nothing for a time.
-    Stall { at: Nanos, length: Nanos },
+    Stall {
+        at: Nanos,
+        length: Nanos,
+    },
     /// An oscillator changes its speed at once.
-    ClockStep { device: u64, at: Nanos, by_ppb: i64 },
+    ClockStep {
+        device: u64,
+        at: Nanos,
+        by_ppb: i64,
+    },
     /// An oscillator changes its speed slowly.
-    ClockRamp { device: u64, at: Nanos, by_ppb: i64, over: Nanos },
+    ClockRamp {
+        device: u64,
+        at: Nanos,
+        by_ppb: i64,
+        over: Nanos,
+    },
     /// The host's clock changes its speed at once.
-    HostClock { at: Nanos, by_ppb: i64 },
+    HostClock {
+        at: Nanos,
+        by_ppb: i64,
+    },
     /// A cable is exchanged for a longer one.
-    Exchanged { cable: u64, at: Nanos, metres: u64 },
+    Exchanged {
+        cable: u64,
+        at: Nanos,
+        metres: u64,
+    },
     /// A SubDevice does something wrong from the start.
     Misbehaves(&'static str),
 }
@@ -121,9 +158,8 @@ const FORK: &str = "model_every_mode";
 const EBUS: [&str; 3] = ["beckhoff_ek", "beckhoff_ej", "beckhoff_el"];
 
 fn fault(chance: &mut Chance, cycle: u64, duration: Nanos, devices: u64) -> Fault {
-    let share = |chance: &mut Chance, from, to| {
-        Nanos(duration.0 * chance.between(from, to) as i64 / 100)
-    };
+    let share =
+        |chance: &mut Chance, from, to| Nanos(duration.0 * chance.between(from, to) as i64 / 100);
     let cycles = |chance: &mut Chance, from: u64, to: u64| {
         // In thousandths of a cycle.
         Nanos((cycle * chance.between(from, to) / 1_000) as i64)

@@ -67,7 +67,7 @@ impl Table {
             (true, answer) if *fault == draw::NONE => {
                 let (name, list) = match answer {
                     // At long cycles the clocks of some segments are near their limit indeed.
-                    Answer::NotKnown if ran.near_limit => return self.count("no fault: a clock near its limit"),
+                    _ if ran.near_limit => return self.count("no fault: a clock near its limit"),
                     Answer::NotKnown => ("no fault: not known", &mut self.open),
                     _ => ("no fault: false alarm", &mut self.false_alarms),
                 };

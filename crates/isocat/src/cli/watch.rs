@@ -318,9 +318,9 @@ impl Arguments {
                         (finding.place, words::what(&finding.kind, words::Family::Wire))
                     });
                     let mut open = outcome.unknown.iter().filter(|open| open.kind.decides());
-                    let open = open.next().map(|open| {
-                        (open.place, format!("not known: {}", words::gap(&open.kind)))
-                    });
+                    let open = open
+                        .next()
+                        .map(|open| (open.place, format!("not known: {}", words::gap(&open.kind))));
                     found.or(open).map(|(place, what)| match place.device {
                         Some(position) => format!("SubDevice {position}: {what}"),
                         None => what,

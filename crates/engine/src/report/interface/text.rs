@@ -8,7 +8,8 @@ use isocat_wire::time::Nanos;
 
 use super::{Harm, InterfaceReport, Machine, Series};
 use crate::report::text::{
-    BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, UNKNOWN, counters, range, write_findings, write_notes,
+    BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, UNKNOWN, counters, range, write_findings,
+    write_notes,
 };
 use crate::report::words::seconds;
 use crate::verdict::Answer;

@@ -1,7 +1,8 @@
 //! The command line: verbs, exit codes, where words go.
 //!
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not
-//! in sync or lost it, 2 bad input. `plan`: 0 fits, 1 does not (with `--prove` also: does not
+//! in sync or lost it, 2 bad input, 3 not known (`run --interface` alone: nothing speaks against it,
+//! but something that decides was not read). `plan`: 0 fits, 1 does not (with `--prove` also: does not
 //! hold), 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
 //! input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad input. `calibrate`: 0
 //! law and sign of each clock were told, 1 not or something was not put back, 2 bad input or
@@ -41,6 +42,8 @@ const IN_SYNC: u8 = 0;
 const NOT_IN_SYNC: u8 = 1;
 /// The input can't be used.
 const BAD_INPUT: u8 = 2;
+/// Nothing was found against it, but not all was read that decides.
+const NOT_KNOWN: u8 = 3;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -74,7 +77,7 @@ Examples:
   isocat devices vendor.xml           what a maker's description (ESI) holds
   isocat explain modes                what each synchronization mode needs of a device
 
-Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
+Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input, 3 on a real interface: not known. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
 0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
 answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
 

@@ -147,7 +147,8 @@ fn without_stalls(mut run: impl FnMut() -> Output) -> Option<(Output, Value)> {
         let report = report(&output);
         let late = &report["punctuality"]["send_lateness"]["span"]["max_ns"];
         // Without a figure it did not come so far: a stall on the way up.
-        let skipped = report["punctuality"]["cycles_skipped"].as_u64() > Some(0);
+        let counted = |what: &str| report["punctuality"][what].as_u64() > Some(0);
+        let skipped = counted("cycles_skipped") || counted("frames_lost");
         let stalled = skipped || late.as_f64().is_none_or(|ns| ns > 2e6);
         if report["in_sync"] == true || !stalled {
             return Some((output, report));
@@ -184,11 +185,16 @@ fn the_built_in_segment_is_brought_into_sync_over_a_wire() {
         return;
     };
     assert_eq!(output.status.code(), Some(0), "{report:#}");
-    assert_eq!(report["format"], "isocat-interface-report/5");
+    assert_eq!(report["format"], "isocat-interface-report/6");
     assert_eq!(
         report["verdict"],
         "In sync: 3 of 5 SubDevices, 2 in Free Run as announced or asked for."
     );
+    assert_eq!(report["answer"], "in-sync");
+    // What no wire shows is told, and changes nothing.
+    let unknown = report["unknown"].as_array().expect("what is not known");
+    assert!(unknown.iter().all(|unknown| unknown["decides"] == false), "{unknown:#?}");
+    assert!(unknown.iter().any(|unknown| unknown["kind"] == "pins"), "{unknown:#?}");
     assert_eq!(report["ended_by"], "time");
     assert!(report["judged_ns"].as_i64() >= Some(2_000_000_000), "{report:#}");
     let modes: Vec<_> = (0..5).map(|at| report["devices"][at]["mode"].clone()).collect();

@@ -190,6 +190,29 @@ kinds! {
             /// Largest difference allowed.
             limit: Nanos,
         },
+        /// Frames found the reference clock so late that outputs came too late for their pulse, by the times that the
+        /// SubDevice states.
+        FramesTooLate = "frames-too-late" {
+            /// Cycles.
+            cycles: u64,
+            /// By how much at most, with the worst clocks that the plan assumes.
+            by: Nanos,
+        },
+        /// Frames found the reference clock so early that inputs were not ready, or that outputs came before the pulse of
+        /// the cycle before.
+        FramesTooEarly = "frames-too-early" {
+            /// Cycles.
+            cycles: u64,
+            /// By how much at most, with the worst clocks that the plan assumes.
+            by: Nanos,
+        },
+        /// The delay to the SubDevice is no longer the one that was written, by more than a clock may be off.
+        DelayChanged = "delay-changed" {
+            /// Register 0x0928.
+            written: Nanos,
+            /// Measured now.
+            found: Picos,
+        },
         /// The drive had time to switch on and did not.
         DriveNotEnabled = "drive-not-enabled",
         /// Process data came back with a wrong working counter.

@@ -10,19 +10,16 @@ use isocat_host::{
 use isocat_maindevice::motion::Axis;
 use isocat_maindevice::quality::Change;
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Config, Event, Motion, RequestId, Segment, SegmentChange};
+use isocat_maindevice::{Config, DeviceConfig, Event, Motion, Segment};
 use isocat_sim::Finding;
-use isocat_sim::run::{Counters, Progress};
-use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
+use isocat_sim::run::Progress;
 use isocat_sync::phase;
-use isocat_wire::dc::{DifferencePolarity, SystemTimeDifference};
-use isocat_wire::register::{self, Register, Value};
 use isocat_wire::time::{Host, Nanos, Time};
-use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
 use super::judge;
 use crate::report::quality::Quality;
 use crate::status::Scribe;
+use crate::verdict::{Answer, Engine, Questions, Readings, Unknown, Verdict};
 
 /// What is to be done on which interface.
 pub struct Job {
@@ -101,16 +98,20 @@ pub struct Outcome {
     pub uncertainty: Option<phase::Uncertainty>,
     /// The application's view of each SubDevice.
     pub axes: Vec<Axis>,
-    /// What each SubDevice said at the end, by position.
-    pub devices: Vec<AtEnd>,
+    /// What each SubDevice said before and at the end, by position.
+    pub devices: Vec<Readings>,
     /// Time in operation; `None` if it never began.
     pub judged: Option<Nanos>,
     /// What ended the run.
     pub end: End,
     /// What was read in the background; `None`: it was not asked for, or operation was not reached.
     pub quality: Option<Quality>,
-    /// Why the segment is not in sync; empty if it is.
+    /// Why the segment is not in sync.
     pub findings: Vec<Finding>,
+    /// What is not known of it.
+    pub unknown: Vec<Unknown>,
+    /// How SubDevices that may be absent came and went.
+    pub visits: Vec<Finding>,
     /// What else a reader ought to know.
     pub notes: Vec<String>,
     /// The recorder, to be finished.
@@ -118,9 +119,9 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Whether every SubDevice ran as it was asked to.
-    pub fn in_sync(&self) -> bool {
-        self.findings.is_empty()
+    /// Whether every SubDevice ran as it was asked to, or that is not known.
+    pub fn answer(&self) -> Answer {
+        Answer::of(&self.findings, &self.unknown)
     }
 
     /// The error of the MainDevice that ended the way up.
@@ -149,41 +150,6 @@ pub enum End {
     Link(LinkError),
 }
 
-/// What one SubDevice said when the time in operation was over.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct AtEnd {
-    /// Registers 0x0130 and 0x0134; `None`: it did not answer.
-    pub status: Option<(AlStatus, AlStatusCode)>,
-    /// Register 0x092C; `None` without clock, or it did not answer.
-    pub difference: Option<Nanos>,
-    /// Counters of 0x1C32 when the time in operation began.
-    pub outputs_before: Counters,
-    /// Counters of 0x1C32.
-    pub outputs: Counters,
-    /// Counters of 0x1C33 when the time in operation began.
-    pub inputs_before: Counters,
-    /// Counters of 0x1C33.
-    pub inputs: Counters,
-}
-
-/// What the MainDevice reported while in operation.
-#[derive(Debug, Default)]
-pub(super) struct Noted {
-    /// Position, status and code, and since when.
-    pub states: Vec<(usize, AlStatus, AlStatusCode, Nanos)>,
-    /// SubDevices expected and found, and since when.
-    pub counts: Vec<(u16, u16, Nanos)>,
-    /// What became of SubDevices, and since when.
-    pub changes: Vec<(Option<usize>, SegmentChange, Nanos)>,
-    pub locks_lost: u64,
-    /// The longest time that the machine came too late for a cycle: how late, and since when of the time in
-    /// operation.
-    pub stall: Option<(Nanos, Nanos)>,
-    /// Alarms of what was read in the background, and since when.
-    pub alarms: Vec<(Nanos, Change)>,
-    pub answers: Vec<(RequestId, Option<Vec<u8>>)>,
-}
-
 impl Job {
     /// Does it all, on a thread of its own that has the machine's attention. It ends early once `stop` is
     /// set. An error is one of the interface or of its namespace, before anything was sent.
@@ -210,6 +176,7 @@ impl Job {
         let (_awake, machine) = Machine::prepare(subject, Some(&self.socket), self.config.cycle)?;
         let before = Traffic::of(&interface, namespace);
         let (jitter, watch) = (self.config.host_jitter, self.config.quality);
+        let optional = self.config.devices.iter().map(DeviceConfig::may_be_absent).collect();
         let waiting = match self.wish.busy {
             true => Waiting::Busy,
             false => Waiting::sleep(&machine.wake_ups, self.config.cycle),
@@ -226,8 +193,10 @@ impl Job {
             progress,
             scribe: self.scribe,
             origin: clock::now(),
-            noted: Noted::default(),
+            alarms: Vec::new(),
+            questions: None,
             began: None,
+            engine: None,
             judged: None,
         };
         let mut devices = Vec::new();
@@ -238,10 +207,13 @@ impl Job {
                 end
             }
             Ok(()) => {
+                run.began = Some(clock::now());
+                let main = run.exchange.main();
+                run.engine = Some(Engine::begin(main, self.difference_limit, optional));
+                statistics.0 = main.statistics();
                 // The counters may stand anywhere: what they grow by in operation is judged.
-                devices = vec![AtEnd::default(); run.exchange.main().segment().devices.len()];
+                devices = vec![Readings::default(); main.segment().devices.len()];
                 let read = run.read(&mut devices, true);
-                statistics.0 = run.exchange.main().statistics();
                 let end = read.err().unwrap_or_else(|| run.operate(self.duration));
                 statistics.1 = run.exchange.main().statistics();
                 end
@@ -249,12 +221,13 @@ impl Job {
         };
         let (phase, rate_ppb) = (run.exchange.main().phase(), run.exchange.main().rate_ppb());
         let uncertainty = run.exchange.main().phase_uncertainty();
-        let answers = run.began.is_some() && matches!(end, End::Time | End::Asked);
+        let answers = run.judged.is_some() && matches!(end, End::Time | End::Asked);
         let mut notes = Vec::new();
         let read = if answers { run.read(&mut devices, false) } else { Ok(()) };
         if let Err(End::Link(error)) = read {
             notes.push(format!("reading the counters at the end: {error}"));
         }
+        let verdict = run.end_judging(if answers { &devices } else { &[] });
         let segment = run.exchange.main().segment().clone();
         let quality = Quality::new(run.exchange.main(), watch);
         let carrier = run.exchange.socket().has_carrier();
@@ -264,29 +237,32 @@ impl Job {
             _ => run.go_down(),
         };
         notes.extend(down.err());
-        let Running { exchange, noted, judged, .. } = run;
+        let Running { exchange, alarms, judged, .. } = run;
+        let Verdicts { verdict, locks_lost, stall } = verdict;
         let mut outcome = Outcome {
             machine,
             segment,
             statistics,
             figures: *exchange.figures(),
             phase,
-            locks_lost: noted.locks_lost,
-            stall: noted.stall,
+            locks_lost,
+            stall,
             rate_ppb,
             uncertainty,
             axes: exchange.application().axes().to_vec(),
             devices,
             judged,
             end,
-            quality: quality.map(|quality| quality.with_alarms(&noted.alarms)),
-            findings: Vec::new(),
+            quality: quality.map(|quality| quality.with_alarms(&alarms)),
+            findings: verdict.findings,
+            unknown: verdict.unknown,
+            visits: verdict.visits,
             notes,
             recorder: None,
         };
         let after = Traffic::of(&interface, namespace);
         let total = exchange.main().statistics();
-        judge::judge(&mut outcome, &noted, &interface, carrier, self.difference_limit);
+        judge::judge(&mut outcome, &interface, carrier);
         judge::note(&mut outcome, &interface, jitter, total, before.zip(after));
         outcome.recorder = exchange.into_parts().1;
         Ok(outcome)
@@ -301,9 +277,23 @@ struct Running<'a> {
     scribe: Option<Scribe>,
     /// What the scribe's times count from.
     origin: Time<Host>,
-    noted: Noted,
+    /// Alarms of what was read in the background, and since when.
+    alarms: Vec<(Nanos, Change)>,
+    /// What the SubDevices are being asked.
+    questions: Option<Questions>,
+    /// When all SubDevices were in OP, and what judges since.
     began: Option<Time<Host>>,
+    engine: Option<Engine>,
+    /// How long it was judged, once that is over.
     judged: Option<Nanos>,
+}
+
+/// What the time in operation came to.
+#[derive(Default)]
+struct Verdicts {
+    verdict: Verdict,
+    locks_lost: u64,
+    stall: Option<(Nanos, Nanos)>,
 }
 
 impl Running<'_> {
@@ -335,8 +325,6 @@ impl Running<'_> {
         let began = clock::now();
         let until = began + duration;
         let mut told = began;
-        self.began = Some(began);
-        self.judged = Some(Nanos::ZERO);
         self.exchange.measure(true);
         let end = loop {
             if let Err(error) = self.exchange.step(until) {
@@ -360,8 +348,21 @@ impl Running<'_> {
             }
         };
         self.exchange.measure(false);
-        self.judged = Some(clock::now() - began);
+        self.judged = Some(clock::now() - self.began.unwrap_or(began));
         end
+    }
+
+    /// The time in operation is over; `readings` is what the SubDevices said, if they were asked.
+    fn end_judging(&mut self, readings: &[Readings]) -> Verdicts {
+        let now = clock::now();
+        self.take_events(now);
+        let (Some(engine), Some(began)) = (self.engine.take(), self.began) else {
+            return Verdicts::default();
+        };
+        let (locks_lost, stall) = (engine.locks_lost(), engine.stall());
+        let axes = self.exchange.application().axes();
+        let verdict = engine.end(now - began, self.exchange.main(), axes, readings);
+        Verdicts { verdict, locks_lost, stall }
     }
 
     /// Goes back to INIT; says what stands in the way.
@@ -388,33 +389,10 @@ impl Running<'_> {
 
     /// Reads the counters of all SubDevices over the wire, while process data go on; at the end their states
     /// and clocks too.
-    fn read(&mut self, devices: &mut [AtEnd], before: bool) -> Result<(), End> {
-        let mut asked = Vec::new();
+    fn read(&mut self, devices: &mut [Readings], before: bool) -> Result<(), End> {
         let limit = clock::now() + READ_LIMIT;
-        for position in 0..devices.len() {
-            for index in [OUTPUT_PARAMETER, INPUT_PARAMETER] {
-                for object in self.counters_of(position, index) {
-                    let request = self.exchange.main_mut().upload(position, object);
-                    asked.push((request, position, Question::Counter(object)));
-                }
-            }
-            if before {
-                continue;
-            }
-            let main = self.exchange.main_mut();
-            let status = register::AL_STATUS.address;
-            let request = main.read_memory(position, status, STATUS_LEN);
-            asked.push((request, position, Question::Status));
-            if main.segment().devices[position].dc.has_clock() {
-                let address = register::SYSTEM_TIME_DIFFERENCE.address;
-                let len = Register::<SystemTimeDifference>::LEN;
-                let request = main.read_memory(position, address, len);
-                let polarity = main.segment().devices[position].difference_polarity;
-                asked.push((request, position, Question::Difference(polarity)));
-            }
-        }
-        self.noted.answers.clear();
-        while self.noted.answers.len() < asked.len() {
+        self.questions = Some(Questions::ask(self.exchange.main_mut(), before));
+        while !self.questions.as_ref().is_none_or(Questions::are_answered) {
             let now = clock::now();
             if now >= limit || self.exchange.is_silent(SILENCE) {
                 break;
@@ -427,24 +405,10 @@ impl Running<'_> {
             }
             self.take_events(now);
         }
-        for (request, position, question) in asked {
-            let mut answers = self.noted.answers.iter();
-            let answer = answers.find(|(id, _)| *id == request);
-            let Some((_, Some(bytes))) = answer else { continue };
-            devices[position].take(question, bytes, before);
+        if let Some(questions) = self.questions.take() {
+            questions.fill(devices);
         }
         Ok(())
-    }
-
-    /// The counters that a SubDevice has in 0x1C32 or 0x1C33.
-    fn counters_of(&self, position: usize, index: u16) -> Vec<ObjectAddress> {
-        let device = &self.exchange.main().segment().devices[position];
-        let object = match index {
-            OUTPUT_PARAMETER => &device.output_sync,
-            _ => &device.input_sync,
-        };
-        let present = |sub: &u8| object.as_ref().is_some_and(|o| o.entry(*sub).is_some());
-        COUNTERS.into_iter().filter(present).map(|sub| ObjectAddress::new(index, sub)).collect()
     }
 
     /// Tells the scribe of an event, if there is one.
@@ -465,86 +429,25 @@ impl Running<'_> {
         }
     }
 
+    /// Takes what was told, and lets the judging engine see it and what came in.
     fn take_events(&mut self, now: Time<Host>) {
-        let judging = self.began.filter(|_| self.judged == Some(Nanos::ZERO));
+        let at = self.began.map(|began| now - began);
         while let Some(event) = self.exchange.poll_event() {
             self.tell(&event);
-            if let (Some((device, change)), Some(began)) = (SegmentChange::of(&event), judging) {
-                self.noted.changes.push((device, change, now - began));
+            if let (Some(engine), Some(at)) = (&mut self.engine, at) {
+                engine.event(at, &event);
             }
-            match (event, judging) {
-                (Event::Uploaded { request, result }, _) => {
-                    self.noted.answers.push((request, result.ok()));
-                }
-                (Event::Read { request, result }, _) => {
-                    self.noted.answers.push((request, result.ok()));
-                }
-                (Event::StateChanged { position, status, code, .. }, Some(began)) => {
-                    self.noted.states.push((position, status, code, now - began));
-                }
-                (Event::CountChanged { expected, found, .. }, Some(began)) if found != expected => {
-                    self.noted.counts.push((expected, found, now - began));
-                }
-                (Event::Phase { state, .. }, Some(_)) if state != phase::State::Locked => {
-                    self.noted.locks_lost += 1;
-                }
-                (Event::Alarm(change), Some(began)) => {
-                    self.noted.alarms.push((now - began, change));
-                }
-                (Event::CyclesSkipped { late, .. }, Some(began))
-                    if self.noted.stall.is_none_or(|(longest, _)| late > longest) =>
-                {
-                    self.noted.stall = Some((late, now - began));
-                }
-                _ => {}
+            if let Some(questions) = &mut self.questions {
+                questions.event(&event);
+            }
+            if let (Event::Alarm(change), Some(at)) = (event, at)
+                && self.alarms.len() < MOST_ALARMS
+            {
+                self.alarms.push((at, change));
             }
         }
-    }
-}
-
-/// Something asked of a SubDevice.
-#[derive(Clone, Copy)]
-enum Question {
-    Counter(ObjectAddress),
-    Status,
-    Difference(DifferencePolarity),
-}
-
-impl AtEnd {
-    fn take(&mut self, question: Question, bytes: &[u8], before: bool) {
-        match question {
-            Question::Counter(object) => {
-                let number =
-                    bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
-                let counters = match (object.index, before) {
-                    (OUTPUT_PARAMETER, true) => &mut self.outputs_before,
-                    (OUTPUT_PARAMETER, false) => &mut self.outputs,
-                    (_, true) => &mut self.inputs_before,
-                    (_, false) => &mut self.inputs,
-                };
-                let counter = match object.sub {
-                    sub::SM_EVENT_MISSED => &mut counters.sm_event_missed,
-                    sub::CYCLE_TIME_TOO_SMALL => &mut counters.cycle_time_too_small,
-                    sub::SHIFT_TIME_TOO_SHORT => &mut counters.shift_time_too_short,
-                    _ => &mut counters.sync_error,
-                };
-                *counter = Some(number);
-            }
-            Question::Status => {
-                let word = |at: usize| {
-                    bytes
-                        .get(at..)
-                        .and_then(|rest| rest.first_chunk())
-                        .copied()
-                        .map(u16::from_le_bytes)
-                };
-                self.status = word(0).zip(word(4)).map(|(s, c)| (AlStatus(s), AlStatusCode(c)));
-            }
-            Question::Difference(polarity) => {
-                let bytes = bytes.first_chunk().copied();
-                self.difference =
-                    bytes.map(|bytes| SystemTimeDifference::from_bytes(bytes).nanos(polarity));
-            }
+        if let (Some(engine), Some(at)) = (&mut self.engine, at) {
+            engine.cycle(at, self.exchange.main());
         }
     }
 }
@@ -560,7 +463,5 @@ const STOP_LIMIT: Nanos = Nanos::millis(20_000);
 pub(super) const SILENCE: Nanos = Nanos::millis(1_000);
 /// Steps of the progress that is told.
 const PROGRESS: Nanos = Nanos::millis(100);
-/// AL status, a gap, AL status code.
-const STATUS_LEN: usize = 6;
-const COUNTERS: [u8; 4] =
-    [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT, sub::SYNC_ERROR];
+/// Alarms that are kept, however long it runs.
+const MOST_ALARMS: usize = 1_000;

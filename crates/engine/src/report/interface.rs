@@ -7,6 +7,7 @@
 mod build;
 mod text;
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 pub use build::Asked;
@@ -15,13 +16,14 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::quality::Quality;
-use super::typed;
+use super::typed::{self, FigureDocument};
 use super::{
     Counters, DeviceRegisters, Finding, PlanLine, SegmentMainDevice, SegmentPlan, ServiceNote, Span,
 };
+use crate::verdict::Answer;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-interface-report/5";
+pub const FORMAT: &str = "isocat-interface-report/6";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -42,12 +44,21 @@ pub struct InterfaceReport {
     pub namespace: Option<String>,
     /// Where the expected segment was described; null: whatever was there was taken.
     pub segment_file: Option<String>,
-    /// Whether every SubDevice ran as it was asked to, by what was read from it.
+    /// Whether the answer is "in-sync".
     pub in_sync: bool,
+    /// What all that is known of the time in operation comes to: in-sync; except, if there are findings; not-known, if
+    /// there are none and an entry of `unknown` decides.
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub answer: Answer,
     /// One sentence for people.
     pub verdict: String,
     /// Why not, in the order of time; what has no time of its own comes last.
     pub findings: Vec<Finding>,
+    /// What is not known, and why; first what leaves the answer open.
+    pub unknown: Vec<Unknown>,
+    /// How SubDevices that may be absent came and went.
+    pub visits: Vec<Finding>,
     /// What is no reason for the verdict but may explain it.
     pub notes: Vec<String>,
     /// Optional services that SubDevices answered badly, and what was taken instead; nothing against the segment.
@@ -74,6 +85,25 @@ pub struct InterfaceReport {
     pub quality: Option<Quality>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<InterfaceDevice>,
+}
+
+/// Something that is not known.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Unknown {
+    /// Place of the SubDevice that it concerns; null: the segment.
+    pub position: Option<usize>,
+    /// Its name.
+    pub device: Option<String>,
+    /// Whether it leaves the answer open; else it is what no wire shows, and changes no answer.
+    pub decides: bool,
+    /// In words.
+    pub what: String,
+    /// Short name of the kind, for programs. docs/verdict.md describes each.
+    pub kind: &'static str,
+    /// The figures of the kind by name; times are nanoseconds.
+    #[schemars(schema_with = "typed::figures")]
+    pub figures: BTreeMap<String, FigureDocument>,
 }
 
 /// What ended a run on an interface.

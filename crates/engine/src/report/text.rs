@@ -25,6 +25,7 @@ pub(super) const SUBS: &str = "0B 0C 0D 20";
 
 pub(crate) const GOOD: Style = AnsiColor::Green.on_default().bold();
 pub(crate) const BAD: Style = AnsiColor::Red.on_default().bold();
+pub(crate) const UNKNOWN: Style = AnsiColor::Yellow.on_default().bold();
 pub(crate) const QUIET: Style = Style::new().dimmed();
 
 impl Report {

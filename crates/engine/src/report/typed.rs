@@ -89,7 +89,7 @@ fn names(_: &mut SchemaGenerator) -> Schema {
     json_schema!({ "type": "string", "enum": names })
 }
 
-fn figures(_: &mut SchemaGenerator) -> Schema {
+pub(super) fn figures(_: &mut SchemaGenerator) -> Schema {
     json_schema!({
         "type": "object",
         "additionalProperties": { "type": ["integer", "number", "boolean", "string", "null"] },

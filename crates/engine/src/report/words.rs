@@ -7,6 +7,7 @@ use isocat_sim::{Judged, Kind};
 use isocat_wire::time::{Nanos, Picos};
 
 use super::Finding;
+use crate::verdict::Gap;
 
 /// The document that a sentence is for: what is said of one kind depends on who measured it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -120,6 +121,22 @@ fn judged(kind: &Judged, family: Family) -> String {
         Judged::ClockOff { difference, limit } => {
             format!("its clock is {difference} from the reference (0x092C), limit {limit}")
         }
+        Judged::FramesTooLate { cycles, by } => {
+            let cycles = in_cycles(*cycles);
+            format!(
+                "outputs came up to {by} too late for SYNC0 {cycles}, by the times that it states"
+            )
+        }
+        Judged::FramesTooEarly { cycles, by } => {
+            let cycles = in_cycles(*cycles);
+            format!("frames came up to {by} too early for its inputs or outputs {cycles}")
+        }
+        Judged::DelayChanged { written, found } => {
+            let found = us(*found);
+            format!(
+                "its delay is {found} and no longer the {written} that were written: a cable was changed"
+            )
+        }
         Judged::DriveNotEnabled => "drive never reached operation enabled".into(),
         Judged::WorkingCounter { datagrams } => {
             format!("working counter of process data wrong in {datagrams} datagrams")
@@ -131,9 +148,7 @@ fn judged(kind: &Judged, family: Family) -> String {
                     1 => "1 cycle was".into(),
                     cycles => format!("{cycles} cycles were"),
                 };
-                format!(
-                    "{cycles} skipped: the machine woke too late, SYNC0 came without new outputs"
-                )
+                format!("{cycles} skipped: the machine woke too late, no frame left in them")
             }
         },
         Judged::FramesLost { frames } => format!("{frames} frames did not come back in time"),
@@ -143,6 +158,53 @@ fn judged(kind: &Judged, family: Family) -> String {
         }
         Judged::Found { cycle } => format!("found in cycle {cycle}"),
         Judged::AlwaysAbsent => "optional, absent all the time".into(),
+    }
+}
+
+/// What is not known, and why.
+pub fn gap(gap: &Gap) -> String {
+    match gap {
+        Gap::FrameTimes { cycles } => format!(
+            "when frames came is not known {}: no time of the reference clock came back",
+            in_cycles(*cycles)
+        ),
+        Gap::OutputsMaybeLate { cycles, by } => format!(
+            "outputs may have been late {}: up to {by} with the worst clocks",
+            in_cycles(*cycles)
+        ),
+        Gap::FramesMaybeEarly { cycles, by } => format!(
+            "frames may have been too early {}: up to {by} with the worst clocks",
+            in_cycles(*cycles)
+        ),
+        Gap::NothingTells => {
+            "it has no counter of missed events, and no plan says how late its frames may be".into()
+        }
+        Gap::CountersNotRead => "its counters (0x1C32, 0x1C33) could not be read".into(),
+        Gap::ClockNotRead => "its clock (0x092C) was not read while the segment ran".into(),
+        Gap::ClocksNotLed { cycles } => {
+            format!("drift frames did not reach all clocks for {cycles} cycles: 0x092C told nothing then")
+        }
+        Gap::ClockNearLimit { bound, limit } => {
+            format!("its clock may have been up to {bound} off between readings, limit {limit}")
+        }
+        Gap::BackgroundOff => {
+            "nothing is read in the background: what happened between beginning and end is not known".into()
+        }
+        Gap::EventsDropped { count } => format!("{count} events were dropped"),
+        Gap::OwnMisses { longest } => format!(
+            "misses that it causes itself and pays off within {longest}, the longest time between two \
+             readings of its counter"
+        ),
+        Gap::NoCounter => "misses that it causes itself: it counts none".into(),
+        Gap::DelaysNotWatched => "cables that are exchanged: delays are not measured while it runs".into(),
+        Gap::Pins => "how evenly outputs follow SYNC0 at the pins".into(),
+    }
+}
+
+fn in_cycles(cycles: u64) -> String {
+    match cycles {
+        1 => "in 1 cycle".into(),
+        more => format!("in {more} cycles"),
     }
 }
 

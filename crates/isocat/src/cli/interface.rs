@@ -11,6 +11,7 @@ use isocat_engine::live::job::{Job, Machine};
 use isocat_engine::live::{CaptureSink, Outcome};
 use isocat_engine::report::interface::{self, Asked, InterfaceReport};
 use isocat_engine::status::{Board, Kind, Scribe, Status};
+use isocat_engine::verdict::{self, Answer};
 use isocat_host::preflight::{self, Subject};
 use isocat_host::{LinkError, RawSocket, Recorder, Wish};
 use isocat_maindevice::{Config, Fault};
@@ -25,7 +26,7 @@ use super::run::{
     Arguments, argument, command, duration, is_page, progress_bar, refusal, unwritable,
     write_report,
 };
-use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
+use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, NOT_KNOWN, fail, print};
 use crate::html;
 use crate::metrics;
 
@@ -137,11 +138,7 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
         return fail(&message);
     }
     let scenario = arguments.scenario(file);
-    let mut config = config(options, &scenario);
-    if arguments.metrics.is_some() {
-        // Errors and counters of a wire are known by what is read in the background.
-        config.quality.get_or_insert_default();
-    }
+    let config = config(options, &scenario);
     let asked = Asked {
         interface,
         namespace: options.netns.as_deref(),
@@ -247,7 +244,7 @@ pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
         },
         false => scenario.config(),
     };
-    isocat_host::on_a_socket(config)
+    verdict::with_reads(isocat_host::on_a_socket(config))
 }
 
 /// Writes everything that was asked for.
@@ -299,7 +296,11 @@ fn finish(
     });
     match code {
         IN_SYNC if refused => BAD_INPUT,
-        IN_SYNC if !report.in_sync => NOT_IN_SYNC,
+        IN_SYNC => match report.answer {
+            Answer::InSync => IN_SYNC,
+            Answer::Except => NOT_IN_SYNC,
+            Answer::NotKnown => NOT_KNOWN,
+        },
         code => code,
     }
 }

@@ -296,8 +296,7 @@ impl Arguments {
             preflight: false,
         };
         options.check(*any)?;
-        let mut config = super::interface::config(&options, scenario);
-        config.quality.get_or_insert_default();
+        let config = super::interface::config(&options, scenario);
         let socket = options.open(interface).map_err(|error| error.to_string())?;
         let board = super::interface::board(&config, scenario, &options);
         let job = Job {
@@ -314,13 +313,19 @@ impl Arguments {
         let thread = std::thread::spawn(move || {
             let failure = match job.run(&stopped, &mut |_| {}) {
                 Err(error) => Some(error.to_string()),
-                Ok(outcome) => outcome.findings.first().map(|finding| {
-                    let what = words::what(&finding.kind, words::Family::Wire);
-                    match finding.place.device {
+                Ok(outcome) => {
+                    let found = outcome.findings.first().map(|finding| {
+                        (finding.place, words::what(&finding.kind, words::Family::Wire))
+                    });
+                    let mut open = outcome.unknown.iter().filter(|open| open.kind.decides());
+                    let open = open
+                        .next()
+                        .map(|open| (open.place, format!("not known: {}", words::gap(&open.kind))));
+                    found.or(open).map(|(place, what)| match place.device {
                         Some(position) => format!("SubDevice {position}: {what}"),
                         None => what,
-                    }
-                }),
+                    })
+                }
             };
             own.end(failure);
         });

@@ -1,7 +1,7 @@
 //! A run on a real interface as a page. No true time is known there: what is measured is the MainDevice's, or read.
 
 use isocat_descriptions::quantity::time;
-use isocat_engine::report::interface::{InterfaceReport, Series};
+use isocat_engine::report::interface::{InterfaceReport, Series, Unknown};
 use isocat_maindevice::Segment;
 use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
@@ -28,6 +28,7 @@ pub fn page(report: &InterfaceReport, segment: &Segment, command: &str) -> Page 
             (tile("cycles skipped", &report.punctuality.cycles_skipped.to_string(), "m"))
         }
         (findings("What speaks against it", &report.findings))
+        (notes("Not known", &unknown(report)))
         (notes("To know", &report.notes))
         (devices(report))
         (punctuality(report))
@@ -47,6 +48,15 @@ pub fn page(report: &InterfaceReport, segment: &Segment, command: &str) -> Page 
         command: command.to_owned(),
         json: compact(report),
     }
+}
+
+/// What leaves the answer open, and what no wire shows.
+fn unknown(report: &InterfaceReport) -> Vec<String> {
+    let line = |unknown: &Unknown| match unknown.decides {
+        true => unknown.sentence(),
+        false => format!("No wire shows: {}", unknown.sentence()),
+    };
+    report.unknown.iter().map(line).collect()
 }
 
 fn devices(report: &InterfaceReport) -> Markup {

@@ -27,6 +27,11 @@ impl MainDevice {
         Some(self.quality.as_ref()?.snapshot(self.shared().port.now, cycle))
     }
 
+    /// Whether delays are measured while the segment runs ([`Config::delay_watch`](crate::Config::delay_watch)).
+    pub fn watches_delays(&self) -> bool {
+        self.delay_watch.is_some()
+    }
+
     /// Time on the wire of the frames that were sent for it so far, and since when. A frame that was lost and sent
     /// again counts once.
     pub fn quality_wire_time(&self) -> Option<(Nanos, Time<Host>)> {

@@ -8,14 +8,15 @@ use isocat_wire::time::Nanos;
 
 use super::*;
 use crate::live::Outcome;
-use crate::live::job::{self, AtEnd, End};
+use crate::live::job::{self, End};
 use crate::report::build::{
     application, counters, delay_error, delay_unknown, plan_line, summary, verdict_of_modes,
 };
 use crate::report::services;
 use crate::report::times::MeasuredTimes;
-use crate::report::typed::StateRead;
+use crate::report::typed::{KindDocument, StateRead};
 use crate::report::words::{self, Family};
+use crate::verdict::{self, Answer, Readings};
 
 /// What was asked of the run, for its report.
 #[derive(Clone, Copy, Debug)]
@@ -40,11 +41,11 @@ impl InterfaceReport {
         let devices: Vec<InterfaceDevice> =
             (0..outcome.segment.devices.len()).map(|at| device(outcome, at)).collect();
         let name = |at: usize| devices.get(at).map(|device| device.name.clone());
-        let findings: Vec<Finding> = outcome
-            .findings
-            .iter()
-            .map(|finding| Finding::new(finding, name, Family::Wire))
-            .collect();
+        let told = |finding: &isocat_sim::Finding| Finding::new(finding, name, Family::Wire);
+        let findings: Vec<Finding> = outcome.findings.iter().map(told).collect();
+        let unknown: Vec<Unknown> =
+            outcome.unknown.iter().map(|unknown| Unknown::new(unknown, name)).collect();
+        let answer = outcome.answer();
         let timing = outcome.segment.timing.as_ref();
         Self {
             format: FORMAT,
@@ -52,9 +53,12 @@ impl InterfaceReport {
             interface: asked.interface.to_owned(),
             namespace: asked.namespace.map(str::to_owned),
             segment_file: asked.segment_file.map(str::to_owned),
-            in_sync: outcome.in_sync(),
-            verdict: verdict(&devices, &findings),
+            in_sync: answer == Answer::InSync,
+            answer,
+            verdict: verdict(&devices, &findings, &unknown),
             findings,
+            unknown,
+            visits: outcome.visits.iter().map(told).collect(),
             notes: outcome.notes.clone(),
             services: services::notes(&outcome.segment.devices),
             ended_by: match outcome.end {
@@ -95,11 +99,45 @@ impl Machine {
     }
 }
 
-fn verdict(devices: &[InterfaceDevice], findings: &[Finding]) -> String {
-    words::verdict(findings).unwrap_or_else(|| {
-        let modes: Vec<SyncMode> = devices.iter().map(|device| device.mode).collect();
-        verdict_of_modes(&modes)
-    })
+impl Unknown {
+    fn new(unknown: &verdict::Unknown, name: impl Fn(usize) -> Option<String>) -> Self {
+        let position = unknown.place.device;
+        let document = KindDocument::new(unknown.kind.name(), &unknown.kind.figures());
+        Self {
+            position,
+            device: position.and_then(name),
+            decides: unknown.kind.decides(),
+            what: words::gap(&unknown.kind),
+            kind: document.kind,
+            figures: document.figures,
+        }
+    }
+}
+
+impl Unknown {
+    /// What is not known, with the device it concerns.
+    pub fn sentence(&self) -> String {
+        match (&self.device, self.position) {
+            (Some(name), Some(position)) => format!("SubDevice {position} ({name}): {}", self.what),
+            _ => self.what.clone(),
+        }
+    }
+}
+
+fn verdict(devices: &[InterfaceDevice], findings: &[Finding], unknown: &[Unknown]) -> String {
+    if let Some(words) = words::verdict(findings) {
+        return words;
+    }
+    let mut open = unknown.iter().filter(|unknown| unknown.decides);
+    if let Some(first) = open.next() {
+        let others = match open.count() {
+            0 => String::new(),
+            more => format!("; {more} more below"),
+        };
+        return format!("Not known: {}{others}.", first.sentence());
+    }
+    let modes: Vec<SyncMode> = devices.iter().map(|device| device.mode).collect();
+    verdict_of_modes(&modes)
 }
 
 fn punctuality(asked: Asked<'_>, outcome: &Outcome) -> Punctuality {
@@ -180,7 +218,7 @@ fn device(outcome: &Outcome, position: usize) -> InterfaceDevice {
 }
 
 /// What was read at the end. Of a way up that failed, what was read last: in operation that would be old.
-fn registers(found: &SubDevice, at_end: &AtEnd, operated: bool) -> DeviceRegisters {
+fn registers(found: &SubDevice, at_end: &Readings, operated: bool) -> DeviceRegisters {
     let last = (found.al_status, found.al_code);
     let status = at_end.status.or((!operated).then_some(last));
     let difference = at_end.difference.or(found.difference.filter(|_| !operated));

@@ -8,9 +8,11 @@ use isocat_wire::time::Nanos;
 
 use super::{Harm, InterfaceReport, Machine, Series};
 use crate::report::text::{
-    BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, counters, range, write_findings, write_notes,
+    BAD, GOOD, MOST_DEVICES, QUIET, SOURCE, SUBS, UNKNOWN, counters, range, write_findings,
+    write_notes,
 };
 use crate::report::words::seconds;
+use crate::verdict::Answer;
 
 impl InterfaceReport {
     /// The report as text, with ANSI styles; print it through a stream that strips them where they
@@ -23,7 +25,11 @@ impl InterfaceReport {
     }
 
     fn write(&self, out: &mut String) -> fmt::Result {
-        let style = if self.in_sync { GOOD } else { BAD };
+        let style = match self.answer {
+            Answer::InSync => GOOD,
+            Answer::Except => BAD,
+            Answer::NotKnown => UNKNOWN,
+        };
         for line in wrap(&self.verdict, WIDTH) {
             writeln!(out, "{style}{line}{style:#}")?;
         }
@@ -34,6 +40,7 @@ impl InterfaceReport {
         let segment = cut_front(segment, WIDTH - run.chars().count());
         writeln!(out, "{QUIET}{segment}{run}{QUIET:#}")?;
         write_findings(out, &self.findings)?;
+        self.write_unknown(out)?;
         if self.plan.is_some() {
             self.write_devices(out)?;
         }
@@ -42,6 +49,25 @@ impl InterfaceReport {
             quality.write(out)?;
         }
         self.write_notes(out)
+    }
+
+    /// What is not known: first what leaves the answer open, then in one line what no wire shows.
+    fn write_unknown(&self, out: &mut String) -> fmt::Result {
+        for unknown in self.unknown.iter().filter(|unknown| unknown.decides).take(MOST_DEVICES) {
+            for line in wrap(&format!("not known: {}", unknown.sentence()), WIDTH) {
+                writeln!(out, "{UNKNOWN}{line}{UNKNOWN:#}")?;
+            }
+        }
+        let mut hidden = self.unknown.iter().filter(|unknown| !unknown.decides);
+        let Some(first) = hidden.next() else { return Ok(()) };
+        let more = match hidden.count() {
+            0 => String::new(),
+            more => format!("; {more} more in --json"),
+        };
+        for line in wrap(&format!("no wire shows: {}{more}", first.sentence()), WIDTH) {
+            writeln!(out, "{QUIET}{line}{QUIET:#}")?;
+        }
+        Ok(())
     }
 
     fn write_devices(&self, out: &mut String) -> fmt::Result {

@@ -1,0 +1,228 @@
+//! Whether a segment is in sync, by what its wire shows over the whole time in operation.
+//!
+//! An [`Engine`] is fed while a MainDevice operates. It knows neither true time nor a socket, so that a run on a real interface
+//! and one in virtual time can ask the same engine. In this order:
+//!
+//! - [`Engine::begin`], when all SubDevices are in OP;
+//! - [`Engine::event`] with each event, and [`Engine::cycle`] behind each input of the MainDevice. Neither takes memory
+//!   unless something happened that is a finding;
+//! - [`Engine::end`], with what the SubDevices said before and after ([`Questions`], [`Readings`]). It gives a [`Verdict`].
+//!
+//! A loss that registers no longer show at the end was seen while it happened: `frames` holds the time at which each
+//! cycle's frame found the reference clock against what the plan leaves each SubDevice, `clocks` follows 0x092C, `counters`
+//! those of 0x1C32 and 0x1C33, `told` keeps what the MainDevice tells of states, frames and changes. What could have been
+//! read and was not is a [`Gap`]: with one that [decides](Gap::decides) the answer is "not known", never "in sync".
+
+mod clocks;
+mod counters;
+mod frames;
+mod gap;
+mod questions;
+mod told;
+
+use isocat_maindevice::motion::{Axis, Drive};
+use isocat_maindevice::statistics::Statistics;
+use isocat_maindevice::{Config, Event, MainDevice};
+use isocat_sim::{Finding, Judged, Place};
+use isocat_sync::phase;
+use isocat_wire::time::Nanos;
+
+use clocks::Clocks;
+use counters::Counted;
+pub use counters::Readings;
+use frames::Frames;
+pub use gap::{Gap, Unknown};
+pub use questions::Questions;
+use told::Told;
+
+/// What a verdict comes to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Answer {
+    /// Nothing speaks against it, and all that could be read was read.
+    InSync,
+    /// There are findings: in sync except for these.
+    Except,
+    /// There are no findings, but something that decides was not read.
+    NotKnown,
+}
+
+impl Answer {
+    /// Its name in documents.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::InSync => "in-sync",
+            Self::Except => "except",
+            Self::NotKnown => "not-known",
+        }
+    }
+
+    /// The answer that findings and gaps come to.
+    pub fn of(findings: &[Finding], unknown: &[Unknown]) -> Self {
+        match (findings, unknown.iter().any(|unknown| unknown.kind.decides())) {
+            ([], false) => Self::InSync,
+            ([], true) => Self::NotKnown,
+            _ => Self::Except,
+        }
+    }
+}
+
+/// `in-sync`
+impl std::fmt::Display for Answer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// What an engine came to.
+#[derive(Clone, Debug, Default)]
+pub struct Verdict {
+    /// What speaks against the segment, in the order of time; what has no time of its own comes last.
+    pub findings: Vec<Finding>,
+    /// What is not known.
+    pub unknown: Vec<Unknown>,
+    /// How SubDevices that may be absent came and went: no findings.
+    pub visits: Vec<Finding>,
+}
+
+impl Verdict {
+    /// In sync, in sync except for the findings, or not known.
+    pub fn answer(&self) -> Answer {
+        Answer::of(&self.findings, &self.unknown)
+    }
+}
+
+/// Asks for what a verdict needs to read while the segment runs, where nothing is said of it: clocks, counters and delays.
+pub fn with_reads(mut config: Config) -> Config {
+    config.quality.get_or_insert_default();
+    config.delay_watch.get_or_insert_default();
+    config
+}
+
+/// Judges a segment in operation by what its MainDevice knows.
+pub struct Engine {
+    /// Largest distance of a clock from the reference with which it counts as synchronized.
+    limit: Nanos,
+    /// Counts when the time in operation began.
+    first: Statistics,
+    last: Statistics,
+    frames: Frames,
+    clocks: Clocks,
+    counters: Counted,
+    told: Told,
+}
+
+impl Engine {
+    /// Begins to judge: all SubDevices are in OP. `limit` is the largest 0x092C with which a clock counts as synchronized;
+    /// `optional` says by position whether a SubDevice may be absent, `false` where nothing is said.
+    pub fn begin(main: &MainDevice, limit: Nanos, optional: Vec<bool>) -> Self {
+        let first = main.statistics();
+        Self {
+            limit,
+            first,
+            last: first,
+            frames: Frames::new(main),
+            clocks: Clocks::new(main, limit),
+            counters: Counted::new(main),
+            told: Told::new(optional),
+        }
+    }
+
+    /// Takes an event that was told so long after the beginning.
+    pub fn event(&mut self, at: Nanos, event: &Event) {
+        self.told.event(at, event, self.limit);
+    }
+
+    /// Looks at what came in, so long after the beginning. It is to be called behind each input, so that no frame's time
+    /// is missed; that costs little and takes no memory.
+    #[inline]
+    pub fn cycle(&mut self, at: Nanos, main: &MainDevice) {
+        let counts = main.statistics();
+        let before = std::mem::replace(&mut self.last, counts);
+        let (seen, known) = (counts.phase_error, before.phase_error);
+        if seen.count != known.count {
+            self.frames.take(at, seen.last);
+            // Of several at once the worst are known too, if they are worse than all before.
+            if seen.count > known.count + 1 {
+                let worst = [(seen.min, known.min), (seen.max, known.max)];
+                for (seen, _) in worst.into_iter().filter(|(seen, known)| seen != known) {
+                    self.frames.take(at, seen);
+                }
+            }
+        }
+        if counts.cycles != before.cycles {
+            // One of each in a cycle: all of them are too many for a long line.
+            self.clocks.look(at, main, counts.cycles);
+            self.counters.look(main, counts.cycles);
+        }
+    }
+
+    /// The longest stall of the host: by how much it was too late for a cycle, and when.
+    pub fn stall(&self) -> Option<(Nanos, Nanos)> {
+        self.told.stall
+    }
+
+    /// How often the host lost its lock on the reference clock.
+    pub fn locks_lost(&self) -> u64 {
+        self.told.locks_lost
+    }
+
+    /// Cycles that the host let pass.
+    pub fn cycles_skipped(&self) -> u64 {
+        self.told.skipped
+    }
+
+    /// The time is over. `readings` is what the SubDevices said, by position, empty if they were not asked; `axes` is how
+    /// the application sees them.
+    pub fn end(
+        mut self,
+        at: Nanos,
+        main: &MainDevice,
+        axes: &[Axis],
+        readings: &[Readings],
+    ) -> Verdict {
+        self.cycle(at, main);
+        let mut verdict = Verdict::default();
+        let cycles = self.last.cycles - self.first.cycles;
+        let times = self.last.phase_error.count - self.first.phase_error.count;
+        self.frames.end(main, cycles.saturating_sub(times), &mut verdict);
+        self.clocks.end(at, main, readings, &mut verdict);
+        self.counters.end(main, readings, self.frames.rooms(), &mut verdict);
+        let errors = self.last.working_counter_errors - self.first.working_counter_errors;
+        self.told.end(main, readings, errors, &mut verdict);
+        if main.segment().reference.is_some() && main.phase() != Some(phase::State::Locked) {
+            let holdover = main.phase() == Some(phase::State::Holdover);
+            verdict.add(Place::SEGMENT, None, Judged::HostNotLocked { holdover });
+        }
+        for (position, axis) in axes.iter().enumerate() {
+            let there = main.segment().devices.get(position).is_some_and(|device| device.admitted);
+            if matches!(axis, Axis::Drive(Drive { enabled_cycles: 0, .. }))
+                && there
+                && cycles >= SWITCH_ON_CYCLES
+            {
+                verdict.add(Place::device(position), None, Judged::DriveNotEnabled);
+            }
+        }
+        gap::out_of_sight(main, &mut verdict);
+        verdict.sort();
+        verdict
+    }
+}
+
+impl Verdict {
+    fn add(&mut self, place: Place, since: Option<Nanos>, kind: Judged) {
+        self.findings.push(Finding { place, since, kind: kind.into() });
+    }
+
+    fn doubt(&mut self, place: Place, kind: Gap) {
+        self.unknown.push(Unknown { place, kind });
+    }
+
+    /// What came first is nearest to the cause.
+    pub(crate) fn sort(&mut self) {
+        self.findings.sort_by_key(|finding| finding.since.unwrap_or(Nanos(i64::MAX)));
+        self.unknown.sort_by_key(|unknown| (!unknown.kind.decides(), unknown.place.device));
+    }
+}
+
+/// Cycles in which a drive must have switched on.
+const SWITCH_ON_CYCLES: u64 = 100;

@@ -1,0 +1,114 @@
+//! 0x092C of each clock over the whole time.
+
+use isocat_maindevice::MainDevice;
+use isocat_sim::{Judged, Place};
+use isocat_wire::time::{Host, Nanos, Time};
+
+use super::{Gap, Readings, Verdict};
+
+/// All clocks that make SYNC pulses, but the reference's own.
+pub(super) struct Clocks {
+    limit: Nanos,
+    /// By index among [`MainDevice::quality`].
+    followed: Vec<Followed>,
+    /// Whether anything is read in the background.
+    background: bool,
+}
+
+#[derive(Clone, Copy, Default)]
+struct Followed {
+    /// When the last reading was taken that was looked at.
+    seen: Option<Time<Host>>,
+    /// The first beyond the limit, and the worst of all.
+    beyond: Option<Nanos>,
+    worst: Nanos,
+    /// The largest bound.
+    bound: Option<Nanos>,
+}
+
+impl Clocks {
+    pub fn new(main: &MainDevice, limit: Nanos) -> Self {
+        let followed = vec![Followed::default(); main.quality().len()];
+        Self { limit, followed, background: main.snapshot().is_some() }
+    }
+
+    /// Looks at the readings of one clock: in each cycle at another one.
+    pub fn look(&mut self, at: Nanos, main: &MainDevice, cycle: u64) {
+        let count = self.followed.len() as u64;
+        if count > 0 {
+            self.look_at((cycle % count) as usize, at, main);
+        }
+    }
+
+    fn look_at(&mut self, index: usize, at: Nanos, main: &MainDevice) {
+        let (limit, quality) = (self.limit, main.quality());
+        let (Some(followed), Some(clock)) = (self.followed.get_mut(index), quality.get(index))
+        else {
+            return;
+        };
+        let Some(last) = clock.last().filter(|last| Some(last.at) != followed.seen) else { return };
+        let new = clock.readings().filter(|reading| followed.seen.is_none_or(|at| reading.at > at));
+        for reading in new {
+            let size = reading.difference.abs();
+            if size > followed.worst.abs() {
+                followed.worst = reading.difference;
+            }
+            if size > limit {
+                followed.beyond.get_or_insert(at);
+            }
+        }
+        followed.bound = followed.bound.max(clock.bound());
+        followed.seen = Some(last.at);
+    }
+
+    /// Says what was read; `readings` is what each SubDevice said at the end.
+    pub fn end(
+        &mut self,
+        at: Nanos,
+        main: &MainDevice,
+        readings: &[Readings],
+        verdict: &mut Verdict,
+    ) {
+        for index in 0..self.followed.len() {
+            self.look_at(index, at, main);
+        }
+        let segment = main.segment();
+        let limit = self.limit;
+        for device in &segment.devices {
+            let position = device.position;
+            if !device.mode.uses_dc() || segment.reference == Some(position) || !device.admitted {
+                continue;
+            }
+            let index = main.quality().iter().position(|clock| clock.position == position);
+            let followed = index.map_or(Followed::default(), |index| self.followed[index]);
+            let at_end = readings.get(position).and_then(|readings| readings.difference);
+            let mut add = |since, difference| {
+                let kind = Judged::ClockOff { difference, limit };
+                verdict.add(Place::device(position), since, kind);
+            };
+            match (followed.beyond, at_end) {
+                (Some(since), _) => add(Some(since), followed.worst),
+                (None, Some(difference)) if difference.abs() > limit => add(None, difference),
+                _ if !self.background => {}
+                _ if followed.seen.is_none() => {
+                    verdict.doubt(Place::device(position), Gap::ClockNotRead);
+                }
+                _ => {
+                    let bound = followed.bound.map(|bound| Nanos(bound.0 * BETWEEN_FRAMES));
+                    if let Some(bound) = bound.filter(|bound| *bound > limit) {
+                        verdict
+                            .doubt(Place::device(position), Gap::ClockNearLimit { bound, limit });
+                    }
+                }
+            }
+        }
+        let reads = |device: &isocat_maindevice::SubDevice| device.mode.uses_dc();
+        if !self.background && segment.devices.iter().any(reads) {
+            verdict.doubt(Place::SEGMENT, Gap::BackgroundOff);
+        }
+    }
+}
+
+/// 0x092C is a mean over drift frames, and a clock that slides is farther off just before each of them: it was seen up to
+/// 1.45 times as far.
+const BETWEEN_FRAMES: i64 = 2;

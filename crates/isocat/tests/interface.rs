@@ -329,7 +329,8 @@ fn a_segment_that_does_not_mark_frames_is_scanned() {
     assert!(!ask(&mut socket, Access::Brd, 0, &[0]), "it still marks frames");
     let output = scan(&wire, &["--json", "--quick"]);
     let found = report(&output);
-    assert_eq!(output.status.code(), Some(0), "{found:#}");
+    // 1: found, and something there is noted; 2 would be that nothing was found.
+    assert!(matches!(output.status.code(), Some(0 | 1)), "{found:#}");
     assert_eq!(found["devices"].as_array().map(Vec::len), Some(5));
     while socket.receive(&mut [0; 2048]).expect("it is up").is_some() {}
     assert!(ask(&mut socket, Access::Brd, 0, &[0]), "it marks frames again");

@@ -1,9 +1,11 @@
-//! Which law a follower keeps: misfits of each, and the phase parameter that fits best.
+//! Which law a follower keeps: how likely each makes what was measured, and the parameter that fits
+//! best.
 
 use isocat_esc::DriftLaw;
 use isocat_sim::random::Stream;
 
 use super::course::Course;
+use super::likelihood::Prediction;
 use super::replay::{Known, predict, reading_variances, shown};
 
 /// How well one law fits.
@@ -13,11 +15,12 @@ pub struct Fit {
     pub law: DriftLaw,
     /// Root mean square of measured less predicted, in standard deviations.
     pub misfit: f64,
-    /// Sum of the squares.
-    pub square: f64,
-    /// The phase parameter as a real number, and its standard error; `None` for a law that has
-    /// none.
-    pub phase: Option<(f64, f64)>,
+    /// Minus twice the logarithm of the likelihood, but for a constant: the sum of those squares, and
+    /// what a law that predicts less sharply is held to account for.
+    pub unlikely: f64,
+    /// The parameter as a real number, and its standard error: the phase, or the gain of
+    /// `proportional`. `None` if the law does not fit, or beyond what is tried.
+    pub parameter: Option<(f64, f64)>,
 }
 
 /// What was found out about a follower's law.
@@ -45,15 +48,15 @@ pub struct Judgement {
 /// Compares what the courses show with what each law would have shown.
 pub(super) fn judge(courses: &[Course], known: &[Known]) -> Judgement {
     let mut fits: Vec<Fit> = FAMILIES.iter().map(|family| best(courses, known, family)).collect();
-    fits.sort_by(|a, b| a.square.total_cmp(&b.square));
+    fits.sort_by(|a, b| a.unlikely.total_cmp(&b.unlikely));
     let numbers = courses.iter().map(|course| course.looks.len() + 2).sum();
     Judgement { verdict: verdict(&fits), fits, numbers }
 }
 
-/// What fits, best first, say together.
+/// What fits, most likely first, say together.
 fn verdict(fits: &[Fit]) -> Verdict {
-    let least = fits.first().map_or(0.0, |best| best.square);
-    let near = |fit: &&Fit| fit.misfit <= MOST_MISFIT && fit.square - least < TOLD_APART;
+    let least = fits.first().map_or(0.0, |best| best.unlikely);
+    let near = |fit: &&Fit| fit.misfit <= MOST_MISFIT && fit.unlikely - least < TOLD_APART;
     let fitting: Vec<Fit> = fits.iter().filter(near).copied().collect();
     match fitting.as_slice() {
         [] => Verdict::NoneFits,
@@ -62,101 +65,113 @@ fn verdict(fits: &[Fit]) -> Verdict {
     }
 }
 
-/// The best of a family: first roughly, then with all draws.
+/// The best of a family: first roughly, by the shorter courses and few draws, then with all of them.
 fn best(courses: &[Course], known: &[Known], family: &[DriftLaw]) -> Fit {
-    let rough = |law: &DriftLaw| misfit(courses, known, *law, ROUGH_DRAWS).0;
-    let squares: Vec<f64> = family.iter().map(rough).collect();
-    let at = (0..family.len()).min_by(|a, b| squares[*a].total_cmp(&squares[*b])).unwrap_or(0);
-    let law = family[at];
-    let (square, numbers) = misfit(courses, known, law, DRAWS);
-    let phase = phase_of(law).and_then(|middle| {
-        let (below, above) = (family.get(at.checked_sub(1)?)?, family.get(at + 1)?);
-        Some(refine(courses, known, (*below, law, *above), middle))
-    });
-    let misfit = (square / numbers as f64).sqrt();
-    // What fits worse than chance would have it is known worse, too.
-    let honest = |(found, error): (f64, f64)| (found, (error * misfit.max(1.0)).hypot(LEAST_ERROR));
-    Fit { law, misfit, square, phase: phase.map(honest) }
-}
-
-/// Sum of the squares of measured less predicted, in standard deviations, and how many they are.
-fn misfit(courses: &[Course], known: &[Known], law: DriftLaw, draws: u64) -> (f64, usize) {
-    let (mut square, mut numbers) = (0.0, 0);
-    for (course, known) in courses.iter().zip(known) {
-        let predicted = Predicted::of(course, *known, law, draws);
-        for (found, (mean, variance)) in shown(course, known.follower).iter().zip(predicted.each())
-        {
-            square += (found - mean) * (found - mean) / variance;
-            numbers += 1;
-        }
+    let rough = |law: &DriftLaw| {
+        let short = courses.iter().zip(known).filter(|(course, _)| course.frames.len() <= SHORT);
+        let each = short.map(|(course, known)| {
+            let predicted = predicted(course, known, *law, ROUGH_DRAWS, false);
+            squares(&predicted.rests(&shown(course, known.follower))) + predicted.breadth()
+        });
+        each.sum::<f64>()
+    };
+    let unlikely: Vec<f64> = family.iter().map(rough).collect();
+    let mut at =
+        (0..family.len()).min_by(|a, b| unlikely[*a].total_cmp(&unlikely[*b])).unwrap_or(0);
+    let mut tried: Vec<Option<Replayed>> = family.iter().map(|_| None).collect();
+    let mut of = |at: usize| -> (f64, f64) {
+        let replayed = tried[at].get_or_insert_with(|| Replayed::new(courses, known, family[at]));
+        (replayed.unlikely, replayed.misfit)
+    };
+    // Uphill to the likeliest, but not for a law that is far from fitting.
+    while of(at).1 <= FAR {
+        let beside = [at.checked_sub(1), Some(at + 1).filter(|next| *next < family.len())];
+        let better = beside.into_iter().flatten().find(|next| of(*next).0 < of(at).0);
+        let Some(better) = better else { break };
+        at = better;
     }
-    (square, numbers)
+    let (unlikely, misfit) = of(at);
+    let beside = |next: Option<usize>| tried.get(next?)?.as_ref();
+    let neighbours = beside(at.checked_sub(1)).zip(beside(Some(at + 1)));
+    let parameter = neighbours.zip(tried[at].as_ref()).map(|((below, above), here)| {
+        let (steps, error) = here.refine(below, above);
+        // What fits worse than chance would have it is known worse, too.
+        let error = (error * misfit.max(1.0)).hypot(LEAST_ERROR);
+        match family[at] {
+            DriftLaw::Hold { phase } | DriftLaw::Block { phase } => {
+                (f64::from(phase) + steps, error)
+            }
+            // Gains double from one to the next.
+            DriftLaw::Proportional { gain, .. } => {
+                let gain = f64::from(gain) * steps.exp2();
+                (gain, gain * std::f64::consts::LN_2 * error)
+            }
+        }
+    });
+    Fit { law: family[at], misfit, unlikely, parameter }
 }
 
-/// Where between its neighbours the parameter fits best, by one step of least squares.
-fn refine(
-    courses: &[Course],
-    known: &[Known],
-    (below, law, above): (DriftLaw, DriftLaw, DriftLaw),
-    middle: f64,
-) -> (f64, f64) {
-    let (mut product, mut square) = (0.0, 0.0);
-    for (course, known) in courses.iter().zip(known) {
-        let here = Predicted::of(course, *known, law, DRAWS);
-        let low = Predicted::of(course, *known, below, ROUGH_DRAWS);
-        let high = Predicted::of(course, *known, above, ROUGH_DRAWS);
-        let found = shown(course, known.follower);
-        for (at, (mean, variance)) in here.each().enumerate() {
+/// All courses of one follower under one law.
+struct Replayed {
+    each: Vec<(Prediction, Vec<f64>)>,
+    unlikely: f64,
+    misfit: f64,
+}
+
+impl Replayed {
+    fn new(courses: &[Course], known: &[Known], law: DriftLaw) -> Self {
+        let (mut square, mut breadth, mut numbers) = (0.0, 0.0, 0);
+        let each = courses.iter().zip(known).map(|(course, known)| {
+            let predicted = predicted(course, known, law, DRAWS, true);
+            let rests = predicted.rests(&shown(course, known.follower));
+            square += squares(&rests);
+            breadth += predicted.breadth();
+            numbers += rests.len();
+            (predicted, rests)
+        });
+        let each = each.collect();
+        let misfit = (square / f64::from(numbers.max(1) as u32)).sqrt();
+        Self { each, unlikely: square + breadth, misfit }
+    }
+
+    /// Where between its neighbours the parameter fits best, in steps from here, and the standard
+    /// error: one step of least squares.
+    fn refine(&self, below: &Self, above: &Self) -> (f64, f64) {
+        let (mut product, mut square) = (0.0, 0.0);
+        for (at, (here, rests)) in self.each.iter().enumerate() {
             // The effect halves with each step of the exponent, so the nearer slope is the mean of
             // both sides.
-            let slope = (high.means[at] - low.means[at]) / 2.0;
-            product += slope * (found[at] - mean) / variance;
-            square += slope * slope / variance;
+            let slope = here.change(&below.each[at].0, &above.each[at].0);
+            product += slope.iter().zip(rests).map(|(slope, rest)| slope / 2.0 * rest).sum::<f64>();
+            square += squares(&slope) / 4.0;
+        }
+        match square > 0.0 {
+            true => (product / square, 1.0 / square.sqrt()),
+            false => (0.0, f64::INFINITY),
         }
     }
-    match square > 0.0 {
-        true => (middle + product / square, 1.0 / square.sqrt()),
-        false => (middle, f64::INFINITY),
-    }
 }
 
-/// What a law would have shown in a course: mean and variance of several draws of what is not known
-/// exactly.
-struct Predicted {
-    means: Vec<f64>,
-    variances: Vec<f64>,
+fn squares(rests: &[f64]) -> f64 {
+    rests.iter().map(|rest| rest * rest).sum()
 }
 
-impl Predicted {
-    fn of(course: &Course, known: Known, law: DriftLaw, draws: u64) -> Self {
-        let drawn: Vec<Vec<f64>> = (0..draws)
-            .map(|number| {
-                let mut chance = Stream::new(SEED, "calibrate", number);
-                predict(course, law, known, Some(&mut chance))
-            })
-            .collect();
-        let readings = reading_variances(course, known.follower);
-        let count = draws as f64;
-        let (mut means, mut variances) = (Vec::new(), Vec::new());
-        for (at, reading) in readings.iter().enumerate() {
-            let mean = drawn.iter().map(|one| one[at]).sum::<f64>() / count;
-            let spread: f64 = drawn.iter().map(|one| (one[at] - mean) * (one[at] - mean)).sum();
-            means.push(mean);
-            variances.push(reading + spread / (count - 1.0) * (1.0 + 1.0 / count));
-        }
-        Self { means, variances }
-    }
-
-    fn each(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
-        self.means.iter().copied().zip(self.variances.iter().copied())
-    }
-}
-
-fn phase_of(law: DriftLaw) -> Option<f64> {
-    match law {
-        DriftLaw::Hold { phase } | DriftLaw::Block { phase } => Some(f64::from(phase)),
-        DriftLaw::Proportional { .. } => None,
-    }
+/// What a law would have shown in a course, with several draws of what is not known exactly. They
+/// are the same for each law.
+fn predicted(
+    course: &Course,
+    known: &Known,
+    law: DriftLaw,
+    draws: u64,
+    together: bool,
+) -> Prediction {
+    let drawn: Vec<Vec<f64>> = (0..draws)
+        .map(|number| {
+            let mut chance = Stream::new(SEED, "calibrate", number);
+            predict(course, law, known, &mut chance)
+        })
+        .collect();
+    Prediction::of(&drawn, &reading_variances(course, known.follower), together)
 }
 
 const fn hold(phase: u8) -> DriftLaw {
@@ -190,14 +205,17 @@ const FAMILIES: [&[DriftLaw]; 3] = [
 ];
 /// A law fits up to this misfit, in standard deviations.
 pub const MOST_MISFIT: f64 = 3.0;
-/// Laws are told apart by this difference of squares: five standard deviations.
+/// Laws are told apart by this difference of likelihood: five standard deviations.
 pub const TOLD_APART: f64 = 25.0;
-/// What the phase parameter can be off by however good the figures are: rounding of a step, frames
-/// whose instant is known by the host's clock alone.
-const LEAST_ERROR: f64 = 0.01;
+/// What the exponent can be off by however good the figures are: rounding of a step.
+const LEAST_ERROR: f64 = 0.0005;
 /// Draws of what is not known exactly, for a first look and for the figures.
-const ROUGH_DRAWS: u64 = 2;
-const DRAWS: u64 = 8;
+const ROUGH_DRAWS: u64 = 4;
+const DRAWS: u64 = 40;
+/// Drift frames of a course that is looked at first.
+const SHORT: usize = 300;
+/// Misfit of a law whose parameter is of no interest.
+const FAR: f64 = 6.0;
 /// The draws are the same in each judgement.
 const SEED: u64 = 1;
 
@@ -205,8 +223,8 @@ const SEED: u64 = 1;
 mod tests {
     use super::*;
 
-    fn fit(law: DriftLaw, misfit: f64, square: f64) -> Fit {
-        Fit { law, misfit, square, phase: None }
+    fn fit(law: DriftLaw, misfit: f64, unlikely: f64) -> Fit {
+        Fit { law, misfit, unlikely, parameter: None }
     }
 
     /// Both sides of both limits.

@@ -10,16 +10,17 @@ use isocat_wire::time::Device;
 use isocat_wire::{Command, PortNumber, Time};
 
 use super::course::{Ahead, Course};
+use super::jitter::{Drawn, Saw, normal};
 
 /// What is known of one follower in a course, and how well.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Known {
     /// Its index among the followers.
     pub follower: usize,
     /// How much faster its crystal runs than the reference's, and the standard error of it.
     pub faster: (f64, f64),
-    /// Jitter of the instants at which frames reach it, standard deviation, ns.
-    pub jitter: f64,
+    /// Jitter of each hop on the way to it.
+    pub way: Vec<Saw>,
 }
 
 /// What a course shows, or would show: one number for each look, the phase behind it, and the speed
@@ -44,33 +45,40 @@ pub(super) fn reading_variances(course: &Course, follower: usize) -> Vec<f64> {
     all
 }
 
-/// What a law would have shown; with a stream, one draw of what is not known exactly.
+/// What a law would have shown, with one draw of what is not known exactly.
 pub(super) fn predict(
     course: &Course,
     law: DriftLaw,
-    known: Known,
-    mut chance: Option<&mut Stream>,
+    known: &Known,
+    chance: &mut Stream,
 ) -> Vec<f64> {
-    let mut draw =
-        |deviation: f64| chance.as_mut().map_or(0.0, |chance| normal(chance) * deviation);
     let (ahead, ahead_error) = course.ahead[known.follower];
-    let ahead = ahead + draw(ahead_error);
-    let faster = known.faster.0 + draw(known.faster.1);
+    let way: Vec<Drawn> = known.way.iter().map(|saw| saw.draw(chance)).collect();
+    let late = |since: f64| way.iter().map(|saw| saw.late(since)).sum::<f64>();
+    let late_on_average = |latches: &[i64]| {
+        let sum: f64 = latches.iter().map(|at| late(*at as f64 - course.fixed_at)).sum();
+        sum / latches.len().max(1) as f64
+    };
+    // A latch that came late shows a clock farther ahead than it is.
+    let ahead = ahead + ahead_error * normal(chance) - late_on_average(&course.fixed);
+    let faster = known.faster.0 + known.faster.1 * normal(chance);
     let mut model = Model::new(course, law, ahead, faster);
     let mut looks = course.looks.iter().map(|(count, _)| *count).peekable();
     let mut all = Vec::with_capacity(course.looks.len() + 2);
     for (number, frame) in course.frames.iter().enumerate() {
         // Where within a tick the reference was nobody knows either.
-        let late = draw(known.jitter.hypot(WITHIN_TICK));
-        // It was lost on its way there or on its way back.
-        if frame.came_back || draw(1.0) >= 0.0 {
+        let within = WITHIN_TICK * normal(chance);
+        // A lost frame was lost on its way there or on its way back.
+        if frame.came_back || normal(chance) >= 0.0 {
+            let late = late(frame.at as f64 - course.fixed_at) + within;
             model.drift_frame(frame.at, frame.lead, late);
         }
         if looks.next_if_eq(&(number + 1)).is_some() {
             all.push(f64::from(model.esc.register(register::SPEED_COUNTER_DIFFERENCE)));
         }
     }
-    let (behind, later) = (model.ahead(course.behind.at), model.ahead(course.later.at));
+    let seen = |ahead: &Ahead| model.ahead(ahead.at) + late_on_average(&ahead.latches);
+    let (behind, later) = (seen(&course.behind), seen(&course.later));
     all.push(behind);
     all.push((later - behind) / (course.later.at - course.behind.at) * 1e9);
     all
@@ -103,7 +111,7 @@ impl Model {
         model.write(0x0920, &offset.to_le_bytes(), ORIGIN);
         model.write(0x0934, &[time_depth, speed_depth], ORIGIN + 20_000);
         let reset = model.device(course.reset_at as f64);
-        model.write(0x0930, &super::course::START.to_le_bytes(), reset);
+        model.write(0x0930, &course.asked.start.to_le_bytes(), reset);
         model
     }
 
@@ -143,13 +151,6 @@ impl Model {
         let more: i64 = (0..10).map(|tick| shown(tick) - first).sum();
         (first as f64 - at) + more as f64 / 10.0
     }
-}
-
-/// Close to a normal deviate: the sum of twelve uniform numbers.
-fn normal(chance: &mut Stream) -> f64 {
-    const ONE: u64 = 1 << 24;
-    let sum: u64 = (0..12).map(|_| chance.up_to(ONE)).sum();
-    sum as f64 / ONE as f64 - 6.0
 }
 
 /// Standard deviation of an instant within a tick of 10 ns.

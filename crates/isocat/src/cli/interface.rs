@@ -134,7 +134,10 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     if let Err(message) = options.check(options.any) {
         return fail(&message);
     }
-    let scenario = arguments.scenario(file);
+    let scenario = match arguments.scenario(file) {
+        Ok(scenario) => scenario,
+        Err(error) => return fail(&error.to_string()),
+    };
     let mut config = config(options, &scenario);
     if arguments.metrics.is_some() {
         // Errors and counters of a wire are known by what is read in the background.

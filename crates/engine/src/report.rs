@@ -13,6 +13,7 @@ mod note;
 pub mod quality;
 pub mod scan;
 mod text;
+pub mod times;
 pub mod typed;
 pub mod words;
 
@@ -273,6 +274,8 @@ pub struct DeviceRegisters {
     /// Why the delay can't be known from the receive times, though there is a clock; 0x0928 then holds the
     /// middle of what is possible. Null otherwise.
     pub delay_unknown: Option<String>,
+    /// Times that it measured itself on the way up; null if it was not asked to.
+    pub measured_times: Option<times::MeasuredTimes>,
     /// System time difference, 0x092C, at the end of the drift phase; null without clock.
     pub system_time_difference_ns: Option<i64>,
     /// 0x1C32:01; null without the object.

@@ -20,7 +20,7 @@ use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
 use crate::board::Board;
-use crate::config::{Config, DeviceConfig, QualityWatch};
+use crate::config::{Config, DeviceConfig, MeasureTimes, QualityWatch};
 use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
 use crate::hot_connect::Present;
@@ -229,6 +229,13 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
             expected: "a patience above 0, without survey, delay_watch, hot_connect and a direction",
         });
     }
+    let sound = |wish: MeasureTimes| wish.settled > Nanos::ZERO && wish.longest >= wish.settled;
+    if config.measure_times.is_some_and(|wish| !sound(wish)) {
+        return Err(Cause::Setting {
+            name: "measure_times",
+            expected: "a time to settle above 0, and no shorter longest time",
+        });
+    }
     if !(1..=90).contains(&config.acyclic_share) {
         return Err(Cause::Setting { name: "acyclic_share", expected: "1 to 90 percent" });
     }
@@ -416,7 +423,7 @@ pub(crate) async fn open_ring(work: Work) -> End {
 }
 
 /// One step down, for a SubDevice that is above.
-async fn step_down(
+pub(crate) async fn step_down(
     link: &Link,
     device: &mut SubDevice,
     state: AlState,
@@ -461,7 +468,7 @@ pub(crate) async fn settle<'a>(
 }
 
 /// As [`each`], with the mailbox of the SubDevice.
-async fn each_with_mailbox<'a>(
+pub(crate) async fn each_with_mailbox<'a>(
     work: &'a mut Work,
     procedure: impl Fn(&'a mut SubDevice, Option<&'a mut Mailbox>) -> Procedure<'a, Result<(), Cause>>,
 ) -> Result<(), Cause> {

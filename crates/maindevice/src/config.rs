@@ -97,6 +97,11 @@ pub struct Config {
     /// [`Event::Surveyed`](crate::Event::Surveyed). Nothing is written to objects, and what one SubDevice lacks
     /// ends nothing: it goes into [`Segment::problems`](crate::Segment::problems). Default no.
     pub survey: Option<Survey>,
+    /// Whether devices that announce dynamic times (0x1C32:04 or 0x1C33:04, bit 14) and state 0 for one measure
+    /// them (sub-index 08). For that the segment goes to OP with outputs of 0, back to PREOP, and up again
+    /// by a plan with what was measured. The application is not called before that. Default no: a machine goes to
+    /// OP twice only if it is asked to.
+    pub measure_times: Option<MeasureTimes>,
     /// What becomes of SubDevices that are lost while the segment runs, by power or by cable. `None`: nothing is
     /// done, and nothing expected otherwise. Default: they are admitted again when they are back.
     pub readmission: Option<Readmission>,
@@ -170,6 +175,7 @@ impl Config {
             watchdog: None,
             acyclic_share: 40,
             survey: None,
+            measure_times: None,
             readmission: Some(Readmission::default()),
             recovery: Recovery::Never,
             ring: None,
@@ -234,6 +240,22 @@ impl Default for QualityWatch {
 impl Default for DelayWatch {
     fn default() -> Self {
         Self { every: Nanos::millis(1_000), latches: 16, rewrite: false }
+    }
+}
+
+/// How long devices measure their times. The values are longest ones, so they only grow.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct MeasureTimes {
+    /// They count as stable when none has changed for this long; above zero. Default 1 s.
+    pub settled: Nanos,
+    /// After this long the last values are taken; [`OwnTimes::settled`](crate::OwnTimes) then says so. Default
+    /// 10 s.
+    pub longest: Nanos,
+}
+
+impl Default for MeasureTimes {
+    fn default() -> Self {
+        Self { settled: Nanos::millis(1_000), longest: Nanos::millis(10_000) }
     }
 }
 
@@ -370,6 +392,9 @@ pub struct DeviceConfig {
     pub shift_outputs: Option<Nanos>,
     /// Shift of Input Latch, object 0x1C33:03, for devices that shift by a local timer.
     pub shift_inputs: Option<Nanos>,
+    /// Times that the device measured once, for the plan where it states 0 or nothing; they go before
+    /// assumed ones. A device with any of them here does not measure again.
+    pub measured: MeasuredTimes,
     /// Times for the plan where the device states 0 or nothing.
     pub assumed: AssumedTimes,
     /// How its oscillator runs against true time, as far as that is known. `None`: within 100 ppm
@@ -409,6 +434,21 @@ pub struct AssumedTimes {
     /// From the shortest to the longest time from the pulse to outputs that act as soon as they are
     /// calculated, without delay and shift. No object states it. `None`: as `pulse_jitter`.
     pub outputs_spread: Option<Nanos>,
+}
+
+/// Times that a device measured itself, on command of 0x1C32:08 and 0x1C33:08. `None`: not measured.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct MeasuredTimes {
+    /// 0x1C32:05 and 0x1C33:05, the longer one.
+    pub minimum_cycle: Option<Nanos>,
+    /// 0x1C32:06.
+    pub outputs_calc_and_copy: Option<Nanos>,
+    /// 0x1C32:09.
+    pub outputs_delay: Option<Nanos>,
+    /// 0x1C33:06.
+    pub inputs_calc_and_copy: Option<Nanos>,
+    /// 0x1C33:09.
+    pub inputs_delay: Option<Nanos>,
 }
 
 /// Between what an oscillator runs, ppb; positive is fast.

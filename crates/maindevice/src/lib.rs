@@ -99,6 +99,7 @@ mod sii;
 mod stage;
 mod survey;
 mod sync;
+mod times;
 mod timing;
 mod topology;
 
@@ -108,8 +109,8 @@ mod tests;
 pub use application::{Application, Cycle};
 pub use change::SegmentChange;
 pub use config::{
-    AssumedTimes, ClockRange, Config, DelayWatch, DeviceConfig, DriftFilters, QualityWatch,
-    Readmission, Recovery, Ring, StartupDownload, Survey, Timeouts,
+    AssumedTimes, ClockRange, Config, DelayWatch, DeviceConfig, DriftFilters, MeasureTimes,
+    MeasuredTimes, QualityWatch, Readmission, Recovery, Ring, StartupDownload, Survey, Timeouts,
 };
 pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
 pub use event::{Event, RequestId, Stage};
@@ -122,3 +123,4 @@ pub use ring::Port;
 pub use runner::Runner;
 pub use segment::{Segment, SubDevice};
 pub use statistics::Statistics;
+pub use times::OwnTimes;

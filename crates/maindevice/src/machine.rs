@@ -22,6 +22,7 @@ use crate::readmit::Keeper;
 use crate::ring::Port;
 use crate::segment::Segment;
 use crate::statistics::Statistics;
+use crate::times;
 
 mod background;
 mod delays;
@@ -188,7 +189,19 @@ impl MainDevice {
     /// The cycle that is over with the last input, once; and whether process data ran in it.
     #[inline]
     pub(crate) fn take_closed(&mut self) -> Option<(u64, bool)> {
-        self.cycle.as_mut()?.take_closed()
+        let (number, has_data) = self.cycle.as_mut()?.take_closed()?;
+        Some((number, has_data && !self.rehearses()))
+    }
+
+    /// Whether this way up is only there for devices to measure their times: the application is not
+    /// called on it.
+    fn rehearses(&self) -> bool {
+        self.config.measure_times.is_some()
+            && match self.activity {
+                Activity::Operating => false,
+                Activity::Task(Piece::MeasureTimes | Piece::PlanAnew, _) => true,
+                _ => times::is_wanted(&self.segment, &self.config),
+            }
     }
 
     /// Writes the next frame to send at once into `buffer` and gives its length; `None` if there is

@@ -12,10 +12,10 @@ use isocat_sync::{Pulses, SyncMode};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::Nanos;
 
-use crate::config::{AssumedTimes, Config, DeviceConfig};
+use crate::config::{AssumedTimes, Config, DeviceConfig, MeasuredTimes};
 use crate::error::Cause;
 use crate::segment::{SubDevice, SyncObject};
-use crate::sync;
+use crate::{sync, times};
 
 /// Decides the mode of a SubDevice by wish, announcement (sub-index 04) and clock, and checks the
 /// cycle against its minimum.
@@ -112,8 +112,13 @@ fn pulses(
     let cycle = Nanos(config.cycle.0 * i64::from(device.every));
     let outputs = device.output_sync.as_ref().map(|object| object.values).unwrap_or_default();
     let assumed = wish.and_then(|wish| wish.assumed.outputs_calc_and_copy);
-    let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(assumed);
+    let known = times::known(device, wish).outputs_calc_and_copy.or(assumed);
+    let copy = outputs.calc_and_copy_time.filter(|time| *time > Nanos::ZERO).or(known);
     let distance = wish.and_then(|wish| wish.sync1).unwrap_or(match mode {
+        // What it needs is still to be measured.
+        SyncMode::DcSync1 if copy.is_none() && config.measure_times.is_some() => {
+            Nanos(cycle.0 / 2 / 10 * 10)
+        }
         SyncMode::DcSync1 => {
             // The device's oscillator may be 100 ppm slower than system time, pulses come on ticks,
             // and the clock moves between them.
@@ -192,7 +197,9 @@ pub(crate) fn demands(
 ) -> budget::Device {
     let none = SyncParameters::default();
     let of = |object: &Option<SyncObject>| object.as_ref().map_or(none, |object| object.values);
-    let (outputs, inputs) = (of(&device.output_sync), of(&device.input_sync));
+    let stated_times = (of(&device.output_sync), of(&device.input_sync));
+    let own = times::known(device, wish);
+    let (outputs, inputs) = own.complete(stated_times.0, stated_times.1);
     let mut origins = Origins::default();
     let free = device.mode == SyncMode::FreeRun && !takes_sm_mode(device);
     let local = |object: &SyncParameters| {
@@ -252,10 +259,33 @@ pub(crate) fn demands(
             .unwrap_or(Nanos::ZERO),
         input_delay: stated(inputs.delay_time, assumed.inputs_delay, &mut origins.input_delay),
         pulse_jitter: assumed.pulse_jitter.unwrap_or(Nanos::ZERO),
-        outputs_spread: outputs_spread(device, &outputs, wish),
+        // That outputs came so late at most says nothing of how evenly.
+        outputs_spread: outputs_spread(device, &stated_times.0, wish),
         clock_deviation_ppb: USUAL_DEVIATION_PPB,
-        origins,
+        origins: with_measured(origins, &stated_times, &own),
     }
+}
+
+/// The origins, where the device measured what its objects do not state.
+fn with_measured(
+    mut origins: Origins,
+    (outputs, inputs): &(SyncParameters, SyncParameters),
+    own: &MeasuredTimes,
+) -> Origins {
+    let cycle = outputs.minimum_cycle_time.max(inputs.minimum_cycle_time);
+    for (origin, stated, measured) in [
+        (&mut origins.minimum_cycle, cycle, own.minimum_cycle),
+        (&mut origins.output_calc_and_copy, outputs.calc_and_copy_time, own.outputs_calc_and_copy),
+        (&mut origins.output_delay, outputs.delay_time, own.outputs_delay),
+        (&mut origins.input_calc_and_copy, inputs.calc_and_copy_time, own.inputs_calc_and_copy),
+        (&mut origins.input_delay, inputs.delay_time, own.inputs_delay),
+    ] {
+        let is_stated = stated.is_some_and(|time| time > Nanos::ZERO);
+        if let (Origin::Object(entry), false, Some(_)) = (*origin, is_stated, measured) {
+            *origin = Origin::MeasuredByDevice(entry);
+        }
+    }
+    origins
 }
 
 /// How unevenly outputs follow their pulse: those that act behind the application as unevenly as

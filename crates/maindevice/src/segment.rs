@@ -19,6 +19,7 @@ use isocat_wire::{AbortCode, Command, PortNumber, StationAddress};
 
 pub use crate::dc::DcCapability;
 use crate::error::{Error, Place};
+use crate::times::OwnTimes;
 
 /// All SubDevices behind the MainDevice's port, in processing order.
 #[derive(Clone, Debug, Default)]
@@ -140,6 +141,8 @@ pub struct SubDevice {
     pub output_sync: Option<SyncObject>,
     /// Object 0x1C33; `None` if the device has none.
     pub input_sync: Option<SyncObject>,
+    /// What it measured of its own times on the way up; `None` where it was not asked to.
+    pub own_times: Option<OwnTimes>,
     /// Propagation delay from the reference clock, as it was written to register 0x0928; `None` where it was
     /// neither measured nor written.
     pub delay: Option<Nanos>,
@@ -490,6 +493,7 @@ impl SubDevice {
             inputs: ProcessData::default(),
             output_sync: None,
             input_sync: None,
+            own_times: None,
             delay: None,
             measured_delay: None,
             delay_spread: None,

@@ -27,6 +27,7 @@ use crate::{Config, esm};
 mod complete;
 mod groups;
 mod mailbox;
+mod times;
 
 /// Memory of one ESC, and the little it does by itself.
 pub(crate) struct FakeEsc {

@@ -18,6 +18,11 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
         cycle: config.cycle,
         send: Nanos::ZERO,
         jitter: config.host_jitter + way_jitter(segment, config),
+        hop_jitter: way_jitter(segment, config),
+        clock_error_origin: match config.clock_error {
+            Some(_) => Origin::Intent,
+            None => Origin::Computed,
+        },
         clock_error: config.clock_error.unwrap_or_else(|| clock_error(segment, config)),
         clock_deviation_ppb: deviation(reference_range(segment, config), ClockRange::default()),
         limits: config.limits,

@@ -141,6 +141,9 @@ pub struct Profile {
     pub assumptions: Vec<Assumption>,
     /// Where its maker's tables break a rule of `isocat conform`.
     pub deviations: Vec<Deviation>,
+    /// It states its times only when it has measured them: what its CPU needs is not to be known
+    /// beforehand.
+    pub dynamic_times: bool,
     /// The file gives the time itself, so it does not follow 0x1C32:06.
     calc_and_copy_given: bool,
     esc: &'static Chip,

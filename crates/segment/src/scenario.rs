@@ -3,7 +3,7 @@
 
 use isocat_esc::DriftLaw;
 use isocat_maindevice::{
-    AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, StartupDownload,
+    AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, MeasureTimes, StartupDownload,
 };
 use isocat_sim::random::Stream;
 use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
@@ -120,6 +120,7 @@ impl Scenario {
         config.delay_watch = self.operation.delay_watch;
         config.recovery = self.operation.recovery;
         config.direction = self.operation.direction;
+        config.measure_times = self.operation.measure_times.then(MeasureTimes::default);
         config.devices = self.devices.iter().map(device_config).collect();
         for (position, _) in self.devices.iter().enumerate().filter(|(_, d)| d.optional) {
             let known = offline::known(&self.devices, position);
@@ -185,6 +186,18 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         inputs_calc_and_copy: Some(profile.times.application + profile.times.input_copy),
         ..assumed
     });
+    // A device that measures its times says nothing before.
+    let assumed = match profile.dynamic_times {
+        true => AssumedTimes {
+            minimum_cycle: None,
+            outputs_calc_and_copy: None,
+            outputs_delay: None,
+            inputs_calc_and_copy: None,
+            inputs_delay: None,
+            ..assumed
+        },
+        false => assumed,
+    };
     DeviceConfig {
         name: device.name.clone(),
         identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
@@ -196,6 +209,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         cycle: device.cycle,
         sync1: device.sync1,
         sync0_cycle: device.sync0_cycle,
+        measured: device.measured,
         assumed,
         clock: Some(clock_range(device)),
         startup: profile.startup.iter().map(startup).collect(),

@@ -51,7 +51,7 @@ use isocat_descriptions::document::{Source, Table};
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_esc::DriftLaw;
 use isocat_esc::chip::PortKind;
-use isocat_maindevice::DriftFilters;
+use isocat_maindevice::{DriftFilters, MeasuredTimes};
 use isocat_sim::ClockModel;
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
@@ -172,6 +172,8 @@ pub struct SubDevice {
     /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: what the device
     /// states in 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
+    /// Times that it measured once. Table `measured_times`.
+    pub measured: MeasuredTimes,
     /// It may be absent, and come while the segment runs (hot connect). Key `optional`.
     pub optional: bool,
     /// When an optional one gets its power, from the start of the simulation. Key `arrives`.

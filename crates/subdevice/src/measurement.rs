@@ -12,7 +12,7 @@ pub(crate) struct Measurement {
     on: bool,
     /// Some measurement was begun since power-on.
     begun: bool,
-    /// When the step under way began, by step.
+    /// When the step under way began, by step; of the mapping of the outputs, the event that started it.
     step_began: [Time<Device>; Step::ALL.len()],
     /// The event to which Outputs Valid and Input Latch are related.
     trigger: Time<Device>,
@@ -78,9 +78,16 @@ impl Measurement {
         self.trigger = now;
     }
 
+    /// An event starts to map outputs.
+    pub fn maps_outputs(&mut self, now: Time<Device>) {
+        self.step_began[Step::MapOutputs as usize] = now;
+    }
+
     /// A step begins.
     pub fn begins(&mut self, now: Time<Device>, step: Step) {
-        self.step_began[step as usize] = now;
+        if step != Step::MapOutputs {
+            self.step_began[step as usize] = now;
+        }
         let direction = match step {
             Step::OutputsValid => 0,
             Step::LatchInputs => 1,
@@ -97,10 +104,11 @@ impl Measurement {
         if !self.on {
             return;
         }
+        // What 0x1C32:06 and 0x1C33:06 mean: from the event, and from Input Latch.
         let took = now - self.step_began[step as usize];
         match step {
             Step::MapOutputs => self.mapped(0, took),
-            Step::MapInputs => self.mapped(1, took),
+            Step::MapInputs => self.mapped(1, now - self.step_began[Step::LatchInputs as usize]),
             Step::Application => {}
             Step::OutputsValid | Step::LatchInputs => return,
         }
@@ -185,11 +193,14 @@ mod tests {
         let outputs = |sub| ObjectAddress::new(OUTPUT_PARAMETER, sub);
         let cycle = |m: &mut Measurement, start: u64, map: u64| {
             m.cycle_begins(at(start));
-            m.begins(at(start), Step::MapOutputs);
+            m.maps_outputs(at(start));
+            // An interrupt latency of 2 ns is part of it.
+            m.begins(at(start + 2), Step::MapOutputs);
             m.ends(at(start + map), Step::MapOutputs);
             m.begins(at(start + map), Step::Application);
             m.ends(at(start + map + 7), Step::Application);
             m.begins(at(start + map + 7), Step::OutputsValid);
+            m.begins(at(start + map + 8), Step::LatchInputs);
             m.begins(at(start + map + 9), Step::MapInputs);
             m.ends(at(start + map + 12), Step::MapInputs);
         };
@@ -201,7 +212,7 @@ mod tests {
         let values = [0x02, 0x05, 0x06, 0x09].map(|sub| measured.value(outputs(sub)));
         assert_eq!(values, [Some(900), Some(30), Some(20), Some(27)]);
         let inputs = ObjectAddress::new(0x1C33, sub::CALC_AND_COPY_TIME);
-        assert_eq!(measured.value(inputs), Some(3));
+        assert_eq!(measured.value(inputs), Some(4), "from Input Latch");
         measured.switch(false);
         cycle(&mut measured, 2_000, 90);
         assert_eq!(measured.value(outputs(sub::CALC_AND_COPY_TIME)), Some(20), "values stay");

@@ -277,7 +277,11 @@ impl SyncEngine {
                 Reaction::Start(Steps::EMPTY)
             };
         }
-        Reaction::Start(self.start_steps(event, (steps, besides), new_outputs, op))
+        let started = self.start_steps(event, (steps, besides), new_outputs, op);
+        if started.iter().any(|(step, _)| step == Step::MapOutputs) {
+            self.measurement.maps_outputs(now);
+        }
+        Reaction::Start(started)
     }
 
     /// The steps that the last SYNC0 started are not done; outputs in work are.
@@ -466,7 +470,13 @@ impl SyncEngine {
     pub(crate) fn measured(&self, address: ObjectAddress) -> Option<u32> {
         // Only without DC is the cycle the device's to measure.
         let own = address.sub != sub::CYCLE_TIME || !self.mode().uses_dc();
-        self.measurement.value(address).filter(|_| own)
+        // A time that a timer makes longer is not that of the hardware.
+        let shift = match address.index {
+            OUTPUT_PARAMETER => self.settings.output_shift,
+            _ => self.settings.input_shift,
+        };
+        let shifted = address.sub == sub::DELAY_TIME && shift > Nanos::ZERO;
+        self.measurement.value(address).filter(|_| own && !shifted)
     }
 
     /// A SYNC0 pulse; tells whether it is the last before SYNC1.

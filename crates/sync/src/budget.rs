@@ -41,8 +41,12 @@ pub struct Cycle {
     pub send: Nanos,
     /// A frame may be later than planned by this much, never earlier.
     pub jitter: Nanos,
+    /// The part of [`Cycle::jitter`] that the hops make; the host makes the rest.
+    pub hop_jitter: Nanos,
     /// Two clocks of the segment may differ by this much.
     pub clock_error: Nanos,
+    /// Where the clock error comes from.
+    pub clock_error_origin: Origin,
     /// The reference clock's oscillator may be faster or slower than the wire's bit clock by this
     /// much, ppb.
     pub clock_deviation_ppb: i64,

@@ -133,6 +133,9 @@ pub enum ShiftBy {
 }
 
 impl SupportedTypes {
+    /// Bit 14, see [`SupportedTypes::dynamic_times`].
+    pub const DYNAMIC_TIMES: u16 = 1 << 14;
+
     /// Bit 0.
     pub const fn free_run(self) -> bool {
         self.0 & 1 << 0 != 0
@@ -172,7 +175,7 @@ impl SupportedTypes {
     }
     /// Bit 14: times may read 0 and are measured in OP.
     pub const fn dynamic_times(self) -> bool {
-        self.0 & 1 << 14 != 0
+        self.0 & Self::DYNAMIC_TIMES != 0
     }
 }
 

@@ -227,7 +227,8 @@ pub struct Term {
     pub what: &'static str,
     /// How much.
     pub value_ns: i64,
-    /// Where it comes from: wire, asked for, plan, profile, ESI, measured, assumed, or the object.
+    /// Where it comes from: wire, asked for, plan, profile, chip, ESI, measured, computed, assumed, or the object and
+    /// whether the device measured it.
     pub origin: String,
 }
 

@@ -11,6 +11,7 @@ use isocat_sync::SyncMode;
 use isocat_sync::delay::Delay;
 use isocat_wire::time::{Nanos, Picos};
 
+use super::times::MeasuredTimes;
 use super::words::Family;
 use super::*;
 
@@ -273,6 +274,7 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
         delay_ns: ns(found.and_then(|device| device.delay)),
         delay_error_ns: found.and_then(delay_error),
         delay_unknown: found.and_then(delay_unknown),
+        measured_times: found.and_then(|device| device.own_times).map(MeasuredTimes::from),
         system_time_difference_ns: ns(found.and_then(|device| device.difference)),
         output_sync_type: found
             .and_then(|device| device.output_sync.as_ref()?.sync_type())

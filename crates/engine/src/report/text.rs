@@ -192,6 +192,8 @@ impl Report {
                 notes.push(format!("SubDevice {}: {}", device.position, device.application));
             }
             notes.extend(device.registers.unknown_delay(device.position));
+            let measured = device.registers.measured_times;
+            notes.extend(measured.map(|times| times.note(device.position)));
         }
         for device in self.devices.iter().take(MOST_DEVICES) {
             let doubts = device.assumptions.iter().filter_map(|assumed| assumed.doubt);

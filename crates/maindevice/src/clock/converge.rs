@@ -5,10 +5,10 @@ use alloc::vec::Vec;
 use isocat_sync::drift::{Convergence, Verdict};
 use isocat_wire::StationAddress;
 use isocat_wire::register::{self};
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
-    Burst, followers, hasten, limits, noise, read_differences, reading_interval,
+    Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
 };
 use super::settings::set_filter;
 use crate::config::Config;
@@ -17,24 +17,48 @@ use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
 
 /// Drives the drift loop until every clock has converged: a stream of FRMW, several in flight, with
-/// a look at 0x092C of all clocks now and then.
+/// a look at 0x092C of all clocks now and then. A burst locks them. Where the cycle's own drift datagrams come much more
+/// seldom, slower frames follow, which teach the speed well enough for that.
 pub(super) async fn converge(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
 ) -> Result<(), Cause> {
+    let end = link.now() + config.timeouts.drift;
+    lead(link, config, segment, reference, (PACE, 0), end).await?;
+    let slower = pace_for(config.cycle);
+    if slower > PACE {
+        lead(link, config, segment, reference, (slower, LEARNING_FRAMES), end).await?;
+    }
+    let (difference, _) = config.drift_filters.depths(config.cycle);
+    let address = register::TIME_FILTER_DEPTH.address;
+    let count = followers(segment, reference).len() as u16 + 1;
+    link.bwr(address, &[difference]).expect(count).await?;
+    link.board(|board| board.statistics.drift_burst = board.statistics.drift_frames);
+    Ok(())
+}
+
+/// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least` frames at least.
+async fn lead(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    reference: usize,
+    (pace, least): (Nanos, i64),
+    end: Time<Host>,
+) -> Result<(), Cause> {
     let begin = link.now();
-    let end = begin + config.timeouts.drift;
     let noise = noise(segment, config);
     let clocks = followers(segment, reference);
     let mut judged: Vec<_> =
         clocks.iter().map(|(at, _)| Convergence::new(limits(config, noise[*at]))).collect();
     let count = clocks.len() as u16 + 1;
     let station = segment.devices[reference].station;
-    let mut burst = Burst::new(link, station, count);
+    let mut burst = Burst::new(link, station, count, pace);
     let noise = clocks.iter().map(|(at, _)| noise[*at]).max().unwrap_or_default();
-    let interval = reading_interval(noise);
+    let interval = reading_interval(noise).max(pace);
+    let learned = begin + Nanos(pace.0 * least);
     let mut next_reading = begin + interval;
     loop {
         burst.until(next_reading).await?;
@@ -48,13 +72,8 @@ pub(super) async fn converge(
             judge.sample(at, difference);
         }
         let converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
-        if converged {
-            burst.finish().await?;
-            let (difference, _) = config.drift_filters.depths(config.cycle);
-            let address = register::TIME_FILTER_DEPTH.address;
-            link.bwr(address, &[difference]).expect(count).await?;
-            link.board(|board| board.statistics.drift_burst = board.statistics.drift_frames);
-            return Ok(());
+        if converged && link.now() >= learned {
+            return Ok(burst.finish().await?);
         }
         if link.now() >= end {
             let (device, slope_ppb) = worst(&clocks, &judged, segment);
@@ -127,3 +146,7 @@ pub(crate) async fn follow(
         }
     }
 }
+
+/// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
+/// an eighth.
+const LEARNING_FRAMES: i64 = 128;

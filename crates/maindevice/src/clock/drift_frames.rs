@@ -40,19 +40,21 @@ pub(super) struct Burst<'a> {
     station: StationAddress,
     /// What each must count: the reference read, all other clocks written.
     count: u16,
+    /// From one to the next.
+    pace: Nanos,
     in_flight: Vec<Exchange>,
 }
 
 impl<'a> Burst<'a> {
-    /// Drift frames of the clock at `station`, each of which must count `count`.
-    pub fn new(link: &'a Link, station: StationAddress, count: u16) -> Self {
-        Self { link, station, count, in_flight: Vec::new() }
+    /// Drift frames of the clock at `station`, one each `pace`, each of which must count `count`.
+    pub fn new(link: &'a Link, station: StationAddress, count: u16, pace: Nanos) -> Self {
+        Self { link, station, count, pace, in_flight: Vec::new() }
     }
 
-    /// One frame each [`PACE`] until `end`. One that is lost does not hold up the others.
+    /// One frame each pace until `end`. One that is lost does not hold up the others.
     pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
         while self.link.now() < end {
-            let next = self.link.now() + PACE;
+            let next = self.link.now() + self.pace;
             if self.in_flight.len() < IN_FLIGHT {
                 self.in_flight.push(drift_frame(self.link, self.station));
             }
@@ -99,8 +101,8 @@ impl<'a> Burst<'a> {
 /// What counts wrongly is seen by the cycle's own datagram.
 pub(super) async fn hasten(link: &Link, config: &Config, reference: StationAddress) {
     let now = link.now();
-    // What they teach of the speed must hold for cycles: the others get them, too.
-    let pace = PACE.max(Nanos(config.cycle.0 / 10));
+    // The others get them, too.
+    let pace = pace_for(config.cycle);
     let due = link.board(|board| {
         let mut due = board.led_at + pace;
         // The cycle's own comes soon enough.
@@ -166,7 +168,12 @@ pub(crate) fn noise(segment: &Segment, config: &Config) -> Vec<Nanos> {
 
 /// From one drift frame to the next in a burst, and while a clock joins. A tick of 10 ns within it is 100 ppm: what a loop
 /// can just tell from a speed. They take 7 % of the wire, and a tenth of the time that the cycle's own would at 1 ms.
-const PACE: Nanos = Nanos(100_000);
+pub(super) const PACE: Nanos = Nanos(100_000);
+
+/// The same where what they teach of the speed must hold for a cycle: ten of them in one at most.
+pub(super) fn pace_for(cycle: Nanos) -> Nanos {
+    PACE.max(Nanos(cycle.0 / 10))
+}
 
 /// Most drift frames in flight, where the way is longer than their pace or frames are lost.
 const IN_FLIGHT: usize = 8;

@@ -20,6 +20,7 @@ use crate::quality::Monitor;
 use crate::readmit::Keeper;
 use crate::ring;
 use crate::survey;
+use crate::times;
 
 /// What the machine is about.
 pub(super) enum Activity {
@@ -41,6 +42,8 @@ pub(super) enum Piece {
     Prepare,
     Synchronize,
     Operate,
+    MeasureTimes,
+    PlanAnew,
     Survey,
     LeaveOperation,
     Stop,
@@ -55,6 +58,8 @@ impl Activity {
             Piece::Survey => Box::pin(survey::survey(work)),
             Piece::Synchronize => Box::pin(bring_up::synchronize(work)),
             Piece::Operate => Box::pin(bring_up::operate(work)),
+            Piece::MeasureTimes => Box::pin(times::measure(work)),
+            Piece::PlanAnew => Box::pin(times::plan_anew(work)),
             Piece::LeaveOperation => Box::pin(bring_up::leave_operation(work)),
             Piece::Stop => Box::pin(bring_up::stop(work)),
             Piece::OpenRing => Box::pin(bring_up::open_ring(work)),
@@ -126,7 +131,17 @@ impl MainDevice {
                 }
                 self.begin_piece(Piece::Operate);
             }
+            (Piece::Operate, Ok(())) if times::is_wanted(&self.segment, &self.config) => {
+                self.begin_piece(Piece::MeasureTimes);
+            }
             (Piece::Operate, Ok(())) => self.begin_operation(),
+            (Piece::MeasureTimes, Ok(())) => {
+                if let Some(cycle) = &mut self.cycle {
+                    cycle.exchange_process_data(false);
+                }
+                self.begin_piece(Piece::PlanAnew);
+            }
+            (Piece::PlanAnew, Ok(())) => self.begin_piece(Piece::Synchronize),
             (Piece::Survey, Ok(())) => {
                 self.activity = Activity::Surveyed;
                 self.link.report(Event::Surveyed);

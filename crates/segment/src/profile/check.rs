@@ -358,6 +358,25 @@ fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> 
             ));
         }
     }
+    let command = find(object::sub::GET_CYCLE_TIME);
+    if draft.dynamic_times && !command.is_some_and(|entry| entry.access.has(Access::WRITE_OP)) {
+        return Err(draft.source.error(
+            object.at,
+            format!(
+                "behaviour.dynamic_times is true, but object 0x{:04X} has no {} to write in OP; \
+                 expected one",
+                object.index,
+                address(object::sub::GET_CYCLE_TIME)
+            ),
+        ));
+    }
+    if draft.dynamic_times && draft.behaviour.value.polls_outputs {
+        return Err(draft.source.error(
+            draft.behaviour.at,
+            "behaviour.dynamic_times is true beside polls_outputs, whose fixed time is what 0x1C32:06 \
+             states; expected one of them",
+        ));
+    }
     let supported = find(object::sub::SUPPORTED_TYPES).map_or(object.at, |entry| entry.at);
     let announces = |what: &str, expected: &str| {
         let entry = address(object::sub::SUPPORTED_TYPES);

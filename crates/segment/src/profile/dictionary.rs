@@ -1,7 +1,7 @@
 //! The object dictionary: objects that follow from short fields, then the static form of all.
 
 use isocat_descriptions::document::FileError;
-use isocat_subdevice::description::{Behaviour, ProcessDataArea};
+use isocat_subdevice::description::{Behaviour, Measured, ProcessDataArea};
 use isocat_subdevice::{Description, Entry, Object};
 use isocat_sync::SupportedTypes;
 use isocat_sync::object::{self, ShiftBy};
@@ -103,7 +103,7 @@ pub(super) fn with_value(
 
 impl Draft<'_> {
     /// The profile. The draft has passed `check`.
-    pub(super) fn finish(self) -> Result<Profile, FileError> {
+    pub(super) fn finish(mut self) -> Result<Profile, FileError> {
         let sii = sii::image(&self)?;
         let assumptions = self.assumptions()?;
         let stated = |index, sub| self.value(index, sub).map(|ns| Nanos::from_u32(ns as u32));
@@ -133,6 +133,10 @@ impl Draft<'_> {
             jitter: self.times.jitter,
             unevenness: self.times.unevenness,
         };
+        // Only now: what the CPU needs follows what the file states.
+        if self.dynamic_times {
+            self.state_no_times();
+        }
         let shifts_by = |index, by| {
             self.value(index, object::sub::SUPPORTED_TYPES)
                 .is_some_and(|types| SupportedTypes(types as u16).shift() == by)
@@ -183,6 +187,7 @@ impl Draft<'_> {
             },
             assumptions,
             deviations: self.deviations,
+            dynamic_times: self.dynamic_times,
             calc_and_copy_given: self.times.calc_and_copy.is_some(),
             id: self.id,
             name: self.name,
@@ -190,6 +195,32 @@ impl Draft<'_> {
             op_modes: self.op_modes,
             startup: Vec::new(),
         })
+    }
+
+    /// Dynamic times are announced, and those of the sync objects read 0 until they are measured.
+    fn state_no_times(&mut self) {
+        let parameters = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER];
+        let measured = [
+            object::sub::MINIMUM_CYCLE_TIME,
+            object::sub::CALC_AND_COPY_TIME,
+            object::sub::DELAY_TIME,
+        ];
+        let objects = self.objects.iter_mut().filter(|object| parameters.contains(&object.index));
+        for entry in objects.flat_map(|object| &mut object.entries) {
+            if measured.contains(&entry.sub) {
+                entry.default.fill(0);
+            }
+            if let (object::sub::SUPPORTED_TYPES, [_, high]) = (entry.sub, &mut entry.default[..]) {
+                *high |= (SupportedTypes::DYNAMIC_TIMES >> 8) as u8;
+            }
+        }
+        let all = Measured {
+            minimum_cycle: true,
+            calc_and_copy: true,
+            delay: true,
+            ..self.behaviour.value.measured
+        };
+        self.behaviour.value.measured = all;
     }
 
     /// The default value of an entry.

@@ -38,6 +38,8 @@ pub(super) struct Draft<'a> {
     pub op_modes: Vec<OpMode>,
     pub times: Times,
     pub behaviour: Placed<Behaviour>,
+    /// It states none of its times before it has measured them.
+    pub dynamic_times: bool,
     pub assumed: Vec<Assumed>,
     pub deviations: Vec<Deviation>,
     /// What an imported description says about the EEPROM; a profile's follows from the rest.

@@ -186,6 +186,7 @@ impl Import<'_> {
             behaviour: Placed { at: device.at, value: self.behaviour() },
             assumed: std::mem::take(&mut self.assumed),
             deviations: Vec::new(),
+            dynamic_times: false,
             eeprom: Some(eeprom),
         };
         dictionary::complete(&mut draft);

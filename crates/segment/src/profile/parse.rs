@@ -55,6 +55,7 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         op_modes: op_modes(&root)?,
         times: times(&root.required_table("times")?)?,
         behaviour: behaviour(&root.table_or_empty("behaviour")?)?,
+        dynamic_times: root.table_or_empty("behaviour")?.get("dynamic_times")?,
         assumed: assumed(&root, file)?,
         deviations: deviations(&root)?,
         eeprom: None,

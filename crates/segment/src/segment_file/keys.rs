@@ -131,6 +131,7 @@ pub static FILE: Section = Section {
         operation::DELAY_WATCH_KEY,
         operation::RECOVERY_KEY,
         operation::DIRECTION_KEY,
+        operation::MEASURE_TIMES_KEY,
     ],
     rules: &[],
 };
@@ -434,6 +435,7 @@ static SUBDEVICE: Section = Section {
             goes: "object 0x1C32:09 of the simulated device",
             example: r#""12.5us""#,
         },
+        operation::MEASURED_TIMES_KEY,
         Key {
             name: "jitter",
             kind: Kind::duration(Nanos::ZERO, MOST_JITTER),

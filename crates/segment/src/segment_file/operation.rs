@@ -1,5 +1,5 @@
 //! What the MainDevice does beside the exchange while the segment runs: the tables `[quality]` and `[delay_watch]`, the
-//! keys `recovery` and `direction`.
+//! keys `recovery`, `direction` and `measure_times`.
 //!
 //! ```toml
 //! recovery = { first = "1s", longest = "30s" }
@@ -30,6 +30,8 @@ pub struct Operation {
     pub recovery: Recovery,
     /// Which clock leads. Key `direction`: "follow-reference" (default) or "drive-reference".
     pub direction: Direction,
+    /// Whether devices measure their times on the way up. Key `measure_times`.
+    pub measure_times: bool,
 }
 
 pub(super) fn operation(root: &Keys<'_>) -> Result<Operation, FileError> {
@@ -44,6 +46,7 @@ pub(super) fn operation(root: &Keys<'_>) -> Result<Operation, FileError> {
             true => Direction::DriveReference { limits },
             false => Direction::FollowReference,
         },
+        measure_times: root.get("measure_times")?,
     })
 }
 

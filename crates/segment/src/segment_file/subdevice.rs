@@ -6,6 +6,7 @@ use std::path::Path;
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value, name_hint};
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
+use isocat_maindevice::MeasuredTimes;
 use isocat_sync::{SyncMode, object};
 use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
@@ -56,6 +57,9 @@ pub(super) fn subdevice(
         cycle,
         shift,
         input_shift,
+        measured: keys
+            .table("measured_times")?
+            .map_or(Ok(MeasuredTimes::default()), |keys| measured(&keys))?,
         sync1: pulses.sync1.or(run_as.sync1),
         sync0_cycle: pulses.sync0_cycle.or(run_as.sync0_cycle),
         optional,
@@ -132,6 +136,17 @@ fn with_times(keys: &Keys<'_>, profile: &'static Profile) -> Result<&'static Pro
         let key = if entry.sub == object::sub::DELAY_TIME { "delay" } else { "calc_copy" };
         let name = &profile.name;
         keys.error_at(key, format!("{key} is given, but {name} has no object {entry} to state it"))
+    })
+}
+
+/// `measured_times`.
+fn measured(keys: &Keys<'_>) -> Result<MeasuredTimes, FileError> {
+    Ok(MeasuredTimes {
+        minimum_cycle: keys.find("minimum_cycle")?,
+        outputs_calc_and_copy: keys.find("outputs_calc_and_copy")?,
+        outputs_delay: keys.find("outputs_delay")?,
+        inputs_calc_and_copy: keys.find("inputs_calc_and_copy")?,
+        inputs_delay: keys.find("inputs_delay")?,
     })
 }
 

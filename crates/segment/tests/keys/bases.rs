@@ -71,6 +71,7 @@ fn segment(head: &str) -> Base {
         "[host]" | "[quality]" | "[delay_watch]" => (of_root(head), &[]),
         "recovery" => (of_root("[recovery]"), &[("first", "\"1s\""), ("longest", "\"30s\"")]),
         "[[subdevice]]" => (DEVICES.replace("name = \"x\"\n", ""), &[DEVICE]),
+        "measured_times" => (of_device("[subdevice.measured_times]"), &[]),
         "clock_ramp" => {
             (of_device("[subdevice.clock_ramp]"), &[("by", "\"1ppm\""), ("over", "\"1s\"")])
         }

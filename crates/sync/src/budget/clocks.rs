@@ -144,7 +144,9 @@ mod tests {
             cycle: Nanos::millis(1),
             send: Nanos::ZERO,
             jitter: Nanos::ZERO,
+            hop_jitter: Nanos::ZERO,
             clock_error: Nanos(200),
+            clock_error_origin: super::super::Origin::Computed,
             clock_deviation_ppb: USUAL_DEVIATION_PPB,
             limits: super::super::Limits::default(),
         };

@@ -118,8 +118,8 @@ pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
         needed: Sum::default()
             .and(Quantity::Frames, wire, Origin::Wire)
             .and(Quantity::Acyclic, ACYCLIC, Origin::Wire)
-            .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
-            .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
+            .and_frame_jitter(cycle)
+            .if_any(Quantity::ClockError, cycle.clock_error, cycle.clock_error_origin)
             // The wire's time is not the reference clock's.
             .and_speed(cycle, cycle.clock_deviation_ppb, cycle.cycle),
         available: Sum::default().and(Quantity::Cycle, cycle.cycle, Origin::Intent),
@@ -210,7 +210,8 @@ fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
     match device.mode {
         SyncMode::SmSynchronous | SyncMode::FreeRun => (
             needed
-                .and(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+                .and(Quantity::SendJitter, cycle.jitter - cycle.hop_jitter, Origin::Intent)
+                .if_any(Quantity::HopJitter, cycle.hop_jitter, Origin::Chip)
                 .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
                 .and_own_minimum(cycle, device, device.exchange(cycle)),
             own_cycle(available, cycle, device),
@@ -238,7 +239,7 @@ fn within_watchdog(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     device.outputs_arrival?;
     let (watchdog, origin) = (device.watchdog?, device.origins.watchdog);
     let needed = own_cycle(Sum::default(), cycle, device)
-        .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
+        .and_frame_jitter(cycle)
         .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
         .and_speed(cycle, device.clock_deviation_ppb, watchdog);
     Some((needed, Sum::default().and(Quantity::Watchdog, watchdog, origin)))
@@ -268,8 +269,8 @@ fn through(cycle: &Cycle, device: &Device, end: Nanos) -> Sum {
         .if_any(Quantity::Send, cycle.send, Origin::Plan)
         .and(Quantity::FrameEnd, end - device.delay, Origin::Wire)
         .and(Quantity::Propagation, device.delay, device.origins.delay)
-        .if_any(Quantity::SendJitter, cycle.jitter, Origin::Intent)
-        .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
+        .and_frame_jitter(cycle)
+        .if_any(Quantity::ClockError, cycle.clock_error, cycle.clock_error_origin)
 }
 
 fn outputs_ready(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum, Sum)> {
@@ -311,7 +312,7 @@ fn inputs_available(cycle: &Cycle, shift: Nanos, device: &Device) -> Option<(Sum
     let needed = latch
         .if_any(Quantity::PulseJitter, device.pulse_jitter, origins.pulse_jitter)
         .and(Quantity::InputCalcAndCopy, device.input_calc_and_copy, origins.input_calc_and_copy)
-        .if_any(Quantity::ClockError, cycle.clock_error, Origin::Intent)
+        .if_any(Quantity::ClockError, cycle.clock_error, cycle.clock_error_origin)
         .and_timer(cycle, device, by_timer);
     let available =
         next_frame(cycle, device, fetched).and(Quantity::ActingPulse, -shift, Origin::Plan);
@@ -382,7 +383,7 @@ fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
 /// SYNC0 lies where the SubDevice's clock has it, on a tick.
 fn sync0_within_limit(cycle: &Cycle) -> Option<(Sum, Sum)> {
     let error = Some(cycle.clock_error).filter(|error| *error > Nanos::ZERO)?;
-    let needed = Sum::default().and(Quantity::ClockError, error, Origin::Intent).and(
+    let needed = Sum::default().and(Quantity::ClockError, error, cycle.clock_error_origin).and(
         Quantity::Tick,
         TICK,
         Origin::Chip,
@@ -410,6 +411,16 @@ fn outputs_spread(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
 const TICK: Nanos = Nanos(10);
 
 impl Sum {
+    /// How late a frame may be: what the host adds, and what the hops do.
+    fn and_frame_jitter(self, cycle: &Cycle) -> Self {
+        let host = cycle.jitter - cycle.hop_jitter;
+        self.if_any(Quantity::SendJitter, host, Origin::Intent).if_any(
+            Quantity::HopJitter,
+            cycle.hop_jitter,
+            Origin::Chip,
+        )
+    }
+
     /// What a count of `span` by an oscillator that deviates by so much may be off: no loop keeps
     /// it.
     fn and_speed(self, cycle: &Cycle, deviation_ppb: i64, span: Nanos) -> Self {
@@ -432,7 +443,9 @@ impl Sum {
     /// that CPU's own oscillator.
     fn and_own_minimum(self, cycle: &Cycle, device: &Device, span: Nanos) -> Self {
         match device.origins.minimum_cycle {
-            Origin::Assumed => self.and_speed(cycle, device.clock_deviation_ppb, span),
+            Origin::Assumed | Origin::MeasuredByDevice(_) => {
+                self.and_speed(cycle, device.clock_deviation_ppb, span)
+            }
             _ => self,
         }
     }

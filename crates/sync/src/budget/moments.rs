@@ -111,8 +111,9 @@ pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
         let from = if device.mode == SyncMode::DcSync1 { sync0 } else { stored };
         moments.outputs_ready = Some(from.after(Nanos::ZERO, device.output_calc_and_copy));
         let after = device.outputs_act_after();
-        // What is only assumed says how long it takes at most.
-        let assumed = device.origins.output_delay == Origin::Assumed;
+        // What is only assumed, or measured, says how long it takes at most.
+        let origin = device.origins.output_delay;
+        let assumed = matches!(origin, Origin::Assumed | Origin::MeasuredByDevice(_));
         let least =
             if assumed { device.timed_output_shift().unwrap_or(Nanos::ZERO) } else { after };
         let most = after + off(after) + device.pulse_jitter;

@@ -23,6 +23,11 @@ pub enum Origin {
     Esi,
     /// Measured on the segment.
     Measured,
+    /// An entry of the device's dictionary that states nothing by itself: the device measured it on
+    /// command of sub-index 08.
+    MeasuredByDevice(ObjectAddress),
+    /// Computed from what drift loops, thresholds and hops leave between clocks.
+    Computed,
     /// Reset value of the chip's registers.
     Chip,
     /// The profile of the device says so: cables, chips, CPUs.
@@ -40,6 +45,8 @@ impl fmt::Display for Origin {
             Self::Object(object) => write!(f, "{object}"),
             Self::Esi => f.pad("ESI"),
             Self::Measured => f.pad("measured"),
+            Self::MeasuredByDevice(object) => write!(f, "{object}, measured by the device"),
+            Self::Computed => f.pad("computed from drift loops and hops"),
             Self::Chip => f.pad("chip"),
             Self::Profile => f.pad("profile"),
             Self::Assumed => f.pad("assumed"),
@@ -110,8 +117,10 @@ pub enum Quantity {
     Acyclic,
     /// From the reference clock to the SubDevice.
     Propagation,
-    /// How late a frame may be.
+    /// How late the host may send a frame.
     SendJitter,
+    /// How much later than at best the hops on its way let a frame come.
+    HopJitter,
     /// How much two clocks may differ.
     ClockError,
     /// How much a SubDevice's own count of a span may differ from system time.
@@ -179,6 +188,7 @@ impl Quantity {
             Self::Acyclic => "one acyclic frame",
             Self::Propagation => "propagation",
             Self::SendJitter => "send jitter",
+            Self::HopJitter => "jitter of hops",
             Self::ClockError => "clock error",
             Self::ClockSpeed => "100 ppm of it and a tick",
             Self::StatedClockSpeed => "deviation of its clock over it and a tick",
@@ -227,7 +237,7 @@ pub struct Sum {
     terms: [Option<Term>; MOST_TERMS],
 }
 
-const MOST_TERMS: usize = 8;
+const MOST_TERMS: usize = 9;
 
 impl Sum {
     /// The figures.

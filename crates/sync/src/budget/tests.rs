@@ -5,7 +5,9 @@ const CYCLE: Cycle = Cycle {
     cycle: Nanos(1_000_000),
     send: Nanos(0),
     jitter: Nanos(20_000),
+    hop_jitter: Nanos::ZERO,
     clock_error: Nanos(100),
+    clock_error_origin: Origin::Computed,
     clock_deviation_ppb: USUAL_DEVIATION_PPB,
     limits: Limits { sync0_error: Nanos(1_000), outputs_spread: Nanos(1_000) },
 };
@@ -340,4 +342,40 @@ fn an_assumed_minimum_cycle_counts_in_the_devices_own_time() {
     };
     assert_eq!(with(Origins::default().minimum_cycle), 750_000);
     assert_eq!(with(Origin::Assumed), 750_000 - 25 - 10);
+}
+
+/// What the hops add is a term of its own; host and hops together are the jitter.
+#[test]
+fn jitter_of_hops_is_not_the_hosts() {
+    let cycle = Cycle { jitter: Nanos(20_124), hop_jitter: Nanos(124), ..CYCLE };
+    let one = Cycle { hop_jitter: Nanos::ZERO, ..cycle };
+    let checks = Check::OF_DEVICE
+        .into_iter()
+        .filter_map(|check| Some((demand(&cycle, Nanos(500_000), &drive(), check)?, check)));
+    for (with, check) in checks {
+        let without = demand(&one, Nanos(500_000), &drive(), check).unwrap();
+        assert_eq!(with.line(), without.line());
+    }
+    let demand = demand(&cycle, Nanos(500_000), &drive(), Check::OutputsBeforeSync0).unwrap();
+    let of = |quantity| demand.needed.terms().find(|term| term.quantity == quantity).unwrap();
+    let (host, hops) = (of(Quantity::SendJitter), of(Quantity::HopJitter));
+    assert_eq!((host.value, host.origin), (Nanos(20_000), Origin::Intent));
+    assert_eq!((hops.value, hops.origin), (Nanos(124), Origin::Chip));
+    assert_eq!(of(Quantity::ClockError).origin, Origin::Computed);
+    let frames = frames_in_cycle(&cycle, Nanos(100_000));
+    assert_eq!(frames.line(), frames_in_cycle(&one, Nanos(100_000)).line());
+}
+
+/// A shift by timer behind a frame that is not sent at phase 0: the longest line there is.
+#[test]
+fn the_longest_line_has_room_for_its_figures() {
+    let cycle = Cycle { send: Nanos(1_000), hop_jitter: Nanos(124), ..CYCLE };
+    let device = Device {
+        mode: SyncMode::SmSynchronous,
+        input_shift: Nanos(100_000),
+        output_calc_and_copy: Nanos(60_000),
+        ..drive()
+    };
+    let demand = demand(&cycle, Nanos::ZERO, &device, Check::InputsBeforeFrame).unwrap();
+    assert_eq!(demand.needed.terms().count(), 9);
 }

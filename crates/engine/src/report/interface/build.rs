@@ -12,6 +12,7 @@ use crate::live::job::{self, AtEnd, End};
 use crate::report::build::{
     application, counters, delay_error, delay_unknown, plan_line, summary, verdict_of_modes,
 };
+use crate::report::times::MeasuredTimes;
 use crate::report::typed::StateRead;
 use crate::report::words::{self, Family};
 
@@ -184,6 +185,7 @@ fn registers(found: &SubDevice, at_end: &AtEnd, operated: bool) -> DeviceRegiste
         delay_ns: ns(found.delay),
         delay_error_ns: delay_error(found),
         delay_unknown: delay_unknown(found),
+        measured_times: found.own_times.map(MeasuredTimes::from),
         system_time_difference_ns: ns(difference),
         output_sync_type: found.output_sync.as_ref().and_then(|o| o.sync_type()).map(|t| t.0),
         input_sync_type: found.input_sync.as_ref().and_then(|o| o.sync_type()).map(|t| t.0),

@@ -156,6 +156,8 @@ impl InterfaceReport {
                 }
             }
             notes.extend(device.registers.unknown_delay(position));
+            let measured = device.registers.measured_times;
+            notes.extend(measured.map(|times| times.note(position)));
         }
         writeln!(out)?;
         write_notes(out, &notes)?;

@@ -207,6 +207,14 @@ pub(super) static BEHAVIOUR: Section = Section {
             goes: "objects 0x1C32:08 and 0x1C33:08",
             example: r#"["calc-and-copy", "delay"]"#,
         },
+        flag(
+            "dynamic_times",
+            "false",
+            "The device announces dynamic times (bit 14 of sub-index 04) and states 0 in \
+             sub-indices 05, 06 and 09 until it is told to measure them. What the file states in \
+             sub-index 06 is then what its CPU needs; outputs act as soon as they are calculated.",
+            "objects 0x1C32 and 0x1C33",
+        ),
         Key {
             name: "output_toggle",
             kind: Kind::Integer { least: 0, most: 8 * MAX_PROCESS_DATA as i64 - 1 },

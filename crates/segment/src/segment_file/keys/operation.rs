@@ -1,5 +1,5 @@
 //! What the MainDevice does beside the exchange: `[quality]`, `[delay_watch]`, `recovery`,
-//! `direction`.
+//! `direction`, `measure_times`.
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Section, Word};
 use isocat_wire::time::Nanos;
@@ -168,6 +168,45 @@ pub(in super::super) static RECOVERY: Section = Section {
     ],
     rules: &[],
 };
+
+pub(super) const MEASURE_TIMES_KEY: Key = Key {
+    name: "measure_times",
+    kind: Kind::Boolean,
+    need: Need::Default("false"),
+    means: "Whether devices that announce dynamic times and state 0 measure them on the way up: \
+            the segment goes to OP with outputs of 0, back to PREOP, and up again by a plan with \
+            the measured times.",
+    goes: "Config::measure_times; objects 0x1C32:08 and 0x1C33:08",
+    example: "true",
+};
+
+pub(super) const MEASURED_TIMES_KEY: Key = Key {
+    name: "measured_times",
+    kind: Kind::Table(&MEASURED_TIMES),
+    need: Need::Without("none are known"),
+    means: "Times that the device measured once, as a run with `measure_times` reports them. The \
+            plan takes them where the device states 0, and the device does not measure again.",
+    goes: "DeviceConfig::measured and the plan",
+    example: r#"{ minimum_cycle = "60us", outputs_calc_and_copy = "20us" }"#,
+};
+
+static MEASURED_TIMES: Section = Section {
+    head: "measured_times",
+    means: "Times that a device measured itself.",
+    keys: &[
+        measured("minimum_cycle", "Minimum cycle time.", "0x1C32:05 and 0x1C33:05, the longer one"),
+        measured("outputs_calc_and_copy", "Calc and copy time of the outputs.", "0x1C32:06"),
+        measured("outputs_delay", "Delay time of the outputs.", "0x1C32:09"),
+        measured("inputs_calc_and_copy", "Calc and copy time of the inputs.", "0x1C33:06"),
+        measured("inputs_delay", "Delay time of the inputs.", "0x1C33:09"),
+    ],
+    rules: &[],
+};
+
+const fn measured(name: &'static str, means: &'static str, goes: &'static str) -> Key {
+    let kind = Kind::duration(Nanos(1), LONGEST_CYCLE);
+    Key { name, kind, need: Need::Without("not measured"), means, goes, example: r#""20us""# }
+}
 
 pub(super) const DIRECTION_KEY: Key = Key {
     name: "direction",

@@ -19,13 +19,14 @@ fn fails(root: &str, tables: &str) -> String {
 #[test]
 fn nothing_unless_it_is_asked_for() {
     assert_eq!(read("", ""), Operation::default());
-    let Operation { quality, delay_watch, recovery, direction } = read("", "");
-    assert_eq!((quality, delay_watch), (None, None));
+    let Operation { quality, delay_watch, recovery, direction, measure_times } = read("", "");
+    assert_eq!((quality, delay_watch, measure_times), (None, None, false));
     assert_eq!((recovery, direction), (Recovery::Never, Direction::FollowReference));
 }
 
 #[test]
 fn every_key() {
+    assert!(read("measure_times = true\n", "").measure_times);
     assert_eq!(read("", "[quality]\n").quality, Some(QualityWatch::default()));
     let keys = "[quality]\nshare_permille = 200\nhistory = 16\nunled_cycles = 1\ndifference_limit = \"150ns\"\n\
                 margin_limit = \"-5us\"\nobjects = false\n";

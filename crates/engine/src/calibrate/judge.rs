@@ -5,8 +5,8 @@ use isocat_esc::DriftLaw;
 use isocat_sim::random::Stream;
 
 use super::course::Course;
-use super::likelihood::Prediction;
-use super::replay::{Known, predict, reading_variances, shown};
+use super::likelihood::{Prediction, means};
+use super::replay::{Known, Unknowns, predict, reading_variances, shown};
 
 /// How well one law fits.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -47,9 +47,26 @@ pub struct Judgement {
 
 /// Compares what the courses show with what each law would have shown.
 pub(super) fn judge(courses: &[Course], known: &[Known]) -> Judgement {
-    let mut fits: Vec<Fit> = FAMILIES.iter().map(|family| best(courses, known, family)).collect();
+    let courses: Vec<Replayable<'_>> =
+        courses.iter().zip(known).map(|(course, known)| Replayable::new(course, known)).collect();
+    let mut rough: Vec<(Rough, &[DriftLaw])> =
+        FAMILIES.iter().map(|family| (Rough::of(&courses, family), *family)).collect();
+    rough.sort_by(|a, b| a.0.unlikely.total_cmp(&b.0.unlikely));
+    let least = rough.first().map_or(0.0, |(rough, _)| rough.unlikely);
+    let (near, far): (Vec<_>, Vec<_>) =
+        rough.into_iter().partition(|(rough, _)| rough.unlikely - least < FAR);
+    let mut fits: Vec<Fit> =
+        near.iter().map(|(rough, family)| best(&courses, rough.at, family)).collect();
     fits.sort_by(|a, b| a.unlikely.total_cmp(&b.unlikely));
-    let numbers = courses.iter().map(|course| course.looks.len() + 2).sum();
+    // Of a family that is far off the shorter courses say enough: by how much it is less likely.
+    let likeliest = fits.first().map_or(0.0, |best| best.unlikely);
+    fits.extend(far.iter().map(|(rough, family)| Fit {
+        law: family[rough.at],
+        misfit: rough.misfit,
+        unlikely: likeliest + rough.unlikely - least,
+        parameter: None,
+    }));
+    let numbers = courses.iter().map(|course| course.shown.len()).sum();
     Judgement { verdict: verdict(&fits), fits, numbers }
 }
 
@@ -65,84 +82,168 @@ fn verdict(fits: &[Fit]) -> Verdict {
     }
 }
 
-/// The best of a family: first roughly, by the shorter courses and few draws, then with all of them.
-fn best(courses: &[Course], known: &[Known], family: &[DriftLaw]) -> Fit {
-    let rough = |law: &DriftLaw| {
-        let short = courses.iter().zip(known).filter(|(course, _)| course.frames.len() <= SHORT);
-        let each = short.map(|(course, known)| {
-            let predicted = predicted(course, known, *law, ROUGH_DRAWS, false);
-            squares(&predicted.rests(&shown(course, known.follower))) + predicted.breadth()
-        });
-        each.sum::<f64>()
-    };
-    let unlikely: Vec<f64> = family.iter().map(rough).collect();
-    let mut at =
-        (0..family.len()).min_by(|a, b| unlikely[*a].total_cmp(&unlikely[*b])).unwrap_or(0);
-    let mut tried: Vec<Option<Replayed>> = family.iter().map(|_| None).collect();
-    let mut of = |at: usize| -> (f64, f64) {
-        let replayed = tried[at].get_or_insert_with(|| Replayed::new(courses, known, family[at]));
-        (replayed.unlikely, replayed.misfit)
-    };
-    // Uphill to the likeliest, but not for a law that is far from fitting.
-    while of(at).1 <= FAR {
-        let beside = [at.checked_sub(1), Some(at + 1).filter(|next| *next < family.len())];
-        let better = beside.into_iter().flatten().find(|next| of(*next).0 < of(at).0);
-        let Some(better) = better else { break };
-        at = better;
-    }
-    let (unlikely, misfit) = of(at);
-    let beside = |next: Option<usize>| tried.get(next?)?.as_ref();
-    let neighbours = beside(at.checked_sub(1)).zip(beside(Some(at + 1)));
-    let parameter = neighbours.zip(tried[at].as_ref()).map(|((below, above), here)| {
-        let (steps, error) = here.refine(below, above);
-        // What fits worse than chance would have it is known worse, too.
-        let error = (error * misfit.max(1.0)).hypot(LEAST_ERROR);
-        match family[at] {
-            DriftLaw::Hold { phase } | DriftLaw::Block { phase } => {
-                (f64::from(phase) + steps, error)
-            }
-            // Gains double from one to the next.
-            DriftLaw::Proportional { gain, .. } => {
-                let gain = f64::from(gain) * steps.exp2();
-                (gain, gain * std::f64::consts::LN_2 * error)
+/// The best of a family, from the law at `at` on.
+fn best(courses: &[Replayable<'_>], mut at: usize, family: &[DriftLaw]) -> Fit {
+    let mut here = Replayed::new(courses, family[at]);
+    let mut parameter = None;
+    // Uphill to the likeliest, but not for a law that does not fit anyway: its parameter is of no
+    // interest.
+    while here.misfit <= POOR {
+        let beside = |next: Option<usize>| {
+            next.and_then(|next| family.get(next)).map(|law| here.beside(courses, *law))
+        };
+        let (below, above) = (beside(at.checked_sub(1)), beside(Some(at + 1)));
+        let near =
+            |beside: &Option<Beside>| beside.as_ref().is_some_and(|it| it.unlikely < here.unlikely);
+        let next = match (near(&below), near(&above)) {
+            (true, _) => at - 1,
+            (_, true) => at + 1,
+            _ => at,
+        };
+        if next != at {
+            let there = Replayed::new(courses, family[next]);
+            if there.unlikely < here.unlikely {
+                (at, here) = (next, there);
+                continue;
             }
         }
-    });
-    Fit { law: family[at], misfit, unlikely, parameter }
+        parameter = below.zip(above).map(|(below, above)| {
+            let (steps, error) = here.refine(&below, &above);
+            // What fits worse than chance would have it is known worse, too.
+            let error = (error * here.misfit.max(1.0)).hypot(LEAST_ERROR);
+            match family[at] {
+                DriftLaw::Hold { phase } | DriftLaw::Block { phase } => {
+                    (f64::from(phase) + steps, error)
+                }
+                // Gains double from one to the next.
+                DriftLaw::Proportional { gain, .. } => {
+                    let gain = f64::from(gain) * steps.exp2();
+                    (gain, gain * std::f64::consts::LN_2 * error)
+                }
+            }
+        });
+        break;
+    }
+    Fit { law: family[at], misfit: here.misfit, unlikely: here.unlikely, parameter }
 }
 
-/// All courses of one follower under one law.
-struct Replayed {
-    each: Vec<(Prediction, Vec<f64>)>,
+/// A course as one follower showed it, with draws of what is not known. They are the same for each
+/// law, so laws differ by themselves alone.
+struct Replayable<'a> {
+    course: &'a Course,
+    shown: Vec<f64>,
+    readings: Vec<f64>,
+    draws: Vec<Unknowns>,
+}
+
+impl<'a> Replayable<'a> {
+    fn new(course: &'a Course, known: &Known) -> Self {
+        let draw =
+            |number| Unknowns::draw(course, known, &mut Stream::new(SEED, "calibrate", number));
+        Self {
+            course,
+            shown: shown(course, known.follower),
+            readings: reading_variances(course, known.follower),
+            draws: (0..DRAWS).map(draw).collect(),
+        }
+    }
+
+    /// What a law would have shown with the first of the draws.
+    fn predicted(&self, law: DriftLaw, draws: usize) -> Vec<Vec<f64>> {
+        self.draws[..draws].iter().map(|draw| predict(self.course, law, draw)).collect()
+    }
+}
+
+/// The best of a family by the shorter courses and few draws.
+struct Rough {
+    at: usize,
     unlikely: f64,
     misfit: f64,
 }
 
+impl Rough {
+    fn of(courses: &[Replayable<'_>], family: &[DriftLaw]) -> Self {
+        let one = |(at, law): (usize, &DriftLaw)| {
+            let (mut square, mut breadth, mut numbers) = (0.0, 0.0, 0);
+            for course in courses.iter().filter(|course| course.course.frames.len() <= SHORT) {
+                let drawn = course.predicted(*law, ROUGH_DRAWS);
+                let predicted = Prediction::of(&drawn, &course.readings, false);
+                square += squares(&predicted.rests(&course.shown));
+                breadth += predicted.breadth();
+                numbers += course.shown.len();
+            }
+            let misfit = (square / numbers.max(1) as f64).sqrt();
+            Self { at, unlikely: square + breadth, misfit }
+        };
+        let each = family.iter().enumerate().map(one);
+        let none = Self { at: 0, unlikely: f64::INFINITY, misfit: f64::INFINITY };
+        each.min_by(|a, b| a.unlikely.total_cmp(&b.unlikely)).unwrap_or(none)
+    }
+}
+
+/// All courses of one follower under one law.
+struct Replayed {
+    each: Vec<Compared>,
+    unlikely: f64,
+    misfit: f64,
+}
+
+/// One of them.
+struct Compared {
+    prediction: Prediction,
+    rests: Vec<f64>,
+    /// The means of the few draws that neighbours get.
+    few: Vec<f64>,
+}
+
+/// A law beside one that was replayed.
+struct Beside {
+    /// Means of few draws, of each course.
+    few: Vec<Vec<f64>>,
+    /// How unlikely it is if its errors are those of the other.
+    unlikely: f64,
+}
+
 impl Replayed {
-    fn new(courses: &[Course], known: &[Known], law: DriftLaw) -> Self {
+    fn new(courses: &[Replayable<'_>], law: DriftLaw) -> Self {
         let (mut square, mut breadth, mut numbers) = (0.0, 0.0, 0);
-        let each = courses.iter().zip(known).map(|(course, known)| {
-            let predicted = predicted(course, known, law, DRAWS, true);
-            let rests = predicted.rests(&shown(course, known.follower));
+        let each = courses.iter().map(|course| {
+            let drawn = course.predicted(law, DRAWS as usize);
+            let prediction = Prediction::of(&drawn, &course.readings, true);
+            let rests = prediction.rests(&course.shown);
             square += squares(&rests);
-            breadth += predicted.breadth();
+            breadth += prediction.breadth();
             numbers += rests.len();
-            (predicted, rests)
+            Compared { prediction, rests, few: means(&drawn[..FEW_DRAWS]) }
         });
         let each = each.collect();
-        let misfit = (square / f64::from(numbers.max(1) as u32)).sqrt();
+        let misfit = (square / numbers.max(1) as f64).sqrt();
         Self { each, unlikely: square + breadth, misfit }
+    }
+
+    /// Another law beside this one, by what few of the same draws change.
+    fn beside(&self, courses: &[Replayable<'_>], law: DriftLaw) -> Beside {
+        let few: Vec<Vec<f64>> =
+            courses.iter().map(|course| means(&course.predicted(law, FEW_DRAWS))).collect();
+        let mut unlikely = self.unlikely;
+        for (here, few) in self.each.iter().zip(&few) {
+            let change = here.prediction.change(&here.few, few);
+            let rests = here.rests.iter().zip(&change).map(|(rest, change)| rest - change);
+            unlikely += squares(&rests.collect::<Vec<f64>>()) - squares(&here.rests);
+        }
+        Beside { few, unlikely }
     }
 
     /// Where between its neighbours the parameter fits best, in steps from here, and the standard
     /// error: one step of least squares.
-    fn refine(&self, below: &Self, above: &Self) -> (f64, f64) {
+    fn refine(&self, below: &Beside, above: &Beside) -> (f64, f64) {
         let (mut product, mut square) = (0.0, 0.0);
-        for (at, (here, rests)) in self.each.iter().enumerate() {
+        for (here, (below, above)) in self.each.iter().zip(below.few.iter().zip(&above.few)) {
             // The effect halves with each step of the exponent, so the nearer slope is the mean of
             // both sides.
-            let slope = here.change(&below.each[at].0, &above.each[at].0);
-            product += slope.iter().zip(rests).map(|(slope, rest)| slope / 2.0 * rest).sum::<f64>();
+            let slope = here.prediction.change(below, above);
+            let rests = slope.iter().zip(&here.rests);
+            product += rests.map(|(slope, rest)| slope / 2.0 * rest).sum::<f64>();
             square += squares(&slope) / 4.0;
         }
         match square > 0.0 {
@@ -154,24 +255,6 @@ impl Replayed {
 
 fn squares(rests: &[f64]) -> f64 {
     rests.iter().map(|rest| rest * rest).sum()
-}
-
-/// What a law would have shown in a course, with several draws of what is not known exactly. They
-/// are the same for each law.
-fn predicted(
-    course: &Course,
-    known: &Known,
-    law: DriftLaw,
-    draws: u64,
-    together: bool,
-) -> Prediction {
-    let drawn: Vec<Vec<f64>> = (0..draws)
-        .map(|number| {
-            let mut chance = Stream::new(SEED, "calibrate", number);
-            predict(course, law, known, &mut chance)
-        })
-        .collect();
-    Prediction::of(&drawn, &reading_variances(course, known.follower), together)
 }
 
 const fn hold(phase: u8) -> DriftLaw {
@@ -209,13 +292,17 @@ pub const MOST_MISFIT: f64 = 3.0;
 pub const TOLD_APART: f64 = 25.0;
 /// What the exponent can be off by however good the figures are: rounding of a step.
 const LEAST_ERROR: f64 = 0.0005;
-/// Draws of what is not known exactly, for a first look and for the figures.
-const ROUGH_DRAWS: u64 = 4;
+/// Draws of what is not known exactly: for a first look, for neighbours, and for the figures.
+const ROUGH_DRAWS: usize = 6;
+const FEW_DRAWS: usize = 10;
 const DRAWS: u64 = 40;
 /// Drift frames of a course that is looked at first.
 const SHORT: usize = 300;
+/// A family is not looked at again if the shorter courses say that it is so much less likely than
+/// another one: thirty standard deviations.
+const FAR: f64 = 900.0;
 /// Misfit of a law whose parameter is of no interest.
-const FAR: f64 = 6.0;
+const POOR: f64 = 6.0;
 /// The draws are the same in each judgement.
 const SEED: u64 = 1;
 

@@ -13,8 +13,7 @@ impl Prediction {
     /// errors hang together; it takes at least five draws more than there are numbers.
     pub fn of(drawn: &[Vec<f64>], readings: &[f64], together: bool) -> Self {
         let (count, numbers) = (drawn.len() as f64, readings.len());
-        let mean = |at: usize| drawn.iter().map(|one| one[at]).sum::<f64>() / count;
-        let means: Vec<f64> = (0..numbers).map(mean).collect();
+        let means = means(drawn);
         // The mean of few draws is off, too; and a covariance of few draws looks narrower in some
         // direction than it is (Hartlap, Simon and Schneider, 2007).
         let narrow = if together { (count - 1.0) / (count - numbers as f64 - 2.0) } else { 1.0 };
@@ -40,9 +39,9 @@ impl Prediction {
         self.whitened(&rests)
     }
 
-    /// What the means change by from one prediction to another, in the same numbers.
-    pub fn change(&self, from: &Self, to: &Self) -> Vec<f64> {
-        let change: Vec<f64> = from.means.iter().zip(&to.means).map(|(a, b)| b - a).collect();
+    /// What numbers change by from one prediction to another, in the same units as rests.
+    pub fn change(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
+        let change: Vec<f64> = from.iter().zip(to).map(|(a, b)| b - a).collect();
         self.whitened(&change)
     }
 
@@ -59,6 +58,17 @@ impl Prediction {
         }
         white
     }
+}
+
+/// The mean of each number over several draws.
+pub(super) fn means(drawn: &[Vec<f64>]) -> Vec<f64> {
+    let mut sums = vec![0.0; drawn.first().map_or(0, Vec::len)];
+    for one in drawn {
+        for (sum, number) in sums.iter_mut().zip(one) {
+            *sum += number;
+        }
+    }
+    sums.iter().map(|sum| sum / drawn.len() as f64).collect()
 }
 
 /// Cholesky's root of a matrix of which the lower triangle is given. Readings have errors of their

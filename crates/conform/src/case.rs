@@ -33,6 +33,8 @@ pub enum Stop {
     },
     /// No answer, or one that makes no sense.
     Trouble(Trouble),
+    /// What was seen says nothing about the SubDevice: frames were lost or late, or the user ended it.
+    NotJudged(String),
 }
 
 impl From<Trouble> for Stop {
@@ -192,15 +194,20 @@ impl Case<'_, '_> {
 
     /// The same for a SubDevice that has other process data.
     pub fn process_data_of(&mut self, s: &Subject) -> Done {
-        for (number, direction, kind) in [(2, &s.outputs, Fmmu::WRITE), (3, &s.inputs, Fmmu::READ)]
+        for (number, direction, kind) in [(0, &s.outputs, Fmmu::WRITE), (1, &s.inputs, Fmmu::READ)]
         {
-            let sm = s.sync_manager(number);
-            self.t.set_sync_manager(number, sm)?;
+            let sm = s.sync_manager(direction.sm);
+            // A device without data in this direction may lack the SyncManager, too.
+            if direction.len > 0 || s.sms.get(direction.sm).is_some() {
+                self.t.set_sync_manager(direction.sm, sm)?;
+            }
             let fmmu = match direction.len {
                 0 => Fmmu::default(),
                 len => Fmmu::bytes(LOGICAL, len, sm.start, kind),
             };
-            self.t.set(register::fmmu(number - 2), fmmu)?;
+            if direction.len > 0 || s.has_mailbox() {
+                self.t.set(register::fmmu(number), fmmu)?;
+            }
         }
         Ok(())
     }
@@ -263,7 +270,7 @@ impl Case<'_, '_> {
             return Err(not_applicable(format!("{} is not tried: {why}", mode.name())));
         }
         if mode.uses_dc() && !self.s.has_dc {
-            return Err(not_applicable("it has no clock"));
+            return Err(not_applicable("it has no SYNC unit"));
         }
         if mode.mode == SyncMode::DcSync1 && !self.s.chooses_type() {
             return Err(not_applicable(

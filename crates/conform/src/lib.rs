@@ -21,14 +21,16 @@ pub mod wire;
 
 use case::{Case, Done, Stop};
 use isocat_descriptions::document::{FileError, name_hint};
-use isocat_segment::profile::{self, Profile};
+use isocat_descriptions::limits;
+use isocat_segment::profile::{self, Origin, Profile};
 use isocat_segment::segment_file::SubDevice;
-use isocat_wire::AlState;
+use isocat_sync::object::{OUTPUT_PARAMETER, sub};
+use isocat_wire::{AlState, ObjectAddress};
 use mode::MODES;
-use report::{DeviceReport, ModeResult, RuleResult, Verdict};
+use report::{DeviceReport, Examined, ModeResult, RuleResult, Verdict};
 use rules::{Check, Rule};
 use subject::{Hints, Subject};
-use tester::{Tester, Trouble};
+use tester::{Disturbance, Tester, Trouble};
 use wire::Wire;
 
 impl Hints {
@@ -50,29 +52,54 @@ impl Hints {
             modes: profile.modes().collect(),
             identity: Some((profile.identity.vendor_id, profile.identity.product_code)),
             deviations: profile.deviations.clone(),
+            stand_in: Some(profile.origin),
+            assumed: assumed(profile),
         })
     }
 }
 
-/// Tries the rules on the SubDevice at `position`. `chosen` tells which; `progress` is told each before it is
-/// tried. An error is one of this machine, not of the SubDevice.
+/// What a maker's description does not tell, and a rule asks for.
+fn assumed(profile: &Profile) -> Vec<(&'static str, &'static str)> {
+    if profile.origin == Origin::Profile {
+        return Vec::new();
+    }
+    let mut assumed = vec![(
+        "AL-16",
+        "the description does not tell whether the device checks the watchdog's settings",
+    )];
+    let delay = ObjectAddress::new(OUTPUT_PARAMETER, sub::DELAY_TIME);
+    if profile.assumptions.iter().any(|assumption| assumption.item == delay.to_string()) {
+        assumed.push(("TIME-02", "the description states no delay time"));
+    }
+    assumed
+}
+
+/// How far an examination is, told as it goes on.
+#[derive(Clone, Copy, Debug)]
+pub enum Progress<'a> {
+    /// The SubDevice has told what it is and which modes it has.
+    Begins(Examined, &'a [ModeResult]),
+    /// A rule is about to be tried.
+    Trying(&'a Rule),
+    /// What became of the rule.
+    Done(&'a RuleResult),
+}
+
+/// Tries the rules on the SubDevice at `position`. `chosen` tells which; `progress` is told how far it is. Where
+/// this machine fails, or the user wants the end, the rules that are left are not judged. An error: another
+/// SubDevice stands there than was expected.
 pub fn examine(
     wire: &mut dyn Wire,
     position: u16,
     name: &str,
     hints: &Hints,
     chosen: impl Fn(&Rule) -> bool,
-    mut progress: impl FnMut(&Rule),
+    mut progress: impl FnMut(Progress<'_>),
 ) -> Result<DeviceReport, String> {
     let mut tester = Tester::new(wire, position);
-    let (subject, survey) = match Subject::survey(&mut tester, hints) {
-        Ok((subject, al)) if al.is(AlState::PreOp) => (subject, None),
-        Ok((subject, al)) => (subject, Some(format!("PREOP is not reached: {al}"))),
-        Err(trouble) if trouble.own => return Err(trouble.what),
-        Err(trouble) => (Subject::default(), Some(trouble.what)),
-    };
+    let (subject, survey) = survey(&mut tester, hints);
     let found = (subject.header.vendor_id, subject.header.product_code);
-    if survey.is_none() && hints.identity.is_some_and(|expected| expected != found) {
+    if survey.is_ok() && hints.identity.is_some_and(|expected| expected != found) {
         let (vendor, product) = hints.identity.unwrap_or_default();
         return Err(format!(
             "position {position}: expected {name}, vendor 0x{vendor:08X}, product 0x{product:08X}; found vendor \
@@ -80,25 +107,70 @@ pub fn examine(
             found.0, found.1
         ));
     }
+    let modes: Vec<_> = subject.modes.iter().map(ModeResult::new).collect();
+    let examined = tester.examined(hints);
+    progress(Progress::Begins(examined, &modes));
     let mut results = Vec::new();
+    let mut broken_off = match &survey {
+        Err(Stop::Trouble(trouble)) if trouble.ends_all() => Some(trouble.what.clone()),
+        _ => None,
+    };
     for rule in rules::all().filter(|rule| chosen(rule)) {
-        progress(rule);
-        let mut result = match (&survey, rule.id) {
-            (Some(why), id) if id != "MODE-01" => RuleResult::blocked(rule, "MODE-01", why),
-            _ => apply(rule, &mut tester, &subject)?,
+        progress(Progress::Trying(rule));
+        let mut result = match (&broken_off, &survey) {
+            (Some(why), _) => RuleResult::not_judged(rule, &format!("not tried: {why}")),
+            (None, Err(Stop::NotJudged(why))) => RuleResult::not_judged(rule, why),
+            (None, Err(Stop::Trouble(trouble))) if rule.id != "MODE-01" => {
+                RuleResult::blocked(rule, "MODE-01", &trouble.what)
+            }
+            _ => {
+                let (result, ended) = apply(rule, &mut tester, &subject);
+                broken_off = ended;
+                result
+            }
         };
         if let Some(known) = hints.deviations.iter().find(|known| known.rule == rule.id) {
             result.deviates(known);
         }
+        if examined != Examined::Interface
+            && let Some((_, why)) = hints.assumed.iter().find(|(id, _)| *id == rule.id)
+        {
+            result.rests_on_assumption(why);
+        }
+        progress(Progress::Done(&result));
         results.push(result);
     }
     // The device is left as quiet as it was found.
-    let _ended = tester.restart();
-    let modes = subject.modes.iter().map(ModeResult::new).collect();
-    Ok(DeviceReport::new(name, position, modes, results))
+    let _ended = tester.leave();
+    Ok(DeviceReport::new((name, position), examined, broken_off, modes, results))
 }
 
-fn apply(rule: &Rule, t: &mut Tester<'_>, s: &Subject) -> Result<RuleResult, String> {
+/// What the SubDevice tells about itself; and why no rule but MODE-01 can be tried, if so.
+fn survey(t: &mut Tester<'_>, hints: &Hints) -> (Subject, Result<(), Stop>) {
+    for attempt in 1.. {
+        let asked = Subject::survey(t, hints);
+        match (asked, t.disturbance()) {
+            (Ok((subject, al)), _) if al.is(AlState::PreOp) => return (subject, Ok(())),
+            (Err(trouble), _) if trouble.ends_all() => {
+                return (Subject::default(), Err(trouble.into()));
+            }
+            (_, Some(_)) if attempt < MOST_ATTEMPTS => {}
+            (_, Some(disturbance)) => {
+                let why = not_judged(&disturbance, attempt);
+                return (Subject::default(), Err(Stop::NotJudged(why)));
+            }
+            (Ok((subject, al)), None) => {
+                let trouble = Trouble::new(format!("PREOP is not reached: {al}"));
+                return (subject, Err(trouble.into()));
+            }
+            (Err(trouble), None) => return (Subject::default(), Err(trouble.into())),
+        }
+    }
+    unreachable!("the last attempt has returned")
+}
+
+/// Tries one rule. The second value tells why no further one can be tried.
+fn apply(rule: &Rule, t: &mut Tester<'_>, s: &Subject) -> (RuleResult, Option<String>) {
     let mut result = RuleResult::new(rule);
     let (check, modes) = match rule.check {
         Check::Once(check) => (check, &MODES[..1]),
@@ -111,33 +183,43 @@ fn apply(rule: &Rule, t: &mut Tester<'_>, s: &Subject) -> Result<RuleResult, Str
     }
     for mode in modes {
         for attempt in 1.. {
+            t.disturbance();
             let evidence = Vec::new();
             let mut case = Case { t: &mut *t, s, mode: *mode, evidence, notes: Vec::new() };
             let done: Done = (check)(&mut case);
             let Case { evidence, notes, .. } = case;
-            if let Err(Stop::Trouble(Trouble { what, own: true })) = done {
-                return Err(what);
-            }
             let name = each.then_some(mode.name());
+            if let Err(Stop::Trouble(trouble)) = &done
+                && trouble.ends_all()
+            {
+                let stop = Stop::NotJudged(format!("not tried to the end: {}", trouble.what));
+                result.add(name, Vec::new(), notes, Err(stop));
+                return (result, Some(trouble.what.clone()));
+            }
             let good = evidence.iter().all(|evidence| evidence.right)
                 && matches!(done, Ok(()) | Err(Stop::NotApplicable(_)));
-            match t.was_late() {
-                // Whatever a late frame led to is not the SubDevice's doing.
-                Some(late) if !good && attempt == MOST_ATTEMPTS => {
-                    let why =
-                        format!("this machine sent frames up to {late} late, {attempt} times");
-                    result.add(name, Vec::new(), notes, Err(Stop::NotApplicable(why)));
+            match t.disturbance() {
+                // Whatever a lost or late frame led to is not the SubDevice's doing.
+                Some(_) if !good && attempt < MOST_ATTEMPTS => continue,
+                Some(disturbance) if !good => {
+                    let stop = Stop::NotJudged(not_judged(&disturbance, attempt));
+                    result.add(name, Vec::new(), notes, Err(stop));
                 }
-                Some(_) if !good => continue,
                 _ => result.add(name, evidence, notes, done),
             }
             break;
         }
     }
-    Ok(result)
+    (result, None)
 }
 
-/// A machine that is late is given so many chances.
+fn not_judged(disturbance: &Disturbance, attempts: u32) -> String {
+    format!(
+        "frames were lost or late in each of {attempts} attempts; in the last one {disturbance}"
+    )
+}
+
+/// Attempts at a rule while frames are lost or late.
 const MOST_ATTEMPTS: u32 = 3;
 
 /// A segment file with just this device, a built-in profile or the path of a profile file. A
@@ -149,7 +231,8 @@ pub fn segment_of(device: &str) -> String {
 
 /// What can't be read is refused with its reason where the segment file is.
 fn is_on_ebus(device: &str) -> bool {
-    let of_file = || Profile::from_toml(device, &std::fs::read_to_string(device).ok()?).ok();
+    let of_file =
+        || Profile::from_toml(device, &limits::read_text(device, limits::TOML).ok()?).ok();
     profile::built_in(device).or_else(of_file).is_some_and(Profile::is_on_ebus)
 }
 

@@ -13,7 +13,7 @@ use super::mode::Mode;
 use super::rules::{Check, Rule};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-conformance-report/1";
+pub const FORMAT: &str = "isocat-conformance-report/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -31,7 +31,7 @@ pub struct ConformanceReport {
     pub version: &'static str,
     /// The device, the segment file or the interface.
     pub source: String,
-    /// Whether no rule failed.
+    /// Whether no rule failed and every chosen one was judged.
     pub passed: bool,
     /// The SubDevices, in the order of their positions.
     pub devices: Vec<DeviceReport>,
@@ -51,12 +51,50 @@ pub struct DeviceReport {
     pub failed: usize,
     /// Rules that do not, as its profile says.
     pub known_deviations: usize,
-    /// Rules that were not tried to the end, or do not concern it.
+    /// Rules of which nothing can be said: frames were lost or late, or the suite was broken off before.
+    pub not_judged: usize,
+    /// Rules that do not concern it, or need another one that fails.
     pub not_applicable: usize,
+    /// What was in front of the suite.
+    pub examined: Examined,
+    /// Why the rules at the end were not tried: an interruption, or a failure of this machine.
+    pub broken_off: Option<String>,
     /// Modes that it announces.
     pub modes: Vec<ModeResult>,
     /// Each rule.
     pub rules: Vec<RuleResult>,
+}
+
+/// What the suite examined. A failure of a simulated device is one of the simulation first: of what stands in
+/// the profile or the description, and of what was assumed where they say nothing.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+#[schemars(inline)]
+pub enum Examined {
+    /// What answers on a real interface.
+    Interface,
+    /// A simulated device made from a device profile.
+    SimulatedProfile,
+    /// A simulated device made from its maker's description (ESI): objects and process data are the description's,
+    /// states, timing and counters those of the stack that stands in.
+    SimulatedDescription,
+}
+
+impl Examined {
+    /// What is judged, as a sentence; `None` where it is the device itself.
+    pub const fn note(self) -> Option<&'static str> {
+        match self {
+            Self::Interface => None,
+            Self::SimulatedProfile => Some(
+                "Judged is a simulated device made from its profile, not the product. --interface examines a product.",
+            ),
+            Self::SimulatedDescription => Some(
+                "Judged is a simulated stand-in made from the maker's description, not the product: its objects are \
+                 the description's, its states, times and counters those of the stand-in. --interface examines a \
+                 product.",
+            ),
+        }
+    }
 }
 
 /// A mode that a SubDevice announces.
@@ -87,6 +125,8 @@ pub enum Verdict {
     Fail,
     /// It does not, and the device's profile says so and why.
     KnownDeviation,
+    /// What was seen says nothing about the SubDevice: frames were lost or late, or the suite was broken off.
+    NotJudged,
     /// It does not concern the SubDevice, or another rule that it needs fails.
     NotApplicable,
 }
@@ -98,6 +138,7 @@ impl Verdict {
             Self::Pass => "pass",
             Self::Fail => "FAIL",
             Self::KnownDeviation => "dev",
+            Self::NotJudged => "open",
             Self::NotApplicable => "n/a",
         }
     }
@@ -142,6 +183,12 @@ impl RuleResult {
         Self { why: vec![format!("needs {by}: {why}")], ..Self::new(rule) }
     }
 
+    /// A rule of which nothing can be said.
+    pub fn not_judged(rule: &Rule, why: &str) -> Self {
+        let verdict = Verdict::NotJudged;
+        Self { verdict, why: vec![format!("not judged: {why}")], ..Self::new(rule) }
+    }
+
     /// Adds what one check found, in `mode` if it is one of several.
     pub fn add(
         &mut self,
@@ -179,9 +226,15 @@ impl RuleResult {
                 self.why.push(with_mode(trouble.what));
                 verdict = Verdict::Fail;
             }
+            Err(Stop::NotJudged(why)) => {
+                self.why.push(with_mode(format!("not judged: {why}")));
+                verdict = Verdict::NotJudged;
+            }
         }
+        // One mode of which nothing can be said leaves the rule open, unless another mode breaks it.
         self.verdict = match (self.verdict, verdict) {
             (Verdict::Fail, _) | (_, Verdict::Fail) => Verdict::Fail,
+            (Verdict::NotJudged, _) | (_, Verdict::NotJudged) => Verdict::NotJudged,
             (Verdict::Pass, _) | (_, Verdict::Pass) => Verdict::Pass,
             _ => Verdict::NotApplicable,
         };
@@ -199,7 +252,7 @@ impl RuleResult {
         let wrong = || self.evidence.iter().filter(|evidence| !evidence.right);
         let elsewhere = wrong().any(|e| !known.places.iter().any(|known| at(&e.place, known)));
         match self.verdict {
-            Verdict::NotApplicable => return,
+            Verdict::NotApplicable | Verdict::NotJudged => return,
             Verdict::Pass => {
                 self.verdict = Verdict::Fail;
                 self.why.push("its profile names a deviation that is not there".to_owned());
@@ -208,6 +261,15 @@ impl RuleResult {
             _ => self.verdict = Verdict::KnownDeviation,
         }
         self.notes.push(format!("known of {}: {}", known.places.join(", "), known.why));
+    }
+
+    /// A stand-in that breaks this rule does so by what was assumed for it: that says nothing of the device.
+    pub fn rests_on_assumption(&mut self, why: &str) {
+        if self.verdict == Verdict::Fail {
+            self.verdict = Verdict::NotApplicable;
+            self.evidence.clear();
+            self.why = vec![format!("{why}: the stand-in's behaviour is assumed")];
+        }
     }
 
     /// What is wrong, one line each.
@@ -226,7 +288,13 @@ impl RuleResult {
 
 impl DeviceReport {
     /// Counts.
-    pub fn new(name: &str, position: u16, modes: Vec<ModeResult>, rules: Vec<RuleResult>) -> Self {
+    pub fn new(
+        (name, position): (&str, u16),
+        examined: Examined,
+        broken_off: Option<String>,
+        modes: Vec<ModeResult>,
+        rules: Vec<RuleResult>,
+    ) -> Self {
         let count = |verdict| rules.iter().filter(|rule| rule.verdict == verdict).count();
         Self {
             name: name.to_owned(),
@@ -234,7 +302,10 @@ impl DeviceReport {
             passed: count(Verdict::Pass),
             failed: count(Verdict::Fail),
             known_deviations: count(Verdict::KnownDeviation),
+            not_judged: count(Verdict::NotJudged),
             not_applicable: count(Verdict::NotApplicable),
+            examined,
+            broken_off,
             modes,
             rules,
         }
@@ -248,7 +319,7 @@ impl ConformanceReport {
             format: FORMAT,
             version: env!("CARGO_PKG_VERSION"),
             source: source.to_owned(),
-            passed: devices.iter().all(|device| device.failed == 0),
+            passed: devices.iter().all(|device| device.failed + device.not_judged == 0),
             devices,
         }
     }
@@ -257,8 +328,7 @@ impl ConformanceReport {
     pub fn text(&self) -> String {
         let mut text = String::new();
         for device in &self.devices {
-            // Writing to a String cannot fail.
-            let _ = write_device(&mut text, device);
+            text += &device.text();
         }
         text
     }
@@ -272,7 +342,7 @@ impl ConformanceReport {
             "<testsuites name=\"isocat conform\" tests=\"{}\" failures=\"{}\" skipped=\"{}\">",
             count(|device| device.rules.len()),
             count(|device| device.failed),
-            count(|device| device.not_applicable + device.known_deviations)
+            count(DeviceReport::skipped)
         );
         for device in &self.devices {
             let _ = junit_suite(&mut text, device);
@@ -294,58 +364,97 @@ pub fn list<'r>(rules: impl Iterator<Item = &'r Rule>) -> String {
     text
 }
 
-fn write_device(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
-    let style = if device.failed == 0 { GOOD } else { BAD };
-    writeln!(
-        out,
-        "{style}{} at position {}: {} rules hold, {} fail, {}{} do not apply{style:#}",
-        device.name,
-        device.position,
-        device.passed,
-        device.failed,
-        match device.known_deviations {
-            0 => String::new(),
-            1 => "1 deviates as known, ".to_owned(),
-            n => format!("{n} deviate as known, "),
-        },
-        device.not_applicable
-    )?;
-    for mode in &device.modes {
+/// The beginning of a device's text, as soon as it has told its modes.
+pub fn heading(name: &str, position: u16, examined: Examined, modes: &[ModeResult]) -> String {
+    let mut out = String::new();
+    let _ = writeln!(out, "{HEAD}{name} at position {position}{HEAD:#}");
+    for line in examined.note().iter().flat_map(|note| wrap(note, WIDTH - 2)) {
+        let _ = writeln!(out, "  {QUIET}{line}{QUIET:#}");
+    }
+    for mode in modes {
         if let Some(why) = mode.untried {
-            writeln!(out, "  mode {} is announced and not tried: {why}", mode.name)?;
+            let _ = writeln!(out, "  mode {} is announced and not tried: {why}", mode.name);
         }
     }
-    for rule in &device.rules {
-        let style = match rule.verdict {
+    out
+}
+
+impl RuleResult {
+    /// Its lines in a device's text.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        let style = match self.verdict {
             Verdict::Pass => GOOD,
             Verdict::Fail => BAD,
-            Verdict::KnownDeviation => KNOWN,
+            Verdict::KnownDeviation | Verdict::NotJudged => KNOWN,
             Verdict::NotApplicable => QUIET,
         };
-        let mut lines = wrap(rule.what, WIDTH - 17);
+        let mut lines = wrap(self.what, WIDTH - 17);
         let first = if lines.is_empty() { String::new() } else { lines.remove(0) };
-        writeln!(out, "  {style}{:<4}{style:#}  {:<8} {first}", rule.verdict.word(), rule.id)?;
+        // Writing to a String cannot fail.
+        let word = self.verdict.word();
+        let _ = writeln!(out, "  {style}{word:<4}{style:#}  {:<8} {first}", self.id);
         for line in lines {
-            writeln!(out, "                 {line}")?;
+            let _ = writeln!(out, "                 {line}");
         }
-        let faults = rule.faults();
+        let faults = self.faults();
         let more = faults.len().saturating_sub(MOST_FAULTS);
-        let mut below: Vec<String> = match rule.verdict {
+        let mut below: Vec<String> = match self.verdict {
             Verdict::Pass => Vec::new(),
             _ => faults.into_iter().take(MOST_FAULTS).collect(),
         };
-        if more > 0 && rule.verdict != Verdict::Pass {
+        if more > 0 && self.verdict != Verdict::Pass {
             below.push(format!("... and {more} more"));
         }
-        if matches!(rule.verdict, Verdict::Fail | Verdict::KnownDeviation) {
-            below.push(format!("source: {}", rule.source));
+        if matches!(self.verdict, Verdict::Fail | Verdict::KnownDeviation) {
+            below.push(format!("source: {}", self.source));
         }
-        below.extend(rule.notes.iter().cloned());
+        below.extend(self.notes.iter().cloned());
         for line in below.iter().flat_map(|line| wrap(line, WIDTH - 19)) {
-            writeln!(out, "                   {QUIET}{line}{QUIET:#}")?;
+            let _ = writeln!(out, "                   {QUIET}{line}{QUIET:#}");
         }
+        out
     }
-    Ok(())
+}
+
+impl DeviceReport {
+    /// For people: [`heading`], each rule, [`summary`](Self::summary).
+    pub fn text(&self) -> String {
+        let rules = self.rules.iter().map(RuleResult::text).collect::<String>();
+        heading(&self.name, self.position, self.examined, &self.modes) + &rules + &self.summary()
+    }
+
+    /// The end of its text: how many rules hold, and how many do not.
+    pub fn summary(&self) -> String {
+        let style = match (self.failed, self.not_judged) {
+            (0, 0) => GOOD,
+            (0, _) => KNOWN,
+            _ => BAD,
+        };
+        let deviate = match self.known_deviations {
+            0 => String::new(),
+            1 => "1 deviates as known, ".to_owned(),
+            n => format!("{n} deviate as known, "),
+        };
+        let open = match self.not_judged {
+            0 => String::new(),
+            1 => "1 was not judged, ".to_owned(),
+            n => format!("{n} were not judged, "),
+        };
+        let end = match &self.broken_off {
+            Some(why) => format!(" (broken off: {why})"),
+            None => String::new(),
+        };
+        format!(
+            "{style}{} at position {}: {} rules hold, {} fail, {deviate}{open}{} do not apply{end}{style:#}\n",
+            self.name, self.position, self.passed, self.failed, self.not_applicable
+        )
+    }
+
+    /// What JUnit calls skipped.
+    fn skipped(&self) -> usize {
+        self.not_applicable + self.not_judged + self.known_deviations
+    }
 }
 
 fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
@@ -355,7 +464,7 @@ fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
         "  <testsuite name=\"{name}\" tests=\"{}\" failures=\"{}\" skipped=\"{}\">",
         device.rules.len(),
         device.failed,
-        device.not_applicable + device.known_deviations
+        device.skipped()
     )?;
     for rule in &device.rules {
         let (id, what) = (rule.id, escaped(rule.what));
@@ -374,7 +483,7 @@ fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
                 ">\n      <failure message=\"{source}\">{text}</failure>\n    </testcase>"
             )?,
             // JUnit has no word for it.
-            Verdict::NotApplicable | Verdict::KnownDeviation => {
+            Verdict::NotApplicable | Verdict::NotJudged | Verdict::KnownDeviation => {
                 writeln!(out, ">\n      <skipped message=\"{text}\"/>\n    </testcase>")?;
             }
         }
@@ -404,4 +513,5 @@ const MOST_FAULTS: usize = 8;
 const GOOD: anstyle::Style = anstyle::AnsiColor::Green.on_default().bold();
 const BAD: anstyle::Style = anstyle::AnsiColor::Red.on_default().bold();
 const KNOWN: anstyle::Style = anstyle::AnsiColor::Yellow.on_default();
+const HEAD: anstyle::Style = anstyle::Style::new().bold();
 const QUIET: anstyle::Style = anstyle::Style::new().dimmed();

@@ -1,6 +1,6 @@
 //! What the SubDevice tells about itself: read once, before the rules.
 
-use isocat_segment::profile::Deviation;
+use isocat_segment::profile::{Deviation, Origin};
 use isocat_sync::SupportedTypes;
 use isocat_sync::SyncMode;
 use isocat_sync::object::{
@@ -8,7 +8,7 @@ use isocat_sync::object::{
 };
 use isocat_wire::coe::info::EntryDescription;
 use isocat_wire::eeprom::{EepromStatus, read_command};
-use isocat_wire::sii::{Header, PdoEntryRecord, PdoRecord, SmRecord, category, word};
+use isocat_wire::sii::{Header, PdoEntryRecord, PdoRecord, SmRecord, category, sm_type, word};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AlState, AlStatusCode, ObjectAddress, register};
@@ -29,6 +29,10 @@ pub struct Hints {
     pub identity: Option<(u32, u32)>,
     /// Rules that it is known to break.
     pub deviations: Vec<Deviation>,
+    /// What a simulated device is made from.
+    pub stand_in: Option<Origin>,
+    /// Rules that a stand-in can only break by what was assumed for it, each with what is not known.
+    pub assumed: Vec<(&'static str, &'static str)>,
 }
 
 /// The SubDevice, as it describes itself.
@@ -42,7 +46,7 @@ pub struct Subject {
     pub outputs: Direction,
     /// Inputs: SM3, TxPDOs, 0x1C13.
     pub inputs: Direction,
-    /// It has a clock.
+    /// It has a clock and a SYNC unit.
     pub has_dc: bool,
     /// What its objects say; `None` without CoE.
     pub coe: Option<Coe>,
@@ -61,6 +65,8 @@ pub struct Direction {
     pub slots: u8,
     /// Bytes.
     pub len: u16,
+    /// Number of its SyncManager: the first of this type in the SII, else 2 for outputs and 3 for inputs.
+    pub sm: usize,
 }
 
 /// What the objects say.
@@ -128,7 +134,13 @@ impl Subject {
         let mut subject = Self::default();
         t.restart()?;
         let (rx, tx) = subject.read_sii(t)?;
-        subject.has_dc = t.register(register::FEATURES)? & register::features::DC != 0;
+        subject.has_dc = t.has_sync_unit;
+        for (direction, kind, usual) in
+            [(&mut subject.outputs, sm_type::OUTPUTS, 2), (&mut subject.inputs, sm_type::INPUTS, 3)]
+        {
+            let found = subject.sms.iter().position(|record| record.kind == kind);
+            direction.sm = found.unwrap_or(usual);
+        }
         subject.outputs.pdos = defaults(&rx, &hints.outputs);
         subject.inputs.pdos = defaults(&tx, &hints.inputs);
         let al = subject.preop(t)?;
@@ -229,10 +241,11 @@ impl Subject {
         Nanos(self.stated(sub::MINIMUM_CYCLE_TIME) as i64)
     }
 
-    /// SM2 or SM3 as it must be set.
+    /// The SyncManager of outputs or inputs, by its number, as it must be set.
     pub fn sync_manager(&self, number: usize) -> SyncManager {
-        let direction = if number == 2 { &self.outputs } else { &self.inputs };
-        let usual = if number == 2 { SyncManager::OUTPUTS } else { SyncManager::INPUTS };
+        let is_output = number == self.outputs.sm;
+        let direction = if is_output { &self.outputs } else { &self.inputs };
+        let usual = if is_output { SyncManager::OUTPUTS } else { SyncManager::INPUTS };
         let record = self.sms.get(number);
         let control = record.map(|sm| sm.control).filter(|c| *c != 0).unwrap_or(usual);
         let start = record.map_or(0, |sm| sm.start);
@@ -292,6 +305,8 @@ impl Subject {
             direction.slots = t.describe_object(index)?.map_or(0, |object| object.max_sub);
             direction.pdos = match (direction.writable, wanted.is_empty(), assigned.is_empty()) {
                 (true, false, _) => wanted.clone(),
+                // A description that assigns nothing means it.
+                (true, true, true) if hints.identity.is_some() => Vec::new(),
                 // Nothing is assigned: the first that there is.
                 (true, true, true) => pdos.iter().map(|(pdo, _)| pdo.index).take(1).collect(),
                 _ => assigned.clone(),

@@ -11,7 +11,11 @@ use isocat_wire::{
     AlControl, AlState, AlStatus, AlStatusCode, AutoIncrementAddress, Command, StationAddress,
 };
 
+use isocat_segment::profile::Origin;
+
 use super::mailbox::Mailbox;
+use super::report::Examined;
+use super::subject::Hints;
 use super::wire::{Seen, Wire};
 
 /// What went wrong on the way to an answer, in words that name the place.
@@ -19,14 +23,55 @@ use super::wire::{Seen, Wire};
 pub struct Trouble {
     /// What.
     pub what: String,
-    /// This machine is at fault: nothing can be tried any more.
-    pub own: bool,
+    /// Whose doing it is.
+    pub fault: Fault,
+}
+
+/// Whose doing a [`Trouble`] is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Fault {
+    /// The SubDevice answers wrongly or not at all.
+    SubDevice,
+    /// Frames were lost on a real wire: that may be the doing of either end.
+    Frames,
+    /// This machine can't send or receive: nothing can be tried any more.
+    Machine,
+    /// The user wants the end: nothing is to be tried any more.
+    Stopped,
 }
 
 impl Trouble {
-    /// Trouble with the SubDevice or the way to it.
+    /// Trouble with the SubDevice.
     pub fn new(what: impl Into<String>) -> Self {
-        Self { what: what.into(), own: false }
+        Self { what: what.into(), fault: Fault::SubDevice }
+    }
+
+    /// Whether no further rule can be tried.
+    pub fn ends_all(&self) -> bool {
+        matches!(self.fault, Fault::Machine | Fault::Stopped)
+    }
+}
+
+/// What happened to frames that no SubDevice is to be blamed for.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Disturbance {
+    /// By how much a frame of the exchange left too late at most, if by more than it may.
+    pub late: Nanos,
+    /// Frames that did not come back in time.
+    pub lost: u32,
+}
+
+impl std::fmt::Display for Disturbance {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let frames = if self.lost == 1 { "frame was" } else { "frames were" };
+        match (self.lost, self.late) {
+            (0, late) => write!(f, "this machine sent frames up to {late} late"),
+            (lost, Nanos::ZERO) => write!(f, "{lost} {frames} lost or came back too late"),
+            (lost, late) => write!(
+                f,
+                "{lost} {frames} lost or came back too late, and this machine sent frames up to {late} late"
+            ),
+        }
     }
 }
 
@@ -66,8 +111,12 @@ pub struct Tester<'w> {
     pub mailbox: Mailbox,
     no_lrw: bool,
     wide_clock: bool,
-    /// By how much a frame of the exchange was sent too late at most, by this machine's doing.
-    late: Nanos,
+    /// What happened to frames since somebody asked last.
+    disturbance: Disturbance,
+    /// The SubDevice has registers 0x0980 and following, as far as [`restart`](Self::restart) has seen.
+    pub has_sync_unit: bool,
+    /// Frames go out although the user wants the end: to leave the SubDevice in INIT.
+    leaving: bool,
 }
 
 /// The cyclic exchange of process data.
@@ -128,7 +177,9 @@ impl<'w> Tester<'w> {
             mailbox: Mailbox::default(),
             no_lrw: false,
             wide_clock: true,
-            late: Nanos::ZERO,
+            disturbance: Disturbance::default(),
+            has_sync_unit: false,
+            leaving: false,
         }
     }
 
@@ -155,9 +206,9 @@ impl<'w> Tester<'w> {
         let features = self.register(register::FEATURES)?;
         self.no_lrw = features & register::features::NO_LRW != 0;
         self.wide_clock = features & register::features::DC_64_BIT != 0;
-        if features & register::features::DC != 0 {
-            self.write(register::CYCLIC_UNIT_CONTROL.address, &[0, 0])?;
-        }
+        // An ESC with a clock need not have a SYNC unit: bit 10 of word 0 of its EEPROM switches it on.
+        self.has_sync_unit = features & register::features::DC != 0
+            && self.offer(register::CYCLIC_UNIT_CONTROL.address, &[0, 0])?;
         let (fmmus, sms) =
             (self.register(register::FMMU_COUNT)?, self.register(register::SM_COUNT)?);
         for number in 0..usize::from(fmmus.min(16)) {
@@ -167,6 +218,12 @@ impl<'w> Tester<'w> {
             self.write(register::sync_manager(number).address, &[0; 8])?;
         }
         Ok(())
+    }
+
+    /// Back to INIT at the end, whether or not the user wants it to be over at once.
+    pub fn leave(&mut self) -> Result<(), Trouble> {
+        self.leaving = true;
+        self.restart()
     }
 
     /// How many SubDevices answer.
@@ -192,12 +249,39 @@ impl<'w> Tester<'w> {
         self.wire.lateness()
     }
 
-    /// By how much a frame of the exchange was late, if by more than it may be, since the last call. In virtual
-    /// time nothing is.
-    pub fn was_late(&mut self) -> Option<Nanos> {
-        let late = std::mem::take(&mut self.late);
+    /// What happened to frames since the last call; `None` in virtual time, where whatever is lost is the
+    /// segment's doing.
+    pub fn disturbance(&mut self) -> Option<Disturbance> {
+        let mut found = std::mem::take(&mut self.disturbance);
         let allowed = self.lateness();
-        (allowed > Nanos::ZERO && late > allowed).then_some(late)
+        if found.late <= allowed {
+            found.late = Nanos::ZERO;
+        }
+        (!self.is_virtual() && found != Disturbance::default()).then_some(found)
+    }
+
+    /// What is in front of the suite, by what is known of it.
+    pub fn examined(&self, hints: &Hints) -> Examined {
+        match hints.stand_in {
+            _ if !self.is_virtual() => Examined::Interface,
+            Some(Origin::Description) => Examined::SimulatedDescription,
+            Some(Origin::Profile) | None => Examined::SimulatedProfile,
+        }
+    }
+
+    /// Whether every frame leaves and arrives at the very instant.
+    fn is_virtual(&self) -> bool {
+        self.lateness() == Nanos::ZERO
+    }
+
+    /// Waits; what comes of it later than asked for is this machine's doing.
+    fn wait_until(&mut self, at: Time<Host>) {
+        self.wire.wait_until(at);
+        self.note_late(self.now() - at);
+    }
+
+    fn note_late(&mut self, late: Nanos) {
+        self.disturbance.late = self.disturbance.late.max(late);
     }
 
     /// Reads bytes of the ESC's memory.
@@ -302,11 +386,17 @@ impl<'w> Tester<'w> {
         self.write(register::CYCLIC_UNIT_CONTROL.address, &[0, 0])?;
         let registers = [cycles.0.to_le_bytes(), cycles.1.to_le_bytes()].concat();
         self.write(register::SYNC0_CYCLE.address, &registers)?;
+        let begun = self.now();
         let start = self.system_time()? + lead_in.0 as u64;
         let start = if self.wide_clock { start } else { start & u64::from(u32::MAX) };
         let len = if self.wide_clock { 8 } else { 4 };
         self.write(register::SYNC_START_TIME.address, &start.to_le_bytes()[..len])?;
         self.write(register::CYCLIC_UNIT_CONTROL.address, &[0, activation])?;
+        // A start time that is over before the unit is on is not what was asked for.
+        let took = self.now() - begun;
+        if took >= lead_in {
+            self.note_late(took);
+        }
         Ok(start)
     }
 
@@ -360,7 +450,11 @@ impl<'w> Tester<'w> {
         while self.due()?.is_some_and(|due| due <= end) {
             self.turn(Turn::Skip)?;
         }
-        self.wire.wait_until(end);
+        // A longer silence than wanted is more frames left out.
+        match self.exchange {
+            Some(_) => self.wait_until(end),
+            None => self.wire.wait_until(end),
+        }
         Ok(())
     }
 
@@ -409,7 +503,7 @@ impl<'w> Tester<'w> {
 
     fn pass(&mut self, exchange: &mut Exchange, turn: Turn) -> Result<(), Trouble> {
         let due = self.instant(exchange)?;
-        self.wire.wait_until(due);
+        self.wait_until(due);
         if turn == Turn::Skip {
             return Ok(());
         }
@@ -440,12 +534,15 @@ impl<'w> Tester<'w> {
             list.push((Command::Fprd, Address::Station(STATION, address), vec![0; len], 0));
         }
         let sent = self.now();
-        self.late = self.late.max(sent - due);
         if turn == Turn::Twice {
             let second = list[..process_data].to_vec();
             self.send_lists(&mut [&mut list[..], &mut second.clone()[..]])?;
         } else {
             self.send_list(&mut list)?;
+        }
+        // A program that loses its processor between its look at the clock and the send shows here.
+        if let Some(left) = self.wire.last_left() {
+            self.note_late(left - due);
         }
         let found = list[..process_data].iter().map(|datagram| datagram.3).sum();
         if found != right && process_data > 0 {
@@ -505,15 +602,23 @@ impl<'w> Tester<'w> {
     /// Sends one frame for each list, one behind the other.
     fn send_lists(&mut self, lists: &mut [&mut [Datagram]]) -> Result<(), Trouble> {
         for attempt in 1.. {
+            if self.wire.is_stopped() && !self.leaving {
+                let what = "interrupted".to_owned();
+                return Err(Trouble { what, fault: Fault::Stopped });
+            }
             let mut frames = Vec::with_capacity(lists.len());
             for list in lists.iter() {
                 frames.push(self.frame(list)?);
             }
-            let back =
-                self.wire.exchange(&mut frames).map_err(|what| Trouble { what, own: true })?;
-            if back.contains(&false) {
+            let own = |what| Trouble { what, fault: Fault::Machine };
+            let back = self.wire.exchange(&mut frames).map_err(own)?;
+            let lost = back.iter().filter(|came| !**came).count() as u32;
+            if lost > 0 {
+                self.disturbance.lost = self.disturbance.lost.saturating_add(lost);
                 if attempt == MOST_ATTEMPTS {
-                    return Err(Trouble::new(format!("{attempt} frames did not come back")));
+                    let what = format!("{attempt} frames did not come back");
+                    let fault = if self.is_virtual() { Fault::SubDevice } else { Fault::Frames };
+                    return Err(Trouble { what, fault });
                 }
                 continue;
             }

@@ -1,5 +1,10 @@
 //! The wire as the conformance suite needs it: send frames and get them back or not, know the time, wait.
 
+#[cfg(target_os = "linux")]
+use std::sync::Arc;
+#[cfg(target_os = "linux")]
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use isocat_segment::Scenario;
 use isocat_sim::observation::Observed;
 use isocat_sim::{Lost, Served};
@@ -24,8 +29,18 @@ pub trait Wire {
     /// see it.
     fn seen(&mut self, position: usize) -> Option<Vec<Seen>>;
 
-    /// How much later than asked for a frame may leave.
+    /// How much later than asked for a frame may leave; 0 in virtual time, where nothing is late or lost.
     fn lateness(&self) -> Nanos;
+
+    /// When the last frame had left, at the latest; `None` where frames leave at the very instant.
+    fn last_left(&self) -> Option<Time<Host>> {
+        None
+    }
+
+    /// Whether the user wants the end: no further frame is worth sending.
+    fn is_stopped(&self) -> bool {
+        false
+    }
 }
 
 /// Something that happened in a SubDevice.
@@ -124,6 +139,9 @@ const MOST_SEEN: usize = 1 << 16;
 #[cfg(target_os = "linux")]
 pub struct RawWire {
     socket: isocat_host::RawSocket,
+    /// When the last frame had left.
+    left: Option<Time<Host>>,
+    stop: Arc<AtomicBool>,
     /// Keeps processors awake as long as it lives.
     _real_time: isocat_host::RealTime,
 }
@@ -132,7 +150,13 @@ pub struct RawWire {
 impl RawWire {
     /// The suite has this interface for itself. The calling thread becomes a real-time one, as far as it may.
     pub fn new(socket: isocat_host::RawSocket) -> Self {
-        Self { socket, _real_time: isocat_host::RealTime::ask(isocat_host::Wish::default()) }
+        let _real_time = isocat_host::RealTime::ask(isocat_host::Wish::default());
+        Self { socket, left: None, stop: Arc::default(), _real_time }
+    }
+
+    /// The same, but the suite ends when `stop` is set.
+    pub fn until(self, stop: Arc<AtomicBool>) -> Self {
+        Self { stop, ..self }
     }
 }
 
@@ -160,6 +184,7 @@ impl Wire for RawWire {
         for frame in &*frames {
             self.socket.send(frame).map_err(|e| e.to_string())?;
         }
+        self.left = Some(self.now());
         let end = self.now() + PATIENCE;
         while back.contains(&false) && self.now() < end {
             let Some(received) = self.socket.receive(&mut buffer).map_err(|e| e.to_string())?
@@ -187,6 +212,14 @@ impl Wire for RawWire {
 
     fn lateness(&self) -> Nanos {
         Nanos::micros(50)
+    }
+
+    fn last_left(&self) -> Option<Time<Host>> {
+        self.left
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
     }
 }
 

@@ -8,6 +8,7 @@ use isocat_wire::time::Nanos;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::limits;
 use crate::quantity::{DelayPerMetre, Length, Ppb, QuantityError, parse_duration};
 
 pub mod section;
@@ -81,6 +82,9 @@ const MOST_NAMES: usize = 20;
 /// The name that `unknown` was probably meant to be: one that contains it, or one a few typing
 /// errors away (a third of its letters).
 pub fn nearest<'k>(unknown: &str, known: &[&'k str]) -> Option<&'k str> {
+    if unknown.len() > limits::NAME {
+        return None;
+    }
     let unknown = unknown.to_lowercase();
     let contains = |name: &&&str| unknown.len() >= 3 && name.to_lowercase().contains(&unknown);
     let distance = |name: &str| strsim::damerau_levenshtein(&name.to_lowercase(), &unknown);
@@ -114,7 +118,8 @@ impl FilePlace {
     /// An error about what stands there.
     pub fn error(&self, message: impl Into<String>) -> FileError {
         let Self { path, line, column } = self.clone();
-        FileError { path, line, column, message: message.into(), hint: None }
+        let message = limits::cut(&message.into(), limits::MESSAGE);
+        FileError { path, line, column, message, hint: None }
     }
 }
 
@@ -150,6 +155,7 @@ impl<'a> Source<'a> {
 
     /// The document, or where it is no TOML.
     pub fn parse(&self) -> Result<Spanned<DeTable<'a>>, FileError> {
+        limits::check(self.path, self.text.len(), limits::TOML)?;
         DeTable::parse(self.text).map_err(|error| {
             if let Some(hint) = self.xml_hint() {
                 return self.error(0, "this is XML; expected TOML").with_hint(hint);

@@ -22,6 +22,7 @@ pub use warning::{Warning, WarningKind};
 pub use write::write;
 
 use crate::document::FileError;
+use crate::limits;
 use crate::start_up::StartUp;
 
 /// Version of the JSON document.
@@ -86,8 +87,7 @@ impl Eni {
     pub fn read(path: impl AsRef<Path>) -> Result<Self, FileError> {
         let path = path.as_ref();
         let name = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|error| FileError::unreadable(&name, &error))?;
-        Self::from_bytes(&name, &bytes)
+        Self::from_bytes(&name, &limits::read(&name, limits::XML)?)
     }
 
     /// Reads the bytes of a file that errors call `path`.

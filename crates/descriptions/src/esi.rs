@@ -24,10 +24,10 @@
 use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::hash::{Hash, Hasher};
-use std::path::Path;
 use std::sync::OnceLock;
 
 use crate::document::{FileError, Source, name_hint};
+use crate::limits;
 
 mod dc;
 mod decode;
@@ -54,6 +54,7 @@ pub use mailbox::{EsiCoe, EsiMailbox, InitCommand};
 pub use modules::{EsiModule, EsiSlot, EsiSlots};
 pub use pdo::{Direction, EsiPdo, EsiPdoEntry};
 pub use sync_manager::{EsiSyncManager, Purpose};
+pub(crate) use tree::guard;
 use tree::{Element, Malformed, Problem};
 use warning::Warnings;
 pub use warning::{Warning, WarningKind};
@@ -92,21 +93,14 @@ pub struct Place {
 }
 
 impl EsiFile {
-    /// Reads a file from disk. One above 64 MB is refused before it is read.
+    /// Reads a file from disk, of [`limits::XML`] bytes at most.
     pub fn read(path: &str) -> Result<Self, FileError> {
-        let unreadable = |error| FileError::unreadable(path, &error);
-        let length = std::fs::metadata(Path::new(path)).map_err(unreadable)?.len();
-        if length > LONGEST_FILE as u64 {
-            return Err(too_long(path, length));
-        }
-        Self::from_bytes(path, &std::fs::read(path).map_err(unreadable)?)
+        Self::from_bytes(path, &limits::read(path, limits::XML)?)
     }
 
     /// Reads the bytes of a file; `path` names it in errors.
     pub fn from_bytes(path: &str, bytes: &[u8]) -> Result<Self, FileError> {
-        if bytes.len() > LONGEST_FILE {
-            return Err(too_long(path, bytes.len() as u64));
-        }
+        limits::check(path, bytes.len(), limits::XML)?;
         let decoded = decode::decode(bytes).map_err(|error| FileError {
             path: path.to_owned(),
             line: error.line,
@@ -398,11 +392,6 @@ pub struct Choice<'f> {
     pub note: Option<String>,
 }
 
-fn too_long(path: &str, length: u64) -> FileError {
-    let message = format!("{length} bytes; expected a description of at most {LONGEST_FILE} bytes");
-    FileError { path: path.to_owned(), line: 0, column: 0, message, hint: None }
-}
-
 fn line_starts(text: &str) -> Vec<usize> {
     let newlines = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
     std::iter::once(0).chain(newlines.map(|(at, _)| at + 1)).collect()
@@ -412,5 +401,3 @@ fn line_starts(text: &str) -> Vec<usize> {
 const MOST_DEVICES: usize = 10_000;
 /// Entries of all dictionaries together: some 100 MB.
 const MOST_ENTRIES: usize = 1_000_000;
-/// The longest that is known has 4 MB.
-const LONGEST_FILE: usize = 64 << 20;

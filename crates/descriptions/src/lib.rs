@@ -11,6 +11,7 @@ pub mod columns;
 pub mod document;
 pub mod eni;
 pub mod esi;
+pub mod limits;
 pub mod quantity;
 pub mod start_up;
 

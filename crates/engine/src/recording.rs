@@ -280,9 +280,10 @@ impl Tap for Recording {
             self.servo.push((since, state));
         }
         let counts = main.statistics();
-        if counts.frames_lost > self.lost {
-            let what = format!("{} frames did not come back", counts.frames_lost - self.lost);
-            self.lost = counts.frames_lost;
+        let missed = counts.frames_missed();
+        if missed > self.lost {
+            let what = format!("{} frames did not come back", missed - self.lost);
+            self.lost = missed;
             self.incident(since, None, what);
         }
         if counts.working_counter_errors > self.wrong {

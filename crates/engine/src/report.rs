@@ -12,6 +12,7 @@ pub mod interface;
 mod note;
 pub mod quality;
 pub mod scan;
+mod services;
 mod text;
 pub mod times;
 pub mod typed;
@@ -26,6 +27,7 @@ use isocat_wire::AlState;
 pub use note::NoteKind;
 use schemars::JsonSchema;
 use serde::Serialize;
+pub use services::ServiceNote;
 pub(crate) use text::{BAD, GOOD, QUIET};
 
 use typed::{KindDocument, StateRead};
@@ -63,6 +65,8 @@ pub struct Report {
     pub findings: Vec<Finding>,
     /// How SubDevices that may be absent came and went; nothing against the segment.
     pub visits: Vec<Finding>,
+    /// Optional services that SubDevices answered badly, and what was taken instead; nothing against the segment.
+    pub services: Vec<ServiceNote>,
     /// Bus cycle.
     pub cycle_ns: i64,
     /// Virtual time that was judged, from the moment when all SubDevices were in OP.

@@ -218,11 +218,11 @@ impl<A: Application> Exchange<A> {
                 self.figures.too_late += 1;
                 continue;
             }
-            let before = self.main().statistics().frames_received;
+            let before = self.main().statistics();
             let now = clock::now();
             self.runner.handle_frame(Port::Primary, now, &self.incoming[..len]);
-            if self.main().statistics().frames_received == before {
-                self.take_foreign(len);
+            if self.main().statistics().frames_received == before.frames_received {
+                self.take_foreign(len, before.frames_echoed);
             } else {
                 self.heard = (now, self.begun);
                 if let (Some(index), Some(sent)) = (index, sent) {
@@ -266,8 +266,9 @@ impl<A: Application> Exchange<A> {
         }
     }
 
-    /// Looks at who sent a frame that is none of the MainDevice's, or came too late.
-    fn take_foreign(&mut self, len: usize) {
+    /// Looks at who sent a frame that is none of the MainDevice's, or came too late. `echoed`: the count of frames that
+    /// came back untouched, before this one.
+    fn take_foreign(&mut self, len: usize, echoed: u64) {
         let Some(&address) = self.incoming[..len].get(6..).and_then(|rest| rest.first_chunk::<6>())
         else {
             return;
@@ -279,8 +280,8 @@ impl<A: Application> Exchange<A> {
         if unmarked(address) != unmarked(self.source) {
             self.figures.other_talkers += 1;
             self.figures.other_talker.get_or_insert(address);
-        } else if address[0] & LOCALLY_ADMINISTERED == 0 {
-            self.figures.unprocessed += 1;
+        } else {
+            self.figures.unprocessed += self.main().statistics().frames_echoed - echoed;
         }
     }
 }

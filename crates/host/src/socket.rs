@@ -17,6 +17,8 @@ use super::{LinkError, sys};
 pub struct RawSocket {
     socket: OwnedFd,
     interface: String,
+    /// The kernel's number of the interface.
+    index: u32,
     stamps: Stamps,
 }
 
@@ -63,7 +65,7 @@ impl RawSocket {
                 return Err(failed("binding a raw socket to")(error.into()));
             }
         }
-        Ok(Self { socket, interface: interface.to_owned(), stamps: Stamps::new() })
+        Ok(Self { socket, interface: interface.to_owned(), index, stamps: Stamps::new() })
     }
 
     /// The interface.
@@ -74,6 +76,13 @@ impl RawSocket {
     /// Whether the interface is up and its cable has a signal; `None` if the system does not tell.
     pub fn has_carrier(&self) -> Option<bool> {
         sys::has_carrier(self.socket.as_fd(), &self.interface).ok()
+    }
+
+    /// Whether the interface exists still, up or down. One that was deleted and made anew is another one: nothing
+    /// comes from it any more.
+    pub fn is_there(&self) -> bool {
+        let index = rustix::net::netdevice::name_to_index(&self.socket, &self.interface);
+        index.is_ok_and(|index| index == self.index)
     }
 
     /// How the interface gathers arrivals; `None` if its driver does not tell.

@@ -19,6 +19,7 @@ mod explain;
 mod files;
 #[cfg(target_os = "linux")]
 mod interface;
+mod output;
 mod plan;
 mod replay;
 mod run;

@@ -379,6 +379,50 @@ fn a_device_that_fell_is_brought_back_by_policy() {
     }
 }
 
+/// The pauses of the policy are times: they pass at every cycle, also where a hundred cycles last longer than both.
+#[test]
+fn a_device_that_fell_is_brought_back_at_every_cycle() {
+    let (first, longest) = (Nanos::millis(50), Nanos::millis(500));
+    for cycle in [1, 2, 4, 10, 20] {
+        let head = format!("cycle = \"{cycle}ms\"\nwatchdog = \"{}ms\"", 10 * cycle);
+        let text = LINE.replace("cycle = \"1ms\"", &head);
+        let mut field = Field::up(&text, |setup| {
+            setup.config.recovery = Recovery::BackOff { first, longest };
+        });
+        let from = field.soon();
+        for number in 0..15 {
+            let at = from + Picos(number * cycle * MS.0);
+            let error = BitError { cable: 1, direction: Direction::Out, at, bit: 200 };
+            field.world.segment_mut().disturb(error);
+        }
+        field.run(20 * cycle + 2_000);
+        for device in 1..4 {
+            let at = |is: &dyn Fn(&Event) -> bool| {
+                field.events.iter().find(|(_, event)| is(event)).map(|(at, _)| *at)
+            };
+            let fell = at(&|event| {
+                matches!(event, Event::StateChanged { position, status, .. }
+                    if *position == device && status.error())
+            });
+            let tried = at(
+                &|event| matches!(event, Event::Recovering { position, .. } if *position == device),
+            );
+            let (Some(fell), Some(tried)) = (fell, tried) else {
+                panic!("{cycle} ms: SubDevice {device} is not brought back: {:#?}", field.told());
+            };
+            let pause = (tried - fell).0 / 1_000_000;
+            println!("{cycle} ms: SubDevice {device} tried {pause} us after its fall was seen");
+            // The states are read in the share of the cycle that is left.
+            let most = (first.0 + 3 * cycle * 1_000_000) / 1_000;
+            assert!((first.0 / 1_000..most).contains(&pause), "{cycle} ms: {pause} us");
+            assert_eq!(field.state(device), AlState::Op, "{cycle} ms: SubDevice {device}");
+        }
+        assert_eq!(field.state(0), AlState::Op);
+        let lost = |event: &Event| matches!(event, Event::Lost { .. });
+        assert_eq!(field.count(lost), 0, "{cycle} ms");
+    }
+}
+
 /// One in the middle loses its power, and those behind it their cable; then the first of all, and with it everything.
 #[test]
 fn whatever_is_behind_it_comes_back_with_it() {

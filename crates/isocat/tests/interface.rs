@@ -20,8 +20,10 @@ use isocat::host::{LinkError, RawSocket, RealTime, Veth, Wish, clock};
 use isocat::{Scenario, SegmentFile};
 use isocat_maindevice::{Event, Motion};
 use isocat_sim::Segment;
-use isocat_wire::frame::duration_ns;
+use isocat_wire::datagram::Address;
+use isocat_wire::frame::{FrameWriter, LOCALLY_ADMINISTERED, duration_ns};
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
+use isocat_wire::{Command as Access, register};
 use serde_json::Value;
 
 /// The wire of one test.
@@ -294,6 +296,37 @@ fn a_scan_over_a_wire_finds_what_is_there() {
     let message = text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
     assert_eq!((output.status.code(), text(&output.stdout).as_str()), (Some(2), ""), "{message}");
     assert!(message.contains("ic-scan: no frame came back in"), "{message}");
+}
+
+/// Somebody cleared bit 0 of 0x0100 at every device, so that frames come back with their own source address: they are
+/// answers all the same, and marked again behind the scan.
+#[test]
+fn a_segment_that_does_not_mark_frames_is_scanned() {
+    let Some(wire) = wire("ic-mark") else { return };
+    let (_, file) = slow_segment("interface_mark");
+    let _segment = Responder::begin(&wire, &file);
+    let mut socket = RawSocket::open(&wire.main_end(), Some(wire.namespace())).expect("our own");
+    let source = [0x10, 0, 0, 0, 0, 1];
+    let ask = |socket: &mut RawSocket, command, ado, data: &[u8]| {
+        let (mut sent, mut buffer) = ([0; 60], [0; 2048]);
+        let mut writer = FrameWriter::new(&mut sent, source);
+        writer.push(command, 0x55, Address::Broadcast(ado), data).expect("it is short");
+        let len = writer.finish();
+        socket.send(&sent[..len]).expect("an interface that is up");
+        assert!(socket.wait(Some(clock::now() + Nanos::millis(2_000))).expect("it is up"));
+        let received = socket.receive(&mut buffer).expect("it is up").expect("an answer");
+        assert_eq!(buffer[17], 0x55, "{:?}", &buffer[..received.len]);
+        buffer[6] & LOCALLY_ADMINISTERED != 0
+    };
+    let control = register::DL_CONTROL.address;
+    ask(&mut socket, Access::Bwr, control, &[0]);
+    assert!(!ask(&mut socket, Access::Brd, 0, &[0]), "it still marks frames");
+    let output = scan(&wire, &["--json", "--quick"]);
+    let found = report(&output);
+    assert_eq!(output.status.code(), Some(0), "{found:#}");
+    assert_eq!(found["devices"].as_array().map(Vec::len), Some(5));
+    while socket.receive(&mut [0; 2048]).expect("it is up").is_some() {}
+    assert!(ask(&mut socket, Access::Brd, 0, &[0]), "it marks frames again");
 }
 
 #[test]

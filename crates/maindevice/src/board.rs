@@ -44,6 +44,8 @@ pub(crate) enum Wish {
     HoldClocks,
     /// This position leads the clocks from now on.
     Lead(usize),
+    /// This position takes no part any more.
+    LeaveOut(usize),
 }
 
 /// What the copies that came back say of the ring.

@@ -24,6 +24,7 @@ use crate::config::{Config, DeviceConfig, MeasureTimes, QualityWatch};
 use crate::error::{Cause, Error};
 use crate::event::{Event, Stage};
 use crate::hot_connect::Present;
+use crate::left_out::{self, Failures, each, leave_out};
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
@@ -87,15 +88,18 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     scan::scan(link, config, &mut work.segment).await?;
 
     work.enter(Stage::Sii);
-    each(&mut work.segment, |device| Box::pin(sii::read(link, config, device))).await?;
+    let failures = read_sii(link, config, &mut work.segment).await?;
+    leave_out(work, failures).await;
 
     work.enter(Stage::PreOp);
-    each(&mut work.segment, |device| Box::pin(to_preop(link, config, device))).await?;
+    let failures =
+        each(config, &mut work.segment, |device| Box::pin(to_preop(link, config, device))).await?;
+    leave_out(work, failures).await;
     let mailbox = |device: &SubDevice| mailbox(link, config, device).filter(|_| device.admitted);
     work.mailboxes = work.segment.devices.iter().map(mailbox).collect();
 
     work.enter(Stage::Objects);
-    each_with_mailbox(work, |device, mailbox| {
+    let failures = each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
             let wish = config.devices.get(device.position);
             match mailbox {
@@ -106,23 +110,33 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
         })
     })
     .await?;
+    leave_out(work, failures).await;
 
-    let mut absent = work.segment.devices.iter_mut().filter(|device| !device.admitted);
-    absent.try_for_each(mapping::place_as_known)?;
+    let is_known = |device: &SubDevice| {
+        let wish = config.devices.get(device.position);
+        device.left_out.is_none() || wish.is_some_and(DeviceConfig::may_be_absent)
+    };
+    let absent = |device: &&mut SubDevice| !device.admitted && is_known(device);
+    work.segment.devices.iter_mut().filter(absent).try_for_each(mapping::place_as_known)?;
 
     work.enter(Stage::Mode);
-    for device in &mut work.segment.devices {
+    for device in work.segment.devices.iter_mut().filter(|device| is_known(device)) {
         let wish = config.devices.get(device.position);
         mode::choose(device, config, wish)?;
     }
 
     work.enter(Stage::Mapping);
     work.segment.image = mapping::lay_out(&mut work.segment.devices)?;
-    each(&mut work.segment, |device| Box::pin(mapping::write(link, device, config.watchdog)))
-        .await?;
+    let failures = each(config, &mut work.segment, |device| {
+        Box::pin(mapping::write(link, device, config.watchdog))
+    })
+    .await?;
+    leave_out(work, failures).await;
 
     work.enter(Stage::Clock);
-    let mut present = Present::of(&work.segment);
+    // Those that were left out pass frames on, and their clocks count with the others.
+    let is_there = |device: &SubDevice| device.admitted || device.left_out.is_some();
+    let mut present = Present::among(&work.segment, is_there);
     let clocks = clock::synchronize(link, config, &mut present.0).await;
     present.give_back(&mut work.segment);
     clocks?;
@@ -280,7 +294,7 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     let (link, config) = (work.link.clone(), work.config.clone());
     let (link, config) = (&link, &*config);
     work.enter(Stage::Sync);
-    each_with_mailbox(work, |device, mailbox| {
+    let failures = each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
             let Some(mailbox) = mailbox else { return Ok(()) };
             let wish = config.devices.get(device.position);
@@ -288,12 +302,13 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
         })
     })
     .await?;
+    leave_out(work, failures).await;
     let phase = work.segment.timing.as_ref().and_then(|timing| timing.sync0);
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
         let now = sync::reference_now(link, &work.segment.devices[reference]).await?;
         // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.
         let common = sync::grid(&work.segment, config.cycle);
-        each(&mut work.segment, |device| {
+        let failures = each(config, &mut work.segment, |device| {
             Box::pin(async move {
                 if !device.mode.uses_dc() {
                     return Ok(());
@@ -304,22 +319,26 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
             })
         })
         .await?;
+        leave_out(work, failures).await;
     }
 
     work.enter(Stage::SafeOp);
     let patience = config.timeouts.safeop;
-    each(&mut work.segment, |device| {
+    let failures = each(config, &mut work.segment, |device| {
         Box::pin(esm::change(link, device, AlState::SafeOp, patience))
     })
     .await?;
-    each_with_mailbox(work, |device, mailbox| {
+    leave_out(work, failures).await;
+    let failures = each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
             let Some(mailbox) = mailbox else { return Ok(()) };
             let wish = config.devices.get(device.position);
             sync::verify_types(mailbox, device, wish).await
         })
     })
-    .await
+    .await?;
+    leave_out(work, failures).await;
+    Ok(())
 }
 
 async fn operation(work: &mut Work) -> Result<(), Cause> {
@@ -343,11 +362,16 @@ async fn operation(work: &mut Work) -> Result<(), Cause> {
     if synced {
         // One cycle behind the first pulse it can be seen whether more come.
         wait_for_sync(link, config, &work.segment).await?;
-        each(&mut work.segment, |device| Box::pin(sync::verify(link, device))).await?;
+        let failures =
+            each(config, &mut work.segment, |device| Box::pin(sync::verify(link, device))).await?;
+        leave_out(work, failures).await;
     }
     let patience = config.timeouts.op;
-    each(&mut work.segment, |device| Box::pin(esm::change(link, device, AlState::Op, patience)))
-        .await?;
+    let failures = each(config, &mut work.segment, |device| {
+        Box::pin(esm::change(link, device, AlState::Op, patience))
+    })
+    .await?;
+    leave_out(work, failures).await;
     ring::open(link).await
 }
 
@@ -362,10 +386,15 @@ async fn wait_for_sync(link: &Link, config: &Config, segment: &Segment) -> Resul
         crate::segment::DcCapability::Clock64 => now,
         _ => crate::cycle::extend(now.count() as u32, start),
     };
+    // However far off the clock now says that it is: what pulses there are is seen behind this.
+    let most = config.timeouts.sync_lead + LONGEST_GRID + LONGEST_GRID;
     let left = start - now + config.cycle;
-    link.sleep(Nanos(left.0.max(0))).await;
+    link.sleep(left.clamp(Nanos::ZERO, most)).await;
     Ok(())
 }
+
+/// The longest period of a grid of pulses, of which the first pulse may be one behind its lead.
+const LONGEST_GRID: Nanos = Nanos(i32::MAX as i64);
 
 /// All SubDevices to SAFEOP: outputs end. Those that refuse or are silent do not hold up the
 /// others.
@@ -442,15 +471,6 @@ pub(crate) async fn step_down(
     esm::change(link, device, state, patience).await
 }
 
-/// Does the same at all SubDevices that are there, side by side; ends with the first error.
-async fn each<'a>(
-    segment: &'a mut Segment,
-    procedure: impl Fn(&'a mut SubDevice) -> Procedure<'a, Result<(), Cause>>,
-) -> Result<(), Cause> {
-    let there = segment.devices.iter_mut().filter(|device| device.admitted);
-    join(there.map(procedure).collect()).await.map(|_| ())
-}
-
 /// Does the same at SubDevices side by side, to the end at every one.
 pub(crate) async fn settle<'a>(
     devices: impl IntoIterator<Item = &'a mut SubDevice>,
@@ -471,14 +491,25 @@ pub(crate) async fn settle<'a>(
 pub(crate) async fn each_with_mailbox<'a>(
     work: &'a mut Work,
     procedure: impl Fn(&'a mut SubDevice, Option<&'a mut Mailbox>) -> Procedure<'a, Result<(), Cause>>,
-) -> Result<(), Cause> {
-    let devices = work.segment.devices.iter_mut();
-    let all = devices
-        .zip(&mut work.mailboxes)
-        .filter(|(device, _)| device.admitted)
-        .map(|(device, mailbox)| procedure(device, mailbox.as_mut()))
+) -> Result<Failures, Cause> {
+    let Work { segment, mailboxes, config, .. } = work;
+    let there = segment.devices.iter_mut().zip(mailboxes).filter(|(device, _)| device.admitted);
+    let mut positions = Vec::new();
+    let all: Vec<_> = there
+        .map(|(device, mailbox)| {
+            positions.push(device.position);
+            procedure(device, mailbox.as_mut())
+        })
         .collect();
-    join(all).await.map(|_| ())
+    left_out::each_of(config, positions, all).await
+}
+
+/// Reads the SII of all; that of equal ones once, if that is allowed.
+async fn read_sii(link: &Link, config: &Config, segment: &mut Segment) -> Result<Failures, Cause> {
+    if !config.share_sii {
+        return each(config, segment, |device| Box::pin(sii::read(link, config, device))).await;
+    }
+    sii::read_all(link, config, segment).await
 }
 
 /// Cycles in a row in which all process data must count right before OP is asked for: inputs are

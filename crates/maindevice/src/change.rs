@@ -17,6 +17,11 @@ crate::kinds! {
             /// Cycle in which that was found out.
             cycle: u64,
         },
+        /// The SubDevice failed on the way up, and the others run without it.
+        LeftOut = "left-out" {
+            /// What went wrong.
+            cause: Cause,
+        },
         /// The SubDevice was lost or absent, and is in OP again.
         Admitted = "admitted" {
             /// Cycle.
@@ -76,6 +81,9 @@ impl SegmentChange {
     pub fn of(event: &Event) -> Option<(Option<usize>, Self)> {
         Some(match event {
             Event::Lost { position, cycle } => (Some(*position), Self::Lost { cycle: *cycle }),
+            Event::LeftOut { position, cause, .. } => {
+                (Some(*position), Self::LeftOut { cause: cause.clone() })
+            }
             Event::Readmitted { position, cycle, after } => {
                 (Some(*position), Self::Admitted { cycle: *cycle, after: *after })
             }
@@ -108,9 +116,9 @@ impl SegmentChange {
         matches!(self, Self::Admitted { .. } | Self::Recovered { .. } | Self::RingHealed { .. })
     }
 
-    /// Whether a SubDevice came or went.
+    /// Whether a SubDevice came or went, or was left out from the start.
     pub fn is_move(&self) -> bool {
-        matches!(self, Self::Lost { .. } | Self::Admitted { .. })
+        matches!(self, Self::Lost { .. } | Self::Admitted { .. } | Self::LeftOut { .. })
     }
 }
 
@@ -120,6 +128,7 @@ impl fmt::Display for SegmentChange {
         let milliseconds = |time: &Nanos| time.0 / 1_000_000;
         match self {
             Self::Lost { cycle } => write!(f, "lost in cycle {cycle}"),
+            Self::LeftOut { cause } => write!(f, "left out: {cause}"),
             Self::Admitted { cycle, after } => {
                 let after = milliseconds(after);
                 write!(f, "admitted in cycle {cycle}, {after} ms after it was found")

@@ -9,6 +9,7 @@ use isocat_wire::coe::sdo::{
 };
 use isocat_wire::coe::{HEADER_LEN, Header, Service};
 use isocat_wire::mailbox;
+use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::error::{MailboxError, SdoError, SdoResult};
@@ -31,6 +32,11 @@ pub(crate) async fn upload(
         return Ok(head.data[..head.command.expedited_len()].to_vec());
     }
     let size = head.value() as usize;
+    if size > MOST_BYTES {
+        return Err(SdoError::TooLarge { size: head.value(), most: MOST_BYTES as u32 });
+    }
+    // Each segment has the patience of a service; all of them together must not take as long as there are bytes times that.
+    let end = mailbox.deadline() + Nanos(SLOWEST_BYTE.0 * size as i64);
     let mut data = Vec::new();
     data.extend_from_slice(&rest[..rest.len().min(size)]);
     let mut toggle = false;
@@ -47,11 +53,16 @@ pub(crate) async fn upload(
         if command.toggle() != toggle {
             return Err(unexpected("an upload segment with its toggle bit changed", command.0));
         }
-        data.extend_from_slice(&rest[..command.data_len(rest.len())]);
+        let part = &rest[..command.data_len(rest.len())];
+        data.extend_from_slice(part);
         toggle = !toggle;
         if command.last() {
             break;
         }
+        if part.is_empty() {
+            return Err(unexpected("an upload segment with data, or the last one", command.0));
+        }
+        mailbox.in_time(end)?;
     }
     if data.len() != size {
         return Err(SdoError::Length { expected: size, found: data.len() });
@@ -166,6 +177,8 @@ async fn information(
     request.extend_from_slice(data);
     let is_answer = |answer: &[u8]| service(answer) == Some(Service::SDO_INFORMATION);
     let mut answer = mailbox.coe(&request, is_answer).await?;
+    // Of all fragments together: how many there are is the device's word alone.
+    let end = mailbox.deadline();
     let mut all = Vec::new();
     loop {
         let body = answer.get(HEADER_LEN..).ok_or(SHORT)?;
@@ -182,7 +195,11 @@ async fn information(
         if !header.incomplete {
             return Ok(all);
         }
-        answer = mailbox.coe_more().await?;
+        if rest.is_empty() || all.len() > MOST_DESCRIPTION {
+            return Err(unexpected("an SDO information response that ends", header.opcode.0));
+        }
+        mailbox.in_time(end)?;
+        answer = mailbox.coe_more(end).await?;
     }
 }
 
@@ -245,5 +262,13 @@ fn text(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..end]).into_owned()
 }
+
+/// Longest object that is uploaded. The objects of synchronization take some bytes, the longest ones of the field some 100 KB;
+/// a device may announce 4 GB.
+const MOST_BYTES: usize = 1 << 20;
+/// Time for each byte of an upload in segments.
+const SLOWEST_BYTE: Nanos = Nanos(1_000_000);
+/// Bytes of a description and its name, of all fragments, beyond which it is none.
+const MOST_DESCRIPTION: usize = 0x1_0000;
 
 const SHORT: SdoError = SdoError::Mailbox(MailboxError::Short { length: mailbox::HEADER_LEN });

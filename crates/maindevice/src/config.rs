@@ -112,6 +112,16 @@ pub struct Config {
     /// [`Config::survey`], [`Config::delay_watch`] (frames don't come back the way they went, so nothing can be measured),
     /// [`DeviceConfig::hot_connect`], and a [`Config::direction`] but following the reference clock.
     pub ring: Option<Ring>,
+    /// Whether any SubDevice may fail on the way up: it is left out, in INIT, and the others run
+    /// ([`SubDevice::left_out`], [`Event::LeftOut`](crate::Event::LeftOut)). Default no: a machine with an axis
+    /// missing is not the machine that was planned. Those that may be absent ([`DeviceConfig::hot_connect`]) are left out
+    /// in any case.
+    pub tolerate: bool,
+    /// Whether SubDevices whose SII begins alike (configuration, identity and checksum, but for alias and serial number)
+    /// share one reading of it. Default yes: reading it is most of the way up of a long line. Switch it off where
+    /// EEPROMs of one identity differ in their categories, as those of modular devices may that store their
+    /// modules there.
+    pub share_sii: bool,
     /// How long to wait for what.
     pub timeouts: Timeouts,
 }
@@ -179,6 +189,8 @@ impl Config {
             readmission: Some(Readmission::default()),
             recovery: Recovery::Never,
             ring: None,
+            tolerate: false,
+            share_sii: true,
             timeouts: Timeouts::default(),
         }
     }
@@ -317,7 +329,7 @@ pub enum Recovery {
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Timeouts {
     /// From sending a frame to giving it up. Default 5 ms: a full frame through a thousand devices
-    /// takes 2 ms, and a busy host adds its own. Each repetition of a datagram waits twice as long as the
+    /// takes 2 ms, and a busy host adds its own. Each SubDevice beyond the thousandth adds 2 us by itself. Each repetition of a datagram waits twice as long as the
     /// one before.
     pub frame: Nanos,
     /// How often a datagram that may be repeated is sent again after a loss. Default 3: with 5 ms for the

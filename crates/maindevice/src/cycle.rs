@@ -90,6 +90,8 @@ pub(crate) struct CyclicExchange {
     order: Vec<usize>,
     /// The count of SubDevices that last answered.
     answering: u16,
+    /// Indices of frames that were given up, a bit for each, until the index is used again.
+    given_up: u128,
     /// In a ring, frames reach all clocks in one order however it is cut.
     in_ring: bool,
     /// Last OR of all AL status.
@@ -154,6 +156,7 @@ impl CyclicExchange {
             taken,
             order,
             answering: segment.devices.len() as u16,
+            given_up: 0,
             in_ring: config.ring.is_some(),
             al_status: 0,
             measuring: false,

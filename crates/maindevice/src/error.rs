@@ -294,6 +294,11 @@ pub enum SiiProblem {
     Status(u16),
     /// No end mark within the largest size.
     NoEnd,
+    /// Not read to its end in this time, though each access was answered.
+    Slow {
+        /// Time waited.
+        after: Nanos,
+    },
     /// A mailbox area that a frame can't carry.
     MailboxLength(u16),
 }
@@ -411,6 +416,13 @@ pub enum SdoError {
         expected: &'static str,
         /// Command byte, or service, found.
         found: u8,
+    },
+    /// The device announces more data than are taken.
+    TooLarge {
+        /// Bytes announced.
+        size: u32,
+        /// Most bytes.
+        most: u32,
     },
     /// The data have another length than the object's description or type says.
     Length {
@@ -667,6 +679,9 @@ impl fmt::Display for SiiProblem {
             SiiProblem::Busy => f.write_str("SII EEPROM stays busy (0x0502 bit 15)"),
             SiiProblem::Status(status) => write!(f, "SII EEPROM error, 0x0502 = {status:#06x}"),
             SiiProblem::NoEnd => f.write_str("SII has no end mark 0xFFFF"),
+            SiiProblem::Slow { after } => {
+                write!(f, "SII not read within {after}: each access is answered, but late (0x0502)")
+            }
             SiiProblem::MailboxLength(length) => {
                 write!(f, "SII names a mailbox of {length} bytes, one datagram carries 16 to 1486")
             }
@@ -751,6 +766,9 @@ impl fmt::Display for SdoError {
             SdoError::Abort(code) => write!(f, "abort {code}"),
             SdoError::Answer { expected, found } => {
                 write!(f, "answer {found:#04x}, expected {expected}")
+            }
+            SdoError::TooLarge { size, most } => {
+                write!(f, "{size} bytes announced, at most {most} are taken")
             }
             SdoError::Length { expected, found } => {
                 write!(f, "{found} bytes, expected {expected}")

@@ -105,6 +105,16 @@ pub enum Event {
         /// Cycles since the last one.
         cycles: u64,
     },
+    /// A SubDevice failed on the way up, and the others are in operation without it. Told right behind
+    /// [`Event::InOperation`].
+    LeftOut {
+        /// Position.
+        position: usize,
+        /// At which stage.
+        stage: Stage,
+        /// Why.
+        cause: Cause,
+    },
     /// A SubDevice no longer answers at its station address. It takes no part from now on: expected working
     /// counters follow, and its inputs stay what they last were.
     Lost {

@@ -38,12 +38,29 @@ pub(crate) struct Found {
 pub(crate) struct Look {
     /// By position, of those that were asked for.
     pub answers: Vec<(usize, Answer)>,
-    /// Everybody in processing order, if more answer than were asked for; `None` if no more do.
-    pub everybody: Option<Vec<Found>>,
+    /// Who else answers.
+    pub others: Others,
 }
 
-/// Asks SubDevices for their state. One that does not answer is no reason to give up the others.
-pub(crate) async fn look(link: Link, stations: Vec<(usize, StationAddress)>) -> Look {
+/// Whether more answer than were asked for.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum Others {
+    /// No more do, or it is not known who they are.
+    None,
+    /// They do: everybody in processing order.
+    Everybody(Vec<Found>),
+    /// So many answer in all, more than have a place in the segment. They are not asked one by one: the count is
+    /// what a single working counter says, and need not be true.
+    TooMany(u16),
+}
+
+/// Asks SubDevices for their state. One that does not answer is no reason to give up the others. `planned` have a place
+/// in the segment, those that are absent too.
+pub(crate) async fn look(
+    link: Link,
+    stations: Vec<(usize, StationAddress)>,
+    planned: usize,
+) -> Look {
     let address = register::AL_STATUS.address;
     let count = link.brd(register::TYPE.address, 1);
     let reads: Vec<_> =
@@ -62,8 +79,12 @@ pub(crate) async fn look(link: Link, stations: Vec<(usize, StationAddress)>) -> 
     }
     let count = count.reply().await.map_or(0, |reply| usize::from(reply.wkc));
     let known = answers.iter().filter(|(_, answer)| *answer != Answer::Nobody).count();
-    let everybody = if count > known { everybody(&link, count).await } else { None };
-    Look { answers, everybody }
+    let others = match count {
+        count if count <= known => Others::None,
+        count if count > planned => Others::TooMany(count as u16),
+        count => everybody(&link, count).await.map_or(Others::None, Others::Everybody),
+    };
+    Look { answers, others }
 }
 
 /// Station address and DL status of `count` SubDevices in processing order; `None` if not all answer.

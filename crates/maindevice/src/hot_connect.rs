@@ -188,7 +188,9 @@ fn absent(position: usize, wish: &DeviceConfig, known: &SubDevice) -> SubDevice 
 /// By how much later frames come to a position when the groups come that are absent now: by the way through those that
 /// lie before it in the order of frames, there and back. Back is not longer than there, so this is what it is at most.
 pub(crate) fn detour(segment: &Segment, position: usize) -> Nanos {
-    let absent = |at: usize| !segment.devices[at].admitted;
+    // Frames already go through those that were left out.
+    let absent =
+        |at: usize| !segment.devices[at].admitted && segment.devices[at].left_out.is_none();
     let mut detour = Nanos::ZERO;
     for group in segment.devices[..position].iter().filter(|device| absent(device.position)) {
         let Some((above, _)) = group.parent.filter(|(above, _)| !absent(*above)) else { continue };

@@ -101,6 +101,7 @@ macro_rules! kinds {
 
             /// The figures by their names, the unit included.
             pub fn figures(&self) -> $crate::kind::Figures {
+                #[allow(unused_mut, reason = "an enum may have kinds without figures only")]
                 let mut figures = $crate::kind::Figures::default();
                 match self {
                     $(Self::$kind $({ $($figure),+ })? => {

@@ -14,6 +14,7 @@
 //!    nothing.
 //! 4. [`application`] is what a user does with process data once a cycle is complete, [`motion`] one that is ready made,
 //!    and a [`Runner`] calls it at the right moment, in virtual time and on a wire.
+//!    What answers an optional [`service`] badly is done without it, and who fails may be `left_out`.
 //! 5. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
 //!    SubDevices that fail.
 //! 6. `health` finds the SubDevice that left its state or is gone, `readmit` brings it back while the others run,
@@ -70,6 +71,7 @@ pub mod kind;
 pub mod motion;
 pub mod plan;
 pub mod segment;
+pub mod service;
 pub mod statistics;
 
 mod alarm;
@@ -84,6 +86,7 @@ mod delay_watch;
 mod esm;
 mod health;
 mod hot_connect;
+mod left_out;
 mod link;
 mod machine;
 mod mailbox;
@@ -122,5 +125,6 @@ pub use plan::plan;
 pub use ring::Port;
 pub use runner::Runner;
 pub use segment::{Segment, SubDevice};
+pub use service::{Service, Substitute};
 pub use statistics::Statistics;
 pub use times::OwnTimes;

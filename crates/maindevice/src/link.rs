@@ -37,7 +37,7 @@ use crate::event::Event;
 mod origin;
 mod port;
 
-pub(crate) use origin::Origin;
+pub(crate) use origin::{Origin, is_touched};
 pub(crate) use port::Port;
 
 /// Waits end on this grid of host time, so that polls of many devices meet in one frame.
@@ -68,6 +68,8 @@ pub(crate) struct Shared {
 pub(crate) struct Reply {
     pub data: Vec<u8>,
     pub wkc: u16,
+    /// How far its position was counted up: ESCs that it passed. 0 for commands without a position.
+    pub passed: u16,
     /// Time stamp of the frame that carried it.
     pub sent: Time<Host>,
 }

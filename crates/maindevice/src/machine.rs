@@ -15,7 +15,7 @@ use crate::cycle::CyclicExchange;
 use crate::delay_watch::DelayWatch;
 use crate::error::Error;
 use crate::event::{Event, Stage};
-use crate::link::{Link, Origin, Shared};
+use crate::link::{CYCLIC_INDEX, Link, Origin, Shared};
 use crate::mailbox::Mailboxes;
 use crate::quality::Monitor;
 use crate::readmit::Keeper;
@@ -100,8 +100,8 @@ pub struct MainDevice {
     /// Object accesses that wait for their mailboxes.
     jobs: VecDeque<Job>,
     next_request: u32,
-    /// What the cyclic broadcast read when health was last checked, and in which cycle.
-    checked: Option<((u16, u16), u64)>,
+    /// What the cyclic broadcast read when health was last checked, and when that was.
+    checked: Option<((u16, u16), Time<Host>)>,
     /// Those that are lost or out of OP, and what is done about it.
     keeper: Keeper,
     /// How many answered when that last disagreed with the tree.
@@ -110,7 +110,7 @@ pub struct MainDevice {
     delay_watch: Option<DelayWatch>,
     quality: Option<Monitor>,
     ring: Option<Box<Ring>>,
-    /// Told once the ring is as it was found.
+    /// Why the way up failed: told once SubDevices are back in INIT and the ring is as it was found.
     failure: Option<Error>,
     stopping: bool,
 }
@@ -398,18 +398,41 @@ fn take(
     frame: &[u8],
 ) -> bool {
     shared.port.now = now;
-    let origin = Origin::of(frame, config.source);
-    let Origin::Ours { payload } = origin else {
-        origin.count(&mut shared.board.statistics);
-        return false;
+    let payload = match Origin::of(frame, config.source) {
+        Origin::Ours { payload } => payload,
+        Origin::Unmarked { payload }
+            if shared.port.is_answer(&frame[payload..], &shared.board.statistics) =>
+        {
+            payload
+        }
+        origin => {
+            origin.count(&mut shared.board.statistics);
+            return false;
+        }
     };
     let taken =
         cycle.as_mut().is_some_and(|cycle| cycle.receive(now, frame, payload, &mut shared.board))
             || frame::payload(frame).is_ok_and(|payload| shared.receive(payload));
     if !taken {
-        shared.board.statistics.frames_late += 1;
+        count_unexpected(shared, cycle, frame.get(payload + 1).copied());
     }
     taken
+}
+
+/// Counts a frame of ours that nobody waits for: one that was given up and counted as lost is late from now on.
+#[cold]
+fn count_unexpected(shared: &mut Shared, cycle: &mut Option<CyclicExchange>, index: Option<u8>) {
+    let was_given_up = index.is_some_and(|index| match cycle {
+        Some(cycle) if index >= CYCLIC_INDEX => cycle.take_given_up(index),
+        _ => index < CYCLIC_INDEX && shared.port.take_given_up(index),
+    });
+    let statistics = &mut shared.board.statistics;
+    if was_given_up {
+        statistics.frames_lost -= 1;
+        statistics.frames_late += 1;
+    } else {
+        statistics.frames_unexpected += 1;
+    }
 }
 
 /// What procedures share with the machine, while none runs.

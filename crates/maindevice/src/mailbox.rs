@@ -84,25 +84,38 @@ impl Mailbox {
         // Until the answer is there, this future may be dropped and leave an answer behind.
         self.stale = true;
         self.write(service).await?;
-        let end = self.link.now() + self.patience;
+        let mut wait = Wait { end: self.deadline(), interval: POLL_FIRST };
         loop {
-            let answer = self.coe_answer(end).await?;
+            let answer = self.coe_answer(&mut wait).await?;
             if is_answer(&answer) {
                 self.stale = false;
                 return Ok(answer);
             }
+            self.pass_over(&mut wait).await?;
         }
     }
 
-    /// Waits for a further CoE message of a service that answers in several.
-    pub async fn coe_more(&mut self) -> Result<Vec<u8>, MailboxError> {
-        let end = self.link.now() + self.patience;
-        self.coe_answer(end).await
+    /// By when a service that begins now must be answered.
+    pub fn deadline(&self) -> Time<Host> {
+        self.link.now() + self.patience
     }
 
-    async fn coe_answer(&mut self, end: Time<Host>) -> Result<Vec<u8>, MailboxError> {
+    /// Waits for a further CoE message of a service that answers in several.
+    pub async fn coe_more(&mut self, end: Time<Host>) -> Result<Vec<u8>, MailboxError> {
+        self.coe_answer(&mut Wait { end, interval: POLL_FIRST }).await
+    }
+
+    /// An error once a service has taken too long.
+    pub fn in_time(&self, end: Time<Host>) -> Result<(), MailboxError> {
+        match self.link.now() < end {
+            true => Ok(()),
+            false => Err(MailboxError::NoAnswer { after: self.patience }),
+        }
+    }
+
+    async fn coe_answer(&mut self, wait: &mut Wait) -> Result<Vec<u8>, MailboxError> {
         loop {
-            let (protocol, service) = self.read(end).await?;
+            let (protocol, service) = self.read(wait.end).await?;
             match protocol {
                 Protocol::COE if !self.take_emergency(&service) => return Ok(service),
                 Protocol::ERROR => {
@@ -112,9 +125,18 @@ impl Mailbox {
                     return Err(MailboxError::Error(ErrorDetail::parse(detail)));
                 }
                 // An emergency, or another protocol that speaks unasked, EoE above all.
-                _ => {}
+                _ => self.pass_over(wait).await?,
             }
         }
+    }
+
+    /// Goes on behind a message that is not the answer, more slowly each time: a device that speaks without end has no
+    /// more of the wire than one that is silent, and is given up as late.
+    async fn pass_over(&mut self, wait: &mut Wait) -> Result<(), MailboxError> {
+        self.in_time(wait.end)?;
+        self.link.sleep(wait.interval).await;
+        wait.interval = longer(wait.interval);
+        Ok(())
     }
 
     /// Reports an emergency; `false` if the service is none.
@@ -206,7 +228,6 @@ impl Mailbox {
                 if let Some(message) = self.open(&bytes)? {
                     return Ok(message);
                 }
-                continue;
             }
             if self.link.now() >= end {
                 return Err(MailboxError::NoAnswer { after: self.patience });
@@ -279,6 +300,13 @@ impl Mailbox {
         self.last_answer = header.counter;
         Ok(Some((header.protocol, service.to_vec())))
     }
+}
+
+/// How long a service waits for its answer.
+struct Wait {
+    end: Time<Host>,
+    /// The pause behind the next message that is not the answer.
+    interval: Nanos,
 }
 
 /// Whether losses have gone on for so long that trying again makes no sense.

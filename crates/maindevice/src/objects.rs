@@ -8,7 +8,7 @@ use isocat_sync::object::{
     name, sub,
 };
 use isocat_wire::coe::info::EntryDescription;
-use isocat_wire::sii::sm_type;
+use isocat_wire::sii::{PdoEntryRecord, sm_type};
 use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::coe;
@@ -16,6 +16,7 @@ use crate::config::DeviceConfig;
 use crate::error::{Cause, MappingProblem, SdoError};
 use crate::mailbox::Mailbox;
 use crate::segment::{Pdo, PdoEntry, SiiPdo, SubDevice, SyncEntry, SyncObject};
+use crate::service::{self, Service};
 
 /// Coe details bit of the SII: the device gives SDO information.
 const SDO_INFORMATION: u8 = 1 << 1;
@@ -31,7 +32,13 @@ pub(crate) async fn read(
             .await
             .map_err(|error| sdo(device, startup.object, error))?;
     }
-    device.sm_types = sm_types(mailbox, device).await?;
+    device.sm_types = match sm_types(mailbox, device).await {
+        Ok(types) => types,
+        Err(cause) => {
+            device.do_without(Service::SyncManagerTypes, cause)?;
+            Vec::new()
+        }
+    };
     let outputs = config.and_then(|config| config.outputs.as_deref());
     device.outputs.pdos = pdos(mailbox, device, OUTPUT_ASSIGNMENT, outputs).await?;
     let inputs = config.and_then(|config| config.inputs.as_deref());
@@ -41,7 +48,8 @@ pub(crate) async fn read(
     Ok(())
 }
 
-/// Reads the same without writing anything, and goes on where something can't be read; gives what could not.
+/// Reads the same without writing anything, and goes on where something can't be read; gives what could not. What
+/// takes its place on the way up is no answer here.
 pub(crate) async fn look(mailbox: &mut Mailbox, device: &mut SubDevice) -> Vec<Cause> {
     let mut problems = Vec::new();
     let mut failed = |cause| problems.push(cause);
@@ -68,26 +76,25 @@ pub(crate) async fn look(mailbox: &mut Mailbox, device: &mut SubDevice) -> Vec<C
             _ => device.input_sync = object,
         }
     }
+    problems.extend(device.take_substitutes());
     problems
 }
 
 /// Takes assignment and mapping from the SII, for a device without CoE.
 pub(crate) fn from_sii(device: &mut SubDevice) {
-    let assigned = |pdos: &[SiiPdo]| -> Vec<Pdo> {
-        pdos.iter()
-            .filter(|pdo| pdo.record.sm != NO_SYNC_MANAGER)
-            .map(|pdo| Pdo {
-                index: pdo.record.index,
-                entries: pdo
-                    .entries
-                    .iter()
-                    .map(|entry| PdoEntry { index: entry.index, sub: entry.sub, bits: entry.bits })
-                    .collect(),
-            })
-            .collect()
-    };
-    device.outputs.pdos = assigned(&device.sii.rx_pdos);
-    device.inputs.pdos = assigned(&device.sii.tx_pdos);
+    device.outputs.pdos = assigned_by_sii(&device.sii.rx_pdos);
+    device.inputs.pdos = assigned_by_sii(&device.sii.tx_pdos);
+}
+
+/// The PDOs that a SyncManager has by default.
+fn assigned_by_sii(pdos: &[SiiPdo]) -> Vec<Pdo> {
+    pdos.iter().filter(|pdo| pdo.record.sm != NO_SYNC_MANAGER).map(pdo_of_sii).collect()
+}
+
+fn pdo_of_sii(pdo: &SiiPdo) -> Pdo {
+    let entry =
+        |entry: &PdoEntryRecord| PdoEntry { index: entry.index, sub: entry.sub, bits: entry.bits };
+    Pdo { index: pdo.record.index, entries: pdo.entries.iter().map(entry).collect() }
 }
 
 /// Object 0x1C00; empty if the device has none, then the SII decides.
@@ -105,17 +112,34 @@ async fn sm_types(mailbox: &mut Mailbox, device: &SubDevice) -> Result<Vec<u8>, 
 }
 
 /// The PDOs assigned to 0x1C12 or 0x1C13, after writing the assignment that the user wants, with
-/// their mappings.
+/// their mappings. What the device does not tell is taken from its SII, if that has it.
 async fn pdos(
     mailbox: &mut Mailbox,
-    device: &SubDevice,
+    device: &mut SubDevice,
     index: u16,
     wanted: Option<&[u16]>,
 ) -> Result<Vec<Pdo>, Cause> {
-    let mut assigned = assignment(mailbox, device, index).await?;
-    if let Some(wanted) = wanted.filter(|wanted| *wanted != assigned) {
+    let of_sii = |device: &SubDevice| match index {
+        OUTPUT_ASSIGNMENT => device.sii.rx_pdos.clone(),
+        _ => device.sii.tx_pdos.clone(),
+    };
+    let mut assigned = match assignment(mailbox, device, index).await {
+        Ok(assigned) => assigned,
+        // A SII without any PDO says nothing of this direction either. An abort may mean that there is none.
+        Err(cause) if device.sii.rx_pdos.is_empty() && device.sii.tx_pdos.is_empty() => {
+            if !is_abort(&cause) {
+                return Err(cause);
+            }
+            None
+        }
+        Err(cause) => {
+            device.do_without(Service::Assignment, cause)?;
+            None
+        }
+    };
+    if let Some(wanted) = wanted.filter(|wanted| assigned.as_deref() != Some(wanted)) {
         match assign(mailbox, index, wanted).await {
-            Ok(()) => assigned = wanted.to_vec(),
+            Ok(()) => assigned = Some(wanted.to_vec()),
             Err((_, SdoError::Abort(AbortCode::READ_ONLY))) => {
                 let problem = MappingProblem::Fixed { index };
                 return Err(Cause::Mapping { place: device.place(), problem });
@@ -123,27 +147,44 @@ async fn pdos(
             Err((object, error)) => return Err(sdo(device, object, error)),
         }
     }
+    let Some(assigned) = assigned else { return Ok(assigned_by_sii(&of_sii(device))) };
     let mut pdos = Vec::new();
     // An assignment may name 0 for an empty place.
     for pdo in assigned.into_iter().filter(|pdo| *pdo != 0) {
-        pdos.push(mapping(mailbox, device, pdo).await?);
+        let cause = match mapping(mailbox, device, pdo).await {
+            Ok(pdo) => {
+                pdos.push(pdo);
+                continue;
+            }
+            Err(cause) => cause,
+        };
+        let known = of_sii(device).into_iter().find(|known| known.record.index == pdo);
+        let Some(known) = known else { return Err(cause) };
+        device.do_without(Service::Mapping, cause)?;
+        pdos.push(pdo_of_sii(&known));
     }
     Ok(pdos)
 }
 
-/// The indices in 0x1C12 or 0x1C13; empty if there is no such object.
+/// The indices in 0x1C12 or 0x1C13; `None` if there is no such object: then the SII says what is fixed.
 async fn assignment(
     mailbox: &mut Mailbox,
     device: &SubDevice,
     index: u16,
-) -> Result<Vec<u16>, Cause> {
-    let count = number(mailbox, device, index, 0).await?.unwrap_or(0);
+) -> Result<Option<Vec<u16>>, Cause> {
+    let object = ObjectAddress::new(index, 0);
+    let count = match coe::upload(mailbox, object, false).await.and_then(|bytes| number_of(&bytes))
+    {
+        Ok(count) => count,
+        Err(SdoError::Abort(AbortCode::NO_OBJECT)) => return Ok(None),
+        Err(error) => return Err(sdo(device, object, error)),
+    };
     let mut assigned = Vec::new();
     for sub in 1..=count.min(254) as u8 {
         let object = ObjectAddress::new(index, sub);
         assigned.push(required(mailbox, device, object).await? as u16);
     }
-    Ok(assigned)
+    Ok(Some(assigned))
 }
 
 /// Writes an assignment.
@@ -187,37 +228,57 @@ async fn mapping(mailbox: &mut Mailbox, device: &SubDevice, index: u16) -> Resul
 /// information, all sub-indices that ETG.1020 knows are tried.
 async fn sync_object(
     mailbox: &mut Mailbox,
-    device: &SubDevice,
+    device: &mut SubDevice,
     index: u16,
 ) -> Result<Option<SyncObject>, Cause> {
     let mut object = SyncObject::default();
-    if device.sii.coe_details & SDO_INFORMATION != 0 {
+    let offered = device.sii.coe_details & SDO_INFORMATION != 0;
+    if offered && !device.does_without(Service::SdoInformation) {
         match coe::object_description(mailbox, index).await {
             Ok(description) => object.description = Some(description),
             Err(SdoError::Abort(AbortCode::NO_OBJECT)) => return Ok(None),
             Err(error) if is_refusal(&error) => {}
-            Err(error) => return Err(sdo(device, ObjectAddress::new(index, 0), error)),
+            Err(error) => {
+                let cause = sdo(device, ObjectAddress::new(index, 0), error);
+                device.do_without(Service::SdoInformation, cause)?;
+            }
         }
     }
     let described = object.description.as_ref().map(|(description, _)| description.max_sub);
+    let mut describes = described.is_some();
     let highest = described.map_or(HIGHEST_KNOWN, |max| max.max(HIGHEST_KNOWN));
     for sub in 0..=highest {
         let address = ObjectAddress::new(index, sub);
-        let description = match described {
-            Some(_) => match describe_entry(mailbox, device, address).await? {
-                Some(description) => Some(description),
-                None => continue,
-            },
-            None if sub != 0 && name(sub).is_none() => continue,
-            None => None,
-        };
+        let mut description = None;
+        if describes {
+            match describe_entry(mailbox, device, address).await {
+                Ok(None) => continue,
+                Ok(found) => description = found,
+                Err(cause) => {
+                    device.do_without(Service::SdoInformation, cause)?;
+                    describes = false;
+                }
+            }
+        }
+        if !describes && sub != 0 && name(sub).is_none() {
+            continue;
+        }
         let value = match coe::upload(mailbox, address, false).await {
             Ok(value) => Ok(value),
             Err(SdoError::Abort(AbortCode::NO_OBJECT)) if sub == 0 => return Ok(None),
             Err(SdoError::Abort(code)) => Err(code),
-            Err(error) => return Err(sdo(device, address, error)),
+            Err(error) => {
+                let cause = sdo(device, address, error);
+                let silent = service::is_silence(&cause);
+                device.do_without(Service::SyncEntry, cause)?;
+                // The others would be waited for as long.
+                if silent {
+                    break;
+                }
+                continue;
+            }
         };
-        if described.is_none() && value.is_err() {
+        if description.is_none() && value.is_err() {
             continue;
         }
         let entry = SyncEntry { sub, description, value };
@@ -226,7 +287,9 @@ async fn sync_object(
         }
         object.entries.push(entry);
     }
-    Ok(Some(object))
+    // Nothing of it was answered: it is as good as missing.
+    let missing = object.entries.is_empty() && device.does_without(Service::SyncEntry);
+    Ok((!missing).then_some(object))
 }
 
 /// Reads the error counters of the sync objects once more: the evidence when a device refuses OP. A
@@ -291,6 +354,10 @@ fn number_of(bytes: &[u8]) -> Result<u32, SdoError> {
         return Err(SdoError::Length { expected: 4, found: bytes.len() });
     }
     Ok(bytes.iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte)))
+}
+
+fn is_abort(cause: &Cause) -> bool {
+    matches!(cause, Cause::Sdo { error: SdoError::Abort(_), .. })
 }
 
 /// The device answered, and said no.

@@ -5,6 +5,8 @@ use alloc::vec::Vec;
 
 use isocat_wire::StationAddress;
 use isocat_wire::al::{AlControl, AlState};
+use isocat_wire::command::Command;
+use isocat_wire::datagram::Address;
 use isocat_wire::dc::SyncActivation;
 use isocat_wire::dl::DlStatus;
 use isocat_wire::register::{self, Value, features};
@@ -70,12 +72,29 @@ pub(crate) async fn find(link: &Link, config: &Config, segment: &mut Segment) ->
     if !config.devices.is_empty() && !hot_connect::allows(config, count.into()) {
         return Err(Cause::Count { expected: config.devices.len(), found: count.into() });
     }
+    if config.devices.is_empty() && count > DOUBTFUL {
+        check_ends(link, count).await?;
+    }
+    link.with(|shared| shared.port.expect_way(count));
     for position in 0..usize::from(count) {
         let mut device = SubDevice::new(position, station_of(position));
         if let Some(config) = config.devices.get(position) {
             device.name.clone_from(&config.name);
         }
         segment.devices.push(device);
+    }
+    Ok(())
+}
+
+/// Whether there is a last SubDevice and none behind it, where a single working counter says that there are many and nobody
+/// has said how many there should be: each of them costs memory and frames.
+async fn check_ends(link: &Link, count: u16) -> Result<(), Cause> {
+    let (last, behind) = (usize::from(count) - 1, usize::from(count));
+    for (position, expected) in [(last, 1), (behind, 0)] {
+        // Behind 65 535 SubDevices, the position is that of the first one again.
+        if position <= usize::from(u16::MAX) {
+            link.aprd(position, register::TYPE.address, 1).expect(expected).await?;
+        }
     }
     Ok(())
 }
@@ -117,7 +136,14 @@ pub(crate) fn tree(segment: &mut Segment) -> Result<(), Cause> {
 async fn count(link: &Link) -> Result<u16, Cause> {
     let begin = link.now();
     loop {
-        if let Ok(reply) = link.brd(register::TYPE.address, 1).reply().await {
+        let exchange = link.brd(register::TYPE.address, 1);
+        let address = Address::Broadcast(register::TYPE.address);
+        if let Ok(reply) = exchange.reply().await {
+            // ESCs counted its position up and none answered: that is no loop-back.
+            if reply.wkc == 0 && reply.passed > 0 {
+                let problem = AccessProblem::WorkingCounter { expected: reply.passed, found: 0 };
+                return Err(AccessError { command: Command::Brd, address, problem }.into());
+            }
             return Ok(reply.wkc);
         }
         let after = link.now() - begin;
@@ -132,6 +158,12 @@ async fn count(link: &Link) -> Result<u16, Cause> {
         return Err(Cause::Silent { sent: counts.frames_sent, after, foreign });
     }
 }
+
+/// So many SubDevices are believed without a further question: they cost next to nothing.
+const DOUBTFUL: u16 = 512;
+
+/// Register 0x0100 bit 0: EtherCAT frames are processed and their source address is marked, other frames are destroyed.
+const DL_CONTROL_MARKS: u8 = 1;
 
 /// How long to wait for the first frame that comes back.
 const FIRST_ANSWER: Nanos = Nanos(1_000_000_000);
@@ -148,8 +180,9 @@ async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
     let all: [(u16, &[u8], bool); 10] = [
         (register::SYNC_ACTIVATION.address, &SyncActivation(0).to_bytes(), false),
         (register::AL_CONTROL.address, &init.to_bytes(), false),
-        // Loop control of all ports: automatic; the alias is not used.
-        (register::DL_CONTROL.address + 1, &zeros[..1], true),
+        // As after power-on, for an earlier run may have cleared it: the first ESC marks the source address of what it
+        // has processed. Loop control of all ports: automatic; the alias is not used.
+        (register::DL_CONTROL.address, &[DL_CONTROL_MARKS, 0], true),
         (register::DL_CONTROL.address + 3, &zeros[..1], true),
         (register::RX_ERRORS.address, &zeros[..8], true),
         (register::FMMU_0.address, &zeros, false),
@@ -164,13 +197,16 @@ async fn reset(link: &Link, count: u16) -> Result<(), Cause> {
         let exchange = link.bwr(address, data);
         if everywhere {
             exchange.expect(count).await?;
+            if address == register::DL_CONTROL.address {
+                link.with(|shared| shared.port.expect_marks());
+            }
             continue;
         }
         let found = exchange.reply().await?.wkc;
         if found > count {
             return Err(Cause::Access(AccessError {
-                command: isocat_wire::Command::Bwr,
-                address: isocat_wire::datagram::Address::Broadcast(address),
+                command: Command::Bwr,
+                address: Address::Broadcast(address),
                 problem: AccessProblem::WorkingCounter { expected: count, found },
             }));
         }
@@ -191,7 +227,7 @@ pub(crate) async fn reset_one(link: &Link, station: StationAddress) -> Result<()
     let zeros = [0; 256];
     let all: [(u16, &[u8]); 6] = [
         (register::SYNC_ACTIVATION.address, &zeros[..1]),
-        (register::DL_CONTROL.address + 1, &zeros[..1]),
+        (register::DL_CONTROL.address, &[DL_CONTROL_MARKS, 0]),
         (register::DL_CONTROL.address + 3, &zeros[..1]),
         (register::RX_ERRORS.address, &zeros[..8]),
         (register::FMMU_0.address, &zeros),
@@ -201,8 +237,8 @@ pub(crate) async fn reset_one(link: &Link, station: StationAddress) -> Result<()
         let found = link.fpwr(station, address, data).reply().await?.wkc;
         if found > 1 {
             return Err(AccessError {
-                command: isocat_wire::Command::Fpwr,
-                address: isocat_wire::datagram::Address::Station(station, address),
+                command: Command::Fpwr,
+                address: Address::Station(station, address),
                 problem: AccessProblem::WorkingCounter { expected: 1, found },
             });
         }

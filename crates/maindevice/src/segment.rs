@@ -1,5 +1,6 @@
 //! What was found: the segment and its SubDevices.
 
+use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::vec::Vec;
 use core::ops::Range;
@@ -19,6 +20,7 @@ use isocat_wire::{AbortCode, Command, PortNumber, StationAddress};
 
 pub use crate::dc::DcCapability;
 use crate::error::{Error, Place};
+use crate::service::Substitute;
 use crate::times::OwnTimes;
 
 /// All SubDevices behind the MainDevice's port, in processing order.
@@ -177,6 +179,11 @@ pub struct SubDevice {
     pub al_code: AlStatusCode,
     /// What only a survey asks for; empty otherwise.
     pub observed: Observed,
+    /// Optional services that it answered badly on the way up, in the order in which they were asked for.
+    pub substitutes: Vec<Substitute>,
+    /// Why it was left out of a way up that went on without it ([`Config::tolerate`](crate::Config::tolerate)); it is
+    /// there, in INIT, and takes no part.
+    pub left_out: Option<Box<Error>>,
 }
 
 /// What only a survey asks an ESC for. `None`: it does not have it, or did not answer.
@@ -510,6 +517,8 @@ impl SubDevice {
             al_status: AlStatus(0),
             al_code: AlStatusCode::NO_ERROR,
             observed: Observed::default(),
+            substitutes: Vec::new(),
+            left_out: None,
         }
     }
 

@@ -1,5 +1,6 @@
 //! The SII, read through the EEPROM registers.
 
+use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::vec::Vec;
 
@@ -9,12 +10,14 @@ use isocat_wire::register;
 use isocat_wire::sii::{
     self, HEADER_LEN, Header, MailboxArea, PdoEntryRecord, PdoRecord, SmRecord, category, word,
 };
-use isocat_wire::time::Nanos;
+use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::config::Config;
 use crate::error::{Cause, SiiProblem};
-use crate::link::Link;
-use crate::segment::{Identity, OperationMode, Sii, SiiPdo, SubDevice};
+use crate::left_out::{self, Failures};
+use crate::link::{Link, Procedure};
+use crate::segment::{Identity, OperationMode, Segment, Sii, SiiPdo, SubDevice};
+use crate::service::Service;
 
 /// Reads the SII of one SubDevice and hands the EEPROM over to its firmware afterwards.
 pub(crate) async fn read(
@@ -22,17 +25,156 @@ pub(crate) async fn read(
     config: &Config,
     device: &mut SubDevice,
 ) -> Result<(), Cause> {
-    let mut reader = Reader {
-        link,
-        station: device.station,
-        patience: config.timeouts.eeprom,
-        image: Vec::new(),
+    let start = read_start(link, config, device).await?;
+    read_rest(link, config, device, start).await?;
+    take_over(link, config, device).await
+}
+
+/// Reads the SII of all that take part, and the rest of it once of those that are alike from the start.
+pub(crate) async fn read_all(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+) -> Result<Failures, Cause> {
+    // Filled by position: a procedure has its own place.
+    let mut starts: Vec<Option<Start>> = Vec::new();
+    starts.resize_with(segment.devices.len(), || None);
+    let (positions, all) = segment
+        .devices
+        .iter()
+        .zip(&mut starts)
+        .filter(|(device, _)| device.admitted)
+        .map(|(device, start)| -> (usize, Procedure<'_, Result<(), Cause>>) {
+            let read = async move {
+                *start = Some(read_start(link, config, device).await?);
+                Ok(())
+            };
+            (device.position, Box::pin(read))
+        })
+        .unzip();
+    let mut failures = left_out::each_of(config, positions, all).await?;
+
+    let first = firsts(&starts);
+    let rests = starts;
+    let (positions, all) = segment
+        .devices
+        .iter_mut()
+        .zip(&rests)
+        .zip(&first)
+        .filter(|((device, start), first)| start.is_some() && **first == device.position)
+        .map(|((device, start), _)| -> (usize, Procedure<'_, Result<(), Cause>>) {
+            let position = device.position;
+            let start = start.clone().unwrap_or_default();
+            (position, Box::pin(read_rest(link, config, device, start)))
+        })
+        .unzip();
+    let of_first = left_out::each_of(config, positions, all).await?;
+
+    for position in 0..rests.len() {
+        let (Some(start), from) = (&rests[position], first[position]) else { continue };
+        if from == position {
+            continue;
+        }
+        match of_first.iter().find(|(at, _)| *at == from) {
+            // What could not be read there can't be told here.
+            Some((_, cause)) => failures.push((position, cause.clone())),
+            None => {
+                let of = segment.devices[from].clone();
+                share_rest(&mut segment.devices[position], start, &of);
+            }
+        }
+    }
+    failures.extend(of_first);
+    let failed = |position: usize| failures.iter().any(|(at, _)| *at == position);
+    let (positions, all) = segment
+        .devices
+        .iter_mut()
+        .filter(|device| device.admitted && !failed(device.position))
+        .map(|device| -> (usize, Procedure<'_, Result<(), Cause>>) {
+            (device.position, Box::pin(take_over(link, config, device)))
+        })
+        .unzip();
+    let at_the_end = left_out::each_of(config, positions, all).await?;
+    failures.extend(at_the_end);
+    Ok(failures)
+}
+
+/// By position, the first position whose SII is like it; its own if there is none before it.
+fn firsts(starts: &[Option<Start>]) -> Vec<usize> {
+    let mut kinds: Vec<usize> = Vec::new();
+    let mut firsts = Vec::with_capacity(starts.len());
+    for (position, start) in starts.iter().enumerate() {
+        let alike = |at: &&usize| match (&starts[**at], start) {
+            (Some(known), Some(start)) => start.is_like(known),
+            _ => false,
+        };
+        let first = kinds.iter().find(alike).copied().unwrap_or(position);
+        if first == position {
+            kinds.push(position);
+        }
+        firsts.push(first);
+    }
+    firsts
+}
+
+/// Reads what no two SubDevices share, and what tells whether they share the rest.
+pub(crate) async fn read_start(
+    link: &Link,
+    config: &Config,
+    device: &SubDevice,
+) -> Result<Start, Cause> {
+    let mut reader = Reader::new(link, config, device);
+    let result = async {
+        reader.words(0, START_WORDS).await?;
+        // Size and version, and what kind of category comes first and how long it is.
+        reader.words(usize::from(word::CATEGORIES) - 2, 4).await
     };
-    let result = reader.sii().await;
-    device.sii = result.map_err(|failure| match failure {
-        Failure::Problem(problem) => Cause::Sii { place: device.place(), problem },
-        Failure::Cause(cause) => cause,
-    })?;
+    match result.await {
+        Ok(end) => Ok(Start { image: reader.image, end }),
+        Err(failure) => Err(failure.of(device)),
+    }
+}
+
+/// Reads what stands behind the start: the other words of the header, and the categories.
+pub(crate) async fn read_rest(
+    link: &Link,
+    config: &Config,
+    device: &mut SubDevice,
+    start: Start,
+) -> Result<(), Cause> {
+    let mut reader = Reader { image: start.image, ..Reader::new(link, config, device) };
+    let mut sii = reader.header().await.map_err(|failure| failure.of(device))?;
+    let categories = reader.categories(&mut sii).await;
+    device.sii = sii;
+    let Err(failure) = categories else { return Ok(()) };
+    let cause = failure.of(device);
+    // Without objects there is nothing else that tells of its process data.
+    if device.has_coe() { device.do_without(Service::Categories, cause) } else { Err(cause) }
+}
+
+/// Takes the rest from the SII of another SubDevice, which [`Start::is_like`] this one.
+pub(crate) fn share_rest(device: &mut SubDevice, start: &Start, of: &SubDevice) {
+    let own = Header::parse(&start.padded()).unwrap_or_default();
+    device.sii = of.sii.clone();
+    let header = &mut device.sii.header;
+    (header.configuration, header.serial) = (own.configuration, own.serial);
+    // What was done without at the one is done without at all.
+    let place = device.place();
+    for substitute in &of.substitutes {
+        let mut substitute = substitute.clone();
+        if let Cause::Sii { place: at, .. } = &mut substitute.cause {
+            *at = place.clone();
+        }
+        device.substitutes.push(substitute);
+    }
+}
+
+/// Takes what was read for who it is, and hands the EEPROM over to its firmware.
+pub(crate) async fn take_over(
+    link: &Link,
+    config: &Config,
+    device: &mut SubDevice,
+) -> Result<(), Cause> {
     let header = &device.sii.header;
     device.identity = Identity::of(header);
     if device.name.is_empty() {
@@ -62,13 +204,9 @@ pub(crate) async fn identity(
     config: &Config,
     device: &SubDevice,
 ) -> Result<Identity, Cause> {
-    let (station, patience) = (device.station, config.timeouts.eeprom);
-    let mut reader = Reader { link, station, patience, image: Vec::new() };
-    let read = reader.words(0, usize::from(word::MAILBOX_PROTOCOLS) + 1).await;
-    read.map_err(|failure| match failure {
-        Failure::Problem(problem) => Cause::Sii { place: device.place(), problem },
-        Failure::Cause(cause) => cause,
-    })?;
+    let mut reader = Reader::new(link, config, device);
+    let read = reader.words(0, START_WORDS).await;
+    read.map_err(|failure| failure.of(device))?;
     reader.image.resize(HEADER_LEN.max(reader.image.len()), 0);
     Ok(Identity::of(&Header::parse(&reader.image).unwrap_or_default()))
 }
@@ -105,9 +243,49 @@ impl Sii {
     }
 }
 
+/// What was read of one SII before it is known whether the rest is that of another.
+#[derive(Clone, Default)]
+pub(crate) struct Start {
+    /// Words 0 to 0x0F.
+    image: Vec<u8>,
+    /// Size, version, and the head of the first category.
+    end: Vec<u8>,
+}
+
+impl Start {
+    /// Whether two SII are taken to be the same but for alias and serial number: configuration, identity, size and the
+    /// head of the first category agree, and the checksum where it covers the same.
+    pub fn is_like(&self, other: &Self) -> bool {
+        let word =
+            |image: &Self, at: usize| image.image.get(2 * at..2 * at + 2).map(<[u8]>::to_vec);
+        let same = |at: usize| word(self, at) == word(other, at);
+        let identified =
+            self.image.get(IDENTITY).is_some_and(|bytes| bytes.iter().any(|b| *b != 0));
+        let checked = !same(ALIAS_WORD) || same(CHECKSUM_WORD);
+        let own = [ALIAS_WORD, CHECKSUM_WORD, SERIAL_WORD, SERIAL_WORD + 1];
+        let mut shared = (0..START_WORDS).filter(|at| !own.contains(at));
+        identified && checked && self.end == other.end && shared.all(same)
+    }
+
+    fn padded(&self) -> Vec<u8> {
+        let mut image = self.image.clone();
+        image.resize(HEADER_LEN, 0);
+        image
+    }
+}
+
 enum Failure {
     Problem(SiiProblem),
     Cause(Cause),
+}
+
+impl Failure {
+    fn of(self, device: &SubDevice) -> Cause {
+        match self {
+            Failure::Problem(problem) => Cause::Sii { place: device.place(), problem },
+            Failure::Cause(cause) => cause,
+        }
+    }
 }
 
 impl<E: Into<Cause>> From<E> for Failure {
@@ -120,53 +298,73 @@ struct Reader<'a> {
     link: &'a Link,
     station: StationAddress,
     patience: Nanos,
+    /// When reading began.
+    begin: Time<Host>,
     /// Bytes read so far, from word 0; gaps are zeros.
     image: Vec<u8>,
 }
 
-impl Reader<'_> {
-    async fn sii(&mut self) -> Result<Sii, Failure> {
+impl<'a> Reader<'a> {
+    fn new(link: &'a Link, config: &Config, device: &SubDevice) -> Self {
+        let (station, patience) = (device.station, config.timeouts.eeprom);
+        Self { link, station, patience, begin: link.now(), image: Vec::new() }
+    }
+
+    /// The header, of which the start is there.
+    async fn header(&mut self) -> Result<Sii, Failure> {
         // Words 0x1D to 0x3D are reserved and need not be read.
-        self.words(0, usize::from(word::MAILBOX_PROTOCOLS) + 1).await?;
-        self.words(usize::from(word::CATEGORIES) - 2, 2).await?;
+        let mailbox = usize::from(word::MAILBOX_PROTOCOLS) + 1;
+        self.words(START_WORDS, mailbox - START_WORDS).await?;
         self.image.resize(HEADER_LEN.max(self.image.len()), 0);
-        let mut sii =
-            Sii { header: Header::parse(&self.image).unwrap_or_default(), ..Sii::default() };
-        let mut strings: Vec<u8> = Vec::new();
-        let (mut name, mut order) = (0, 0);
+        Ok(Sii { header: Header::parse(&self.image).unwrap_or_default(), ..Sii::default() })
+    }
+
+    /// Puts the categories into `sii`, as far as they can be read.
+    async fn categories(&mut self, sii: &mut Sii) -> Result<(), Failure> {
+        let (mut strings, mut names) = (Vec::new(), (0, 0));
+        let result = self.each_category(sii, &mut strings, &mut names).await;
+        sii.name = text(&strings, names.0);
+        sii.order = text(&strings, names.1);
+        result
+    }
+
+    async fn each_category(
+        &mut self,
+        sii: &mut Sii,
+        strings: &mut Vec<u8>,
+        (name, order): &mut (u8, u8),
+    ) -> Result<(), Failure> {
         let mut at = usize::from(word::CATEGORIES);
-        loop {
+        for _ in 0..MOST_CATEGORIES {
             if at >= MOST_WORDS {
-                return Err(Failure::Problem(SiiProblem::NoEnd));
+                break;
             }
             let head = self.words(at, 2).await?;
             let kind = u16::from_le_bytes([head[0], head[1]]);
             if kind == category::END {
-                break;
+                return Ok(());
             }
             let length = usize::from(u16::from_le_bytes([head[2], head[3]]));
             let start = at + 2;
             at = start + length;
             if at >= MOST_WORDS {
-                return Err(Failure::Problem(SiiProblem::NoEnd));
+                break;
             }
             if !USED.contains(&kind) {
                 continue;
             }
             let data = self.words(start, length).await?;
             match kind {
-                category::STRINGS => strings = data,
+                category::STRINGS => *strings = data,
                 category::GENERAL => {
-                    order = data.get(2).copied().unwrap_or(0);
-                    name = data.get(3).copied().unwrap_or(0);
+                    *order = data.get(2).copied().unwrap_or(0);
+                    *name = data.get(3).copied().unwrap_or(0);
                     sii.coe_details = data.get(5).copied().unwrap_or(0);
                 }
                 _ => sii.take(kind, &data),
             }
         }
-        sii.name = text(&strings, name);
-        sii.order = text(&strings, order);
-        Ok(sii)
+        return Ok(());
     }
 
     /// `count` words from word `first` on. What one access gives beyond them is kept for the next.
@@ -177,15 +375,20 @@ impl Reader<'_> {
             bytes.extend_from_slice(&data);
         }
         bytes.truncate(2 * count);
-        if 2 * first + bytes.len() <= HEADER_LEN {
-            self.image.resize(self.image.len().max(2 * first + bytes.len()), 0);
-            self.image[2 * first..2 * first + bytes.len()].copy_from_slice(&bytes);
+        let kept = HEADER_LEN.saturating_sub(2 * first).min(bytes.len());
+        if kept > 0 {
+            self.image.resize(self.image.len().max(2 * first + kept), 0);
+            self.image[2 * first..2 * first + kept].copy_from_slice(&bytes[..kept]);
         }
         Ok(bytes)
     }
 
     /// One access: the 4 or 8 bytes at a word.
     async fn access(&mut self, word: usize) -> Result<Vec<u8>, Failure> {
+        let after = self.link.now() - self.begin;
+        if after.0 > self.patience.0.saturating_mul(MOST_PATIENCES) {
+            return Err(Failure::Problem(SiiProblem::Slow { after }));
+        }
         let end = self.link.now() + self.patience;
         let address = register::EEPROM_STATUS.address;
         loop {
@@ -266,6 +469,13 @@ const USED: [u16; 7] = [
 ];
 /// Lengths of a mailbox that a datagram can carry and that holds an SDO.
 const MAILBOX_LENGTHS: core::ops::RangeInclusive<u16> = 16..=1486;
+/// Words that are read of each SII: configuration, alias, checksum, identity.
+const START_WORDS: usize = 0x10;
+const ALIAS_WORD: usize = 0x04;
+const CHECKSUM_WORD: usize = 0x07;
+const SERIAL_WORD: usize = 0x0E;
+/// Vendor id and product code, in bytes.
+const IDENTITY: core::ops::Range<usize> = 0x10..0x18;
 /// Bytes of one DC operation mode.
 const OPERATION_MODE_LEN: usize = 24;
 /// Status, address, eight bytes of data.
@@ -273,6 +483,11 @@ const ACCESS_LEN: usize = 14;
 /// Words of the largest EEPROM that two address bytes reach; an image without an end mark is read
 /// no further.
 const MOST_WORDS: usize = 0x1_0000;
+/// Categories of an image at most: it is years' worth of standards to have a dozen, and empty ones could be had by the thousand.
+const MOST_CATEGORIES: usize = 256;
+/// The time for a whole image, in times of what a single access may take. A large image of an honest EEPROM takes 10 s, and some times as
+/// long where a thousand SubDevices are read side by side.
+const MOST_PATIENCES: i64 = 600;
 /// An EEPROM needs some hundred microseconds for a read.
 const POLL: Nanos = Nanos(100_000);
 /// Before another try after a missing acknowledge.

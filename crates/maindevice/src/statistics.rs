@@ -9,13 +9,18 @@ pub struct Statistics {
     pub frames_sent: u64,
     /// Frames that came back and were ours.
     pub frames_received: u64,
-    /// Frames that did not come back in time.
+    /// Frames that were given up and have not come back. A frame is lost or late, never both: one that
+    /// comes back behind its time leaves this count for [`Self::frames_late`]. So this may fall;
+    /// [`Self::frames_missed`] never does.
     pub frames_lost: u64,
-    /// Frames of ours that came in when nobody waited for them any more: too late, or twice.
+    /// Frames that came back when they had been given up.
     pub frames_late: u64,
-    /// Frames of ours that came in as they had left, no ESC having touched them: the interface shows
-    /// what it sends, or a loop-back. Seen only if [`Config::source`] has bit 1 of its first octet
-    /// clear.
+    /// Frames of ours that came in and that nobody waits for, for another reason: a second time, damaged
+    /// so that they are no answer to what was sent, or so late that their index was in use again.
+    pub frames_unexpected: u64,
+    /// Frames of ours that came in as they had left, no ESC having touched them (working counters 0, positions as
+    /// sent): the interface shows what it sends, or a loop-back. Seen only if [`Config::source`] has bit 1 of its
+    /// first octet clear.
     ///
     /// [`Config::source`]: crate::Config::source
     pub frames_echoed: u64,
@@ -55,6 +60,13 @@ pub struct Statistics {
     /// Phase at which frames of the cycle found the reference clock, less the phase planned;
     /// counted while all SubDevices are to be in OP.
     pub phase_error: Summary,
+}
+
+impl Statistics {
+    /// Frames that did not come back in time: those that are lost and those that came late. It never falls.
+    pub fn frames_missed(&self) -> u64 {
+        self.frames_lost + self.frames_late
+    }
 }
 
 /// Least, largest and mean of samples, ns.

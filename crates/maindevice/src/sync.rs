@@ -20,13 +20,14 @@ use crate::link::Link;
 use crate::mailbox::Mailbox;
 use crate::objects::{number, sdo};
 use crate::segment::{DcCapability, Segment, SubDevice, SyncObject, SyncSetting};
+use crate::service::Service;
 
 /// Writes the type of synchronization (01), the cycle time (02) and the shift time (03) of both
 /// sync objects, in PREOP, where the device lets itself be told. A refused type is no error yet:
 /// many stacks take it from the SYNC unit on the way to SAFEOP, where [`verify_types`] looks.
 pub(crate) async fn write_types(
     mailbox: &mut Mailbox,
-    device: &SubDevice,
+    device: &mut SubDevice,
     config: &Config,
     wish: Option<&DeviceConfig>,
 ) -> Result<(), Cause> {
@@ -102,7 +103,13 @@ pub(crate) async fn verify_types(
         .collect();
     for (index, kind) in expected {
         for sub in [sub::SYNC_TYPE, sub::CYCLE_TIME, sub::SHIFT_TIME, sub::SYNC0_CYCLE_TIME] {
-            let found = number(mailbox, device, index, sub).await?;
+            let found = match number(mailbox, device, index, sub).await {
+                Ok(found) => found,
+                Err(cause) => {
+                    device.do_without(Service::TypeReadBack, cause)?;
+                    break;
+                }
+            };
             if let Some(found) = found {
                 let object = if index == OUTPUT_PARAMETER {
                     &mut device.output_sync
@@ -173,13 +180,13 @@ pub(crate) fn writable(object: &SyncObject, sub: u8) -> bool {
 /// Writes a value that the device may refuse.
 async fn refusable(
     mailbox: &mut Mailbox,
-    device: &SubDevice,
+    device: &mut SubDevice,
     object: ObjectAddress,
     value: &[u8],
 ) -> Result<(), Cause> {
     match coe::download(mailbox, object, value, false).await {
         Ok(()) | Err(SdoError::Abort(_)) => Ok(()),
-        Err(error) => Err(sdo(device, object, error)),
+        Err(error) => device.do_without(Service::TypeWrite, sdo(device, object, error)),
     }
 }
 

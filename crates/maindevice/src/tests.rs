@@ -19,7 +19,7 @@ use isocat_wire::{StationAddress, frame};
 use crate::cycle::CyclicExchange;
 use crate::error::{AccessProblem, Cause};
 use crate::event::Event;
-use crate::health::Answer;
+use crate::health::{Answer, Others};
 use crate::link::{Exchange, Link, Travel};
 use crate::segment::{Chunk, DcCapability, ProcessImage, Segment, SubDevice};
 use crate::{Config, esm};
@@ -632,19 +632,48 @@ fn health_finds_who_left_op() {
     bench.segment.escs[0].memory[0x0130] = 8;
     bench.segment.escs[1].memory[0x0130..0x0136].copy_from_slice(&[0x14, 0, 0, 0, 0x1B, 0]);
     let stations: Vec<_> = (0..3).map(|at| (at, StationAddress(0x1001 + at as u16))).collect();
-    let found = bench.run(crate::health::look(bench.link.clone(), stations));
+    let found = bench.run(crate::health::look(bench.link.clone(), stations, 3));
     let op = Answer::Status(AlStatus(8), AlStatusCode::NO_ERROR);
     let fallen = Answer::Status(AlStatus(0x14), AlStatusCode::WATCHDOG);
     assert_eq!(found.answers, [(0, op), (1, fallen), (2, Answer::Nobody)]);
-    assert_eq!(found.everybody, None, "no more answer than are known");
+    assert_eq!(found.others, Others::None, "no more answer than are known");
     // One of them has lost its address: everybody is asked by place.
     bench.segment.escs[1].memory[0x0010] = 0;
     let stations = std::vec![(0, StationAddress(0x1001)), (1, StationAddress(0x1002))];
-    let found = bench.run(crate::health::look(bench.link.clone(), stations));
+    let found = bench.run(crate::health::look(bench.link.clone(), stations, 2));
     assert_eq!(found.answers[1], (1, Answer::Nobody));
-    let everybody = found.everybody.expect("two answer, one is known");
+    let Others::Everybody(everybody) = found.others else { panic!("two answer, one is known") };
     let addresses: Vec<_> = everybody.iter().map(|found| found.station.0).collect();
     assert_eq!(addresses, [0x1001, 0x1000]);
+    // Where just one more answers than have a place, the count is all there is to know.
+    let frames = bench.frames.len();
+    let stations = std::vec![(0, StationAddress(0x1001))];
+    let found = bench.run(crate::health::look(bench.link.clone(), stations, 1));
+    assert_eq!(found.others, Others::TooMany(2));
+    assert_eq!(bench.frames[frames..], [2], "the count and one state");
+}
+
+/// What is given up in the queue is not sent, what stands around it is, and nothing is left behind.
+#[test]
+fn datagrams_that_are_given_up_leave_the_queue() {
+    let mut bench = Bench::new(1);
+    let link = bench.link.clone();
+    let mut reads: Vec<_> =
+        (0..1000).map(|_| Some(link.fprd(StationAddress(0x1001), 0x0130, 2))).collect();
+    for at in 0..1000 {
+        if at % 100 != 50 {
+            reads[at] = None;
+        }
+    }
+    let left: Vec<_> = reads.into_iter().flatten().collect();
+    bench.run(async {
+        for read in left {
+            assert_eq!(read.expect(1).await.unwrap().data.len(), 2);
+        }
+    });
+    assert_eq!(bench.frames.iter().sum::<usize>(), 10);
+    let (queued, flights) = link.with(|shared| (shared.port.first_len(), shared.port.in_flight()));
+    assert_eq!((queued, flights), (None, 0));
 }
 
 /// Process data of three frames: the later ones begin when the earlier ones and their gaps are

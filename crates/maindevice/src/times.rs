@@ -30,7 +30,7 @@ use crate::link::Link;
 use crate::mailbox::Mailbox;
 use crate::objects::{number, sdo};
 use crate::segment::{Segment, SubDevice, SyncObject};
-use crate::{coe, esm, mode, timing};
+use crate::{coe, esm, left_out, mode, timing};
 
 /// What came of a device's own measurement.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -160,7 +160,7 @@ async fn measure_all(work: &mut Work) -> Result<(), Cause> {
     let (link, config) = (work.link.clone(), work.config.clone());
     let (link, config) = (&link, &*config);
     let wish = config.measure_times.unwrap_or_default();
-    bring_up::each_with_mailbox(work, |device, mailbox| {
+    let failures = bring_up::each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
             let lacking = lacks(device, config.devices.get(device.position));
             let Some(mailbox) = mailbox.filter(|_| lacking) else { return Ok(()) };
@@ -168,7 +168,9 @@ async fn measure_all(work: &mut Work) -> Result<(), Cause> {
             Ok(())
         })
     })
-    .await
+    .await?;
+    left_out::leave_out(work, failures).await;
+    Ok(())
 }
 
 async fn measure_one(

@@ -36,6 +36,8 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
     let reference = reference_range(segment, config);
     let mut demands: Vec<budget::Device> =
         segment.devices.iter().map(|device| demands_of(config, device, reference)).collect();
+    // Each device would look through all before it: where all are there, none has to.
+    let some_absent = segment.devices.iter().any(|device| !device.admitted);
     for (chunk, times) in segment.image.chunks.iter().zip(times) {
         let range = chunk.first..chunk.end;
         for (device, demands) in segment.devices[range.clone()].iter().zip(&mut demands[range]) {
@@ -44,7 +46,11 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
             }
             let delay = segment.delay(device.position);
             let (detour, early) = ring_detour(segment, config, delay);
-            let detour = detour + hot_connect::detour(segment, device.position);
+            let absent = match some_absent {
+                true => hot_connect::detour(segment, device.position),
+                false => Nanos::ZERO,
+            };
+            let detour = detour + absent;
             demands.delay = delay;
             let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
             demands.outputs_arrival = outputs.then_some(delay + detour + times.stored);

@@ -17,12 +17,12 @@ use isocat_sim::{Lost, Segment, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::ObjectAddress;
 use isocat_wire::time::{Time, True};
-use pcap_file::DataLink;
 use pcap_file::pcapng::PcapNgWriter;
 use pcap_file::pcapng::blocks::enhanced_packet::{EnhancedPacketBlock, EnhancedPacketOption};
 use pcap_file::pcapng::blocks::interface_description::{
     InterfaceDescriptionBlock, InterfaceDescriptionOption,
 };
+use pcap_file::{DataLink, PcapError};
 
 /// Writes all frames at the MainDevice's ports to a file: sent ones are marked outbound, those that
 /// came back inbound. Time stamps of a simulation are true time, from the beginning of the run; those of a
@@ -78,12 +78,6 @@ impl Capture {
     pub fn create(path: &Path) -> io::Result<Self> {
         Self::new(BufWriter::new(File::create(path)?))
     }
-
-    /// Creates the file for a real interface.
-    pub fn create_of_interface(path: &Path, interface: &str) -> io::Result<Self> {
-        let file = BufWriter::new(File::create(path)?);
-        Self::begin(file, interface, "a network interface, in wall time")
-    }
 }
 
 impl<W: Write> Capture<W> {
@@ -92,8 +86,13 @@ impl<W: Write> Capture<W> {
         Self::begin(writer, "main", "the MainDevice's port, in true time")
     }
 
+    /// Writes frames of a real interface to `writer`.
+    pub fn of_interface(writer: W, interface: &str) -> io::Result<Self> {
+        Self::begin(writer, interface, "a network interface, in wall time")
+    }
+
     fn begin(writer: W, name: &str, description: &str) -> io::Result<Self> {
-        let writer = PcapNgWriter::new(writer).map_err(io::Error::other)?;
+        let writer = PcapNgWriter::new(writer).map_err(cause)?;
         let mut capture = Self {
             writer,
             failed: None,
@@ -135,7 +134,7 @@ impl<W: Write> Capture<W> {
                 InterfaceDescriptionOption::IfTsResol(NANOSECONDS),
             ],
         };
-        self.writer.write_pcapng_block(interface).map_err(io::Error::other).map(|_| ())
+        self.writer.write_pcapng_block(interface).map_err(cause).map(|_| ())
     }
 
     /// Ends the file and gives its writer back, or the first error there was.
@@ -206,7 +205,7 @@ impl<W: Write> Capture<W> {
             options,
         };
         if let Err(error) = self.writer.write_pcapng_block(packet) {
-            self.failed = Some(io::Error::other(error));
+            self.failed = Some(cause(error));
         }
     }
 
@@ -309,4 +308,12 @@ impl<W: Write> Capture<W> {
 
 fn stamp(at: Time<True>) -> Duration {
     Duration::from_nanos(at.as_nanos())
+}
+
+/// What really went wrong: a full disk is a full disk, whatever the library calls it.
+fn cause(error: PcapError) -> io::Error {
+    match error {
+        PcapError::IoError(error) => error,
+        other => io::Error::other(other),
+    }
 }

@@ -193,7 +193,7 @@ impl Series {
                 end: began + passed,
                 number: each,
                 host_phase_error: (is_new && each == number).then_some(counts.phase_error.last),
-                frames_lost: counts.frames_lost,
+                frames_lost: counts.frames_missed(),
                 working_counter_errors: counts.working_counter_errors,
                 cells: cells.clone(),
             });

@@ -144,9 +144,20 @@ pub struct Profile {
     /// It states its times only when it has measured them: what its CPU needs is not to be known
     /// beforehand.
     pub dynamic_times: bool,
+    /// What it was made from.
+    pub origin: Origin,
     /// The file gives the time itself, so it does not follow 0x1C32:06.
     calc_and_copy_given: bool,
     esc: &'static Chip,
+}
+
+/// What a profile was made from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Origin {
+    /// A profile file.
+    Profile,
+    /// A maker's description (ESI).
+    Description,
 }
 
 /// A rule of `isocat conform` that a device is known to break.

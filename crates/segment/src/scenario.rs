@@ -59,6 +59,8 @@ pub struct Scenario {
     pub operation: Operation,
     /// Run although the plan says that it does not fit.
     pub force: bool,
+    /// Whether any SubDevice may fail on the way up, and is left out then.
+    pub tolerate: bool,
     /// The devices, in the order of the line.
     pub devices: Vec<SubDevice>,
 }
@@ -87,6 +89,7 @@ impl From<SegmentFile> for Scenario {
             hop_jitter: file.hop_jitter,
             operation: file.operation,
             force: false,
+            tolerate: false,
             devices: file.subdevices,
         }
     }
@@ -116,6 +119,7 @@ impl Scenario {
         config.watchdog = self.watchdog;
         config.hop_jitter = self.hop_jitter;
         config.force = self.force;
+        config.tolerate = self.tolerate;
         config.quality = self.operation.quality;
         config.delay_watch = self.operation.delay_watch;
         config.recovery = self.operation.recovery;

@@ -48,6 +48,7 @@ use std::collections::HashMap;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{Source, Table};
+use isocat_descriptions::limits;
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_esc::DriftLaw;
 use isocat_esc::chip::PortKind;
@@ -211,8 +212,11 @@ impl SegmentFile {
         let mut devices = Devices::on(host.port);
         let mut files = esi::Files::default();
         let bus = subdevice::Bus { cycle, tolerance };
+        let mut lines = Lines { text, at: 0, line: 1 };
         for table in &tables {
-            devices.add(table, subdevice::subdevice(source, table, bus, &mut files)?)?;
+            let mut device = subdevice::subdevice(source, table, bus, &mut files)?;
+            device.line = lines.line_of(table.at());
+            devices.add(table, device)?;
         }
         let subdevices = tree::sort(devices.subdevices);
         let path = path.to_owned();
@@ -250,11 +254,32 @@ impl SegmentFile {
     }
 }
 
+/// Counts lines as the file goes on, so that all devices together cost one pass over it.
+struct Lines<'a> {
+    text: &'a str,
+    /// The place up to which lines were counted, and the line there, from 1.
+    at: usize,
+    line: usize,
+}
+
+impl Lines<'_> {
+    /// The line of the byte `at`.
+    fn line_of(&mut self, at: usize) -> usize {
+        if at < self.at {
+            (self.at, self.line) = (0, 1);
+        }
+        let between = self.text.get(self.at..at).unwrap_or_default();
+        self.line += between.bytes().filter(|byte| *byte == b'\n').count();
+        self.at = at;
+        self.line
+    }
+}
+
 /// The devices of the file so far.
 struct Devices {
     subdevices: Vec<SubDevice>,
     ports: tree::Ports,
-    /// The line in which each name was given.
+    /// The place of each name in `subdevices`.
     names: HashMap<String, usize>,
 }
 
@@ -280,7 +305,8 @@ impl Devices {
                 Some(_) => device.name.clone(),
                 None => format!("{} {}", device.profile.id, self.subdevices.len()),
             };
-            if let Some(line) = self.names.insert(name.clone(), device.line) {
+            if let Some(other) = self.names.insert(name.clone(), self.subdevices.len()) {
+                let line = self.subdevices[other].line;
                 let message = format!(
                     "the name \"{name}\" is already taken in line {line}; expected another"
                 );
@@ -289,7 +315,8 @@ impl Devices {
             // Only the first can hang elsewhere.
             let connect = keys.value("connect").filter(|_| number == 0);
             let plug = tree::Plug { name: &name, profile: device.profile, port };
-            let place = self.ports.place(keys, plug, connect, &self.subdevices)?;
+            let earlier = tree::Earlier { devices: &self.subdevices, names: &self.names };
+            let place = self.ports.place(keys, plug, connect, earlier)?;
             may_be_absent(keys, &device, place, &self.subdevices)?;
             let mut device = SubDevice { name, place, ..device.clone() };
             if device.profile.esc().port(port) == PortKind::Ebus {
@@ -353,7 +380,7 @@ fn host(keys: &Keys<'_>, cycle: Nanos) -> Result<Host, FileError> {
 }
 
 fn read(path: &str) -> Result<String, FileError> {
-    std::fs::read_to_string(path).map_err(|error| FileError::unreadable(path, &error))
+    limits::read_text(path, limits::TOML)
 }
 
 const BUILT_IN: &str = include_str!("../segments/built_in.toml");

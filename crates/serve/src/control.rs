@@ -1,15 +1,24 @@
 //! Requests to a service that runs: a socket in the file system, a line each way.
 //!
-//! The thread that listens hands each request to the service and wakes it; so nobody who connects and says
-//! nothing can hold up a frame.
+//! Each client has a thread for as long as its request takes, two seconds at most, whatever it sends or does not send;
+//! with too many of them the oldest is sent away. A thread hands its request to the service and wakes it; so nobody who
+//! connects and says nothing can hold up a frame, nor the request of another.
+//!
+//! The socket stands in a folder that nobody else can write to, and a client asks only a service of its own user or of
+//! root: another user's socket may answer anything, without end, or never.
 
-use std::io::{self, BufRead, BufReader, Read, Write};
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::time::Duration;
+use std::sync::{Arc, Weak};
+use std::time::{Duration, Instant};
+
+use isocat_descriptions::limits;
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
 
 use super::service::PATIENCE;
 
@@ -20,27 +29,35 @@ pub struct Requests {
     path: PathBuf,
 }
 
-/// Longest request, bytes.
-const LONGEST: u64 = 4096;
-/// How long a client may take to say what it wants.
+/// How long a client may take to say what it wants, and how long to take the answer.
 const CLIENT: Duration = Duration::from_secs(2);
+/// How long a client waits for a service, all in all.
+const SERVICE: Duration = PATIENCE.saturating_add(CLIENT);
+/// How soon a client notices that it is to stop.
+const SLICE: Duration = Duration::from_millis(50);
 
-/// Where the requests to the service of an interface go: below `XDG_RUNTIME_DIR`, else `/run` for root, else
-/// the folder for temporary files.
+/// Where the requests to the service of an interface go: in `XDG_RUNTIME_DIR` if that is this user's own, else in
+/// `/run` for root, else in `isocat-UID` in the folder for temporary files.
 pub fn path_of(interface: &str) -> PathBuf {
-    let folder = match std::env::var_os("XDG_RUNTIME_DIR") {
-        Some(folder) => PathBuf::from(folder),
-        None if rustix::process::geteuid().is_root() => PathBuf::from("/run"),
-        None => std::env::temp_dir(),
+    let user = rustix::process::geteuid();
+    let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
+    // `sudo` may keep the variable: then the folder is another user's.
+    let own = |folder: &PathBuf| {
+        std::fs::metadata(folder).is_ok_and(|found| found.is_dir() && found.uid() == user.as_raw())
+    };
+    let folder = match runtime.filter(own) {
+        Some(folder) => folder,
+        None if user.is_root() => PathBuf::from("/run"),
+        None => std::env::temp_dir().join(format!("isocat-{}", user.as_raw())),
     };
     folder.join(file_of(interface))
 }
 
-/// Where somebody serves on an interface, whoever that is: [`path_of`] for this user, or for another.
+/// Where somebody serves on an interface: [`path_of`] for this user, or root's.
 pub fn find(interface: &str) -> PathBuf {
-    let others = ["/run", "/tmp"].map(|folder| Path::new(folder).join(file_of(interface)));
-    let mut all = std::iter::once(path_of(interface)).chain(others);
-    all.find(|path| path.exists()).unwrap_or_else(|| path_of(interface))
+    let own = path_of(interface);
+    let root = Path::new("/run").join(file_of(interface));
+    if !own.exists() && root.exists() { root } else { own }
 }
 
 /// As [`find`] for an interface, or for the name that `--setup-veth` was given.
@@ -52,16 +69,62 @@ pub fn find_served(name: &str) -> PathBuf {
 
 /// Whether somebody answers there.
 pub fn is_served(path: &Path) -> bool {
-    UnixStream::connect(path).is_ok()
+    connect(path, Instant::now() + CLIENT, &AtomicBool::new(false)).is_ok()
 }
 
 fn file_of(interface: &str) -> String {
     format!("isocat-{interface}.sock")
 }
 
+/// A folder in which no other user can put a socket in the place of ours: its owner is this user or root, and others
+/// may not write, or may not remove what is not theirs.
+fn check_folder(path: &Path) -> io::Result<()> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder.unwrap_or(Path::new("."));
+    // A link would lead to wherever its owner wants.
+    let found = std::fs::symlink_metadata(folder)?;
+    let owner = found.uid();
+    let mode = found.mode();
+    let shared = mode & 0o022 != 0 && mode & 0o1000 == 0;
+    if !found.is_dir() || !is_trusted(owner) || shared {
+        let folder = folder.display();
+        let me = rustix::process::geteuid().as_raw();
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            format!(
+                "the folder {folder} is not safe: expected one of user {me} or root that others can't write to, found \
+                 one of user {owner} with mode {:o}",
+                mode & 0o7777
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// This user, or root.
+fn is_trusted(user: u32) -> bool {
+    user == 0 || user == rustix::process::geteuid().as_raw()
+}
+
+fn untrusted(path: &Path, owner: u32) -> io::Error {
+    let me = rustix::process::geteuid().as_raw();
+    io::Error::new(
+        io::ErrorKind::PermissionDenied,
+        format!(
+            "{} belongs to user {owner}; expected user {me} or root (another user's socket is not asked)",
+            path.display()
+        ),
+    )
+}
+
 impl Requests {
     /// Listens, and has signals (SIGINT, SIGTERM, SIGHUP) end the service. Gives what wakes it.
     pub fn listen(path: &Path) -> io::Result<(Self, UnixStream)> {
+        let own = path.parent().filter(|folder| folder.parent() == Some(&*std::env::temp_dir()));
+        if let Some(folder) = own.filter(|folder| !folder.exists()) {
+            std::fs::DirBuilder::new().mode(0o700).create(folder)?;
+        }
+        check_folder(path)?;
         if is_served(path) {
             let message = "another isocat serves there already";
             return Err(io::Error::new(io::ErrorKind::AddrInUse, message));
@@ -70,6 +133,8 @@ impl Requests {
         let _ = std::fs::remove_file(path);
         let listener = UnixListener::bind(path)?;
         let (wake, waker) = UnixStream::pair()?;
+        // A pipe that is full wakes the service as well as one byte more would.
+        waker.set_nonblocking(true)?;
         let signalled = Arc::new(AtomicBool::new(false));
         for signal in signal_hook::consts::TERM_SIGNALS {
             if *signal == signal_hook::consts::SIGQUIT {
@@ -79,13 +144,9 @@ impl Requests {
             signal_hook::low_level::pipe::register(*signal, waker.try_clone()?)?;
         }
         let (sender, receiver) = channel();
-        std::thread::Builder::new().name("control".into()).spawn(move || {
-            for client in listener.incoming() {
-                // One that hangs up or misbehaves is its own trouble.
-                let Ok(client) = client else { continue };
-                let _ = attend(&client, &sender, &waker);
-            }
-        })?;
+        std::thread::Builder::new()
+            .name("control".into())
+            .spawn(move || attend_all(&listener, &sender, &waker))?;
         Ok((Self { receiver, signalled, path: path.to_owned() }, wake))
     }
 
@@ -110,33 +171,170 @@ impl Drop for Requests {
     }
 }
 
+fn attend_all(
+    listener: &UnixListener,
+    sender: &Sender<(String, Sender<String>)>,
+    waker: &UnixStream,
+) {
+    let mut clients: VecDeque<Weak<UnixStream>> = VecDeque::new();
+    for client in listener.incoming() {
+        let Ok(client) = client else {
+            // Out of descriptors, say: not at once again.
+            std::thread::sleep(SLICE);
+            continue;
+        };
+        // One that is done has been closed by its thread.
+        clients.retain(|client| client.strong_count() > 0);
+        if clients.len() >= limits::CONTROL_CLIENTS
+            && let Some(oldest) = clients.pop_front().and_then(|oldest| oldest.upgrade())
+        {
+            // Its thread reads the end.
+            let _ = oldest.shutdown(std::net::Shutdown::Both);
+        }
+        let client = Arc::new(client);
+        let Ok(waker) = waker.try_clone() else { continue };
+        clients.push_back(Arc::downgrade(&client));
+        let sender = sender.clone();
+        // Without a thread it is closed at once.
+        let _ = std::thread::Builder::new().name("client".into()).spawn(move || {
+            // One that hangs up or misbehaves is its own trouble.
+            let _ = attend(&client, &sender, &waker);
+        });
+    }
+}
+
 fn attend(
     client: &UnixStream,
     sender: &Sender<(String, Sender<String>)>,
     mut waker: &UnixStream,
 ) -> io::Result<()> {
-    client.set_read_timeout(Some(CLIENT))?;
-    client.set_write_timeout(Some(CLIENT))?;
-    let mut lines = BufReader::new(client.take(LONGEST));
-    let mut request = String::new();
-    lines.read_line(&mut request)?;
+    let never = AtomicBool::new(false);
+    let request = read(client, limits::CONTROL_REQUEST, true, Instant::now() + CLIENT, &never)?;
     let (reply, answer) = channel();
     let gone = || io::Error::other("the service is gone");
     sender.send((request.trim().to_owned(), reply)).map_err(|_| gone())?;
-    waker.write_all(b"r")?;
-    let answer = answer.recv_timeout(PATIENCE).map_err(|_| gone())?;
-    let mut client = client;
-    client.write_all(answer.as_bytes())?;
-    client.write_all(b"\n")
+    match waker.write_all(b"r") {
+        Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+        written => written?,
+    }
+    let answer = answer.recv_timeout(PATIENCE).map_err(|_| gone())? + "\n";
+    write(client, answer.as_bytes(), Instant::now() + CLIENT, &never)
 }
 
-/// Sends a request to a service and gives its answer.
+/// Sends a request to a service and gives its answer, of 64 MiB at most and within seven seconds.
 pub fn request(path: &Path, request: &str) -> io::Result<String> {
-    let mut stream = UnixStream::connect(path)?;
-    stream.set_read_timeout(Some(PATIENCE + CLIENT))?;
-    stream.write_all(request.as_bytes())?;
-    stream.write_all(b"\n")?;
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer)?;
-    Ok(answer)
+    self::request_until(path, request, &AtomicBool::new(false))
 }
+
+/// The same, but ends at once when `stop` is set.
+pub fn request_until(path: &Path, request: &str, stop: &AtomicBool) -> io::Result<String> {
+    let until = Instant::now() + SERVICE;
+    let stream = connect(path, until, stop)?;
+    write(&stream, format!("{request}\n").as_bytes(), until, stop)?;
+    read(&stream, limits::CONTROL_ANSWER, false, until, stop)
+}
+
+/// Connects to a service of this user or of root.
+fn connect(path: &Path, until: Instant, stop: &AtomicBool) -> io::Result<UnixStream> {
+    let owner = std::fs::symlink_metadata(path)?.uid();
+    if !is_trusted(owner) {
+        return Err(untrusted(path, owner));
+    }
+    check_folder(path)?;
+    let address = SocketAddrUnix::new(path)?;
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    let socket = rustix::net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    loop {
+        match rustix::net::connect(&socket, &address) {
+            Ok(()) => break,
+            // Its queue is full: it may be busy, or never take anybody.
+            Err(rustix::io::Errno::AGAIN) => wait(until, stop)?,
+            Err(error) => return Err(error.into()),
+        }
+    }
+    // Who listens really, whatever the file system says.
+    let peer = rustix::net::sockopt::socket_peercred(&socket)?.uid.as_raw();
+    if !is_trusted(peer) {
+        return Err(untrusted(path, peer));
+    }
+    let stream = UnixStream::from(socket);
+    stream.set_nonblocking(false)?;
+    Ok(stream)
+}
+
+/// Waits a little, unless the time is over.
+fn wait(until: Instant, stop: &AtomicBool) -> io::Result<()> {
+    std::thread::sleep(left(until, stop)?);
+    Ok(())
+}
+
+/// How long to wait at once.
+fn left(until: Instant, stop: &AtomicBool) -> io::Result<Duration> {
+    if stop.load(Ordering::Relaxed) {
+        return Err(io::Error::new(io::ErrorKind::Interrupted, "interrupted"));
+    }
+    let left = until.saturating_duration_since(Instant::now());
+    match left.is_zero() {
+        true => Err(io::Error::new(io::ErrorKind::TimedOut, "the other end is too slow")),
+        false => Ok(left.min(SLICE)),
+    }
+}
+
+fn is_timeout(error: &io::Error) -> bool {
+    use io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
+}
+
+/// Reads a line, or everything, of a bounded length within a bounded time, however slowly it drips.
+fn read(
+    mut stream: &UnixStream,
+    most: usize,
+    line: bool,
+    until: Instant,
+    stop: &AtomicBool,
+) -> io::Result<String> {
+    let mut read = Vec::new();
+    let mut bytes = [0; 16 * 1024];
+    loop {
+        stream.set_read_timeout(Some(left(until, stop)?))?;
+        let count = match stream.read(&mut bytes) {
+            Ok(0) if line => return Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(0) => break,
+            Ok(count) => count,
+            Err(error) if is_timeout(&error) => continue,
+            Err(error) => return Err(error),
+        };
+        read.extend_from_slice(&bytes[..count]);
+        if line && let Some(end) = read.iter().position(|byte| *byte == b'\n') {
+            read.truncate(end);
+            break;
+        }
+        if read.len() > most {
+            let message = format!("more than {most} bytes came; expected at most so many");
+            return Err(io::Error::new(io::ErrorKind::InvalidData, message));
+        }
+    }
+    String::from_utf8(read).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error))
+}
+
+/// Writes it all within a bounded time.
+fn write(
+    mut stream: &UnixStream,
+    mut bytes: &[u8],
+    until: Instant,
+    stop: &AtomicBool,
+) -> io::Result<()> {
+    while !bytes.is_empty() {
+        stream.set_write_timeout(Some(left(until, stop)?))?;
+        match stream.write(bytes) {
+            Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+            Ok(count) => bytes = &bytes[count..],
+            Err(error) if is_timeout(&error) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -26,6 +26,8 @@ pub trait Audience {
     fn event(&mut self, server: &Server, event: Event);
     /// A request came in; the answer is one line.
     fn request(&mut self, server: &mut Server, request: &str) -> Reply;
+    /// The interface went down, or is up again with a signal on its cable.
+    fn link(&mut self, server: &Server, up: bool);
     /// Called about once a second.
     fn tick(&mut self, server: &Server);
 }
@@ -39,7 +41,9 @@ pub struct Reply {
     pub stop: bool,
 }
 
-/// Serves until a signal or a request ends it. `wake` becomes readable when either has come.
+/// Serves until a signal or a request ends it, or the interface has gone. One that goes down is waited for: what
+/// comes meanwhile is lost, as with a cable that is pulled. `wake` becomes readable when a signal or a request has
+/// come.
 pub fn run(
     server: &mut Server,
     mut socket: RawSocket,
@@ -60,13 +64,31 @@ pub fn run(
         next_tick: clock::now(),
         spins: 0,
         looked: clock::now(),
+        down: None,
     };
     loop {
-        let frames = match style.busy {
-            true => service.spin(server, &mut socket)?,
-            false => service.sleep(server, &socket, wake)? && service.take(server, &mut socket)?,
+        let turned = service.turn(server, &mut socket, wake, style);
+        let frames = match turned {
+            Ok(frames) => frames,
+            Err(LinkError::Down(_)) if socket.is_there() => {
+                if service.down.is_none() {
+                    audience.link(server, false);
+                }
+                service.down = Some(clock::now() + LOOK_AGAIN);
+                false
+            }
+            Err(error) => return Err(error),
         };
-        service.release(server, &socket)?;
+        if service.down.is_some_and(|look| look <= clock::now()) {
+            service.down = Some(clock::now() + LOOK_AGAIN);
+            if !socket.is_there() {
+                return Err(LinkError::Down(socket.interface().to_owned()));
+            }
+            if socket.has_carrier() == Some(true) {
+                service.down = None;
+                audience.link(server, true);
+            }
+        }
         while let Some(event) = server.poll_event() {
             audience.event(server, event);
         }
@@ -105,6 +127,8 @@ struct Service {
     spins: u32,
     /// While spinning: when the SubDevices' own work was done last.
     looked: Time<Host>,
+    /// While the interface is down: when to look at it again.
+    down: Option<Time<Host>>,
 }
 
 /// Longer than any frame: what fills it was cut.
@@ -118,18 +142,40 @@ const LEAST_STEP: Nanos = Nanos::micros(10);
 const MOST_STEP: Nanos = Nanos::millis(1);
 /// Spins between two looks at anything but the socket.
 const SPINS: u32 = 256;
+/// From one look at an interface that is down to the next.
+const LOOK_AGAIN: Nanos = Nanos::millis(100);
+/// Answers that may wait: what a flood brings beyond them is lost, as it would be on a port.
+const MOST_HELD: usize = 8_192;
 /// Distances of frames for which it pays to wake between them.
 const HIDE: std::ops::Range<Nanos> = Nanos::micros(150)..Nanos::millis(50);
 
 impl Service {
+    /// Waits for a frame, and answers it; sends what is due.
+    fn turn(
+        &mut self,
+        server: &mut Server,
+        socket: &mut RawSocket,
+        wake: &UnixStream,
+        style: Style,
+    ) -> Result<bool, LinkError> {
+        let frames = match style.busy {
+            true => self.spin(server, socket)?,
+            false => self.sleep(server, socket, wake)? && self.take(server, socket)?,
+        };
+        self.release(server, socket)?;
+        Ok(frames)
+    }
+
     /// Takes a frame if one is there, and answers it.
     fn take(&mut self, server: &mut Server, socket: &mut RawSocket) -> Result<bool, LinkError> {
         let Some(received) = socket.receive(&mut self.buffer)? else { return Ok(false) };
         let Some(frame) = self.buffer.get_mut(..received.len) else { return Ok(true) };
         match server.frame(received.at, frame) {
             Answer::Back { hold: None, .. } => socket.send(frame)?,
-            Answer::Back { hold: Some(due), .. } => self.held.push_back((due, frame.to_vec())),
-            Answer::Lost => {}
+            Answer::Back { hold: Some(due), .. } if self.held.len() < MOST_HELD => {
+                self.held.push_back((due, frame.to_vec()));
+            }
+            Answer::Back { .. } | Answer::Lost => {}
         }
         server.after(frame);
         self.distance = received.at - self.last_frame;
@@ -151,7 +197,7 @@ impl Service {
         let hide = (!self.caught_up && HIDE.contains(&self.distance))
             .then(|| self.last_frame + Nanos(self.distance.0 / 4 * 3));
         let held = self.held.front().map(|(due, _)| *due);
-        let until = [server.next_timeout(now), hide, held].into_iter().flatten().min();
+        let until = [server.next_timeout(now), hide, held, self.down].into_iter().flatten().min();
         // What is over already waits for nothing.
         let timeout = until.map(|until| Duration::from_nanos((until - now).0.max(0) as u64));
         let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());

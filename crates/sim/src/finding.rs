@@ -278,7 +278,9 @@ impl Kind {
             Kind::Judged(Judged::LeftOp { code, .. } | Judged::NotInOp { code, .. }) => Some(*code),
             Kind::Judged(Judged::Failed { code, .. }) => *code,
             Kind::Change(
-                SegmentChange::NotAdmitted { cause } | SegmentChange::NotRecovered { cause },
+                SegmentChange::LeftOut { cause }
+                | SegmentChange::NotAdmitted { cause }
+                | SegmentChange::NotRecovered { cause },
             ) => cause.al_status_code(),
             _ => None,
         }

@@ -218,7 +218,7 @@ fn run_for<T: Tap>(
 ) {
     let began = world.now();
     let end = began + duration;
-    let lost = world.main().statistics().frames_lost;
+    let lost = world.main().statistics().frames_missed();
     let mut told = began;
     while world.step(end) {
         take_events(world, notes);
@@ -228,7 +228,7 @@ fn run_for<T: Tap>(
         }
     }
     take_events(world, notes);
-    notes.lost = world.main().statistics().frames_lost - lost;
+    notes.lost = world.main().statistics().frames_missed() - lost;
 }
 
 fn take_events<T: Tap>(world: &mut World<Motion, T>, notes: &mut Notes) {
@@ -399,7 +399,8 @@ impl<T: Tap> Outcome<T> {
         let mut findings = Vec::new();
         let bench = &self.bench.devices()[position];
         let devices = &self.world.main().segment().devices;
-        let absent = self.is_optional(position) && !devices[position].admitted;
+        let left_out = devices[position].left_out.is_some();
+        let absent = (self.is_optional(position) || left_out) && !devices[position].admitted;
         // Who may come and go is on its way up or down now and then.
         let mut states = bench.states.iter();
         let left = match self.is_optional(position) {

@@ -98,6 +98,37 @@ vocabulary! {
     "no-first-inputs" NoFirstInputs,
     /// The mailbox is answered so much later.
     "slow-mailbox" SlowMailbox(Nanos),
+    /// SDO information is answered so: short (the headers alone), silent, garbage (another service), error
+    /// (of the mailbox) or abort.
+    "bad-information" BadInformation(BadAnswer),
+    /// SDO transfers of the object are answered so: short, silent, garbage, error or abort.
+    "bad-transfer" BadTransfer(u16, BadAnswer),
+}
+
+/// How a mailbox service is answered that is not answered right.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+pub enum BadAnswer {
+    /// By the CoE header and four bytes, whatever must stand behind them.
+    Short,
+    /// Not at all.
+    Silent,
+    /// By a command that is no answer to this request.
+    Garbage,
+    /// By a mailbox error.
+    Error,
+    /// By an abort with the general code.
+    Abort,
+}
+
+impl BadAnswer {
+    /// All of them, each with its word.
+    pub const WORDS: [(&'static str, Self); 5] = [
+        ("short", Self::Short),
+        ("silent", Self::Silent),
+        ("garbage", Self::Garbage),
+        ("error", Self::Error),
+        ("abort", Self::Abort),
+    ];
 }
 
 use Misbehaviour::*;
@@ -133,6 +164,22 @@ pub(crate) fn al_code(faults: &Faults, state: AlState, code: AlStatusCode) -> Al
 pub(crate) fn accepts(faults: &Faults, code: AlStatusCode, activation: u8) -> bool {
     faults.contains(&AcceptsSetup(code, None))
         || faults.contains(&AcceptsSetup(code, Some(activation)))
+}
+
+/// How transfers of an object are answered instead of right.
+pub(crate) fn bad_transfer(faults: &Faults, index: u16) -> Option<BadAnswer> {
+    number(faults, |fault| match *fault {
+        BadTransfer(at, answer) if at == index => Some(answer),
+        _ => None,
+    })
+}
+
+/// How SDO information is answered instead of right.
+pub(crate) fn bad_information(faults: &Faults) -> Option<BadAnswer> {
+    number(faults, |fault| match *fault {
+        BadInformation(answer) => Some(answer),
+        _ => None,
+    })
 }
 
 /// The first number that `of` finds.

@@ -192,9 +192,11 @@ fn first_inputs(c: &mut Case<'_, '_>) -> Done {
         return Err(Stop::Blocked { by: "MODE-02", why: al.to_string() });
     }
     // The buffer that was never written can't be read.
-    let status = c.t.register(isocat_wire::register::sm_status(3))?;
+    let register = isocat_wire::register::sm_status(c.s.inputs.sm);
+    let status = c.t.register(register)?;
     let none = isocat_wire::sync_manager::SyncManager::STATUS_BUFFER;
     let found = if status & none == none { "no buffer written" } else { "a buffer written" };
-    c.expect("0x081D", "a buffer written", found, status & none != none);
+    let place = format!("0x{:04X}", register.address);
+    c.expect(place, "a buffer written", found, status & none != none);
     Ok(())
 }

@@ -71,14 +71,15 @@ fn acknowledge(c: &mut Case<'_, '_>, state: AlState) -> Result<bool, Stop> {
 fn after_refusal(c: &mut Case<'_, '_>) -> Done {
     let mode = c.any_mode()?;
     c.prepare(mode, c.cycle())?;
-    let number = if c.s.outputs.len > 0 { 2 } else { 3 };
+    let is_output = c.s.outputs.len > 0;
+    let number = if is_output { c.s.outputs.sm } else { c.s.inputs.sm };
     let right = c.s.sync_manager(number);
     let wrong = SyncManager { length: right.length + 1, ..right };
     c.t.set_sync_manager(number, wrong)?;
     let al = c.t.change(AlState::SafeOp, STATE_PATIENCE)?;
     if !al.status.error() {
         return Err(Stop::Blocked {
-            by: if number == 2 { "AL-04" } else { "AL-05" },
+            by: if is_output { "AL-04" } else { "AL-05" },
             why: al.to_string(),
         });
     }
@@ -113,7 +114,7 @@ fn after_watchdog(c: &mut Case<'_, '_>) -> Done {
     if c.mode.uses_dc() || c.s.outputs.len == 0 {
         return Err(not_applicable("only outputs without SYNC0"));
     }
-    if c.s.sync_manager(2).control & SyncManager::CONTROL_WATCHDOG == 0 {
+    if c.s.sync_manager(c.s.outputs.sm).control & SyncManager::CONTROL_WATCHDOG == 0 {
         return Err(not_applicable("its SII asks for no watchdog"));
     }
     c.op_here()?;

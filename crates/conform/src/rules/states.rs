@@ -237,14 +237,14 @@ fn wrong_sync_manager(c: &mut Case<'_, '_>, number: usize, code: AlStatusCode) -
 fn wrong_sm2(c: &mut Case<'_, '_>) -> Done {
     match c.s.outputs.len {
         0 => Err(not_applicable("it has no outputs")),
-        _ => wrong_sync_manager(c, 2, AlStatusCode::INVALID_OUTPUT_CONFIGURATION),
+        _ => wrong_sync_manager(c, c.s.outputs.sm, AlStatusCode::INVALID_OUTPUT_CONFIGURATION),
     }
 }
 
 fn wrong_sm3(c: &mut Case<'_, '_>) -> Done {
     match c.s.inputs.len {
         0 => Err(not_applicable("it has no inputs")),
-        _ => wrong_sync_manager(c, 3, AlStatusCode::INVALID_INPUT_CONFIGURATION),
+        _ => wrong_sync_manager(c, c.s.inputs.sm, AlStatusCode::INVALID_INPUT_CONFIGURATION),
     }
 }
 
@@ -379,7 +379,7 @@ fn one_buffer(c: &mut Case<'_, '_>) -> Done {
         return Err(not_applicable("it has no process data, so no buffers"));
     }
     c.prepare(mode, c.cycle())?;
-    let number = if c.s.outputs.len > 0 { 2 } else { 3 };
+    let number = if c.s.outputs.len > 0 { c.s.outputs.sm } else { c.s.inputs.sm };
     let right = c.s.sync_manager(number);
     let control = right.control & !0x03 | SyncManager::CONTROL_MAILBOX;
     c.t.set_sync_manager(number, SyncManager { control, ..right })?;
@@ -392,9 +392,9 @@ fn watchdog_disagrees(c: &mut Case<'_, '_>) -> Done {
     }
     let mode = c.any_mode()?;
     c.prepare(mode, c.cycle())?;
-    let right = c.s.sync_manager(2);
+    let right = c.s.sync_manager(c.s.outputs.sm);
     let control = right.control | SyncManager::CONTROL_WATCHDOG;
-    c.t.set_sync_manager(2, SyncManager { control, ..right })?;
+    c.t.set_sync_manager(c.s.outputs.sm, SyncManager { control, ..right })?;
     let time = c.t.register(register::WATCHDOG_TIME_PROCESS_DATA)?;
     c.t.set(register::WATCHDOG_TIME_PROCESS_DATA, 0)?;
     refuses_safe_op(c, "0x0420 = 0", AlStatusCode::INVALID_WATCHDOG_CONFIGURATION)?;
@@ -474,7 +474,7 @@ fn watchdog(c: &mut Case<'_, '_>) -> Done {
     if c.mode.uses_dc() {
         return Err(not_applicable("with SYNC0 the order is lost before"));
     }
-    if c.s.sync_manager(2).control & SyncManager::CONTROL_WATCHDOG == 0 {
+    if c.s.sync_manager(c.s.outputs.sm).control & SyncManager::CONTROL_WATCHDOG == 0 {
         return Err(not_applicable("its SII asks for no watchdog"));
     }
     c.op_here()?;

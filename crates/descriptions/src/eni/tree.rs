@@ -9,6 +9,8 @@ use roxmltree::{Document, Node, ParsingOptions};
 
 use super::warning::{Warning, WarningKind};
 use crate::document::{FileError, Source};
+use crate::esi::guard;
+use crate::limits;
 
 /// The text of a file, and whether something stands before its declaration.
 pub(super) fn decode<'a>(path: &str, bytes: &'a [u8]) -> Result<(Cow<'a, str>, bool)> {
@@ -16,10 +18,7 @@ pub(super) fn decode<'a>(path: &str, bytes: &'a [u8]) -> Result<(Cow<'a, str>, b
         let before = String::from_utf8_lossy(&bytes[..at]);
         Source { path, text: &before }.error(before.len(), message)
     };
-    if bytes.len() > LARGEST {
-        let size = bytes.len();
-        return Err(error(0, format!("{size} bytes; expected at most {LARGEST}")));
-    }
+    limits::check(path, bytes.len(), limits::XML)?;
     let bytes = bytes.strip_prefix(&[0xEF, 0xBB, 0xBF]).unwrap_or(bytes);
     if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) {
         return Err(error(0, "UTF-16; expected UTF-8 or ISO-8859-1".into()));
@@ -52,7 +51,9 @@ pub(super) fn decode<'a>(path: &str, bytes: &'a [u8]) -> Result<(Cow<'a, str>, b
 /// The tree of a text. A declaration that is not at its beginning is taken all the same.
 pub(super) fn parse<'a>(path: &str, text: &'a str) -> Result<(Document<'a>, usize)> {
     let start = text.len() - text.trim_start().len();
-    let options = ParsingOptions { nodes_limit: MOST_NODES, ..ParsingOptions::default() };
+    guard(&text[start..])
+        .map_err(|problem| Source { path, text }.error(start + problem.at, problem.message))?;
+    let options = ParsingOptions { nodes_limit: limits::NODES, ..ParsingOptions::default() };
     match Document::parse_with_options(&text[start..], options) {
         Ok(document) => Ok((document, start)),
         Err(error) => {
@@ -193,7 +194,3 @@ pub(super) fn text(node: Node) -> String {
 pub(super) fn text_of(of: Node, name: &str) -> String {
     child(of, name).map(text).unwrap_or_default()
 }
-
-/// A file of ten thousand SubDevices has a tenth of it.
-const LARGEST: usize = 64 << 20;
-const MOST_NODES: u32 = 10_000_000;

@@ -8,9 +8,11 @@ use std::borrow::Cow;
 
 use roxmltree::{Document, Node, ParsingOptions};
 
+use crate::limits::{ATTRIBUTES, DEPTH, NAMESPACES, NODES};
+
 /// A problem and the byte of the text at which it is.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Problem {
+pub(crate) struct Problem {
     pub at: usize,
     pub message: String,
 }
@@ -32,11 +34,11 @@ pub(super) enum Malformed {
 /// The tree of a text.
 pub(super) fn parse(text: &str) -> Result<Document<'_>, Malformed> {
     guard(text).map_err(Malformed::At)?;
-    let options = ParsingOptions { nodes_limit: MOST_NODES, ..ParsingOptions::default() };
+    let options = ParsingOptions { nodes_limit: NODES, ..ParsingOptions::default() };
     Document::parse_with_options(text, options).map_err(|error| match error {
         roxmltree::Error::NodesLimitReached => Malformed::At(Problem::new(
             text.len(),
-            format!("more than {MOST_NODES} elements and texts; expected fewer"),
+            format!("more than {NODES} elements and texts; expected fewer"),
         )),
         error => {
             let place = error.pos();
@@ -50,7 +52,7 @@ pub(super) fn parse(text: &str) -> Result<Document<'_>, Malformed> {
 }
 
 /// Refuses what makes parsing expensive, in one pass over the text.
-fn guard(text: &str) -> Result<(), Problem> {
+pub(crate) fn guard(text: &str) -> Result<(), Problem> {
     let bytes = text.as_bytes();
     let (mut at, mut depth, mut namespaces) = (0, 0_usize, 0_usize);
     while let Some(next) = find(bytes, at, b'<') {
@@ -72,24 +74,22 @@ fn guard(text: &str) -> Result<(), Problem> {
             }
             _ => {
                 let Some(tag) = tag(bytes, next) else { return Ok(()) };
-                if tag.attributes > MOST_ATTRIBUTES {
-                    let message = format!(
-                        "{} attributes; expected at most {MOST_ATTRIBUTES}",
-                        tag.attributes
-                    );
+                if tag.attributes > ATTRIBUTES {
+                    let message =
+                        format!("{} attributes; expected at most {ATTRIBUTES}", tag.attributes);
                     return Err(Problem::new(next, message));
                 }
                 namespaces += tag.namespaces;
-                if namespaces > MOST_NAMESPACES {
-                    let message = format!("more than {MOST_NAMESPACES} declarations of namespaces");
+                if namespaces > NAMESPACES {
+                    let message = format!("more than {NAMESPACES} declarations of namespaces");
                     return Err(Problem::new(next, message));
                 }
                 if bytes[tag.end - 2] != b'/' {
                     depth += 1;
                 }
-                if depth > DEEPEST {
+                if depth > DEPTH {
                     let message =
-                        format!("elements are nested {depth} deep; expected at most {DEEPEST}");
+                        format!("elements are nested {depth} deep; expected at most {DEPTH}");
                     return Err(Problem::new(next, message));
                 }
                 Some(tag.end)
@@ -196,11 +196,3 @@ impl<'a> Element<'a> {
         }
     }
 }
-
-/// The schema nests 15 deep.
-const DEEPEST: usize = 64;
-/// The schema's richest element has 15.
-const MOST_ATTRIBUTES: usize = 64;
-const MOST_NAMESPACES: usize = 64;
-/// A description of 4 MB has 200 000; this many take some 300 MB.
-const MOST_NODES: u32 = 4_000_000;

@@ -189,7 +189,7 @@ pub(super) fn note(
             ("cycles were skipped: the machine woke more than a cycle late", {
                 end.cycles_skipped - begin.cycles_skipped
             }),
-            ("frames did not come back", end.frames_lost - begin.frames_lost),
+            ("frames did not come back in time", end.frames_missed() - begin.frames_missed()),
             ("datagrams had a wrong working counter", {
                 end.working_counter_errors - begin.working_counter_errors
             }),
@@ -221,7 +221,8 @@ pub(super) fn note(
         ));
     }
     if let Some((before, after)) = traffic {
-        let late = total.frames_late + total.frames_echoed + figures.too_late;
+        let late =
+            total.frames_late + total.frames_unexpected + total.frames_echoed + figures.too_late;
         let ours = total.frames_received + total.frames_foreign + late;
         let came = (after.received - before.received).saturating_sub(ours);
         // What another program sends on the same interface may be EtherCAT too.

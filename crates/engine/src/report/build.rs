@@ -31,6 +31,7 @@ impl Report {
             verdict: verdict(scenario, outcome, &devices, &findings),
             findings,
             visits: told(scenario, &outcome.visits),
+            services: services::notes(&outcome.world.main().segment().devices),
             cycle_ns: scenario.cycle.0,
             judged_ns: if outcome.began.is_some() { scenario.duration.0 } else { 0 },
             segment: segment(outcome),
@@ -267,6 +268,7 @@ fn registers<T: Tap>(outcome: &Outcome<T>, position: usize) -> DeviceRegisters {
     DeviceRegisters {
         al_status: found.map_or(StateRead::NotScanned, |device| match device.admitted {
             true => StateRead::Status(device.al_status),
+            false if device.left_out.is_some() => StateRead::Status(device.al_status),
             false if outcome.joining[position] => StateRead::Joining,
             false => StateRead::Absent,
         }),

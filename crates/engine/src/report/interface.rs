@@ -16,7 +16,9 @@ use serde::Serialize;
 
 use super::quality::Quality;
 use super::typed;
-use super::{Counters, DeviceRegisters, Finding, PlanLine, SegmentMainDevice, SegmentPlan, Span};
+use super::{
+    Counters, DeviceRegisters, Finding, PlanLine, SegmentMainDevice, SegmentPlan, ServiceNote, Span,
+};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-interface-report/5";
@@ -48,6 +50,8 @@ pub struct InterfaceReport {
     pub findings: Vec<Finding>,
     /// What is no reason for the verdict but may explain it.
     pub notes: Vec<String>,
+    /// Optional services that SubDevices answered badly, and what was taken instead; nothing against the segment.
+    pub services: Vec<ServiceNote>,
     /// What ended the run: time, signal, bring-up, silence, interface.
     #[serde(serialize_with = "typed::text")]
     #[schemars(with = "String")]

@@ -178,6 +178,7 @@ impl Report {
             ));
         }
         notes.extend(self.visits.iter().take(MOST_FINDINGS).map(Finding::sentence));
+        notes.extend(self.services.iter().take(MOST_FINDINGS).map(|note| note.what.clone()));
         if let Some(reference) = self.segment.main_device.reference {
             notes.push(format!(
                 "SubDevice {reference} is the reference clock: its own SYNC0 edges do not spread, they lie \

@@ -2,6 +2,7 @@
 //!
 //! Nothing reads these sentences but people. Programs, diagnoses and pages go by the kind.
 
+use isocat_maindevice::SegmentChange;
 use isocat_sim::{Judged, Kind};
 use isocat_wire::time::{Nanos, Picos};
 
@@ -166,7 +167,11 @@ pub(super) fn verdict(findings: &[Finding]) -> Option<String> {
         0 => String::new(),
         more => format!("; {more} more below"),
     };
-    Some(format!("Not in sync: {}{others}.", first.sentence()))
+    let left_out =
+        |finding: &Finding| matches!(finding.kind, Kind::Change(SegmentChange::LeftOut { .. }));
+    // What was asked for with the wish to go on without those that fail.
+    let head = if findings.iter().all(left_out) { "In sync except" } else { "Not in sync" };
+    Some(format!("{head}: {}{others}.", first.sentence()))
 }
 
 impl Finding {

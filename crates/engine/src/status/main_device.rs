@@ -191,7 +191,8 @@ impl Scribe {
         host.rate_ppm = main.rate_ppb().map(|ppb| ppb as f64 / 1e3);
         host.cycles = counts.cycles;
         host.frames_sent = counts.frames_sent;
-        host.frames_lost = counts.frames_lost;
+        // Of those that are late only it was not known that they would come.
+        host.frames_lost = counts.frames_missed();
         host.working_counter_errors = counts.working_counter_errors;
         host.cycles_skipped = counts.cycles_skipped;
         host.locks_lost = self.locks_lost;

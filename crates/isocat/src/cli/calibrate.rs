@@ -108,8 +108,8 @@ impl Arguments {
             let name = path.display();
             let text = report.profile(self.device);
             let text = text.map_err(|why| format!("--profile {name} was not written: {why}"))?;
-            std::fs::write(path, text)
-                .map_err(|error| format!("--profile {name} can't be written: {error}"))?;
+            super::output::write(path, text)
+                .map_err(|error| super::run::unwritable("profile", Some(path), &error))?;
         }
         Ok(match report.complete {
             _ if code == BAD_INPUT => BAD_INPUT,

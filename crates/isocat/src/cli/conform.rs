@@ -1,18 +1,21 @@
 //! `isocat conform`.
 
+use std::cell::Cell;
 use std::path::PathBuf;
 
 use clap::Args;
 use isocat_conform as conform;
-use isocat_conform::report::{ConformanceReport, DeviceReport, list};
+use isocat_conform::Progress;
+use isocat_conform::report::{ConformanceReport, DeviceReport, heading, list};
 use isocat_conform::rules::{self, Rule};
 use isocat_conform::subject::Hints;
 use isocat_conform::wire::{VirtualWire, Wire};
+use isocat_descriptions::limits;
 use isocat_segment::profile;
 use isocat_segment::segment_file::{SubDevice, vocabulary};
 use isocat_segment::{Scenario, SegmentFile};
 
-use super::run::{command, is_page, write_report};
+use super::run::{command, is_page, unwritable, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 
 const EXAMPLES: &str = "\
@@ -24,7 +27,10 @@ Examples:
   isocat conform --list                     the rules, without trying them; --faults: what breaks them
   isocat conform --interface eth0           what is on a real wire (root)
 
-Exit code: 0 every rule that applies holds, 1 one does not, 2 bad input.";
+Results are printed as they come. Ctrl-C ends the suite: what was found until then is kept, the rest is \"not judged\", as are
+rules during which frames were lost or late.
+
+Exit code: 0 every rule that applies holds, 1 one does not or was not judged, 2 bad input.";
 
 /// Arguments of `conform`.
 #[derive(Args, Debug)]
@@ -88,11 +94,12 @@ impl Arguments {
             return Ok(print(&lines.collect::<String>()));
         }
         let file = self.subject.as_deref().map(segment).transpose()?;
-        let (source, devices) = self.examine(file)?;
+        let printed = Cell::new(IN_SYNC);
+        let (source, devices) = self.examine(file, &printed)?;
         let report = ConformanceReport::new(&source, devices);
         if let Some(path) = &self.junit {
-            std::fs::write(path, report.junit())
-                .map_err(|error| format!("{} can't be written: {error}", path.display()))?;
+            super::output::write(path, report.junit())
+                .map_err(|error| unwritable("JUnit", Some(path), &error))?;
         }
         let page = is_page(self.report.as_deref()).then(|| {
             let mut words = vec!["isocat", "conform"];
@@ -105,10 +112,8 @@ impl Arguments {
             crate::html::conform::page(&report, &command(&words))
         });
         write_report(self.report.as_deref(), &report, &report.text(), page.as_ref())?;
-        let code = print(&match self.json {
-            true => super::run::json(&report),
-            false => report.text(),
-        });
+        // The text is there already.
+        let code = if self.json { print(&super::run::json(&report)) } else { printed.get() };
         Ok(match code {
             IN_SYNC if !report.passed => NOT_IN_SYNC,
             BAD_INPUT => BAD_INPUT,
@@ -117,11 +122,16 @@ impl Arguments {
     }
 
     #[cfg(target_os = "linux")]
-    fn examine(&self, file: Option<SegmentFile>) -> Result<(String, Vec<DeviceReport>), String> {
-        let Some(interface) = &self.interface else { return self.examine_virtual(file) };
+    fn examine(
+        &self,
+        file: Option<SegmentFile>,
+        printed: &Cell<u8>,
+    ) -> Result<(String, Vec<DeviceReport>), String> {
+        let Some(interface) = &self.interface else { return self.examine_virtual(file, printed) };
         let socket = isocat_host::RawSocket::open(interface, self.netns.as_deref())
             .map_err(|error| error.to_string())?;
-        let mut wire = conform::wire::RawWire::new(socket);
+        let stop = super::interface::stop_on_signals().map_err(|error| error.to_string())?;
+        let mut wire = conform::wire::RawWire::new(socket).until(stop);
         let found = conform::count(&mut wire)?;
         let expected = file.as_ref().map_or(usize::from(found), |file| file.subdevices.len());
         if usize::from(found) != expected || found == 0 {
@@ -129,18 +139,23 @@ impl Arguments {
             return Err(format!("{interface}: {found} SubDevices answer, expected {least}"));
         }
         let devices = file.map(|file| file.subdevices).unwrap_or_default();
-        let reports = self.examine_each(&mut wire, found, &devices)?;
+        let reports = self.examine_each(&mut wire, found, &devices, printed)?;
         Ok((interface.clone(), reports))
     }
 
     #[cfg(not(target_os = "linux"))]
-    fn examine(&self, file: Option<SegmentFile>) -> Result<(String, Vec<DeviceReport>), String> {
-        self.examine_virtual(file)
+    fn examine(
+        &self,
+        file: Option<SegmentFile>,
+        printed: &Cell<u8>,
+    ) -> Result<(String, Vec<DeviceReport>), String> {
+        self.examine_virtual(file, printed)
     }
 
     fn examine_virtual(
         &self,
         file: Option<SegmentFile>,
+        printed: &Cell<u8>,
     ) -> Result<(String, Vec<DeviceReport>), String> {
         let file = file.ok_or(
             "a device or a segment file is needed\nisocat devices lists the built-in ones",
@@ -149,7 +164,7 @@ impl Arguments {
         let (source, devices) = (scenario.source.clone(), scenario.devices.clone());
         let count = u16::try_from(devices.len()).unwrap_or(u16::MAX);
         let mut wire = VirtualWire::new(scenario);
-        Ok((source, self.examine_each(&mut wire, count, &devices)?))
+        Ok((source, self.examine_each(&mut wire, count, &devices, printed)?))
     }
 
     fn examine_each(
@@ -157,8 +172,8 @@ impl Arguments {
         wire: &mut dyn Wire,
         count: u16,
         devices: &[SubDevice],
+        printed: &Cell<u8>,
     ) -> Result<Vec<DeviceReport>, String> {
-        let slow = self.is_slow();
         let bar = super::run::progress_bar(isocat_wire::Nanos(0));
         let mut reports = Vec::new();
         for position in 0..count {
@@ -167,30 +182,24 @@ impl Arguments {
             let hints = device.map(Hints::of).transpose().map_err(|error| error.to_string())?;
             let hints = hints.unwrap_or_default();
             let wants = |rule: &Rule| self.wants(rule);
-            let mut group = "";
-            let report = conform::examine(wire, position, &name, &hints, wants, |rule| {
-                let now = rule.id.split('-').next().unwrap_or(rule.id);
-                // On a real wire a group takes its time-outs: whoever reads a log wants to see it move.
-                if bar.is_hidden() && slow && now != group {
-                    eprintln!("{name}: {now}");
-                    group = now;
+            // On a real wire a group takes its time-outs, so results are printed as they come.
+            let show = |text: String| {
+                if !self.json && printed.get() == IN_SYNC {
+                    printed.set(bar.suspend(|| print(&text)));
                 }
-                bar.set_message(format!("{name}: {}", rule.id));
-            });
-            reports.push(report?);
+            };
+            let report = conform::examine(wire, position, &name, &hints, wants, |now| match now {
+                Progress::Begins(examined, modes) => {
+                    show(heading(&name, position, examined, modes))
+                }
+                Progress::Trying(rule) => bar.set_message(format!("{name}: {}", rule.id)),
+                Progress::Done(result) => show(result.text()),
+            })?;
+            show(report.summary());
+            reports.push(report);
         }
         bar.finish_and_clear();
         Ok(reports)
-    }
-
-    #[cfg(target_os = "linux")]
-    fn is_slow(&self) -> bool {
-        self.interface.is_some()
-    }
-
-    #[cfg(not(target_os = "linux"))]
-    fn is_slow(&self) -> bool {
-        false
     }
 
     fn wants(&self, rule: &Rule) -> bool {
@@ -206,7 +215,7 @@ fn is_named(rule: &Rule, name: &str) -> bool {
 /// A segment with a built-in device, or a segment file.
 fn segment(name: &str) -> Result<SegmentFile, String> {
     if name.ends_with(".toml") || name.contains('/') {
-        let is_profile = std::fs::read_to_string(name)
+        let is_profile = limits::read_text(name, limits::TOML)
             .is_ok_and(|text| text.lines().any(|line| line.trim() == "[identity]"));
         if !is_profile {
             return SegmentFile::read(name).map_err(|error| error.to_string());

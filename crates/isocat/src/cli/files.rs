@@ -1,8 +1,7 @@
 //! The files that a simulated run writes as it goes: captures, waveforms, traces, series.
 
-use std::fs::File;
 use std::io::{self, BufWriter};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use isocat_engine::recording::Recording;
@@ -19,6 +18,7 @@ use isocat_sim::observation::Observation;
 use isocat_sim::{Lost, Segment, Tap};
 use isocat_wire::time::{Time, True};
 
+use super::output::Output;
 use super::run::{Arguments, unwritable};
 
 /// Arguments of `run` for its files, beside `--capture` and `--waves`.
@@ -94,6 +94,8 @@ pub struct Files {
     waves: Option<Waves>,
     trace: Option<Trace>,
     series: Option<Series>,
+    /// Where the four are written, in this order.
+    outputs: [Option<Output>; 4],
     /// What the page of the report is made of, if one is wanted.
     pub recording: Option<Recording>,
 }
@@ -105,59 +107,82 @@ impl Files {
         options.check(scenario.devices.len())?;
         let form = options.table_form()?;
         let names: Vec<String> = scenario.devices.iter().map(|d| d.name.clone()).collect();
-        let capture = |path: &Path| {
-            Capture::create(path)?.with_names(names.clone()).with_probes(&options.tap)
+        let asked = [&arguments.capture, &arguments.waves, &options.trace, &options.series];
+        let mut outputs = [const { None }; 4];
+        for ((output, path), what) in outputs.iter_mut().zip(asked).zip(WHAT) {
+            *output = path
+                .as_deref()
+                .map(Output::create)
+                .transpose()
+                .map_err(|error| unwritable(what, path.as_deref(), &error))?;
+        }
+        let [capture, waves, trace, series] = &outputs;
+        let failed = |number: usize| {
+            move |error: io::Error| unwritable(WHAT[number], asked[number].as_deref(), &error)
         };
-        let series = |path: &Path| Ok(Series::new(table(path, form)?, names.clone()));
-        let waves = |path: &Path| Waves::create(path, names.clone());
-        let trace = |path: &Path| Trace::create(path, &names);
+        let capture = capture.as_ref().map(|output| {
+            Capture::new(buffered(output)?)?.with_names(names.clone()).with_probes(&options.tap)
+        });
+        let waves = waves.as_ref().map(|output| Ok(Waves::new(buffered(output)?, names.clone())));
+        let trace = trace.as_ref().map(|output| Trace::new(buffered(output)?, &names));
+        let series =
+            series.as_ref().map(|output| Ok(Series::new(table(output, form)?, names.clone())));
         Ok(Self {
-            capture: open("capture", arguments.capture.as_ref(), capture)?,
-            waves: open("waves", arguments.waves.as_ref(), waves)?,
-            trace: open("trace", options.trace.as_ref(), trace)?,
-            series: open("series", options.series.as_ref(), series)?,
+            capture: capture.transpose().map_err(failed(0))?,
+            waves: waves.transpose().map_err(failed(1))?,
+            trace: trace.transpose().map_err(failed(2))?,
+            series: series.transpose().map_err(failed(3))?,
+            outputs,
             recording: None,
         })
     }
 
     /// Writes what is left; gives the recording back.
     pub fn finish(self, arguments: &Arguments) -> Result<Option<Recording>, String> {
-        let Self { capture, waves, trace, series, recording } = self;
+        let Self { capture, waves, trace, series, outputs, recording } = self;
         let options = &arguments.files;
-        for (what, path, ended) in [
-            ("capture", &arguments.capture, capture.map(|capture| capture.finish().map(drop))),
-            ("waves", &arguments.waves, waves.map(Waves::finish)),
-            ("trace", &options.trace, trace.map(Trace::finish)),
-            ("series", &options.series, series.map(Series::finish)),
-        ] {
-            if let Some(Err(error)) = ended {
-                return Err(unwritable(what, path.as_deref(), &error));
+        let asked = [&arguments.capture, &arguments.waves, &options.trace, &options.series];
+        let ended = [
+            capture.map(|capture| capture.finish().map(drop)),
+            waves.map(Waves::finish),
+            trace.map(Trace::finish),
+            series.map(Series::finish),
+        ];
+        // One that can't be written does not take the others with it.
+        let mut failed = None;
+        for (number, (ended, output)) in ended.into_iter().zip(outputs).enumerate() {
+            let (Some(ended), Some(output)) = (ended, output) else { continue };
+            if let Err(error) = ended.and_then(|()| output.commit()) {
+                failed.get_or_insert_with(|| {
+                    unwritable(WHAT[number], asked[number].as_deref(), &error)
+                });
             }
         }
-        Ok(recording)
+        match failed {
+            Some(message) => Err(message),
+            None => Ok(recording),
+        }
     }
 
     fn taps(&mut self) -> impl Iterator<Item = &mut dyn Tap> {
         fn one<T: Tap>(tap: &mut Option<T>) -> Option<&mut dyn Tap> {
             tap.as_mut().map(|tap| tap as &mut dyn Tap)
         }
-        let Self { capture, waves, trace, series, recording } = self;
+        let Self { capture, waves, trace, series, recording, .. } = self;
         let all = [one(capture), one(waves), one(trace), one(series), one(recording)];
         all.into_iter().flatten()
     }
 }
 
-fn open<T>(
-    what: &str,
-    path: Option<&PathBuf>,
-    create: impl FnOnce(&Path) -> io::Result<T>,
-) -> Result<Option<T>, String> {
-    let made = path.map(|path| create(path)).transpose();
-    made.map_err(|error| unwritable(what, path.map(PathBuf::as_path), &error))
+/// What messages call the files.
+const WHAT: [&str; 4] = ["capture", "waves", "trace", "series"];
+
+fn buffered(output: &Output) -> io::Result<BufWriter<std::fs::File>> {
+    Ok(BufWriter::new(output.file()?))
 }
 
-fn table(path: &Path, form: TableForm) -> io::Result<Box<dyn Table>> {
-    let output = BufWriter::new(File::create(path)?);
+fn table(output: &Output, form: TableForm) -> io::Result<Box<dyn Table>> {
+    let output = buffered(output)?;
     Ok(match form {
         TableForm::Csv => Box::new(Csv::new(output)?),
         TableForm::Parquet => Box::new(Parquet::new(output)?),

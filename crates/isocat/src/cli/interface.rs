@@ -1,7 +1,8 @@
 //! `isocat run --interface`: the main job on a real wire.
 
+use std::io::BufWriter;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -19,6 +20,7 @@ use isocat_sim::run::Progress;
 use isocat_wire::Nanos;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+use super::output::Output;
 use super::run::{
     Arguments, argument, command, duration, is_page, progress_bar, refusal, unwritable,
     write_report,
@@ -164,10 +166,13 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
         Err(error) => return fail(&format!("signals can't be caught: {error}")),
     };
     let bar = progress_bar(asked.duration);
-    let path = arguments.capture.as_deref();
-    let capture = path.map(|path| Capture::create_of_interface(path, interface)).transpose();
-    let recorder = match capture {
-        Ok(capture) => capture.map(|capture| Recorder::new(CaptureSink(capture))),
+    let begin = |path: &Path| {
+        let output = Output::create(path)?;
+        let capture = Capture::of_interface(BufWriter::new(output.file()?), interface)?;
+        Ok((Recorder::new(CaptureSink(capture)), output))
+    };
+    let (recorder, capture) = match arguments.capture.as_deref().map(begin).transpose() {
+        Ok(begun) => begun.unzip(),
         Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
     };
     let (scribe, _metrics) = match arguments.metrics {
@@ -196,7 +201,7 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     });
     bar.finish_and_clear();
     match outcome {
-        Ok(outcome) => finish(arguments, &scenario, asked, outcome),
+        Ok(outcome) => finish(arguments, &scenario, asked, outcome, capture),
         Err(error) => fail(&error.to_string()),
     }
 }
@@ -240,6 +245,7 @@ pub(super) fn config(options: &Options, scenario: &Scenario) -> Config {
         true => Config {
             drift_compensation: scenario.drift_compensation,
             force: scenario.force,
+            tolerate: scenario.tolerate,
             ..Config::new(options.cycle.unwrap_or(DEFAULT_CYCLE))
         },
         false => scenario.config(),
@@ -253,15 +259,19 @@ fn finish(
     scenario: &Scenario,
     asked: Asked<'_>,
     mut outcome: Outcome,
+    capture: Option<Output>,
 ) -> u8 {
-    let capture: Option<&PathBuf> = arguments.capture.as_ref();
-    match outcome.recorder.take().map(Recorder::finish) {
+    let written = outcome.recorder.take().map(|recorder| {
+        let dropped = recorder.finish()?;
+        capture.map(Output::commit).transpose().map(|_| dropped)
+    });
+    match written {
         None | Some(Ok(0)) => {}
         Some(Ok(dropped)) => outcome
             .notes
             .push(format!("{dropped} frames are not in the capture: the disk was too slow")),
         Some(Err(error)) => {
-            return fail(&unwritable("capture", capture.map(PathBuf::as_path), &error));
+            return fail(&unwritable("capture", arguments.capture.as_deref(), &error));
         }
     }
     let report = InterfaceReport::new(asked, &outcome);
@@ -273,6 +283,7 @@ fn finish(
         words.extend(asked.namespace.iter().flat_map(|namespace| ["--netns", namespace]));
         words.extend(arguments.wire.any.then_some("--any"));
         words.extend(["--for", &duration]);
+        words.extend(arguments.tolerate.then_some("--tolerate"));
         html::interface::page(&report, &outcome.segment, &command(&words))
     });
     let (path, page) = (arguments.report.as_deref(), page.as_ref());

@@ -70,8 +70,8 @@ pub fn run(arguments: &Arguments) -> u8 {
     };
     if let Some(path) = &arguments.eni {
         let text = eni::write(&plan.start_up(&scenario));
-        if let Err(error) = std::fs::write(path, text) {
-            return fail(&format!("{} can't be written: {error}", path.display()));
+        if let Err(error) = super::output::write(path, text) {
+            return fail(&super::run::unwritable("ENI", Some(path), &error));
         }
     }
     if arguments.start_up {

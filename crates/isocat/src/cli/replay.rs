@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use isocat_descriptions::limits;
 use isocat_engine::replay::{Told, replay};
 use isocat_recorders::reading::Reading;
 use isocat_segment::SegmentFile;
@@ -49,9 +50,9 @@ pub struct Arguments {
 /// Replays; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let path = arguments.capture.display().to_string();
-    let bytes = match std::fs::read(&arguments.capture) {
+    let bytes = match limits::read(&path, limits::CAPTURE) {
         Ok(bytes) => bytes,
-        Err(error) => return fail(&format!("{path} can't be read: {error}")),
+        Err(error) => return fail(&error.to_string()),
     };
     let reading = match Reading::of(&bytes) {
         Ok(reading) => reading,

@@ -68,6 +68,10 @@ pub struct Arguments {
     pub waves: Option<PathBuf>,
     #[command(flatten)]
     pub files: super::files::Options,
+    /// Go on without devices that fail on the way up: each is named with the cause, the others run and are judged;
+    /// exit 1 if any was left out that the segment file does not call optional
+    #[arg(long)]
+    pub tolerate: bool,
     /// For testing: let the clocks run apart
     #[arg(long)]
     no_drift_compensation: bool,
@@ -219,7 +223,7 @@ pub(crate) fn write_report(
         (Some("html" | "htm"), Some(page)) => page.render(),
         _ => anstream::adapter::strip_str(text).to_string(),
     };
-    std::fs::write(path, content).map_err(|error| unwritable("report", Some(path), &error))
+    super::output::write(path, content).map_err(|error| unwritable("report", Some(path), &error))
 }
 
 /// Whether a report is wanted as a page.
@@ -275,6 +279,7 @@ impl Arguments {
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.drift_law = self.drift_law.or(scenario.drift_law);
         scenario.force = self.force;
+        scenario.tolerate = self.tolerate;
         scenario.drift_compensation &= !self.no_drift_compensation;
         Ok(scenario)
     }
@@ -292,8 +297,11 @@ impl Arguments {
         words.extend(["--for", &duration, "--seed", &seed]);
         let law = self.drift_law.map(|law| law.to_string());
         words.extend(law.iter().flat_map(|law| ["--drift-law", law]));
-        let flags =
-            [(self.no_drift_compensation, "--no-drift-compensation"), (self.force, "--force")];
+        let flags = [
+            (self.tolerate, "--tolerate"),
+            (self.no_drift_compensation, "--no-drift-compensation"),
+            (self.force, "--force"),
+        ];
         words.extend(flags.iter().filter(|(given, _)| *given).map(|(_, flag)| *flag));
         command(&words)
     }
@@ -324,7 +332,12 @@ impl Arguments {
 
 pub(crate) fn unwritable(what: &str, path: Option<&Path>, error: &std::io::Error) -> String {
     let path = path.map_or(String::new(), |path| path.display().to_string());
-    format!("the {what} file {path} can't be written: {error}")
+    match error.kind() {
+        std::io::ErrorKind::StorageFull => {
+            format!("the {what} file {path} can't be written: no space left on its disk")
+        }
+        _ => format!("the {what} file {path} can't be written: {error}"),
+    }
 }
 
 /// Shown on a terminal only, and only if the run takes a while.

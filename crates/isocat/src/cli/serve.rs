@@ -1,8 +1,9 @@
 //! `isocat serve`.
 
+use std::cell::Cell;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 
 use clap::Args;
 use isocat_esc::DriftLaw;
@@ -75,9 +76,9 @@ pub fn run(arguments: &Arguments) -> u8 {
         (None, None) => return fail("expected --interface or --setup-veth"),
     };
     if let Some(path) = &arguments.report
-        && let Err(error) = std::fs::OpenOptions::new().append(true).create(true).open(path)
+        && let Err(error) = super::output::probe(path)
     {
-        return fail(&format!("the report file {} can't be written: {error}", path.display()));
+        return fail(&super::run::unwritable("report", Some(path), &error));
     }
     if control::is_served(&path) {
         return fail(&format!("another isocat serves on {interface} already ({})", path.display()));
@@ -135,18 +136,23 @@ fn finish(arguments: &Arguments, summary: &Summary) -> u8 {
             Some("html" | "htm") => crate::html::serve::page(summary).render(),
             _ => anstream::adapter::strip_str(&summary.text()).to_string(),
         };
-        if let Err(error) = std::fs::write(path, text) {
+        if let Err(error) = super::output::write(path, text) {
             // Nobody shall lose the summary for it.
             print(&if arguments.json { json(false) } else { summary.text() });
-            return fail(&format!("the report file {} can't be written: {error}", path.display()));
+            return fail(&super::run::unwritable("report", Some(path), &error));
         }
     }
     print(&if arguments.json { json(false) } else { summary.text() })
 }
 
+/// Lines that may wait for a reader.
+const MOST_LINES: usize = 65_536;
+
 /// Says what happens, on a thread of its own: nobody who does not read may hold up a frame.
 struct Teller {
-    lines: Option<Sender<String>>,
+    lines: Option<SyncSender<String>>,
+    /// Lines that were left out, as nobody reads.
+    left_out: Cell<u64>,
     writer: Option<std::thread::JoinHandle<()>>,
     json: bool,
     status: bool,
@@ -157,7 +163,7 @@ struct Teller {
 
 impl Teller {
     fn new(json: bool, began: Time<Host>, segment: String) -> Self {
-        let (sender, receiver) = channel::<String>();
+        let (sender, receiver) = sync_channel::<String>(MOST_LINES);
         let status = !json && std::io::stdout().is_terminal();
         let writer = std::thread::spawn(move || {
             let mut out = anstream::stdout();
@@ -166,13 +172,16 @@ impl Teller {
                 let _ = out.write_all(line.as_bytes()).and_then(|()| out.flush());
             }
         });
-        Self { lines: Some(sender), writer: Some(writer), json, status, began, frames: 0, segment }
+        let (lines, writer, left_out) = (Some(sender), Some(writer), Cell::new(0));
+        Self { lines, left_out, writer, json, status, began, frames: 0, segment }
     }
 
     fn say(&self, line: String) {
-        if let Some(lines) = &self.lines {
-            // The writer lives as long as this.
-            let _ = lines.send(if self.status { format!("\r\x1b[K{line}\n") } else { line + "\n" });
+        let Some(lines) = &self.lines else { return };
+        let line = if self.status { format!("\r\x1b[K{line}\n") } else { line + "\n" };
+        // What waits for a reader is bounded; the writer lives as long as this.
+        if lines.try_send(line).is_err() {
+            self.left_out.set(self.left_out.get() + 1);
         }
     }
 
@@ -196,6 +205,9 @@ impl Teller {
 
     /// Ends the output: everything is written.
     fn end(&mut self) {
+        if self.left_out.get() > 0 {
+            eprintln!("{} lines were left out: nobody read them in time", self.left_out.get());
+        }
         if self.status
             && let Some(lines) = &self.lines
         {
@@ -261,6 +273,19 @@ impl Audience for Teller {
         }
     }
 
+    fn link(&mut self, _server: &Server, up: bool) {
+        let now = (clock::now() - self.began).0;
+        if self.json {
+            let event = if up { "interface up" } else { "interface down" };
+            return self.say(json!({ "event": event, "at_ns": now }).to_string());
+        }
+        let what = match up {
+            true => "the interface is up again",
+            false => "the interface is down: frames are lost until it is up again",
+        };
+        self.say(format!("{:>10.3} s  {what}", now as f64 / 1e9));
+    }
+
     fn tick(&mut self, server: &Server) {
         if !self.status {
             return;
@@ -286,8 +311,8 @@ impl Audience for Teller {
             line += &format!(", SM events missed {missed}");
         }
         if let Some(lines) = &self.lines {
-            // The writer lives as long as this.
-            let _ = lines.send(format!("\r\x1b[K{line}"));
+            // The next one tells it anew.
+            let _ = lines.try_send(format!("\r\x1b[K{line}"));
         }
     }
 }

@@ -336,8 +336,9 @@ const FOREVER: Nanos = Nanos(3_155_760_000_000_000_000);
 fn served(name: &str, stop: &Arc<AtomicBool>) -> Result<(Source, String), String> {
     use isocat_serve::control;
     let path = control::find_served(name);
+    let ended = stop.clone();
     let ask = move || {
-        let answer = control::request(&path, "watch")
+        let answer = control::request_until(&path, "watch", &ended)
             .map_err(|error| format!("no isocat serves there: {}: {error}", path.display()))?;
         serde_json::from_str::<Status>(&answer)
             .map_err(|error| format!("the service answered \"{}\": {error}", answer.trim()))

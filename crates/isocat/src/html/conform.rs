@@ -9,11 +9,12 @@ use super::{Page, compact};
 /// The page of a suite.
 pub fn page(report: &ConformanceReport, command: &str) -> Page {
     let sum = |pick: fn(&DeviceReport) -> usize| report.devices.iter().map(pick).sum::<usize>();
-    let (passed, failed) = (sum(|d| d.passed), sum(|d| d.failed));
-    let verdict = match failed {
-        0 => format!("Every rule that applies holds: {passed} of them."),
-        1 => format!("1 rule does not hold; {passed} do."),
-        n => format!("{n} rules do not hold; {passed} do."),
+    let (passed, failed, open) = (sum(|d| d.passed), sum(|d| d.failed), sum(|d| d.not_judged));
+    let verdict = match (failed, open) {
+        (0, 0) => format!("Every rule that applies holds: {passed} of them."),
+        (0, open) => format!("No rule fails, {passed} hold, {open} were not judged."),
+        (1, _) => format!("1 rule does not hold; {passed} do."),
+        (n, _) => format!("{n} rules do not hold; {passed} do."),
     };
     let body = html! {
         p.quiet { (report.source) }
@@ -21,6 +22,7 @@ pub fn page(report: &ConformanceReport, command: &str) -> Page {
             (tile("rules that hold", &passed.to_string(), ""))
             (tile("rules that do not", &failed.to_string(), ""))
             (tile("known deviations", &sum(|d| d.known_deviations).to_string(), ""))
+            (tile("not judged", &open.to_string(), ""))
             (tile("not applicable", &sum(|d| d.not_applicable).to_string(), ""))
         }
         @for device in &report.devices { (one(device)) }
@@ -43,6 +45,8 @@ fn one(device: &DeviceReport) -> Markup {
     html! {
         section {
             h2 { (device.position) " " (device.name) }
+            @if let Some(note) = device.examined.note() { p { (note) } }
+            @if let Some(why) = &device.broken_off { p.bad { "Broken off: " (why) "." } }
             p {
                 "Modes that it announces: "
                 @for (at, mode) in device.modes.iter().enumerate() {
@@ -52,6 +56,7 @@ fn one(device: &DeviceReport) -> Markup {
                 }
             }
             (rules("Rules that do not hold", &of(Verdict::Fail), true))
+            (rules("Not judged", &of(Verdict::NotJudged), true))
             (rules("Known deviations", &of(Verdict::KnownDeviation), true))
             (rules("Rules that hold", &of(Verdict::Pass), false))
             (rules("Not applicable", &of(Verdict::NotApplicable), false))

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use isocat_descriptions::limits;
 use isocat_engine::status::Status;
 
 /// Answers for Prometheus as long as the program runs.
@@ -22,14 +23,8 @@ pub struct Server {
 #[derive(Clone, Debug, Default)]
 pub struct Page(Arc<Mutex<Option<Status>>>);
 
-/// The longest request.
-const LONGEST: usize = 8 * 1024;
 /// For a request and its answer.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Clients at a time.
-const MOST_CLIENTS: usize = 16;
-/// Header fields of a request.
-const MOST_FIELDS: usize = 64;
 
 impl Page {
     /// Shows this from now on.
@@ -57,6 +52,7 @@ impl Server {
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
+        let is_local = address.ip().is_loopback();
         let shown = page.clone();
         let clients = Arc::new(AtomicUsize::new(0));
         let text = Arc::new(text);
@@ -67,14 +63,14 @@ impl Server {
                     std::thread::sleep(PAUSE);
                     continue;
                 };
-                if clients.fetch_add(1, Ordering::Relaxed) >= MOST_CLIENTS {
+                if clients.fetch_add(1, Ordering::Relaxed) >= limits::HTTP_CLIENTS {
                     clients.fetch_sub(1, Ordering::Relaxed);
                     continue;
                 }
                 let (shown, text, served) = (shown.clone(), text.clone(), clients.clone());
                 let spawned = std::thread::Builder::new().name("scrape".into()).spawn(move || {
                     // Who hangs up or says nothing is its own trouble.
-                    let _ = attend(client, || text(&shown));
+                    let _ = attend(client, is_local, || text(&shown));
                     served.fetch_sub(1, Ordering::Relaxed);
                 });
                 if spawned.is_err() {
@@ -99,7 +95,11 @@ impl Server {
 /// After a client could not be taken.
 const PAUSE: Duration = Duration::from_millis(100);
 
-fn attend(mut client: TcpStream, text: impl Fn() -> Option<String>) -> io::Result<()> {
+fn attend(
+    mut client: TcpStream,
+    is_local: bool,
+    text: impl Fn() -> Option<String>,
+) -> io::Result<()> {
     let until = Instant::now() + PATIENCE;
     let mut request = Vec::with_capacity(1024);
     let answer = loop {
@@ -117,8 +117,8 @@ fn attend(mut client: TcpStream, text: impl Fn() -> Option<String>) -> io::Resul
             Err(error) => return Err(error),
         };
         request.extend_from_slice(&bytes[..count]);
-        match answer(&request, &text) {
-            None if request.len() > LONGEST => {
+        match answer(&request, is_local, &text) {
+            None if request.len() > limits::HTTP_REQUEST => {
                 break Answer::words(431, "Request Header Fields Too Large", "too long\n");
             }
             None => {}
@@ -179,13 +179,20 @@ impl Answer {
 }
 
 /// The answer to a request; `None` while it is not complete.
-fn answer(request: &[u8], text: impl Fn() -> Option<String>) -> Option<Answer> {
-    let mut fields = [httparse::EMPTY_HEADER; MOST_FIELDS];
+fn answer(request: &[u8], is_local: bool, text: impl Fn() -> Option<String>) -> Option<Answer> {
+    let mut fields = [httparse::EMPTY_HEADER; limits::HTTP_FIELDS];
     let mut parsed = httparse::Request::new(&mut fields);
     match parsed.parse(request) {
         Ok(httparse::Status::Partial) => return None,
         Ok(httparse::Status::Complete(_)) => {}
         Err(_) => return Some(Answer::words(400, "Bad Request", "that is no HTTP request\n")),
+    }
+    // A page of a foreign site may make its own name stand for this machine: then its browser asks here, with
+    // that name. Where only this machine can ask, only its own names are answered.
+    let hosts = parsed.headers.iter().filter(|field| field.name.eq_ignore_ascii_case("host"));
+    if is_local && !hosts.into_iter().all(|field| is_loopback(field.value)) {
+        let words = "expected localhost or a loopback address as Host\n";
+        return Some(Answer::words(421, "Misdirected Request", words));
     }
     let path = parsed.path.unwrap_or_default().split('?').next().unwrap_or_default();
     let method = parsed.method.unwrap_or_default();
@@ -203,4 +210,52 @@ fn answer(request: &[u8], text: impl Fn() -> Option<String>) -> Option<Answer> {
         (_, "/metrics") => Answer::words(405, "Method Not Allowed", "GET only\n"),
         _ => Answer::words(404, "Not Found", "only /metrics is here\n"),
     })
+}
+
+/// Whether a `Host` field names this machine as only its own programs do, with any port or none.
+fn is_loopback(host: &[u8]) -> bool {
+    let Ok(host) = std::str::from_utf8(host) else { return false };
+    let host = host.trim();
+    let name = match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
+        Some((name, port)) if port.is_empty() || port.starts_with(':') => name,
+        Some(_) => return false,
+        None => host.split_once(':').map_or(host, |(name, _)| name),
+    };
+    name.eq_ignore_ascii_case("localhost")
+        || name.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_names_of_this_machine_are_answered() {
+        for (host, expected) in [
+            ("localhost", true),
+            ("LocalHost:9464", true),
+            ("127.0.0.1:9464", true),
+            ("127.8.9.1", true),
+            ("[::1]:9464", true),
+            ("[::1]", true),
+            ("128.0.0.1", false),
+            ("[::2]:9464", false),
+            ("[::1]evil.example", false),
+            ("localhost.evil.example", false),
+            ("evil.example:9464", false),
+            ("127.0.0.1.evil.example", false),
+            ("", false),
+        ] {
+            assert_eq!(is_loopback(host.as_bytes()), expected, "{host}");
+            let request = format!("GET /metrics HTTP/1.1\r\nHost: {host}\r\n\r\n");
+            let code = |is_local| {
+                answer(request.as_bytes(), is_local, || Some(String::new())).expect("complete").code
+            };
+            assert_eq!(code(true), if expected { 200 } else { 421 }, "{host}");
+            // An address that the network reaches has names that nobody here knows.
+            assert_eq!(code(false), 200, "{host}");
+        }
+        let twice = b"GET /metrics HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n";
+        assert_eq!(answer(twice, true, || None).expect("complete").code, 421);
+    }
 }

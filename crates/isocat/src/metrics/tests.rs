@@ -104,8 +104,9 @@ fn ask(address: SocketAddr, request: &str) -> String {
 #[test]
 fn one_page_and_nothing_else() {
     let server = server();
-    let get =
-        |path: &str| ask(server.address(), &format!("GET {path} HTTP/1.1\r\nHost: x\r\n\r\n"));
+    let get = |path: &str| {
+        ask(server.address(), &format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n"))
+    };
     assert!(get("/metrics").starts_with("HTTP/1.1 503 "), "nothing is known yet");
     server.page().show(&status());
     let answer = get("/metrics");

@@ -8,7 +8,8 @@ use isocat_wire::register::{self};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
-    Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
+    Burst, PACE, SLOWER, followers, hasten, limits, noise, pace_for, read_differences,
+    reading_interval,
 };
 use super::settings::set_filter;
 use crate::config::Config;
@@ -62,8 +63,15 @@ async fn lead(
     let mut next_reading = begin + interval;
     loop {
         burst.until(next_reading).await?;
-        next_reading = link.now() + interval;
+        let slow = link.now() - begin > HURRY;
+        burst.slow(slow);
+        let asked = link.now();
         let readings = read_differences(link, &clocks).await?;
+        // Reading a thousand clocks takes longer than the interval, and no drift frame is sent meanwhile: most of the
+        // time is left to what leads them.
+        let took = link.now() - asked;
+        let interval = if slow { Nanos(SLOWER * interval.0) } else { interval };
+        next_reading = (asked + interval).max(link.now() + Nanos(PULLING_PER_READING * took.0));
         for (((device, _), judge), (at, difference)) in clocks.iter().zip(&mut judged).zip(readings)
         {
             let device = &mut segment.devices[*device];
@@ -87,6 +95,10 @@ async fn lead(
         }
     }
 }
+
+/// Clocks lock in half a second as a rule. One that has not by then has time: a clock that never comes into step, whatever it is
+/// led by, must not take the wire for as long as it is waited for.
+const HURRY: Nanos = Nanos(5_000_000_000);
 
 /// The clock that is furthest off, and its slope.
 fn worst(
@@ -150,3 +162,5 @@ pub(crate) async fn follow(
 /// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
 /// an eighth.
 const LEARNING_FRAMES: i64 = 128;
+/// Drift frames go out for at least so many times as long as a reading of all clocks takes.
+const PULLING_PER_READING: i64 = 3;

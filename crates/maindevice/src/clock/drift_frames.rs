@@ -40,21 +40,28 @@ pub(super) struct Burst<'a> {
     station: StationAddress,
     /// What each must count: the reference read, all other clocks written.
     count: u16,
-    /// From one to the next.
+    /// From one to the next, unless slowed down.
     pace: Nanos,
+    slow: bool,
     in_flight: Vec<Exchange>,
 }
 
 impl<'a> Burst<'a> {
     /// Drift frames of the clock at `station`, one each `pace`, each of which must count `count`.
     pub fn new(link: &'a Link, station: StationAddress, count: u16, pace: Nanos) -> Self {
-        Self { link, station, count, pace, in_flight: Vec::new() }
+        Self { link, station, count, pace, slow: false, in_flight: Vec::new() }
     }
 
-    /// One frame each pace until `end`. One that is lost does not hold up the others.
+    /// A tenth of the frames, or all of them.
+    pub fn slow(&mut self, slow: bool) {
+        self.slow = slow;
+    }
+
+    /// One frame each pace, or more slowly, until `end`. One that is lost does not hold up the others.
     pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
         while self.link.now() < end {
-            let next = self.link.now() + self.pace;
+            let pace = if self.slow { SLOWER * self.pace.0 } else { self.pace.0 };
+            let next = self.link.now() + Nanos(pace);
             if self.in_flight.len() < IN_FLIGHT {
                 self.in_flight.push(drift_frame(self.link, self.station));
             }
@@ -175,8 +182,12 @@ pub(super) fn pace_for(cycle: Nanos) -> Nanos {
     PACE.max(Nanos(cycle.0 / 10))
 }
 
-/// Most drift frames in flight, where the way is longer than their pace or frames are lost.
-const IN_FLIGHT: usize = 8;
+/// How much slower drift frames and readings are while a clock takes very long.
+pub(super) const SLOWER: i64 = 10;
+
+/// Most drift frames in flight, where the way is longer than their pace or frames are lost: the way through 2000
+/// SubDevices at that pace, and fewer than the frames that the link has in flight at all.
+const IN_FLIGHT: usize = 20;
 
 /// Between two readings of 0x092C: 16 of them make a window in which a slope of 1 ppm shows.
 const READING_INTERVAL: Nanos = Nanos(2_000_000);

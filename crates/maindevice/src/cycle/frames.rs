@@ -41,6 +41,8 @@ impl CyclicExchange {
     /// Builds the frames of a cycle.
     pub(super) fn build(&mut self) {
         self.frames.clear();
+        // Another number of frames may give indices another meaning.
+        self.given_up = 0;
         let reference = self.reference.as_ref();
         let clock = (reference.is_some(), self.drive.is_some());
         for Parts { every, parts } in plan_frames(&self.image, clock, self.exchanging) {

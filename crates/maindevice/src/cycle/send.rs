@@ -124,8 +124,22 @@ impl CyclicExchange {
 
     /// Index of the datagrams of a frame: its number, and above it as much of the cycle's as has room.
     pub(super) fn index(&self, cycle: u64, frame: usize) -> u8 {
-        let bits = self.frame_bits();
-        CYCLIC_INDEX | ((cycle as u8) << bits) & !CYCLIC_INDEX | frame as u8
+        index(cycle, frame, self.frame_bits())
+    }
+
+    /// Whether a frame of this index was given up and is not back yet; it is from now on.
+    pub fn take_given_up(&mut self, index: u8) -> bool {
+        let was = self.given_up & bit(index) != 0;
+        self.given_up &= !bit(index);
+        was
+    }
+
+    /// Frames whose indices this cycle uses anew are lost for good.
+    #[cold]
+    fn forget_given_up(&mut self) {
+        for at in 0..self.frames.len() {
+            self.given_up &= !bit(self.index(self.number, at));
+        }
     }
 
     /// The lowest bits of the cycle's number, and the frame's, from an index.
@@ -167,13 +181,18 @@ impl CyclicExchange {
             board.led_at = now;
         }
         let parity = (self.number & 1) as usize;
+        if self.given_up != 0 {
+            self.forget_given_up();
+        }
         if self.exchanging {
             // Counted up here and set back by whatever goes wrong.
             board.complete_cycles += 1;
         }
+        let bits = self.frame_bits();
         for (at, frame) in self.frames.iter_mut().enumerate() {
             if frame.flights[parity].take().is_some() {
                 board.statistics.frames_lost += 1;
+                self.given_up |= bit(index(frame.cycles[parity], at, bits));
                 // Says nothing of the SubDevices: neither counts nor begins the count anew.
                 board.complete_cycles = board.complete_cycles.saturating_sub(1);
                 board.report(Event::FrameLost { cycle: frame.cycles[parity], frame: at });
@@ -194,4 +213,14 @@ impl CyclicExchange {
     pub(super) fn next_send(&self, earliest: Time<Host>) -> Time<Host> {
         self.servo.next_send(earliest, self.cycle, self.send_phase)
     }
+}
+
+/// Index of the datagrams of a frame, where the number of a frame takes so many bits.
+fn index(cycle: u64, frame: usize, bits: u32) -> u8 {
+    CYCLIC_INDEX | ((cycle as u8) << bits) & !CYCLIC_INDEX | frame as u8
+}
+
+/// The bit of an index among those that were given up.
+fn bit(index: u8) -> u128 {
+    1 << (index & !CYCLIC_INDEX)
 }

@@ -1,5 +1,6 @@
-//! Where a frame that came in is from.
+//! Where a frame that came in is from, and whether an ESC has touched it.
 
+use isocat_wire::datagram::datagrams;
 use isocat_wire::frame::{LOCALLY_ADMINISTERED, payload_offset};
 
 use crate::statistics::Statistics;
@@ -12,8 +13,12 @@ pub(crate) enum Origin {
         /// Where its datagrams begin.
         payload: usize,
     },
-    /// From us, untouched.
-    Echo,
+    /// From us, with the source address that it left with: an echo, or an answer of a segment whose first ESC does not
+    /// mark frames (register 0x0100 bit 0 is 0, or a stack that never does). Its datagrams tell, see [`is_touched`].
+    Unmarked {
+        /// Where its datagrams begin.
+        payload: usize,
+    },
     /// From another MainDevice.
     Foreign([u8; 6]),
     /// Not EtherCAT.
@@ -21,13 +26,13 @@ pub(crate) enum Origin {
 }
 
 impl Origin {
-    /// The first ESC that a frame passes sets bit 1 of its source address.
+    /// The first ESC that a frame passes sets bit 1 of its source address, if bit 0 of its 0x0100 is set.
     #[inline]
     pub fn of(frame: &[u8], source: [u8; 6]) -> Self {
         let Ok(payload) = payload_offset(frame) else { return Origin::Other };
         let Some(found) = frame[6..].first_chunk::<6>() else { return Origin::Other };
         if *found == source && source[0] & LOCALLY_ADMINISTERED == 0 {
-            return Origin::Echo;
+            return Origin::Unmarked { payload };
         }
         let passed = |mut address: [u8; 6]| {
             address[0] |= LOCALLY_ADMINISTERED;
@@ -45,7 +50,7 @@ impl Origin {
     pub fn count(self, statistics: &mut Statistics) {
         match self {
             Origin::Ours { .. } => {}
-            Origin::Echo => statistics.frames_echoed += 1,
+            Origin::Unmarked { .. } => statistics.frames_echoed += 1,
             Origin::Foreign(source) => {
                 statistics.frames_foreign += 1;
                 statistics.foreign_source = Some(source);
@@ -53,4 +58,14 @@ impl Origin {
             Origin::Other => statistics.frames_other += 1,
         }
     }
+}
+
+/// Whether an ESC has changed what datagrams carry: a working counter, or a position (ADP) that each ESC counts up.
+/// `sent` gives the position with which a datagram left, by its number in the frame.
+pub(crate) fn is_touched(payload: &[u8], sent: impl Fn(usize) -> Option<u16>) -> bool {
+    datagrams(payload).map_while(Result::ok).enumerate().any(|(number, datagram)| {
+        let counts = datagram.header.command().is_ok_and(|command| command.increments_position());
+        let moved = || sent(number).is_some_and(|sent| sent != datagram.header.adp());
+        datagram.wkc != 0 || counts && moved()
+    })
 }

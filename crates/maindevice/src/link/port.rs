@@ -9,7 +9,7 @@ use isocat_wire::datagram::{self, Address, Layouts};
 use isocat_wire::frame::{ETHERCAT_HEADER_LEN, ETHERNET_HEADER_LEN, FrameWriter};
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::{CYCLIC_INDEX, Reply, Travel};
+use super::{CYCLIC_INDEX, Reply, Travel, is_touched};
 use crate::statistics::Statistics;
 
 /// Bytes of a frame before its first datagram.
@@ -17,6 +17,10 @@ const HEADERS: usize = ETHERNET_HEADER_LEN + ETHERCAT_HEADER_LEN;
 /// Most frames of the link in flight. More than a long line needs to be filled, and few enough that
 /// an index comes again only long after its frame was given up.
 const MOST_FLIGHTS: usize = 24;
+/// SubDevices whose way is in [`Timeouts::frame`](crate::config::Timeouts::frame) as it stands.
+const USUAL_COUNT: u16 = 1000;
+/// Way through a SubDevice and back, with cables of 100 m: 0.5 us and 0.5 us each way.
+const WAY_PER_SUBDEVICE: Nanos = Nanos(2_000);
 /// A repetition waits for at most two to this power times as long as the first frame.
 const MOST_DOUBLINGS: u8 = 4;
 
@@ -30,6 +34,8 @@ pub(crate) struct Port {
     pub now: Time<Host>,
     source: [u8; 6],
     frame_timeout: Nanos,
+    /// What a long line adds to that.
+    longer_way: Nanos,
     retries: u8,
     slots: Vec<Slot>,
     free: Vec<usize>,
@@ -40,6 +46,10 @@ pub(crate) struct Port {
     next_index: u8,
     /// Since when the first datagram queued waits until every frame is back.
     quiet_since: Option<Time<Host>>,
+    /// Indices of frames that were given up, a bit for each, until the index is used again.
+    given_up: u128,
+    /// The segment answers with the source address untouched, so that an answer which nobody worked on looks as it left.
+    unmarked: bool,
     /// Earliest end of a wait, collected anew in each round of polling.
     wake: Time<Host>,
 }
@@ -50,6 +60,7 @@ struct Slot {
     address: Address,
     data: Vec<u8>,
     wkc: u16,
+    passed: u16,
     sent: Time<Host>,
     retries: u8,
     /// Losses so far.
@@ -81,6 +92,7 @@ impl Port {
             now,
             source,
             frame_timeout,
+            longer_way: Nanos::ZERO,
             retries,
             slots: Vec::new(),
             free: Vec::new(),
@@ -89,8 +101,16 @@ impl Port {
             spare: Vec::new(),
             next_index: 0,
             quiet_since: None,
+            given_up: 0,
+            unmarked: false,
             wake: Time::NEVER,
         }
+    }
+
+    /// So many SubDevices answer: frames through more than [`USUAL_COUNT`] are waited for longer.
+    pub fn expect_way(&mut self, count: u16) {
+        let more = i64::from(count.saturating_sub(USUAL_COUNT));
+        self.longer_way = Nanos(more * WAY_PER_SUBDEVICE.0);
     }
 
     /// Queues a datagram; gives its slot.
@@ -107,6 +127,7 @@ impl Port {
             address,
             data,
             wkc: 0,
+            passed: 0,
             sent: Time::ZERO,
             retries: if travel.once { 0 } else { self.retries },
             losses: 0,
@@ -135,6 +156,7 @@ impl Port {
             SlotState::Done => Poll::Ready(Some(Reply {
                 data: core::mem::take(&mut slot.data),
                 wkc: slot.wkc,
+                passed: slot.passed,
                 sent: slot.sent,
             })),
             SlotState::Lost => Poll::Ready(None),
@@ -180,29 +202,31 @@ impl Port {
             if frame.push(slot.command, index, slot.address, &slot.data).is_err() {
                 break;
             }
-            self.queue.pop_front();
+            let alone = slot.alone;
             slot.state = SlotState::InFlight;
             slot.sent = now;
             slots.push(at);
             losses = losses.max(slot.losses);
             len += more;
-            if slot.alone {
+            self.next_queued();
+            if alone {
                 break;
             }
         }
         if slots.is_empty() {
             // Longer than the caller's buffer: it will never go out.
             self.spare.push(slots);
-            if let Some(at) = self.queue.pop_front() {
+            if let Some(at) = self.next_queued() {
                 self.lose(at);
             }
             return None;
         }
         self.next_index = (index + 1) % CYCLIC_INDEX;
+        self.given_up &= !(1 << index);
         statistics.frames_sent += 1;
         statistics.datagrams += slots.len() as u64;
         // Each repetition waits twice as long: whoever was asleep on the way gets time to wake.
-        let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS));
+        let patience = Nanos(self.frame_timeout.0 << losses.min(MOST_DOUBLINGS)) + self.longer_way;
         self.flights.push(Flight { index, deadline: now + patience, slots });
         Some(frame.finish())
     }
@@ -218,7 +242,7 @@ impl Port {
         let since = *self.quiet_since.get_or_insert(now);
         if now - since >= QUIET_PATIENCE {
             self.quiet_since = None;
-            self.queue.pop_front();
+            self.next_queued();
             self.lose(at);
         }
         true
@@ -257,6 +281,9 @@ impl Port {
             let slot = &mut self.slots[at];
             slot.data.copy_from_slice(&payload[layout.data()..layout.wkc()]);
             slot.wkc = u16::from_le_bytes([payload[layout.wkc()], payload[layout.wkc() + 1]]);
+            if slot.command.increments_position() {
+                slot.passed = layout.header.adp().wrapping_sub(slot.address.raw() as u16);
+            }
             slot.state = SlotState::Done;
             if slot.abandoned {
                 self.put_back(at);
@@ -295,6 +322,7 @@ impl Port {
         while let Some(at) = self.flights.iter().position(|flight| flight.deadline <= now) {
             let mut flight = self.flights.swap_remove(at);
             statistics.frames_lost += 1;
+            self.given_up |= 1 << flight.index;
             for at in flight.slots.drain(..) {
                 let slot = &mut self.slots[at];
                 if slot.abandoned {
@@ -328,6 +356,58 @@ impl Port {
         self.wake = Time::NEVER;
     }
 
+    /// Whether a frame with our own source address, untouched by an ESC, is an answer all the same; `payload` are its
+    /// datagrams. What an ESC has worked on is one. What left just so is one only of a segment known to leave source
+    /// addresses alone, and on an interface that does not show what it sends.
+    #[cold]
+    pub fn is_answer(&mut self, payload: &[u8], statistics: &Statistics) -> bool {
+        let index = payload.get(1).copied().unwrap_or_default();
+        let flight = self.flights.iter().find(|flight| flight.index == index);
+        let sent = |number: usize| match (index < CYCLIC_INDEX, flight) {
+            // The cycle has no position but that of its broadcast read.
+            (false, _) => Some(0),
+            (true, flight) => {
+                let slot = flight.and_then(|flight| flight.slots.get(number));
+                slot.map(|slot| self.slots[*slot].address.raw() as u16)
+            }
+        };
+        if is_touched(payload, sent) {
+            self.unmarked = true;
+            return true;
+        }
+        self.unmarked && statistics.frames_echoed == 0
+    }
+
+    /// From now on the first ESC marks what passes, unless a frame shows that it does not.
+    pub fn expect_marks(&mut self) {
+        self.unmarked = false;
+    }
+
+    /// Whether a frame of this index was given up and is not back yet; it is from now on.
+    pub fn take_given_up(&mut self, index: u8) -> bool {
+        let bit = 1 << (index % CYCLIC_INDEX);
+        let was = self.given_up & bit != 0;
+        self.given_up &= !bit;
+        was
+    }
+
+    /// Takes the first datagram out of the queue. The next one, if there is one, is still waited for.
+    fn next_queued(&mut self) -> Option<usize> {
+        let at = self.queue.pop_front();
+        self.drop_abandoned();
+        at
+    }
+
+    /// Takes those out of the front of the queue that nobody waits for any more.
+    fn drop_abandoned(&mut self) {
+        while let Some(&at) = self.queue.front()
+            && self.slots[at].abandoned
+        {
+            self.queue.pop_front();
+            self.put_back(at);
+        }
+    }
+
     fn lose(&mut self, at: usize) {
         self.slots[at].state = SlotState::Lost;
         if self.slots[at].abandoned {
@@ -340,9 +420,13 @@ impl Port {
         match self.slots[at].state {
             SlotState::InFlight => self.slots[at].abandoned = true,
             SlotState::Queued => {
-                self.queue.retain(|queued| *queued != at);
-                self.quiet_since = None;
-                self.put_back(at);
+                // It stays where it is in the queue, and is left out when its turn comes: to search for it would take
+                // the time of the whole queue for each datagram of a procedure that is given up.
+                self.slots[at].abandoned = true;
+                if self.queue.front() == Some(&at) {
+                    self.quiet_since = None;
+                    self.drop_abandoned();
+                }
             }
             SlotState::Done | SlotState::Lost => self.put_back(at),
             SlotState::Free => {}

@@ -3,13 +3,14 @@
 use alloc::vec::Vec;
 
 use isocat_wire::al::{AlState, AlStatus};
+use isocat_wire::time::{Host, Nanos, Time};
 
 use super::MainDevice;
 use super::background::Kind;
 use super::procedures::{About, Ended};
 use super::way::Activity;
 use crate::event::Event;
-use crate::health::{self, Answer, Look};
+use crate::health::{self, Answer, Look, Others};
 
 /// States.
 impl MainDevice {
@@ -30,10 +31,12 @@ impl MainDevice {
             return;
         }
         // The broadcast is an OR over all: a second SubDevice may fall without changing it. So the same
-        // picture is looked at again after a while.
-        let now = cycle.number();
-        let known = |(picture, at): ((u16, u16), u64)| {
-            picture == seen && now.wrapping_sub(at) < CHECK_AGAIN
+        // picture is looked at again after a while, and when a SubDevice may be brought back.
+        let now = self.link.now();
+        let next_attempt = self.keeper.next_attempt();
+        let known = |(picture, at): ((u16, u16), Time<Host>)| {
+            let attempt = next_attempt.filter(|attempt| *attempt > at);
+            picture == seen && now < attempt.unwrap_or(Time::NEVER).min(at + CHECK_AGAIN)
         };
         if self.checked.is_some_and(known) {
             return;
@@ -41,7 +44,7 @@ impl MainDevice {
         self.checked = (!good).then_some((seen, now));
         let asked = self.segment.devices.iter().filter(|device| device.admitted);
         let asked = asked.map(|device| (device.position, device.station)).collect();
-        let look = health::look(self.link.clone(), asked);
+        let look = health::look(self.link.clone(), asked, self.segment.devices.len());
         self.procedures.start(Kind::Look, About::default(), async { Ended::Look(look.await) });
     }
 
@@ -71,10 +74,11 @@ impl MainDevice {
         if reference.is_some_and(|at| lost.contains(&at)) {
             self.elect();
         }
-        match look.everybody {
-            Some(_) if self.is_ring_cut() => {}
-            Some(everybody) => self.welcome(everybody),
-            None => {
+        match look.others {
+            Others::Everybody(_) | Others::TooMany(_) if self.is_ring_cut() => {}
+            Others::Everybody(everybody) => self.welcome(everybody),
+            Others::TooMany(found) => self.report_unplanned(found),
+            Others::None => {
                 self.unplanned = None;
                 for device in self.segment.devices.iter().filter(|device| !device.admitted) {
                     self.keeper.is_absent(device.position);
@@ -84,5 +88,6 @@ impl MainDevice {
     }
 }
 
-/// Cycles after which the states of all SubDevices are read again while the broadcast looks wrong.
-const CHECK_AGAIN: u64 = 100;
+/// After this time the states of all SubDevices are read again while the broadcast looks wrong. It does not depend on
+/// the cycle, as the pauses of [`Recovery`](crate::Recovery) do not.
+const CHECK_AGAIN: Nanos = Nanos::millis(100);

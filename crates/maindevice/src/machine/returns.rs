@@ -32,6 +32,7 @@ impl MainDevice {
             cycle.set_present(position, false);
         }
         self.procedures.end_at(Kind::Recover, position);
+        self.keeper.is_lost(position);
         self.end_background(Ends::Way);
         if self.segment.reference == Some(position) {
             self.link.report(Event::ReferenceLost { position, cycle: number });
@@ -71,11 +72,7 @@ impl MainDevice {
         let found = everybody.len() as u16;
         let is_out = |position| self.keeper.is_out(position);
         let Ok(places) = readmit::places(&self.segment, &everybody, is_out) else {
-            if self.unplanned != Some(found) {
-                self.unplanned = Some(found);
-                self.link.report(Event::Unplanned { cycle, found });
-            }
-            return;
+            return self.report_unplanned(found);
         };
         self.unplanned = None;
         let devices = &self.segment.devices;
@@ -103,6 +100,14 @@ impl MainDevice {
             readmit::readmit(work).await;
             Ended::Readmit
         });
+    }
+
+    /// So many answer, and they are not those of the plan.
+    pub(super) fn report_unplanned(&mut self, found: u16) {
+        if !self.procedures.has(Kind::Readmit) && self.unplanned.replace(found) != Some(found) {
+            let cycle = self.link.board(|board| board.cycle);
+            self.link.report(Event::Unplanned { cycle, found });
+        }
     }
 
     /// Goes on with those that are being taken up, and takes the end of each.
@@ -137,7 +142,8 @@ impl MainDevice {
         while let Some(ended) = self.procedures.go_on(Kind::Recover, &mut from) {
             let Ended::Recover(position, result) = ended else { continue };
             let now = self.link.now();
-            let (after, again) = self.keeper.attempted(position, self.config.recovery, now);
+            let (policy, well) = (self.config.recovery, result.is_ok());
+            let (after, again) = self.keeper.attempted(position, policy, now, well);
             match *result {
                 Ok(device) => {
                     self.segment.devices[position] = device;
@@ -191,6 +197,8 @@ impl MainDevice {
             match (wish, &mut self.cycle) {
                 (Wish::HoldClocks, Some(cycle)) => cycle.hold_clocks(true),
                 (Wish::Lead(position), Some(_)) => self.lead(position),
+                (Wish::LeaveOut(position), Some(cycle)) => cycle.set_present(position, false),
+                // A cycle that begins later looks for itself who takes part.
                 (_, None) => {}
             }
         }
@@ -225,10 +233,10 @@ impl MainDevice {
     pub(super) fn consider_recovery(&mut self, position: usize) {
         let device = &self.segment.devices[position];
         let (status, code) = (device.al_status, device.al_code);
-        if status == AlStatus::new(AlState::Op) {
-            return;
-        }
         let now = self.link.now();
+        if status == AlStatus::new(AlState::Op) {
+            return self.keeper.is_well(position, now);
+        }
         let Some(attempt) = self.keeper.attempt(position, self.config.recovery, now) else {
             return;
         };

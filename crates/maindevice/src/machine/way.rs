@@ -78,9 +78,14 @@ impl MainDevice {
             match &mut self.activity {
                 Activity::Task(piece, task) => {
                     let piece = *piece;
-                    let Poll::Ready((work, result)) = poll(task) else { return };
-                    self.stage = work.stage;
-                    self.segment = work.segment;
+                    let end = poll(task);
+                    self.grant_wishes();
+                    let Poll::Ready((work, result)) = end else { return };
+                    if self.failure.is_none() {
+                        // What was found when it failed is the evidence, and stays.
+                        self.stage = work.stage;
+                        self.segment = work.segment;
+                    }
                     self.mailboxes = work.mailboxes;
                     self.after(piece, result);
                 }
@@ -113,16 +118,12 @@ impl MainDevice {
                 }
                 self.begin_piece(Piece::Stop);
             }
+            (Piece::Stop, _) if self.failure.is_some() => self.tell_failure(),
             (Piece::Stop, Ok(())) => {
                 self.link.report(Event::Stopped);
                 self.end();
             }
-            (Piece::OpenRing, _) => {
-                if let Some(error) = self.failure.take() {
-                    self.link.report(Event::Failed(error));
-                }
-                self.end();
-            }
+            (Piece::OpenRing, _) => self.tell_failure(),
             (_, Err(error)) => self.fail(error),
             (Piece::Prepare, Ok(())) => self.begin_cycle(),
             (Piece::Synchronize, Ok(())) => {
@@ -182,6 +183,12 @@ impl MainDevice {
         let monitor = |config| Monitor::new(config, &self.segment, now, number, &counts, &noise);
         self.quality = self.config.quality.map(monitor);
         self.keeper = Keeper::new(self.segment.devices.len());
+        for device in &self.segment.devices {
+            let (position, Some(error)) = (device.position, &device.left_out) else { continue };
+            let Error { stage, cause } = (**error).clone();
+            self.link.report(Event::LeftOut { position, stage, cause });
+            self.keeper.leave_out(position);
+        }
         self.activity = Activity::Operating;
     }
 
@@ -212,13 +219,27 @@ impl MainDevice {
         turns
     }
 
+    /// The way up ends. SubDevices that were written to go back to INIT first, as far as they do.
     fn fail(&mut self, error: Error) {
         self.stage = error.stage;
-        if ring::is_closed(&self.link) {
-            self.failure = Some(error);
-            return self.begin_piece(Piece::OpenRing);
+        let on_the_way_up = (Stage::Sii..Stage::Stop).contains(&error.stage);
+        let piece = match ring::is_closed(&self.link) {
+            _ if on_the_way_up && self.failure.is_none() => Piece::LeaveOperation,
+            true => Piece::OpenRing,
+            false => {
+                self.failure = Some(error);
+                return self.tell_failure();
+            }
+        };
+        self.failure = Some(error);
+        self.begin_piece(piece);
+    }
+
+    /// Tells what the way up failed for, and ends.
+    fn tell_failure(&mut self) {
+        if let Some(error) = self.failure.take() {
+            self.link.report(Event::Failed(error));
         }
-        self.link.report(Event::Failed(error));
         self.end();
     }
 

@@ -154,7 +154,7 @@ impl Record {
             devices: segment.devices.iter().map(device).collect(),
             moments: Ring::new(history),
             limit,
-            before: (cycle, counts.working_counter_errors, counts.frames_lost),
+            before: (cycle, counts.working_counter_errors, counts.frames_missed()),
         }
     }
 
@@ -190,7 +190,8 @@ impl Record {
     ) -> Vec<Change> {
         let latest = cycle.take_latest();
         let (number, errors, lost) = self.before;
-        self.before = (cycle.number(), counts.working_counter_errors, counts.frames_lost);
+        let missed = counts.frames_missed();
+        self.before = (cycle.number(), counts.working_counter_errors, missed);
         self.moments.push(Moment {
             at: now,
             system: cycle.servo().dc_at(now),
@@ -199,7 +200,7 @@ impl Record {
             al_status: AlStatus(cycle.al_status),
             answering: cycle.answering(),
             working_counter_errors: counts.working_counter_errors - errors,
-            frames_lost: counts.frames_lost - lost,
+            frames_lost: missed - lost,
             latest,
             difference,
         });

@@ -26,8 +26,12 @@ struct Absence {
     busy: Option<Time<Host>>,
     /// Not again before.
     not_before: Time<Host>,
-    /// Another device stands in its place.
+    /// Another device stands in its place, or it failed on the way up: it is not asked again before it is gone.
     taken: bool,
+    /// Whether it was out of OP when its state was last read.
+    fallen: bool,
+    /// When it was first seen well again after its last fall; `None` before that, and before any fall.
+    well_since: Option<Time<Host>>,
     /// Attempts to bring it back to OP since it was last well.
     attempts: u32,
 }
@@ -54,6 +58,11 @@ impl Keeper {
                 && now >= absence.not_before
         };
         (0..places.len().min(self.absences.len())).filter(wanted).collect()
+    }
+
+    /// It was left out on the way up: it is left alone until it is gone.
+    pub fn leave_out(&mut self, position: usize) {
+        self.absences[position].taken = true;
     }
 
     /// A procedure has it in hand.
@@ -104,11 +113,14 @@ impl Keeper {
             Recovery::Once if absence.attempts > 0 => return None,
             Recovery::Once => {}
             Recovery::BackOff { first, longest } => {
-                if absence.attempts == 0 && absence.not_before == Time::ZERO {
-                    absence.not_before = now + first;
-                } else if now - absence.not_before > longest {
-                    // It was well for so long.
-                    (absence.attempts, absence.not_before) = (0, now + first);
+                if !absence.fallen {
+                    absence.fallen = true;
+                    if absence.well_since.is_some_and(|since| now - since > longest) {
+                        absence.attempts = 0;
+                    }
+                    if absence.attempts == 0 {
+                        absence.not_before = now + first;
+                    }
                 }
                 if now < absence.not_before {
                     return None;
@@ -120,13 +132,40 @@ impl Keeper {
         Some(absence.attempts)
     }
 
-    /// An attempt to bring it back to OP ended; how long it took, and when there may be another.
+    /// A SubDevice is in OP.
+    pub fn is_well(&mut self, position: usize, now: Time<Host>) {
+        let Some(absence) = self.absences.get_mut(position) else { return };
+        if core::mem::take(&mut absence.fallen) {
+            absence.well_since = Some(now);
+        }
+    }
+
+    /// A SubDevice does not answer any more: it is not out of OP, but lost.
+    pub fn is_lost(&mut self, position: usize) {
+        if let Some(absence) = self.absences.get_mut(position) {
+            // Its attempt ends with it, so that it can be admitted again.
+            (absence.fallen, absence.busy) = (false, None);
+        }
+    }
+
+    /// When the next attempt to bring a SubDevice back to OP may begin; `None` if none is to come.
+    pub fn next_attempt(&self) -> Option<Time<Host>> {
+        let waits = |absence: &&Absence| absence.fallen && absence.busy.is_none();
+        self.absences.iter().filter(waits).map(|absence| absence.not_before).min()
+    }
+
+    /// An attempt to bring it back to OP ended, in OP if it was `well`; how long it took, and when there may be
+    /// another.
     pub fn attempted(
         &mut self,
         position: usize,
         policy: Recovery,
         now: Time<Host>,
+        well: bool,
     ) -> (Nanos, Option<Nanos>) {
+        if well {
+            self.is_well(position, now);
+        }
         let absence = &mut self.absences[position];
         let after = now - absence.busy.take().unwrap_or(now);
         let Recovery::BackOff { first, longest } = policy else { return (after, None) };
@@ -149,22 +188,46 @@ mod tests {
         assert_eq!(keeper.attempt(0, Recovery::Never, ms(1)), None);
         assert_eq!(keeper.attempt(0, Recovery::Once, ms(1)), Some(1));
         assert_eq!(keeper.attempt(0, Recovery::Once, ms(2)), None, "one is under way");
-        assert_eq!(keeper.attempted(0, Recovery::Once, ms(5)), (Nanos::millis(4), None));
+        assert_eq!(keeper.attempted(0, Recovery::Once, ms(5), false), (Nanos::millis(4), None));
         assert_eq!(keeper.attempt(0, Recovery::Once, ms(100_000)), None);
 
         let policy = Recovery::BackOff { first: Nanos::millis(10), longest: Nanos::millis(30) };
         let mut keeper = Keeper::new(1);
+        let failed = |keeper: &mut Keeper, at| keeper.attempted(0, policy, ms(at), false).1;
+        assert_eq!(keeper.next_attempt(), None);
         assert_eq!(keeper.attempt(0, policy, ms(100)), None, "the first pause begins");
+        assert_eq!(keeper.next_attempt(), Some(ms(110)));
         assert_eq!(keeper.attempt(0, policy, ms(110)), Some(1));
-        assert_eq!(keeper.attempted(0, policy, ms(111)).1, Some(Nanos::millis(20)));
+        assert_eq!(keeper.next_attempt(), None, "one is under way");
+        assert_eq!(failed(&mut keeper, 111), Some(Nanos::millis(20)));
         assert_eq!(keeper.attempt(0, policy, ms(130)), None);
         assert_eq!(keeper.attempt(0, policy, ms(131)), Some(2));
-        assert_eq!(keeper.attempted(0, policy, ms(131)).1, Some(Nanos::millis(30)), "no longer");
+        assert_eq!(failed(&mut keeper, 131), Some(Nanos::millis(30)), "no longer");
         assert_eq!(keeper.attempt(0, policy, ms(161)), Some(3));
-        assert_eq!(keeper.attempted(0, policy, ms(161)).1, Some(Nanos::millis(30)));
-        // Well for longer than the longest pause: it begins anew.
-        assert_eq!(keeper.attempt(0, policy, ms(300)), None);
-        assert_eq!(keeper.attempt(0, policy, ms(310)), Some(1));
+        assert_eq!(keeper.attempted(0, policy, ms(161), true).1, Some(Nanos::millis(30)));
+        // Well for as long as the longest pause, no longer: the next attempt counts on.
+        assert_eq!(keeper.attempt(0, policy, ms(191)), Some(4));
+        assert_eq!(keeper.attempted(0, policy, ms(191), true).1, Some(Nanos::millis(30)));
+        // Longer than that: it begins anew.
+        assert_eq!(keeper.attempt(0, policy, ms(222)), None);
+        assert_eq!(keeper.attempt(0, policy, ms(231)), None);
+        assert_eq!(keeper.attempt(0, policy, ms(232)), Some(1));
+    }
+
+    /// Looks may be further apart than both pauses together: that says nothing of how the SubDevice is.
+    #[test]
+    fn a_look_that_comes_late_is_no_recovery() {
+        let ms = |ms: u64| Time::new(1_000_000 * ms);
+        let policy = Recovery::BackOff { first: Nanos::millis(50), longest: Nanos::millis(500) };
+        let mut keeper = Keeper::new(1);
+        assert_eq!(keeper.attempt(0, policy, ms(1_000)), None);
+        assert_eq!(keeper.attempt(0, policy, ms(2_000)), Some(1));
+        keeper.attempted(0, policy, ms(2_010), false);
+        assert_eq!(keeper.attempt(0, policy, ms(9_000)), Some(2), "it was not well in between");
+        keeper.attempted(0, policy, ms(9_010), false);
+        // Lost, and gone with it what was to be tried.
+        keeper.is_lost(0);
+        assert_eq!(keeper.next_attempt(), None);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Who answers, held against the tree of the scan.
 
+use alloc::collections::{BTreeMap, BTreeSet};
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -20,6 +21,11 @@ pub(crate) fn places(
 ) -> Result<Vec<Option<usize>>, ()> {
     let mut places: Vec<Option<usize>> = vec![None; segment.devices.len()];
     let mut next = 0;
+    let stations = segment.devices.iter().filter(|device| device.admitted);
+    let stations: BTreeMap<_, _> =
+        stations.map(|device| (device.station.0, device.position)).collect();
+    // Ports at which one of those that may hang there does.
+    let mut occupied = BTreeSet::new();
     for (position, device) in segment.devices.iter().enumerate() {
         let there = match device.parent {
             None => position == 0,
@@ -27,11 +33,14 @@ pub(crate) fn places(
         };
         // Of those that may hang at one port, one does: the first that was not found to be another.
         let shares = |other: &&SubDevice| position > 0 && other.parent == device.parent;
-        let (before, behind) = segment.devices.split_at(position);
-        let occupied = before.iter().filter(shares).any(|other| places[other.position].is_some());
-        let mut next_turn = behind[1..].iter().filter(shares).filter(|other| !other.admitted);
+        let port = device.parent.map(|(above, port)| (above, port.index()));
+        let behind = &segment.devices[position + 1..];
+        let mut next_turn = behind.iter().filter(shares).filter(|other| !other.admitted);
         let out = !device.admitted && is_out(position);
-        if !there || occupied || out && next_turn.any(|other| !is_out(other.position)) {
+        if !there
+            || occupied.contains(&port)
+            || out && next_turn.any(|other| !is_out(other.position))
+        {
             continue;
         }
         let found = everybody.get(next).ok_or(())?;
@@ -39,11 +48,11 @@ pub(crate) fn places(
             return Err(());
         }
         // Somebody who is known stands elsewhere.
-        let others = segment.devices.iter().filter(|other| other.admitted);
-        if others.clone().any(|o| o.station == found.station && o.position != position) {
+        if stations.get(&found.station.0).is_some_and(|known| *known != position) {
             return Err(());
         }
         places[position] = Some(next);
+        occupied.insert(port);
         next += 1;
     }
     if next == everybody.len() { Ok(places) } else { Err(()) }

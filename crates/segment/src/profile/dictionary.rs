@@ -12,7 +12,7 @@ use isocat_wire::sii::Header;
 use isocat_wire::time::Nanos;
 
 use super::draft::{self, Area, Draft, Item, Pdo, Property};
-use super::{ApplicationKind, Assignment, Assumption, CpuTimes, Profile, rows, sii};
+use super::{ApplicationKind, Assignment, Assumption, CpuTimes, Origin, Profile, rows, sii};
 
 /// Adds the objects that every device has or that follow from other parts of the file. An object that
 /// the file writes out itself stays as it is.
@@ -188,6 +188,7 @@ impl Draft<'_> {
             assumptions,
             deviations: self.deviations,
             dynamic_times: self.dynamic_times,
+            origin: Origin::Profile,
             calc_and_copy_given: self.times.calc_and_copy.is_some(),
             id: self.id,
             name: self.name,

@@ -23,7 +23,9 @@ use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Times};
-use super::{ApplicationKind, DriveLayout, Identity, OpMode, Profile, check, dictionary, ports};
+use super::{
+    ApplicationKind, DriveLayout, Identity, OpMode, Origin, Profile, check, dictionary, ports,
+};
 use crate::chips;
 
 mod eeprom;
@@ -198,6 +200,7 @@ impl Import<'_> {
         draft.assumed.append(&mut self.assumed);
         let mut profile = draft.finish().map_err(of(Obstacle::TooLarge))?;
         profile.startup = startup;
+        profile.origin = Origin::Description;
         Ok(profile)
     }
 

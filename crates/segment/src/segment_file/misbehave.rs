@@ -3,7 +3,7 @@
 use isocat_descriptions::document::section::{Keys, Words};
 use isocat_descriptions::document::{FileError, Value, name_hint};
 use isocat_descriptions::quantity;
-use isocat_subdevice::Misbehaviour;
+use isocat_subdevice::{BadAnswer, Misbehaviour};
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, AlState, AlStatusCode, ObjectAddress};
 
@@ -13,7 +13,7 @@ use crate::profile::Profile;
 type Word = (&'static str, &'static str, fn(&mut Arguments<'_>) -> Option<Misbehaviour>);
 
 /// How each word is read.
-const WORDS: [Word; 30] = [
+const WORDS: [Word; 32] = [
     ("wrong-value", "1C32:05 7", |a| Some(Misbehaviour::WrongValue(a.object()?, a.number()?))),
     ("wrong-type", "1C32:05 0x06", |a| {
         Some(Misbehaviour::WrongType(a.object()?, a.number()?.try_into().ok()?))
@@ -61,6 +61,8 @@ const WORDS: [Word; 30] = [
     ("ignores-sync-unit", "", |_| Some(Misbehaviour::IgnoresSyncUnit)),
     ("no-first-inputs", "", |_| Some(Misbehaviour::NoFirstInputs)),
     ("slow-mailbox", "1200ms", |a| Some(Misbehaviour::SlowMailbox(a.time()?))),
+    ("bad-information", "short", |a| Some(Misbehaviour::BadInformation(a.answer()?))),
+    ("bad-transfer", "1C32 silent", |a| Some(Misbehaviour::BadTransfer(a.index()?, a.answer()?))),
 ];
 
 /// The vocabulary for people: each word with an example of what stands behind it, and what it means.
@@ -124,7 +126,7 @@ fn without_effect(profile: &Profile, fault: Misbehaviour) -> Option<String> {
                 object(at.index).is_some_and(|o| o.entries.iter().any(|entry| entry.sub == at.sub));
             (!entry).then(|| at.to_string())
         }
-        ShiftedCompleteAccess(index) => {
+        ShiftedCompleteAccess(index) | BadTransfer(index, _) => {
             object(index).is_none().then(|| format!("object 0x{index:04X}"))
         }
         DeadSync0 | IgnoresSyncUnit => {
@@ -186,6 +188,11 @@ impl Arguments<'_> {
         let (index, sub) = self.0.next()?.split_once(':')?;
         let index = u16::from_str_radix(index, 16).ok()?;
         Some(ObjectAddress::new(index, u8::from_str_radix(sub, 16).ok()?))
+    }
+
+    fn answer(&mut self) -> Option<BadAnswer> {
+        let word = self.0.next()?;
+        BadAnswer::WORDS.iter().find(|(known, _)| *known == word).map(|(_, answer)| *answer)
     }
 
     fn state(&mut self) -> Option<AlState> {

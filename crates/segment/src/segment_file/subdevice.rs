@@ -5,6 +5,7 @@ use std::path::Path;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value, name_hint};
+use isocat_descriptions::limits;
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_maindevice::MeasuredTimes;
 use isocat_sync::{SyncMode, object};
@@ -65,7 +66,8 @@ pub(super) fn subdevice(
         optional,
         arrives: keys.get("arrives")?,
         notes: run_as.notes,
-        line: keys.error("").line,
+        // Counted as the file goes on.
+        line: 0,
     })
 }
 
@@ -115,8 +117,10 @@ fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Pro
     }
     let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
     let path = folder.join(name).display().to_string();
-    let text = std::fs::read_to_string(&path).map_err(|error| {
-        device.error(format!("device \"{name}\": the profile file {path} can't be read: {error}"))
+    let text = limits::read_text(&path, limits::TOML).map_err(|error| match error.line {
+        // It could not be read at all: the segment file is to blame.
+        0 => device.error(format!("device \"{name}\": the profile file {error}")),
+        _ => error,
     })?;
     Profile::from_toml(&path, &text)
 }

@@ -3,6 +3,8 @@
 //! A file lists devices in any order in which the upstream one stands first. Everything after works in
 //! the order of positions, which is the order in which frames are processed: see [`sort`].
 
+use std::collections::HashMap;
+
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Value, name_hint};
 use isocat_esc::chip::PortKind;
@@ -30,6 +32,19 @@ pub(super) struct Ports {
     /// What the first device is plugged into.
     main: PortKind,
     taken: Vec<[bool; 4]>,
+}
+
+/// The devices so far, and their names with their places; the name of the next one may be among them.
+#[derive(Clone, Copy)]
+pub(super) struct Earlier<'a> {
+    pub devices: &'a [SubDevice],
+    pub names: &'a HashMap<String, usize>,
+}
+
+impl Earlier<'_> {
+    fn find(self, name: &str) -> Option<usize> {
+        self.names.get(name).copied().filter(|place| *place < self.devices.len())
+    }
 }
 
 /// The end of a device that leads upstream.
@@ -68,15 +83,16 @@ impl Ports {
         keys: &Keys<'a>,
         plug: Plug<'_>,
         connect: Option<Value<'a>>,
-        earlier: &[SubDevice],
+        above: Earlier<'_>,
     ) -> Result<Place, FileError> {
+        let earlier = above.devices;
         let upstream = match (&connect, earlier.last()) {
             (Some(value), None) => {
                 return Err(value.error(
                     "the first device hangs on the MainDevice; expected no \"connect\" here",
                 ));
             }
-            (Some(value), Some(_)) => Some(upstream(value, earlier)?),
+            (Some(value), Some(_)) => Some(upstream(value, above)?),
             (None, None) => {
                 self.fits_main_device(keys, plug)?;
                 None
@@ -191,7 +207,8 @@ pub(super) fn own_port(keys: &Keys<'_>, profile: &Profile) -> Result<PortNumber,
     }
 }
 
-fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumber), FileError> {
+fn upstream(value: &Value<'_>, above: Earlier<'_>) -> Result<(usize, PortNumber), FileError> {
+    let earlier = above.devices;
     let expected = "a device above and its port, such as \"axis 1:3\"";
     let text = value.name(expected)?;
     let (name, port) = text.rsplit_once(':').ok_or_else(|| {
@@ -209,10 +226,10 @@ fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumb
         let place: usize = name.parse().ok()?;
         (place < earlier.len()).then_some(place)
     };
-    let above = earlier.iter().position(|device| device.name == name).or_else(by_place);
-    let above = above.ok_or_else(|| {
+    let found = above.find(name).or_else(by_place);
+    let found = found.ok_or_else(|| {
         let first = format!("{name} 0");
-        if earlier.iter().any(|device| device.name == first) {
+        if above.find(&first).is_some() {
             let message = format!(
                 "connect: \"{name}\" are several devices; expected one of them, such as \"{first}:1\""
             );
@@ -222,7 +239,7 @@ fn upstream(value: &Value<'_>, earlier: &[SubDevice]) -> Result<(usize, PortNumb
             .error(format!("connect: no device \"{name}\" above; expected {expected}"))
             .with_hint(name_hint(name, earlier.iter().map(|device| device.name.as_str())))
     })?;
-    Ok((above, port))
+    Ok((found, port))
 }
 
 /// A kind of port in the field's words.

@@ -174,7 +174,7 @@ fn entry(
     write(Opcode::ENTRY_RESPONSE, &head.emit(), &default[..default_len], entry.name, reply)
 }
 
-fn error(code: AbortCode, reply: &mut [u8]) -> usize {
+pub(super) fn error(code: AbortCode, reply: &mut [u8]) -> usize {
     write(Opcode::ERROR, &code.0.to_le_bytes(), &[], "", reply)
 }
 

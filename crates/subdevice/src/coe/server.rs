@@ -9,7 +9,7 @@ use isocat_wire::{AbortCode, ObjectAddress};
 
 use super::information::{self, List};
 use crate::application::Application;
-use crate::misbehaviour;
+use crate::misbehaviour::{self, BadAnswer};
 use crate::objects::{MAX_TRANSFER, Objects};
 
 /// What a request leads to.
@@ -101,6 +101,11 @@ impl Server {
                     self.transfer = Transfer::Idle;
                     return Outcome::Silent;
                 }
+                let object = initiate.object;
+                if let Some(answer) = misbehaviour::bad_transfer(objects.faults(), object.index) {
+                    let abort = Initiate::abort(object, AbortCode::GENERAL).emit();
+                    return spoiled(answer, Service::SDO_RESPONSE, &abort, reply);
+                }
                 match self.sdo(initiate, body, objects, &mut reply[HEADER_LEN..]) {
                     Ok(len) => finish(Service::SDO_RESPONSE, len, reply),
                     Err((object, code)) => {
@@ -115,6 +120,11 @@ impl Server {
             }
             Service::SDO_INFORMATION => {
                 let description = objects.dictionary.description();
+                if let Some(answer) = misbehaviour::bad_information(objects.faults()) {
+                    let mut abort = [0; 8];
+                    let len = information::error(AbortCode::GENERAL, &mut abort);
+                    return spoiled(answer, Service::SDO_INFORMATION, &abort[..len], reply);
+                }
                 match information::answer(description, body, &mut reply[HEADER_LEN..]) {
                     Ok((len, rest)) => {
                         self.list = rest;
@@ -296,6 +306,34 @@ fn finish(service: Service, len: usize, reply: &mut [u8]) -> Outcome {
     reply[..HEADER_LEN].copy_from_slice(&Header::new(service).emit());
     Outcome::Reply(HEADER_LEN + len)
 }
+
+/// An answer that is not right; `abort` is the one that an abort is.
+fn spoiled(answer: BadAnswer, service: Service, abort: &[u8], reply: &mut [u8]) -> Outcome {
+    match answer {
+        BadAnswer::Silent => Outcome::Silent,
+        BadAnswer::Error => Outcome::Error(ErrorDetail::SERVICE_NOT_SUPPORTED),
+        BadAnswer::Abort => {
+            reply[HEADER_LEN..][..abort.len()].copy_from_slice(abort);
+            let aborts = service == Service::SDO_RESPONSE;
+            finish(if aborts { Service::SDO_REQUEST } else { service }, abort.len(), reply)
+        }
+        BadAnswer::Short => {
+            reply[HEADER_LEN..][..SHORT_LEN].copy_from_slice(&abort[..SHORT_LEN]);
+            finish(service, SHORT_LEN, reply)
+        }
+        BadAnswer::Garbage => {
+            // It names the object, so that it is taken for the answer; its command is that of nothing.
+            reply[HEADER_LEN..][..abort.len()].copy_from_slice(abort);
+            reply[HEADER_LEN] = GARBAGE;
+            finish(service, abort.len(), reply)
+        }
+    }
+}
+
+/// Bytes behind the CoE header of an answer that is too short.
+const SHORT_LEN: usize = 4;
+/// A command specifier, and an opcode of SDO information, that is not in use.
+const GARBAGE: u8 = 0x7F;
 
 /// The object named in an abort when no transfer is under way.
 const NO_OBJECT: ObjectAddress = ObjectAddress::new(0, 0);

@@ -12,6 +12,7 @@ use crate::live::job::{self, AtEnd, End};
 use crate::report::build::{
     application, counters, delay_error, delay_unknown, plan_line, summary, verdict_of_modes,
 };
+use crate::report::services;
 use crate::report::times::MeasuredTimes;
 use crate::report::typed::StateRead;
 use crate::report::words::{self, Family};
@@ -55,6 +56,7 @@ impl InterfaceReport {
             verdict: verdict(&devices, &findings),
             findings,
             notes: outcome.notes.clone(),
+            services: services::notes(&outcome.segment.devices),
             ended_by: match outcome.end {
                 End::Time => EndedBy::Time,
                 End::Asked => EndedBy::Signal,
@@ -113,12 +115,16 @@ fn punctuality(asked: Asked<'_>, outcome: &Outcome) -> Punctuality {
         beyond_jitter: figures.beyond_jitter,
         round_trip: series(&figures.round_trip),
         cycles_skipped: in_operation(begin.cycles_skipped, end.cycles_skipped),
-        frames_lost: in_operation(begin.frames_lost, end.frames_lost),
+        frames_lost: in_operation(begin.frames_missed(), end.frames_missed()),
         working_counter_errors: in_operation(
             begin.working_counter_errors,
             end.working_counter_errors,
         ),
-        frames_foreign: end.frames_foreign + end.frames_late + end.frames_echoed + figures.too_late,
+        frames_foreign: end.frames_foreign
+            + end.frames_late
+            + end.frames_unexpected
+            + end.frames_echoed
+            + figures.too_late,
         frames_of_others: figures.other_talkers,
         locks_lost: outcome.locks_lost,
         locked: outcome.segment.reference.and(outcome.phase).map(|s| s == phase::State::Locked),

@@ -139,6 +139,7 @@ impl InterfaceReport {
 
     fn write_notes(&self, out: &mut String) -> fmt::Result {
         let mut notes = self.notes.clone();
+        notes.extend(self.services.iter().take(MOST_DEVICES).map(|note| note.what.clone()));
         notes.extend(self.machine.refused.iter().cloned());
         if self.machine.harms.len() == 1 {
             notes.push("1 setting of this machine harms punctuality; --preflight tells it".into());

@@ -1,0 +1,139 @@
+//! Files that the command writes appear whole or not at all: what stood there before survives a run that fails.
+#![cfg(unix)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Runs the command.
+fn isocat(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_isocat")).args(arguments).output().expect("isocat starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("isocat prints UTF-8")
+}
+
+/// An empty folder of one test's own.
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("outputs_{name}"));
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("the target directory is writable");
+    folder
+}
+
+/// A file system in memory with room for next to nothing, as long as it lives.
+struct Tiny(PathBuf);
+
+impl Tiny {
+    fn mount(name: &str) -> Option<Self> {
+        let folder = folder(name);
+        let mut mount = Command::new("mount");
+        mount.args(["-t", "tmpfs", "-o", "size=32k", "tmpfs"]).arg(&folder);
+        match mount.output() {
+            Ok(output) if output.status.success() => Some(Self(folder)),
+            Ok(output) => {
+                println!("skipped: no tmpfs: {}", text(&output.stderr).trim());
+                None
+            }
+            Err(error) => {
+                println!("skipped: no mount: {error}");
+                None
+            }
+        }
+    }
+}
+
+impl Drop for Tiny {
+    fn drop(&mut self) {
+        let _ = Command::new("umount").arg(&self.0).status();
+    }
+}
+
+/// Options that write a file, and the name of one.
+const WRITERS: [(&str, &str); 7] = [
+    ("--capture", "run.pcapng"),
+    ("--waves", "run.vcd"),
+    ("--trace", "run.perfetto-trace"),
+    ("--series", "run.csv"),
+    ("--series", "run.parquet"),
+    ("--report", "run.html"),
+    ("--report", "run.json"),
+];
+
+#[test]
+fn a_full_disk_leaves_the_file_of_before_and_is_called_that() {
+    let Some(disk) = Tiny::mount("full") else { return };
+    for (option, name) in WRITERS {
+        let path = disk.0.join(name);
+        std::fs::write(&path, "good").expect("room for four bytes");
+        // So little room that no report fits either.
+        let rest = disk.0.join("rest");
+        std::fs::write(&rest, vec![0; 24 << 10]).expect("room for it");
+        let path_text = path.to_str().expect("UTF-8");
+        let output = isocat(&["run", "--for", "300ms", option, path_text]);
+        let message = text(&output.stderr).replace("\n       ", " ");
+        assert_eq!(output.status.code(), Some(2), "{option}: {message}");
+        assert!(message.contains("no space left"), "{option}: {message}");
+        assert!(message.replace(' ', "").contains(&path_text.replace(' ', "")), "{message}");
+        assert_eq!(std::fs::read_to_string(&path).expect("it is there"), "good", "{option}");
+        let names: Vec<_> = std::fs::read_dir(&disk.0)
+            .expect("ours")
+            .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
+            .filter(|found| found != "rest" && found != name)
+            .collect();
+        assert!(names.is_empty(), "{option} left {names:?}");
+        std::fs::remove_file(&path).expect("ours");
+        std::fs::remove_file(&rest).expect("ours");
+    }
+}
+
+#[test]
+fn a_run_that_is_refused_leaves_the_files_of_before() {
+    let folder = folder("refused");
+    let segment = folder.join("tight.toml");
+    // No cycle of 10 us holds the frame of 60 devices.
+    let text = "cycle = \"10us\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 60\n";
+    std::fs::write(&segment, text).expect("writable");
+    let report = folder.join("no/such/folder/report.html");
+    let capture = folder.join("run.pcapng");
+    std::fs::write(&capture, "good").expect("writable");
+    let output = isocat(&[
+        "run",
+        segment.to_str().expect("UTF-8"),
+        "--for",
+        "1ms",
+        "--series",
+        report.to_str().expect("UTF-8"),
+        "--capture",
+        capture.to_str().expect("UTF-8"),
+    ]);
+    assert_eq!(output.status.code(), Some(2));
+    assert_eq!(std::fs::read_to_string(&capture).expect("it is there"), "good");
+    assert_eq!(std::fs::read_dir(&folder).expect("ours").count(), 2);
+}
+
+#[test]
+fn devices_and_pipes_are_written_directly() {
+    let output = isocat(&["run", "--for", "10ms", "--json", "--report", "/dev/null"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let output = isocat(&["run", "--for", "10ms", "--report", "/dev/stdout"]);
+    let printed = text(&output.stdout);
+    assert_eq!(printed.matches("In sync").count(), 2, "{printed}");
+    if Path::new("/dev/full").exists() {
+        let output = isocat(&["run", "--for", "10ms", "--report", "/dev/full"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(text(&output.stderr).contains("no space left"), "{}", text(&output.stderr));
+    }
+
+    let fifo = folder("fifo").join("pipe.json");
+    match Command::new("mkfifo").arg(&fifo).status() {
+        Ok(status) if status.success() => {}
+        _ => return println!("skipped: no mkfifo"),
+    }
+    let path = fifo.clone();
+    let reader = std::thread::spawn(move || std::fs::read_to_string(path).expect("a text"));
+    let output = isocat(&["run", "--for", "10ms", "--report", fifo.to_str().expect("UTF-8")]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let read = reader.join().expect("no panic");
+    assert!(read.trim_end().ends_with('}') && read.contains("\"in_sync\": true"), "{read}");
+}

@@ -1,0 +1,8 @@
+//! Parsers of an EEPROM image: what must hold is in the checking code of the crate's own tests.
+#![no_main]
+
+#[path = "../../crates/wire/tests/checking/mod.rs"]
+#[allow(dead_code, reason = "each target tells one kind of story")]
+mod checking;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| checking::sii(bytes));

@@ -36,7 +36,7 @@ use bus::Bus;
 use clocks::{Clocks, Fix};
 use course::{Asked, Course, FEW_LATCHES, SHORT_PACE, START};
 use found::Found;
-use jitter::{SQRT_12, Saw};
+use jitter::Saw;
 use replay::Known;
 
 pub use bus::{Operating, Trouble};
@@ -209,13 +209,8 @@ fn measure(
             Jitter { above, port, deviation, latches }
         })
         .collect();
-    let saw = |follower: usize| {
-        let jitter = &jitters[follower];
-        let period = jitter.deviation.map_or(jitter::unseen(jitter.port), |(value, error)| {
-            (value * SQRT_12, error * SQRT_12)
-        });
-        Saw { period, slip: slips[follower] }
-    };
+    let saw =
+        |follower: usize| Saw { period: jitter::period(&jitters[follower]), slip: slips[follower] };
     let way = |follower: usize| {
         std::iter::successors(Some(follower), |at| above[*at]).map(saw).collect::<Vec<Saw>>()
     };

@@ -200,10 +200,16 @@ fn on_edges(fixes: &[&Fix], clock: Option<usize>) -> bool {
     })
 }
 
-/// The period of a port whose edges nobody saw go by: what such ports are said to have at most.
-pub(super) fn unseen(port: PortKind) -> (f64, f64) {
-    let most = if port == PortKind::Ebus { TICK } else { COPPER };
-    (most / 2.0, most / 4.0)
+/// Height and period of the saw tooth on a way, ns, and the standard error.
+pub(super) fn period(jitter: &Jitter) -> (f64, f64) {
+    match (jitter.port, jitter.deviation) {
+        // The edges of such a port are as far apart as the ticks that hide them: less than what is
+        // there would be taken for it.
+        (PortKind::Ebus, _) => (TICK, TICK / 4.0),
+        (_, Some((value, error))) => (value * SQRT_12, error * SQRT_12),
+        // No edge went by: anything up to what copper has.
+        (_, None) => (COPPER / 2.0, COPPER / 4.0),
+    }
 }
 
 /// Where frames come in.
@@ -218,7 +224,7 @@ pub(super) fn normal(chance: &mut Stream) -> f64 {
 }
 
 /// A uniform saw tooth is as high as so many standard deviations.
-pub(super) const SQRT_12: f64 = 3.464_101_615_137_754_6;
+const SQRT_12: f64 = 3.464_101_615_137_754_6;
 /// Steps of what is drawn.
 const PHASES: u64 = 1 << 24;
 /// Phases that are tried.

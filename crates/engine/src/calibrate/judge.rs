@@ -57,15 +57,20 @@ pub(super) fn judge(courses: &[Course], known: &[Known]) -> Judgement {
         rough.into_iter().partition(|(rough, _)| rough.unlikely - least < FAR);
     let mut fits: Vec<Fit> =
         near.iter().map(|(rough, family)| best(&courses, rough.at, family)).collect();
-    fits.sort_by(|a, b| a.unlikely.total_cmp(&b.unlikely));
-    // Of a family that is far off the shorter courses say enough: by how much it is less likely.
-    let likeliest = fits.first().map_or(0.0, |best| best.unlikely);
-    fits.extend(far.iter().map(|(rough, family)| Fit {
-        law: family[rough.at],
-        misfit: rough.misfit,
-        unlikely: likeliest + rough.unlikely - least,
-        parameter: None,
+    // Of a family that is far off the shorter courses say enough, by how much it is less likely: but
+    // not that nothing fits.
+    let likeliest = fits.iter().map(|fit| fit.unlikely).fold(f64::INFINITY, f64::min);
+    let any_fits = fits.iter().any(|fit| fit.misfit <= MOST_MISFIT);
+    fits.extend(far.iter().map(|(rough, family)| match any_fits {
+        true => Fit {
+            law: family[rough.at],
+            misfit: rough.misfit,
+            unlikely: likeliest + rough.unlikely - least,
+            parameter: None,
+        },
+        false => best(&courses, rough.at, family),
     }));
+    fits.sort_by(|a, b| a.unlikely.total_cmp(&b.unlikely));
     let numbers = courses.iter().map(|course| course.shown.len()).sum();
     Judgement { verdict: verdict(&fits), fits, numbers }
 }
@@ -85,45 +90,35 @@ fn verdict(fits: &[Fit]) -> Verdict {
 /// The best of a family, from the law at `at` on.
 fn best(courses: &[Replayable<'_>], mut at: usize, family: &[DriftLaw]) -> Fit {
     let mut here = Replayed::new(courses, family[at]);
-    let mut parameter = None;
-    // Uphill to the likeliest, but not for a law that does not fit anyway: its parameter is of no
-    // interest.
-    while here.misfit <= POOR {
-        let beside = |next: Option<usize>| {
-            next.and_then(|next| family.get(next)).map(|law| here.beside(courses, *law))
-        };
-        let (below, above) = (beside(at.checked_sub(1)), beside(Some(at + 1)));
-        let near =
-            |beside: &Option<Beside>| beside.as_ref().is_some_and(|it| it.unlikely < here.unlikely);
-        let next = match (near(&below), near(&above)) {
-            (true, _) => at - 1,
-            (_, true) => at + 1,
-            _ => at,
-        };
-        if next != at {
-            let there = Replayed::new(courses, family[next]);
-            if there.unlikely < here.unlikely {
-                (at, here) = (next, there);
-                continue;
+    // Uphill to the likeliest: few draws may have named a law beside it.
+    let beside = loop {
+        let beside = [at.checked_sub(1), Some(at + 1).filter(|next| *next < family.len())];
+        let beside = beside.map(|next| Some((next?, here.beside(courses, family[next?]))));
+        let better = beside.iter().flatten().find(|(_, it)| it.unlikely < here.unlikely);
+        let Some(next) = better.map(|(next, _)| *next) else { break beside };
+        let there = Replayed::new(courses, family[next]);
+        if there.unlikely >= here.unlikely {
+            break beside;
+        }
+        (at, here) = (next, there);
+    };
+    let [below, above] = beside.map(|beside| beside.map(|(_, it)| it));
+    let fits = here.misfit <= MOST_MISFIT;
+    let parameter = below.zip(above).filter(|_| fits).map(|(below, above)| {
+        let (steps, error) = here.refine(&below, &above);
+        // What fits worse than chance would have it is known worse, too.
+        let error = (error * here.misfit.max(1.0)).hypot(LEAST_ERROR);
+        match family[at] {
+            DriftLaw::Hold { phase } | DriftLaw::Block { phase } => {
+                (f64::from(phase) + steps, error)
+            }
+            // Gains double from one to the next.
+            DriftLaw::Proportional { gain, .. } => {
+                let gain = f64::from(gain) * steps.exp2();
+                (gain, gain * std::f64::consts::LN_2 * error)
             }
         }
-        parameter = below.zip(above).map(|(below, above)| {
-            let (steps, error) = here.refine(&below, &above);
-            // What fits worse than chance would have it is known worse, too.
-            let error = (error * here.misfit.max(1.0)).hypot(LEAST_ERROR);
-            match family[at] {
-                DriftLaw::Hold { phase } | DriftLaw::Block { phase } => {
-                    (f64::from(phase) + steps, error)
-                }
-                // Gains double from one to the next.
-                DriftLaw::Proportional { gain, .. } => {
-                    let gain = f64::from(gain) * steps.exp2();
-                    (gain, gain * std::f64::consts::LN_2 * error)
-                }
-            }
-        });
-        break;
-    }
+    });
     Fit { law: family[at], misfit: here.misfit, unlikely: here.unlikely, parameter }
 }
 
@@ -301,8 +296,6 @@ const SHORT: usize = 300;
 /// A family is not looked at again if the shorter courses say that it is so much less likely than
 /// another one: thirty standard deviations.
 const FAR: f64 = 900.0;
-/// Misfit of a law whose parameter is of no interest.
-const POOR: f64 = 6.0;
 /// The draws are the same in each judgement.
 const SEED: u64 = 1;
 

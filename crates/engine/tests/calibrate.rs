@@ -372,7 +372,7 @@ fn an_unknown_law_fits_none() {
         DriftLaw::Block { phase: 17 },
     ];
     for law in unknown {
-        let mut scenario = segment(&ALL[..2]);
+        let mut scenario = segment(&ALL[..1]);
         scenario.drift_law = Some(law);
         let found = calibrated(&mut VirtualWire::new(scenario));
         for device in &found.devices[1..] {

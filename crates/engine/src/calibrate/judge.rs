@@ -90,17 +90,21 @@ fn verdict(fits: &[Fit]) -> Verdict {
 /// The best of a family, from the law at `at` on.
 fn best(courses: &[Replayable<'_>], mut at: usize, family: &[DriftLaw]) -> Fit {
     let mut here = Replayed::new(courses, family[at]);
-    // Uphill to the likeliest: few draws may have named a law beside it.
+    // Uphill to the likeliest. What does not fit says little of the laws beside it, so they are
+    // replayed in full.
     let beside = loop {
         let beside = [at.checked_sub(1), Some(at + 1).filter(|next| *next < family.len())];
         let beside = beside.map(|next| Some((next?, here.beside(courses, family[next?]))));
-        let better = beside.iter().flatten().find(|(_, it)| it.unlikely < here.unlikely);
-        let Some(next) = better.map(|(next, _)| *next) else { break beside };
-        let there = Replayed::new(courses, family[next]);
-        if there.unlikely >= here.unlikely {
-            break beside;
+        let better = beside
+            .iter()
+            .flatten()
+            .filter(|(_, it)| it.unlikely < here.unlikely || here.misfit > MOST_MISFIT)
+            .map(|(next, _)| (*next, Replayed::new(courses, family[*next])))
+            .min_by(|(_, a), (_, b)| a.unlikely.total_cmp(&b.unlikely));
+        match better {
+            Some((next, there)) if there.unlikely < here.unlikely => (at, here) = (next, there),
+            _ => break beside,
         }
-        (at, here) = (next, there);
     };
     let [below, above] = beside.map(|beside| beside.map(|(_, it)| it));
     let fits = here.misfit <= MOST_MISFIT;

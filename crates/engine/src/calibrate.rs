@@ -5,7 +5,8 @@
 //! single frames by position, in virtual time or on a socket ([`isocat_conform::wire`]); `clocks`
 //! makes latches and drift frames of them, `course` a whole course of drift frames. `replay` gives
 //! the same frames at the same instants to the software ESC with each law that is thinkable, and
-//! `judge` compares. `hops` and `response` need no drift frame. At the end everything that was
+//! `judge` compares, by the `likelihood` of each, with the `jitter` of the hops
+//! as the latches show it. `hops`, `t_diff` and `response` need no drift frame. At the end everything that was
 //! written is put back, whatever happened. [`report::calibrate`](crate::report::calibrate) tells
 //! the result.
 //!
@@ -17,9 +18,12 @@ mod clocks;
 mod course;
 mod found;
 mod hops;
+mod jitter;
 mod judge;
+mod likelihood;
 mod replay;
 mod response;
+mod t_diff;
 
 use std::sync::atomic::AtomicBool;
 
@@ -29,13 +33,16 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::time::Nanos;
 
 use bus::Bus;
-use clocks::{Clocks, Fix, LATCHES};
-use course::{Asked, Course, START};
+use clocks::{Clocks, Fix};
+use course::{Asked, Course, FEW_LATCHES, SHORT_PACE, START};
 use found::Found;
+use jitter::Saw;
 use replay::Known;
 
 pub use bus::{Operating, Trouble};
+pub use found::PortKind;
 pub use hops::{Hop, Spread};
+pub use jitter::Jitter;
 pub use judge::{Fit, Judgement, MOST_MISFIT, TOLD_APART, Verdict};
 pub use response::{Response, StateChange, Times};
 
@@ -110,9 +117,10 @@ pub struct Clock {
     pub window: Nanos,
     /// What bit 31 of 0x092C means; `None`: it was not told.
     pub polarity: Option<DifferencePolarity>,
-    /// Jitter of a latch against the reference: standard deviation, ns, grain of the ticks
-    /// included.
-    pub jitter: f64,
+    /// Latches against the reference: standard deviation, ns, grain of the ticks included.
+    pub latch_deviation: f64,
+    /// Jitter of the way from the clock above.
+    pub jitter: Jitter,
     /// The drift loop's law.
     pub law: Judgement,
 }
@@ -155,11 +163,17 @@ fn measure(
     progress(Step::Response);
     let responses = response::measure(bus, found)?;
     progress(Step::Hops);
-    let hops = hops::measure(bus, found)?;
+    let mut hops = hops::measure(bus, found)?;
+    for (hop, t_diff) in hops.iter_mut().zip(t_diff::measure(bus, found)?) {
+        if let Some(hop) = hop {
+            hop.t_diff = t_diff;
+        }
+    }
     let mut clocks = Clocks::new(bus, found)?;
     let reference = clocks.reference;
     progress(Step::Crystals);
-    let (first, at) = crystals(&mut clocks, CRYSTAL_WINDOW)?;
+    let (early, at) = crystals(&mut clocks, CRYSTAL_WINDOW)?;
+    let first = early.each(&clocks);
     progress(Step::Polarity);
     let polarities = polarities(&mut clocks)?;
     let asked = courses(&first);
@@ -169,8 +183,37 @@ fn measure(
         run.push(course::run(&mut clocks, *asked)?);
     }
     progress(Step::Drift);
-    let (last, end) = crystals(&mut clocks, DRIFT_WINDOW)?;
+    let (late, end) = crystals(&mut clocks, DRIFT_WINDOW)?;
+    let last = late.each(&clocks);
     progress(Step::Judge);
+    let followers: Vec<usize> = clocks.followers.iter().map(|(position, _)| *position).collect();
+    let above = jitter::above(found, reference, &followers);
+    let fixes = [&early.first, &early.last, &late.first, &late.last];
+    let slips: Vec<(f64, f64)> = above
+        .iter()
+        .enumerate()
+        .map(|(follower, above)| {
+            let (ppb, error) =
+                above.map_or((0.0, 0.0), |above| (first[above].ppb, first[above].error));
+            let crystal = first[follower];
+            ((crystal.ppb - ppb) / 1e9, crystal.error.hypot(error).hypot(WANDER_PPB) / 1e9)
+        })
+        .collect();
+    let jitters: Vec<Jitter> = above
+        .iter()
+        .enumerate()
+        .map(|(follower, above)| {
+            let (deviation, latches) = jitter::measure(&fixes, (follower, *above), slips[follower]);
+            let port = jitter::entry(&found[followers[follower]]);
+            let above = above.map_or(reference, |above| followers[above]);
+            Jitter { above, port, deviation, latches }
+        })
+        .collect();
+    let saw =
+        |follower: usize| Saw { period: jitter::period(&jitters[follower]), slip: slips[follower] };
+    let way = |follower: usize| {
+        std::iter::successors(Some(follower), |at| above[*at]).map(saw).collect::<Vec<Saw>>()
+    };
     let mut devices: Vec<Device> = found
         .iter()
         .zip(responses)
@@ -186,16 +229,16 @@ fn measure(
         })
         .collect();
     for (follower, (position, _)) in clocks.followers.iter().enumerate() {
+        let way = way(follower);
         let (first, last) = (first[follower], last[follower]);
+        let (first, last) = (first.with_jitter(&way, &early), last.with_jitter(&way, &late));
         let change = last.ppb - first.ppb;
         let known = |course: &Course| {
             let share = (course.fixed_at - at) / (end - at);
             let ppb = first.ppb + change * share.clamp(0.0, 1.0);
             // Half of what it changed by may have come at any time.
             let error = first.error.hypot(change / 2.0).hypot(WANDER_PPB);
-            // The grain of the ticks is in the model already.
-            let jitter = (first.deviation * first.deviation - GRAIN * GRAIN).max(0.0).sqrt();
-            Known { follower, faster: (ppb / 1e9, error / 1e9), jitter }
+            Known { follower, faster: (ppb / 1e9, error / 1e9), way: way.clone() }
         };
         let known: Vec<Known> = run.iter().map(known).collect();
         devices[*position].clock = Some(Clock {
@@ -203,7 +246,8 @@ fn measure(
             crystal_change_ppb: (change, first.error.hypot(last.error)),
             window: CRYSTAL_WINDOW,
             polarity: polarities[follower],
-            jitter: first.deviation,
+            latch_deviation: first.deviation,
+            jitter: jitters[follower],
             law: judge::judge(&run, &known),
         });
     }
@@ -229,23 +273,49 @@ struct Crystal {
     deviation: f64,
 }
 
-/// How much faster each follower's crystal is, measured without drift frames; and the middle of the
-/// measurement, by the reference's local time.
-fn crystals(clocks: &mut Clocks<'_, '_>, window: Nanos) -> Result<(Vec<Crystal>, f64), Trouble> {
-    clocks.reset([0, 12], START)?;
-    let first = clocks.fix(CRYSTAL_LATCHES)?;
-    clocks.bus.wait(window)?;
-    let last = clocks.fix(CRYSTAL_LATCHES)?;
-    let span = last.at - first.at;
-    let each = first.spots.iter().zip(&last.spots).map(|(first, last)| {
-        let error = first.error(CRYSTAL_LATCHES).hypot(last.error(CRYSTAL_LATCHES));
-        Crystal {
-            ppb: wrapped(last.apart - first.apart) / span * 1e9,
-            error: error / span * 1e9,
+/// The clocks' places at both ends of a time without drift frames.
+struct Window {
+    first: Fix,
+    last: Fix,
+}
+
+impl Window {
+    fn span(&self) -> f64 {
+        self.last.at - self.first.at
+    }
+
+    /// How much faster each follower's crystal is.
+    fn each(&self, clocks: &Clocks<'_, '_>) -> Vec<Crystal> {
+        let one = |(first, last): (&clocks::Spot, &clocks::Spot)| Crystal {
+            ppb: wrapped(last.apart - first.apart) / self.span() * 1e9,
+            error: first.error.hypot(last.error) / self.span() * 1e9,
             deviation: ((first.deviation.powi(2) + last.deviation.powi(2)) / 2.0).sqrt(),
-        }
-    });
-    Ok((each.collect(), f64::midpoint(first.at, last.at)))
+        };
+        let spots = self.first.spots.iter().zip(&self.last.spots);
+        spots.take(clocks.followers.len()).map(one).collect()
+    }
+}
+
+impl Crystal {
+    /// The same, with what jitter on the way may have added to all latches of a fix alike.
+    fn with_jitter(self, way: &[Saw], window: &Window) -> Self {
+        let more = way.iter().fold(0.0f64, |sum, saw| {
+            let at = |fix: &Fix| saw.error_of_mean(&fix.instants());
+            sum.hypot(at(&window.first)).hypot(at(&window.last))
+        });
+        Self { error: self.error.hypot(more / window.span() * 1e9), ..self }
+    }
+}
+
+/// The clocks at both ends of a time without drift frames; and the middle of it, by the reference's
+/// local time.
+fn crystals(clocks: &mut Clocks<'_, '_>, window: Nanos) -> Result<(Window, f64), Trouble> {
+    clocks.reset([0, 12], START)?;
+    let first = clocks.fix(CRYSTAL_LATCHES, CRYSTAL_PACE)?;
+    clocks.bus.wait(window)?;
+    let last = clocks.fix(CRYSTAL_LATCHES, CRYSTAL_PACE)?;
+    let middle = f64::midpoint(first.at, last.at);
+    Ok((Window { first, last }, middle))
 }
 
 /// Clocks are compared by their lower 32 bits.
@@ -278,7 +348,7 @@ fn polarities(clocks: &mut Clocks<'_, '_>) -> Result<Vec<Option<DifferencePolari
 fn lag(clocks: &mut Clocks<'_, '_>, by: i64) -> Result<Vec<SystemTimeDifference>, Trouble> {
     for _ in 0..POLARITY_TRIES {
         clocks.reset([0, 12], START)?;
-        let fix: Fix = clocks.fix(LATCHES)?;
+        let fix: Fix = clocks.fix(FEW_LATCHES, SHORT_PACE)?;
         clocks.set_ahead(&fix, USUAL_DELAY)?;
         clocks.set_delays((USUAL_DELAY + by) as u32)?;
         clocks.reset([0, 12], START)?;
@@ -299,6 +369,7 @@ fn lag(clocks: &mut Clocks<'_, '_>, by: i64) -> Result<Vec<SystemTimeDifference>
 /// depth.
 fn courses(crystals: &[Crystal]) -> [Asked; COURSES] {
     let usual = Asked {
+        start: START,
         depths: [0, 12],
         ahead: 500,
         frames: 256,
@@ -311,8 +382,11 @@ fn courses(crystals: &[Crystal]) -> [Asked; COURSES] {
     [
         Asked { ahead: 10_000_000, frames: 1, look_every: 1, ..usual },
         Asked { interval: Nanos::micros(100), ..usual },
-        usual,
-        Asked { interval: Nanos::millis(4), ..usual },
+        // A difference large against jitter, for the share of it that each frame takes off.
+        Asked { ahead: 4_000, ..usual },
+        Asked { interval: Nanos::millis(4), ahead: 2_000, ..usual },
+        // Another speed counter start, of which steps of phase and units of speed depend.
+        Asked { start: OTHER_START, ahead: 2_000, ..usual },
         // Not where a block of 256 or 4096 ends: a lost frame must not move a look to the other
         // side of it.
         Asked { depths: [0, 8], ahead: 0, frames: 1_200, lead, look_every: 100, ..usual },
@@ -347,7 +421,10 @@ fn paced(courses: &[Course]) -> (Nanos, Nanos) {
 const CRYSTAL_WINDOW: Nanos = Nanos::millis(10_000);
 /// The same at the end.
 const DRIFT_WINDOW: Nanos = Nanos::millis(5_000);
-const CRYSTAL_LATCHES: usize = 64;
+/// Latches of one end, and their pace: about half a second, in which clocks 0.12 ppm apart show
+/// their jitter.
+const CRYSTAL_LATCHES: usize = 128;
+const CRYSTAL_PACE: Nanos = Nanos::millis(4);
 const WRAP: f64 = 4_294_967_296.0;
 /// How much a crystal may wander within a minute beside what the two measurements of it show.
 const WANDER_PPB: f64 = 5.0;
@@ -358,10 +435,10 @@ const LAG: i64 = 20_000;
 const USUAL_DELAY: i64 = 100_000;
 const POLARITY_TRIES: usize = 5;
 /// Courses of drift frames.
-const COURSES: usize = 7;
+const COURSES: usize = 8;
+/// Register 0x0930 in the course that has another one.
+const OTHER_START: u16 = 0x0400;
 /// Drifts of known size that may be added, ns each millisecond; the first that leaves each clock
 /// enough.
 const LEADS: [i64; 7] = [0, 6, -6, 12, -12, 24, -24];
 const LEAST_DRIFT_PPB: f64 = 3_000.0;
-/// Standard deviation of the difference of two clocks that show whole ticks of 10 ns.
-const GRAIN: f64 = 4.08;

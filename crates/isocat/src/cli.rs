@@ -183,6 +183,17 @@ fn print(text: &str) -> u8 {
     }
 }
 
+/// Gives the devices of a scenario the chips that a file tells, if there is one.
+fn apply_chips(
+    path: Option<&str>,
+    scenario: &mut isocat_segment::Scenario,
+) -> Result<(), FileError> {
+    match path {
+        None => Ok(()),
+        Some(path) => isocat_segment::ChipFile::read(path)?.apply(scenario),
+    }
+}
+
 /// The segment of a file; without one, the built-in segment.
 fn segment_or_built_in(path: Option<&str>) -> Result<SegmentFile, FileError> {
     match path {

@@ -28,7 +28,7 @@ fn segment(name: &str, law: &str, phase: u8) -> PathBuf {
         )
     };
     let text = format!(
-        "cycle = \"1ms\"\nhop_jitter = false\ndrift_law = \"{law}\"\ndrift_phase = {phase}\n\n{}\n{}",
+        "cycle = \"1ms\"\ndrift_law = \"{law}\"\ndrift_phase = {phase}\n\n{}\n{}",
         drive("first", "5ppm"),
         drive("second", "-12ppm")
     );
@@ -41,11 +41,12 @@ fn segment(name: &str, law: &str, phase: u8) -> PathBuf {
 fn the_virtual_segment_shows_what_was_set() {
     let path = segment("virtual", "hold", 11);
     let fragment = path.with_file_name("chip.toml");
+    let chips = path.with_file_name("chips.toml").display().to_string();
     let (path, to) = (path.display().to_string(), fragment.display().to_string());
-    let output = isocat(&["calibrate", &path, "--json", "--profile", &to]);
+    let output = isocat(&["calibrate", &path, "--json", "--profile", &to, "--chips", &chips]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    assert_eq!(value["format"], "isocat-calibration/1");
+    assert_eq!(value["format"], "isocat-calibration/2");
     assert_eq!(value["devices"][1]["law"]["name"], "hold");
     assert_eq!(value["devices"][1]["law"]["phase"], 11);
     let fragment = std::fs::read_to_string(&fragment).expect("a fragment");
@@ -54,6 +55,55 @@ fn the_virtual_segment_shows_what_was_set() {
     assert!(fragment.ends_with(keys), "{fragment}");
     let people = isocat(&["calibrate", &path]);
     assert!(text(&people.stdout).contains("drift law        hold 11"), "{}", text(&people.stdout));
+    taken_by_all(&path, &chips, "hold 11");
+}
+
+/// What was written is taken by `plan` and `run` of the same devices: without the segment file's own
+/// law they behave as with it.
+fn taken_by_all(path: &str, chips: &str, law: &str) {
+    let written = std::fs::read_to_string(chips).expect("a file of chips");
+    let (name, phase) = law.split_once(' ').expect("name and phase");
+    let keys = format!("position = 1\ndrift_law = \"{name}\"\ndrift_phase = {phase}\n");
+    assert!(written.contains(&keys), "{written}");
+    let own = std::fs::read_to_string(path).expect("the segment file");
+    let lines = own.lines().filter(|line| !line.starts_with("drift_"));
+    let bare = chips.replace("chips.toml", "bare.toml");
+    std::fs::write(&bare, lines.collect::<Vec<_>>().join("\n")).expect("a segment file");
+    let json = |arguments: &[&str]| {
+        let output = isocat(arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", text(&output.stderr));
+        serde_json::from_slice::<Value>(&output.stdout).expect("JSON")
+    };
+    assert_eq!(
+        json(&["plan", &bare, "--chips", chips, "--prove", "--for", "1s", "--json"])["fits"],
+        true
+    );
+    // Each device's course in true time tells its law: the same with the file as with the law set for
+    // all, and another one without.
+    let run = |path: &str, more: &[&str]| {
+        let mut arguments = vec!["run", path, "--for", "1s", "--json"];
+        arguments.extend(more);
+        json(&arguments)["devices"].to_string()
+    };
+    let only = chips.replace("chips.toml", "only.toml");
+    let keys = format!("[[chip]]\ndrift_law = \"{name}\"\ndrift_phase = {phase}\n");
+    std::fs::write(&only, keys).expect("a file of chips");
+    assert_eq!(run(&bare, &["--chips", &only]), run(path, &[]), "of all devices");
+    assert_ne!(run(&bare, &["--chips", chips]), run(&bare, &[]), "of those measured");
+}
+
+#[test]
+fn chips_that_do_not_fit_are_refused() {
+    let path = segment("chips", "hold", 10);
+    let chips = path.with_file_name("other.toml");
+    std::fs::write(&chips, "[[chip]]\nposition = 2\ndrift_law = \"block\"\n").expect("a file");
+    let (path, chips) = (path.display().to_string(), chips.display().to_string());
+    for verb in ["plan", "run"] {
+        let output = isocat(&[verb, &path, "--chips", &chips]);
+        assert_eq!(output.status.code(), Some(2));
+        let error = text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(error.contains("other.toml:2:") && error.contains("expected 0 to 1"), "{error}");
+    }
 }
 
 #[test]
@@ -109,8 +159,18 @@ fn a_served_segment_shows_what_was_set() {
     output.read_line(&mut line).expect("a first line");
     assert!(line.contains("erving"), "{line}");
     let mut told = Vec::new();
+    let chips = path.replace("served.toml", "chips.toml");
     for _ in 0..3 {
-        let output = isocat(&["calibrate", "--interface", name, "--netns", name, "--json"]);
+        let output = isocat(&[
+            "calibrate",
+            "--interface",
+            name,
+            "--netns",
+            name,
+            "--json",
+            "--chips",
+            &chips,
+        ]);
         let Ok(value) = serde_json::from_slice::<Value>(&output.stdout) else {
             told.push(text(&output.stderr));
             continue;
@@ -124,6 +184,7 @@ fn a_served_segment_shows_what_was_set() {
             assert_eq!(follower["difference_polarity"], "positive-ahead");
             let crystal = follower["crystal_ppb"]["value"].as_f64().expect("a figure");
             assert!((crystal + 17_000.0).abs() < 50.0, "{crystal}");
+            taken_by_all(&path, &chips, "block 10");
             return;
         }
         told.push(format!("{follower:#}"));

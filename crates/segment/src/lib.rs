@@ -2,11 +2,12 @@
 //!
 //! Data's way: a [`segment_file`] names devices by their [`profile`], or by a maker's description of which a profile is made; both
 //! become a [`scenario`]: simulated devices, a host, and the configuration of the MainDevice. [`offline`] tells of a scenario what a
-//! scan would find, before anything is sent.
+//! scan would find, before anything is sent. A [`chip_file`] holds what was measured of the chips of a real segment, for a scenario.
 //!
 //! The keys of both files are declared in tables: [`keys`] has them all, and makes schemas and pages of them.
 #![forbid(unsafe_code)]
 
+pub mod chip_file;
 mod chips;
 pub mod keys;
 pub mod offline;
@@ -14,5 +15,6 @@ pub mod profile;
 pub mod scenario;
 pub mod segment_file;
 
+pub use chip_file::ChipFile;
 pub use scenario::Scenario;
 pub use segment_file::SegmentFile;

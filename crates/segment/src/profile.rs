@@ -368,6 +368,25 @@ impl Profile {
         Ok(profile)
     }
 
+    /// This device with another ESC of the same kind. Equal ones give the same profile.
+    pub(crate) fn with_chip(&'static self, chip: &'static Chip) -> &'static Profile {
+        type Kept = (usize, &'static Chip, &'static Profile);
+        static INTERNED: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
+        if *chip == *self.esc {
+            return self;
+        }
+        // Profiles are never freed, so the address identifies this one.
+        let own = std::ptr::from_ref(self) as usize;
+        let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = interned.iter().find(|(profile, esc, _)| *profile == own && **esc == *chip);
+        if let Some((_, _, profile)) = known {
+            return profile;
+        }
+        let profile: &'static Profile = Box::leak(Box::new(Profile { esc: chip, ..self.clone() }));
+        interned.push((own, chip, profile));
+        profile
+    }
+
     /// The ESC named by [`Profile::chip`].
     pub fn esc(&self) -> &'static Chip {
         self.esc

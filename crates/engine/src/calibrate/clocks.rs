@@ -30,6 +30,31 @@ pub(super) struct Fix {
     pub at: f64,
     /// Each follower's local time less the reference's.
     pub spots: Vec<Spot>,
+    /// The latches: local time of the reference, and each follower's less that.
+    pub latches: Vec<(i64, Vec<i32>)>,
+}
+
+impl Fix {
+    /// From the first latch to the last, ns.
+    pub fn span(&self) -> f64 {
+        let ends = self.latches.first().zip(self.latches.last());
+        ends.map_or(0.0, |((first, _), (last, _))| (last - first) as f64)
+    }
+
+    /// How far a follower's local time was from the reference's at a latch, ns; 0 for the reference
+    /// itself.
+    pub fn apart(&self, latch: usize, follower: Option<usize>) -> f64 {
+        let Some(follower) = follower else { return 0.0 };
+        let first = self.latches[0].1[follower];
+        // Counters may wrap in between.
+        let since = self.latches[latch].1[follower].wrapping_sub(first);
+        f64::from(first) + f64::from(since)
+    }
+
+    /// The instants of the latches, by the reference's local time.
+    pub fn instants(&self) -> Vec<i64> {
+        self.latches.iter().map(|(at, _)| *at).collect()
+    }
 }
 
 /// Where one clock is.
@@ -39,16 +64,8 @@ pub(super) struct Spot {
     pub apart: f64,
     /// Standard deviation of a single latch about the line, ns.
     pub deviation: f64,
-    /// Least and largest distance of a latch from the line, ns.
-    pub reach: (f64, f64),
-}
-
-impl Spot {
-    /// Standard error of `apart`, ns. The clocks' ticks are no noise of their own, so a few latches
-    /// can't average them away entirely.
-    pub fn error(&self, latches: usize) -> f64 {
-        (self.deviation / (latches as f64).sqrt()).max(LEAST_ERROR)
-    }
+    /// Standard error of `apart`, ns, but for what jitter adds to all latches alike.
+    pub error: f64,
 }
 
 impl<'b, 'w> Clocks<'b, 'w> {
@@ -156,8 +173,8 @@ impl<'b, 'w> Clocks<'b, 'w> {
         self.bus.read_each(&positions, address, len)
     }
 
-    /// Latches several times.
-    pub fn fix(&mut self, latches: usize) -> Result<Fix, Trouble> {
+    /// Latches several times, `pace` apart on the average.
+    pub fn fix(&mut self, latches: usize, pace: Nanos) -> Result<Fix, Trouble> {
         let mut times = Vec::with_capacity(latches);
         let mut lost = 0;
         while times.len() < latches {
@@ -166,13 +183,14 @@ impl<'b, 'w> Clocks<'b, 'w> {
                 None if lost < latches => lost += 1,
                 None => return Err(Trouble::Lost { address: register::RECEIVE_TIME_0.address }),
             }
-            // No multiple of the ticks or of the dividers' periods: they are to be met at different
-            // places.
-            self.bus.wait(Nanos(LATCH_PACE.0 + 10_007 * (times.len() % 5) as i64))?;
+            // No multiple of ticks, of the dividers' periods or of the teeth of jitter: they are to
+            // be met at different places.
+            let uneven = (times.len() as i64 * 617) % 997 - 498;
+            self.bus.wait(Nanos(pace.0 + pace.0 * uneven / 997))?;
         }
         let at = times.iter().map(|(at, _)| *at as f64).sum::<f64>() / latches as f64;
         let spots = (0..self.followers.len()).map(|follower| spot(&times, at, follower)).collect();
-        Ok(Fix { at, spots })
+        Ok(Fix { at, spots, latches: times })
     }
 
     /// One latch: the reference's local time, and each follower's less that; `None` if the frame
@@ -231,36 +249,35 @@ fn spot(times: &[(i64, Vec<i32>)], middle: f64, follower: usize) -> Spot {
         .collect();
     let line = Line::through(&points);
     let rests = points.iter().map(|(at, apart)| apart - line.at(*at));
-    let (least, most) =
-        rests.clone().fold((0f64, 0f64), |(least, most), rest| (least.min(rest), most.max(rest)));
     let free = points.len().saturating_sub(2).max(1) as f64;
     let deviation = (rests.map(|rest| rest * rest).sum::<f64>() / free).sqrt();
-    Spot { apart: f64::from(first) + line.middle, deviation, reach: (least, most) }
+    // The clocks' ticks are no noise of their own, so a few latches can't average them away entirely.
+    let error = (deviation / (points.len() as f64).sqrt()).max(LEAST_ERROR);
+    Spot { apart: f64::from(first) + line.middle, deviation, error }
 }
 
 /// A straight line by least squares.
-struct Line {
+pub(super) struct Line {
+    /// Means of abscissas and ordinates.
+    mean: f64,
     middle: f64,
     slope: f64,
 }
 
 impl Line {
-    /// Abscissas are counted from their mean.
-    fn through(points: &[(f64, f64)]) -> Self {
-        let middle = points.iter().map(|(_, y)| y).sum::<f64>() / points.len() as f64;
-        let square: f64 = points.iter().map(|(x, _)| x * x).sum();
-        let product: f64 = points.iter().map(|(x, y)| x * (y - middle)).sum();
-        Self { middle, slope: if square > 0.0 { product / square } else { 0.0 } }
+    pub fn through(points: &[(f64, f64)]) -> Self {
+        let count = points.len().max(1) as f64;
+        let mean = points.iter().map(|(x, _)| x).sum::<f64>() / count;
+        let middle = points.iter().map(|(_, y)| y).sum::<f64>() / count;
+        let square: f64 = points.iter().map(|(x, _)| (x - mean) * (x - mean)).sum();
+        let product: f64 = points.iter().map(|(x, y)| (x - mean) * (y - middle)).sum();
+        Self { mean, middle, slope: if square > 0.0 { product / square } else { 0.0 } }
     }
 
-    fn at(&self, x: f64) -> f64 {
-        self.middle + self.slope * x
+    pub fn at(&self, x: f64) -> f64 {
+        self.middle + self.slope * (x - self.mean)
     }
 }
 
-/// Latches of a fix.
-pub(super) const LATCHES: usize = 16;
-/// From one latch to the next.
-const LATCH_PACE: Nanos = Nanos(800_000);
 /// What a fix can be off by, however many its latches are: the grain of two dividers, ns.
 const LEAST_ERROR: f64 = 1.5;

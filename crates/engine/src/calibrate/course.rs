@@ -5,11 +5,13 @@ use isocat_wire::register;
 use isocat_wire::time::Nanos;
 
 use super::bus::Trouble;
-use super::clocks::{Clocks, Fix, LATCHES};
+use super::clocks::{Clocks, Fix};
 
 /// What is sent in a course.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Asked {
+    /// Register 0x0930.
+    pub start: u16,
     /// Registers 0x0934 and 0x0935.
     pub depths: [u8; 2],
     /// How far the followers are ahead when it begins, ns.
@@ -31,8 +33,9 @@ pub(super) struct Asked {
 #[derive(Clone, Debug)]
 pub(super) struct Course {
     pub asked: Asked,
-    /// When the fix was taken from which the offsets come.
+    /// When the fix was taken from which the offsets come, and its latches.
     pub fixed_at: f64,
+    pub fixed: Vec<i64>,
     /// How far each follower was ahead then, ns, and the standard error of it.
     pub ahead: Vec<(f64, f64)>,
     /// When the loops were cleared.
@@ -66,9 +69,11 @@ pub(super) struct Ahead {
     pub at: f64,
     /// ns, and standard error.
     pub by: Vec<(f64, f64)>,
+    /// The latches that it comes from.
+    pub latches: Vec<i64>,
 }
 
-/// Register 0x0930 in all courses.
+/// Register 0x0930 where nothing else is asked for.
 pub(super) const START: u16 = 0x1000;
 
 /// Runs one course; starts over if too many of its drift frames are lost, which is one of a short
@@ -84,30 +89,32 @@ pub(super) fn run(clocks: &mut Clocks<'_, '_>, asked: Asked) -> Result<Course, T
 }
 
 fn attempt(clocks: &mut Clocks<'_, '_>, asked: Asked) -> Result<Course, Trouble> {
-    clocks.reset(asked.depths, START)?;
+    clocks.reset(asked.depths, asked.start)?;
     clocks.set_delays(0)?;
-    let fix = clocks.fix(LATCHES)?;
+    // Soon over: until the first drift frame the clocks run apart.
+    let fix = clocks.fix(FEW_LATCHES, SHORT_PACE)?;
     let left = clocks.set_ahead(&fix, asked.ahead)?;
     let ahead: Vec<(f64, f64)> =
-        left.iter().zip(&fix.spots).map(|(left, spot)| (*left, spot.error(LATCHES))).collect();
+        left.iter().zip(&fix.spots).map(|(left, spot)| (*left, spot.error)).collect();
     let moved: Vec<f64> =
         left.iter().zip(&fix.spots).map(|(left, spot)| left - spot.apart).collect();
-    let reset_at = clocks.reset(asked.depths, START)?;
+    let reset_at = clocks.reset(asked.depths, asked.start)?;
     let mut course = Course {
         asked,
         fixed_at: fix.at,
+        fixed: fix.instants(),
         ahead,
         reset_at,
         frames: Vec::with_capacity(asked.frames),
         lost: 0,
         looks: Vec::new(),
-        behind: Ahead { at: 0.0, by: Vec::new() },
-        later: Ahead { at: 0.0, by: Vec::new() },
+        behind: Ahead { at: 0.0, by: Vec::new(), latches: Vec::new() },
+        later: Ahead { at: 0.0, by: Vec::new(), latches: Vec::new() },
     };
     send(clocks, &mut course)?;
-    let behind = clocks.fix(LATCHES)?;
+    let behind = clocks.fix(LATCHES, LONG_PACE)?;
     clocks.bus.wait(asked.pause)?;
-    let later = clocks.fix(LATCHES)?;
+    let later = clocks.fix(LATCHES, LONG_PACE)?;
     course.behind = Ahead::of(&behind, &moved);
     course.later = Ahead::of(&later, &moved);
     Ok(course)
@@ -148,11 +155,18 @@ fn send(clocks: &mut Clocks<'_, '_>, course: &mut Course) -> Result<(), Trouble>
 impl Ahead {
     fn of(fix: &Fix, moved: &[f64]) -> Self {
         let by = fix.spots.iter().zip(moved);
-        let by = by.map(|(spot, moved)| (spot.apart + moved, spot.error(LATCHES))).collect();
-        Self { at: fix.at, by }
+        let by = by.map(|(spot, moved)| (spot.apart + moved, spot.error)).collect();
+        Self { at: fix.at, by, latches: fix.instants() }
     }
 }
 
+/// Latches of a fix from which clocks are set, and their pace.
+pub(super) const FEW_LATCHES: usize = 16;
+pub(super) const SHORT_PACE: Nanos = Nanos(800_000);
+/// Latches of a fix behind drift frames: about 100 ms, so that clocks 0.4 ppm apart show a whole
+/// tooth of copper's jitter.
+const LATCHES: usize = 48;
+const LONG_PACE: Nanos = Nanos(2_000_000);
 /// How often a course is tried.
 const MOST_TRIES: usize = 5;
 /// A course may lose one frame in this many.

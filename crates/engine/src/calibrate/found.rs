@@ -7,12 +7,36 @@ use isocat_wire::{AlStatus, PortNumber};
 
 use super::bus::{Bus, Operating, Trouble, number};
 
+/// What a port is, register 0x0007.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PortKind {
+    /// Copper with a PHY.
+    Mii,
+    /// The contacts between terminals.
+    Ebus,
+    /// Not there, or not configured.
+    Other,
+}
+
+impl PortKind {
+    /// By its two bits.
+    fn of(bits: u8) -> Self {
+        match bits & 0b11 {
+            0b11 => Self::Mii,
+            0b10 => Self::Ebus,
+            _ => Self::Other,
+        }
+    }
+}
+
 /// One device as it was found.
 #[derive(Clone, Debug)]
 pub(super) struct Found {
     pub position: usize,
     /// Register 0x0000.
     pub kind: u8,
+    /// Kinds of its ports, by number.
+    pub ports: [PortKind; 4],
     /// Open ports, by number.
     pub open: [bool; 4],
     /// It has receive times, register 0x0900.
@@ -63,6 +87,8 @@ pub(super) fn look(bus: &mut Bus<'_>) -> Result<Vec<Found>, Trouble> {
         devices.push(Found {
             position,
             kind: information[position][0],
+            ports: PortNumber::ALL
+                .map(|port| PortKind::of(information[position][7] >> (2 * port.index()))),
             open: PortNumber::ALL.map(|port| status.open(port)),
             has_times: has_dc && times[position].is_some(),
             clock: clock.map(|bytes| read_clock(bus, position, wide, bytes)).transpose()?,

@@ -22,6 +22,9 @@ pub struct Hop {
     pub one_way: Option<Spread>,
     /// Latches.
     pub latches: usize,
+    /// tDiff of this device, ns, and the standard error: how much longer a frame stays on its way
+    /// through the processing unit than on its way back. `None` at the end of a line.
+    pub t_diff: Option<(f64, f64)>,
 }
 
 /// Many readings of one thing.
@@ -84,7 +87,7 @@ pub(super) fn measure(bus: &mut Bus<'_>, found: &[Found]) -> Result<Vec<Option<H
                 .collect();
             (!each.is_empty()).then(|| Spread::of(&each))
         });
-        Hop { above, round_trip: Spread::of(&trips), one_way, latches: trips.len() }
+        Hop { above, round_trip: Spread::of(&trips), one_way, latches: trips.len(), t_diff: None }
     };
     Ok(found.iter().map(|device| device.has_times.then(|| hop(device))).collect())
 }
@@ -113,13 +116,13 @@ fn visited(device: &Found) -> impl Iterator<Item = PortNumber> + '_ {
 }
 
 /// From the first port to the last; `None` where the times run backwards.
-fn round_trip(device: &Found, times: &[u32; 4]) -> Option<f64> {
+pub(super) fn round_trip(device: &Found, times: &[u32; 4]) -> Option<f64> {
     let last = visited(device).last()?;
     span(times[PortNumber::P0.index()], times[last.index()])
 }
 
 /// How long a frame was away through a port.
-fn branch(device: &Found, port: PortNumber, times: &[u32; 4]) -> Option<f64> {
+pub(super) fn branch(device: &Found, port: PortNumber, times: &[u32; 4]) -> Option<f64> {
     let before = visited(device).take_while(|visited| *visited != port).last()?;
     span(times[before.index()], times[port.index()])
 }
@@ -131,7 +134,7 @@ fn span(from: u32, to: u32) -> Option<f64> {
 
 /// The device and port above each, by open ports; none of them if these make no tree. Frames are
 /// taken to come in at port 0.
-fn parents(found: &[Found]) -> Vec<Option<(usize, PortNumber)>> {
+pub(super) fn parents(found: &[Found]) -> Vec<Option<(usize, PortNumber)>> {
     let mut free: Vec<(usize, PortNumber)> = Vec::new();
     let mut parents = Vec::with_capacity(found.len());
     for device in found {

@@ -1,10 +1,12 @@
-//! Which law a follower keeps: misfits of each, and the phase parameter that fits best.
+//! Which law a follower keeps: how likely each makes what was measured, and the parameter that fits
+//! best.
 
 use isocat_esc::DriftLaw;
 use isocat_sim::random::Stream;
 
 use super::course::Course;
-use super::replay::{Known, predict, reading_variances, shown};
+use super::likelihood::{Prediction, means};
+use super::replay::{Known, Unknowns, predict, reading_variances, shown};
 
 /// How well one law fits.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -13,11 +15,12 @@ pub struct Fit {
     pub law: DriftLaw,
     /// Root mean square of measured less predicted, in standard deviations.
     pub misfit: f64,
-    /// Sum of the squares.
-    pub square: f64,
-    /// The phase parameter as a real number, and its standard error; `None` for a law that has
-    /// none.
-    pub phase: Option<(f64, f64)>,
+    /// Minus twice the logarithm of the likelihood, but for a constant: the sum of those squares, and
+    /// what a law that predicts less sharply is held to account for.
+    pub unlikely: f64,
+    /// The parameter as a real number, and its standard error: the phase, or the gain of
+    /// `proportional`. `None` if the law does not fit, or beyond what is tried.
+    pub parameter: Option<(f64, f64)>,
 }
 
 /// What was found out about a follower's law.
@@ -44,16 +47,38 @@ pub struct Judgement {
 
 /// Compares what the courses show with what each law would have shown.
 pub(super) fn judge(courses: &[Course], known: &[Known]) -> Judgement {
-    let mut fits: Vec<Fit> = FAMILIES.iter().map(|family| best(courses, known, family)).collect();
-    fits.sort_by(|a, b| a.square.total_cmp(&b.square));
-    let numbers = courses.iter().map(|course| course.looks.len() + 2).sum();
+    let courses: Vec<Replayable<'_>> =
+        courses.iter().zip(known).map(|(course, known)| Replayable::new(course, known)).collect();
+    let mut rough: Vec<(Rough, &[DriftLaw])> =
+        FAMILIES.iter().map(|family| (Rough::of(&courses, family), *family)).collect();
+    rough.sort_by(|a, b| a.0.unlikely.total_cmp(&b.0.unlikely));
+    let least = rough.first().map_or(0.0, |(rough, _)| rough.unlikely);
+    let (near, far): (Vec<_>, Vec<_>) =
+        rough.into_iter().partition(|(rough, _)| rough.unlikely - least < FAR);
+    let mut fits: Vec<Fit> =
+        near.iter().map(|(rough, family)| best(&courses, rough.at, family)).collect();
+    // Of a family that is far off the shorter courses say enough, by how much it is less likely: but
+    // not that nothing fits.
+    let likeliest = fits.iter().map(|fit| fit.unlikely).fold(f64::INFINITY, f64::min);
+    let any_fits = fits.iter().any(|fit| fit.misfit <= MOST_MISFIT);
+    fits.extend(far.iter().map(|(rough, family)| match any_fits {
+        true => Fit {
+            law: family[rough.at],
+            misfit: rough.misfit,
+            unlikely: likeliest + rough.unlikely - least,
+            parameter: None,
+        },
+        false => best(&courses, rough.at, family),
+    }));
+    fits.sort_by(|a, b| a.unlikely.total_cmp(&b.unlikely));
+    let numbers = courses.iter().map(|course| course.shown.len()).sum();
     Judgement { verdict: verdict(&fits), fits, numbers }
 }
 
-/// What fits, best first, say together.
+/// What fits, most likely first, say together.
 fn verdict(fits: &[Fit]) -> Verdict {
-    let least = fits.first().map_or(0.0, |best| best.square);
-    let near = |fit: &&Fit| fit.misfit <= MOST_MISFIT && fit.square - least < TOLD_APART;
+    let least = fits.first().map_or(0.0, |best| best.unlikely);
+    let near = |fit: &&Fit| fit.misfit <= MOST_MISFIT && fit.unlikely - least < TOLD_APART;
     let fitting: Vec<Fit> = fits.iter().filter(near).copied().collect();
     match fitting.as_slice() {
         [] => Verdict::NoneFits,
@@ -62,101 +87,173 @@ fn verdict(fits: &[Fit]) -> Verdict {
     }
 }
 
-/// The best of a family: first roughly, then with all draws.
-fn best(courses: &[Course], known: &[Known], family: &[DriftLaw]) -> Fit {
-    let rough = |law: &DriftLaw| misfit(courses, known, *law, ROUGH_DRAWS).0;
-    let squares: Vec<f64> = family.iter().map(rough).collect();
-    let at = (0..family.len()).min_by(|a, b| squares[*a].total_cmp(&squares[*b])).unwrap_or(0);
-    let law = family[at];
-    let (square, numbers) = misfit(courses, known, law, DRAWS);
-    let phase = phase_of(law).and_then(|middle| {
-        let (below, above) = (family.get(at.checked_sub(1)?)?, family.get(at + 1)?);
-        Some(refine(courses, known, (*below, law, *above), middle))
+/// The best of a family, from the law at `at` on.
+fn best(courses: &[Replayable<'_>], mut at: usize, family: &[DriftLaw]) -> Fit {
+    let mut here = Replayed::new(courses, family[at]);
+    // Uphill to the likeliest. What does not fit says little of the laws beside it, so they are
+    // replayed in full.
+    let beside = loop {
+        let beside = [at.checked_sub(1), Some(at + 1).filter(|next| *next < family.len())];
+        let beside = beside.map(|next| Some((next?, here.beside(courses, family[next?]))));
+        let better = beside
+            .iter()
+            .flatten()
+            .filter(|(_, it)| it.unlikely < here.unlikely || here.misfit > MOST_MISFIT)
+            .map(|(next, _)| (*next, Replayed::new(courses, family[*next])))
+            .min_by(|(_, a), (_, b)| a.unlikely.total_cmp(&b.unlikely));
+        match better {
+            Some((next, there)) if there.unlikely < here.unlikely => (at, here) = (next, there),
+            _ => break beside,
+        }
+    };
+    let [below, above] = beside.map(|beside| beside.map(|(_, it)| it));
+    let fits = here.misfit <= MOST_MISFIT;
+    let parameter = below.zip(above).filter(|_| fits).map(|(below, above)| {
+        let (steps, error) = here.refine(&below, &above);
+        // What fits worse than chance would have it is known worse, too.
+        let error = (error * here.misfit.max(1.0)).hypot(LEAST_ERROR);
+        match family[at] {
+            DriftLaw::Hold { phase } | DriftLaw::Block { phase } => {
+                (f64::from(phase) + steps, error)
+            }
+            // Gains double from one to the next.
+            DriftLaw::Proportional { gain, .. } => {
+                let gain = f64::from(gain) * steps.exp2();
+                (gain, gain * std::f64::consts::LN_2 * error)
+            }
+        }
     });
-    let misfit = (square / numbers as f64).sqrt();
-    // What fits worse than chance would have it is known worse, too.
-    let honest = |(found, error): (f64, f64)| (found, (error * misfit.max(1.0)).hypot(LEAST_ERROR));
-    Fit { law, misfit, square, phase: phase.map(honest) }
+    Fit { law: family[at], misfit: here.misfit, unlikely: here.unlikely, parameter }
 }
 
-/// Sum of the squares of measured less predicted, in standard deviations, and how many they are.
-fn misfit(courses: &[Course], known: &[Known], law: DriftLaw, draws: u64) -> (f64, usize) {
-    let (mut square, mut numbers) = (0.0, 0);
-    for (course, known) in courses.iter().zip(known) {
-        let predicted = Predicted::of(course, *known, law, draws);
-        for (found, (mean, variance)) in shown(course, known.follower).iter().zip(predicted.each())
-        {
-            square += (found - mean) * (found - mean) / variance;
-            numbers += 1;
+/// A course as one follower showed it, with draws of what is not known. They are the same for each
+/// law, so laws differ by themselves alone.
+struct Replayable<'a> {
+    course: &'a Course,
+    shown: Vec<f64>,
+    readings: Vec<f64>,
+    draws: Vec<Unknowns>,
+}
+
+impl<'a> Replayable<'a> {
+    fn new(course: &'a Course, known: &Known) -> Self {
+        let draw =
+            |number| Unknowns::draw(course, known, &mut Stream::new(SEED, "calibrate", number));
+        Self {
+            course,
+            shown: shown(course, known.follower),
+            readings: reading_variances(course, known.follower),
+            draws: (0..DRAWS).map(draw).collect(),
         }
     }
-    (square, numbers)
+
+    /// What a law would have shown with the first of the draws.
+    fn predicted(&self, law: DriftLaw, draws: usize) -> Vec<Vec<f64>> {
+        self.draws[..draws].iter().map(|draw| predict(self.course, law, draw)).collect()
+    }
 }
 
-/// Where between its neighbours the parameter fits best, by one step of least squares.
-fn refine(
-    courses: &[Course],
-    known: &[Known],
-    (below, law, above): (DriftLaw, DriftLaw, DriftLaw),
-    middle: f64,
-) -> (f64, f64) {
-    let (mut product, mut square) = (0.0, 0.0);
-    for (course, known) in courses.iter().zip(known) {
-        let here = Predicted::of(course, *known, law, DRAWS);
-        let low = Predicted::of(course, *known, below, ROUGH_DRAWS);
-        let high = Predicted::of(course, *known, above, ROUGH_DRAWS);
-        let found = shown(course, known.follower);
-        for (at, (mean, variance)) in here.each().enumerate() {
+/// The best of a family by the shorter courses and few draws.
+struct Rough {
+    at: usize,
+    unlikely: f64,
+    misfit: f64,
+}
+
+impl Rough {
+    fn of(courses: &[Replayable<'_>], family: &[DriftLaw]) -> Self {
+        let one = |(at, law): (usize, &DriftLaw)| {
+            let (mut square, mut breadth, mut numbers) = (0.0, 0.0, 0);
+            for course in courses.iter().filter(|course| course.course.frames.len() <= SHORT) {
+                let drawn = course.predicted(*law, ROUGH_DRAWS);
+                let predicted = Prediction::of(&drawn, &course.readings, false);
+                square += squares(&predicted.rests(&course.shown));
+                breadth += predicted.breadth();
+                numbers += course.shown.len();
+            }
+            let misfit = (square / numbers.max(1) as f64).sqrt();
+            Self { at, unlikely: square + breadth, misfit }
+        };
+        let each = family.iter().enumerate().map(one);
+        let none = Self { at: 0, unlikely: f64::INFINITY, misfit: f64::INFINITY };
+        each.min_by(|a, b| a.unlikely.total_cmp(&b.unlikely)).unwrap_or(none)
+    }
+}
+
+/// All courses of one follower under one law.
+struct Replayed {
+    each: Vec<Compared>,
+    unlikely: f64,
+    misfit: f64,
+}
+
+/// One of them.
+struct Compared {
+    prediction: Prediction,
+    rests: Vec<f64>,
+    /// The means of the few draws that neighbours get.
+    few: Vec<f64>,
+}
+
+/// A law beside one that was replayed.
+struct Beside {
+    /// Means of few draws, of each course.
+    few: Vec<Vec<f64>>,
+    /// How unlikely it is if its errors are those of the other.
+    unlikely: f64,
+}
+
+impl Replayed {
+    fn new(courses: &[Replayable<'_>], law: DriftLaw) -> Self {
+        let (mut square, mut breadth, mut numbers) = (0.0, 0.0, 0);
+        let each = courses.iter().map(|course| {
+            let drawn = course.predicted(law, DRAWS as usize);
+            let prediction = Prediction::of(&drawn, &course.readings, true);
+            let rests = prediction.rests(&course.shown);
+            square += squares(&rests);
+            breadth += prediction.breadth();
+            numbers += rests.len();
+            Compared { prediction, rests, few: means(&drawn[..FEW_DRAWS]) }
+        });
+        let each = each.collect();
+        let misfit = (square / numbers.max(1) as f64).sqrt();
+        Self { each, unlikely: square + breadth, misfit }
+    }
+
+    /// Another law beside this one, by what few of the same draws change.
+    fn beside(&self, courses: &[Replayable<'_>], law: DriftLaw) -> Beside {
+        let few: Vec<Vec<f64>> =
+            courses.iter().map(|course| means(&course.predicted(law, FEW_DRAWS))).collect();
+        let mut unlikely = self.unlikely;
+        for (here, few) in self.each.iter().zip(&few) {
+            let change = here.prediction.change(&here.few, few);
+            let rests = here.rests.iter().zip(&change).map(|(rest, change)| rest - change);
+            unlikely += squares(&rests.collect::<Vec<f64>>()) - squares(&here.rests);
+        }
+        Beside { few, unlikely }
+    }
+
+    /// Where between its neighbours the parameter fits best, in steps from here, and the standard
+    /// error: one step of least squares.
+    fn refine(&self, below: &Beside, above: &Beside) -> (f64, f64) {
+        let (mut product, mut square) = (0.0, 0.0);
+        for (here, (below, above)) in self.each.iter().zip(below.few.iter().zip(&above.few)) {
             // The effect halves with each step of the exponent, so the nearer slope is the mean of
             // both sides.
-            let slope = (high.means[at] - low.means[at]) / 2.0;
-            product += slope * (found[at] - mean) / variance;
-            square += slope * slope / variance;
+            let slope = here.prediction.change(below, above);
+            let rests = slope.iter().zip(&here.rests);
+            product += rests.map(|(slope, rest)| slope / 2.0 * rest).sum::<f64>();
+            square += squares(&slope) / 4.0;
+        }
+        match square > 0.0 {
+            true => (product / square, 1.0 / square.sqrt()),
+            false => (0.0, f64::INFINITY),
         }
     }
-    match square > 0.0 {
-        true => (middle + product / square, 1.0 / square.sqrt()),
-        false => (middle, f64::INFINITY),
-    }
 }
 
-/// What a law would have shown in a course: mean and variance of several draws of what is not known
-/// exactly.
-struct Predicted {
-    means: Vec<f64>,
-    variances: Vec<f64>,
-}
-
-impl Predicted {
-    fn of(course: &Course, known: Known, law: DriftLaw, draws: u64) -> Self {
-        let drawn: Vec<Vec<f64>> = (0..draws)
-            .map(|number| {
-                let mut chance = Stream::new(SEED, "calibrate", number);
-                predict(course, law, known, Some(&mut chance))
-            })
-            .collect();
-        let readings = reading_variances(course, known.follower);
-        let count = draws as f64;
-        let (mut means, mut variances) = (Vec::new(), Vec::new());
-        for (at, reading) in readings.iter().enumerate() {
-            let mean = drawn.iter().map(|one| one[at]).sum::<f64>() / count;
-            let spread: f64 = drawn.iter().map(|one| (one[at] - mean) * (one[at] - mean)).sum();
-            means.push(mean);
-            variances.push(reading + spread / (count - 1.0) * (1.0 + 1.0 / count));
-        }
-        Self { means, variances }
-    }
-
-    fn each(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
-        self.means.iter().copied().zip(self.variances.iter().copied())
-    }
-}
-
-fn phase_of(law: DriftLaw) -> Option<f64> {
-    match law {
-        DriftLaw::Hold { phase } | DriftLaw::Block { phase } => Some(f64::from(phase)),
-        DriftLaw::Proportional { .. } => None,
-    }
+fn squares(rests: &[f64]) -> f64 {
+    rests.iter().map(|rest| rest * rest).sum()
 }
 
 const fn hold(phase: u8) -> DriftLaw {
@@ -190,14 +287,19 @@ const FAMILIES: [&[DriftLaw]; 3] = [
 ];
 /// A law fits up to this misfit, in standard deviations.
 pub const MOST_MISFIT: f64 = 3.0;
-/// Laws are told apart by this difference of squares: five standard deviations.
+/// Laws are told apart by this difference of likelihood: five standard deviations.
 pub const TOLD_APART: f64 = 25.0;
-/// What the phase parameter can be off by however good the figures are: rounding of a step, frames
-/// whose instant is known by the host's clock alone.
-const LEAST_ERROR: f64 = 0.01;
-/// Draws of what is not known exactly, for a first look and for the figures.
-const ROUGH_DRAWS: u64 = 2;
-const DRAWS: u64 = 8;
+/// What the exponent can be off by however good the figures are: rounding of a step.
+const LEAST_ERROR: f64 = 0.0005;
+/// Draws of what is not known exactly: for a first look, for neighbours, and for the figures.
+const ROUGH_DRAWS: usize = 6;
+const FEW_DRAWS: usize = 10;
+const DRAWS: u64 = 40;
+/// Drift frames of a course that is looked at first.
+const SHORT: usize = 300;
+/// A family is not looked at again if the shorter courses say that it is so much less likely than
+/// another one: thirty standard deviations.
+const FAR: f64 = 900.0;
 /// The draws are the same in each judgement.
 const SEED: u64 = 1;
 
@@ -205,8 +307,8 @@ const SEED: u64 = 1;
 mod tests {
     use super::*;
 
-    fn fit(law: DriftLaw, misfit: f64, square: f64) -> Fit {
-        Fit { law, misfit, square, phase: None }
+    fn fit(law: DriftLaw, misfit: f64, unlikely: f64) -> Fit {
+        Fit { law, misfit, unlikely, parameter: None }
     }
 
     /// Both sides of both limits.

@@ -1,25 +1,26 @@
 //! What each law would have done in a course: the software ESC gets the drift frames that the
 //! device got, at the same instants, on a crystal that runs as the device's does.
 
-use isocat_esc::{DriftLaw, ET1100, Esc};
+use isocat_esc::{DriftLaw, ET1100, Esc, Passing};
 use isocat_sim::random::Stream;
 use isocat_wire::datagram::Address;
-use isocat_wire::frame::{self, FrameWriter};
+use isocat_wire::frame;
 use isocat_wire::register;
 use isocat_wire::time::Device;
 use isocat_wire::{Command, PortNumber, Time};
 
 use super::course::{Ahead, Course};
+use super::jitter::{Drawn, Saw, normal};
 
 /// What is known of one follower in a course, and how well.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Known {
     /// Its index among the followers.
     pub follower: usize,
     /// How much faster its crystal runs than the reference's, and the standard error of it.
     pub faster: (f64, f64),
-    /// Jitter of the instants at which frames reach it, standard deviation, ns.
-    pub jitter: f64,
+    /// Jitter of each hop on the way to it.
+    pub way: Vec<Saw>,
 }
 
 /// What a course shows, or would show: one number for each look, the phase behind it, and the speed
@@ -44,49 +45,95 @@ pub(super) fn reading_variances(course: &Course, follower: usize) -> Vec<f64> {
     all
 }
 
-/// What a law would have shown; with a stream, one draw of what is not known exactly.
-pub(super) fn predict(
-    course: &Course,
-    law: DriftLaw,
-    known: Known,
-    mut chance: Option<&mut Stream>,
-) -> Vec<f64> {
-    let mut draw =
-        |deviation: f64| chance.as_mut().map_or(0.0, |chance| normal(chance) * deviation);
-    let (ahead, ahead_error) = course.ahead[known.follower];
-    let ahead = ahead + draw(ahead_error);
-    let faster = known.faster.0 + draw(known.faster.1);
-    let mut model = Model::new(course, law, ahead, faster);
+/// One draw of what is not known exactly of a course. It is the same for each law.
+pub(super) struct Unknowns {
+    /// How far the follower was ahead when the course began, ns.
+    ahead: f64,
+    crystal: Crystal,
+    /// What the follower's crystal had counted when each drift frame passed; `None`: it was lost on
+    /// its way there.
+    frames: Vec<Option<u64>>,
+    /// How late the latches of the two fixes behind the drift frames were, on the average.
+    late: [f64; 2],
+}
+
+impl Unknowns {
+    /// Draws them.
+    pub fn draw(course: &Course, known: &Known, chance: &mut Stream) -> Self {
+        let (ahead, ahead_error) = course.ahead[known.follower];
+        let way: Vec<Drawn> = known.way.iter().map(|saw| saw.draw(chance)).collect();
+        let late =
+            |at: i64| -> f64 { way.iter().map(|saw| saw.late(at as f64 - course.fixed_at)).sum() };
+        let late_on_average = |latches: &[i64]| {
+            let sum: f64 = latches.iter().map(|at| late(*at)).sum();
+            sum / latches.len().max(1) as f64
+        };
+        // A latch that came late shows a clock farther ahead than it is.
+        let ahead = ahead + ahead_error * normal(chance) - late_on_average(&course.fixed);
+        let faster = known.faster.0 + known.faster.1 * normal(chance);
+        let crystal = Crystal { from: course.fixed_at, faster };
+        let frames = course.frames.iter().map(|frame| {
+            // Where within its tick of 10 ns the reference was is not known either: it tells the
+            // last tick.
+            let within = chance.up_to(TICK_STEPS) as f64 / TICK_STEPS as f64 * TICK;
+            // A lost frame was lost on its way there or on its way back.
+            let passed = frame.came_back || chance.up_to(1) == 0;
+            passed.then(|| crystal.count(frame.at as f64 + within + late(frame.at)))
+        });
+        let frames = frames.collect();
+        let late = [&course.behind, &course.later].map(|seen| late_on_average(&seen.latches));
+        Self { ahead, crystal, frames, late }
+    }
+}
+
+/// What a law would have shown with one draw of what is not known exactly.
+pub(super) fn predict(course: &Course, law: DriftLaw, unknowns: &Unknowns) -> Vec<f64> {
+    let mut model = Model::new(course, law, unknowns);
     let mut looks = course.looks.iter().map(|(count, _)| *count).peekable();
     let mut all = Vec::with_capacity(course.looks.len() + 2);
-    for (number, frame) in course.frames.iter().enumerate() {
-        // Where within a tick the reference was nobody knows either.
-        let late = draw(known.jitter.hypot(WITHIN_TICK));
-        // It was lost on its way there or on its way back.
-        if frame.came_back || draw(1.0) >= 0.0 {
-            model.drift_frame(frame.at, frame.lead, late);
+    for (number, (frame, count)) in course.frames.iter().zip(&unknowns.frames).enumerate() {
+        if let Some(count) = count {
+            model.write(0x0910, &mut ((frame.at + frame.lead) as u32).to_le_bytes(), *count);
         }
         if looks.next_if_eq(&(number + 1)).is_some() {
+            model.settle();
             all.push(f64::from(model.esc.register(register::SPEED_COUNTER_DIFFERENCE)));
         }
     }
-    let (behind, later) = (model.ahead(course.behind.at), model.ahead(course.later.at));
+    model.settle();
+    let behind = model.ahead(course.behind.at) + unknowns.late[0];
+    let later = model.ahead(course.later.at) + unknowns.late[1];
     all.push(behind);
     all.push((later - behind) / (course.later.at - course.behind.at) * 1e9);
     all
 }
 
+/// The follower's crystal.
+#[derive(Clone, Copy)]
+struct Crystal {
+    /// Local time of the reference at which it has counted [`ORIGIN`].
+    from: f64,
+    /// How much faster than the reference's it runs.
+    faster: f64,
+}
+
+impl Crystal {
+    /// What it has counted at a local time of the reference, ns.
+    fn count(&self, at: f64) -> u64 {
+        let since = at - self.from;
+        (ORIGIN as i64 + (since + since * self.faster).round() as i64).max(0) as u64
+    }
+}
+
 /// A follower in software.
 struct Model {
     esc: Esc<Vec<u8>>,
-    /// Local time of the reference at which the model's crystal has counted [`ORIGIN`].
-    from: f64,
-    faster: f64,
+    crystal: Crystal,
     last: u64,
 }
 
 impl Model {
-    fn new(course: &Course, law: DriftLaw, ahead: f64, faster: f64) -> Self {
+    fn new(course: &Course, law: DriftLaw, unknowns: &Unknowns) -> Self {
         let mut image = vec![0; 128];
         // An on-chip bus as PDI, SYNC unit on, and the check byte of these words.
         image[..4].copy_from_slice(&[0x80, 0x0E, 0x00, 0xEE]);
@@ -95,49 +142,39 @@ impl Model {
         let ram = vec![0; usize::from(ET1100.ram_kib) * 1024];
         let mut esc = Esc::new(&ET1100, image, ram).with_drift_law(law);
         esc.set_port(PortNumber::P0, true);
-        let mut model = Self { esc, from: course.fixed_at, faster, last: 0 };
+        let mut model = Self { esc, crystal: unknowns.crystal, last: 0 };
         let local = model.esc.system_time(Time::new(ORIGIN)).count();
         // The model's time line is that of the reference, which begins at the fix.
-        let offset = (course.fixed_at + ahead).round() as i64 - local as i64;
-        let [time_depth, speed_depth] = course.asked.depths;
-        model.write(0x0920, &offset.to_le_bytes(), ORIGIN);
-        model.write(0x0934, &[time_depth, speed_depth], ORIGIN + 20_000);
-        let reset = model.device(course.reset_at as f64);
-        model.write(0x0930, &super::course::START.to_le_bytes(), reset);
+        let offset = (course.fixed_at + unknowns.ahead).round() as i64 - local as i64;
+        let mut depths = course.asked.depths;
+        model.write(0x0920, &mut offset.to_le_bytes(), ORIGIN);
+        model.write(0x0934, &mut depths, ORIGIN + 20_000);
+        let reset = model.crystal.count(course.reset_at as f64);
+        model.write(0x0930, &mut course.asked.start.to_le_bytes(), reset);
         model
     }
 
-    /// What its crystal has counted at a local time of the reference.
-    fn device(&self, at: f64) -> u64 {
-        let since = at - self.from;
-        (ORIGIN as i64 + (since + since * self.faster).round() as i64).max(0) as u64
-    }
-
-    fn drift_frame(&mut self, at: i64, lead: i64, late: f64) {
-        // The reference tells the last tick of 10 ns, so it was later by half a tick on the
-        // average.
-        let device = self.device(at as f64 + 5.0 + late);
-        self.write(0x0910, &((at + lead) as u32).to_le_bytes(), device);
-    }
-
-    fn write(&mut self, address: u16, data: &[u8], at: u64) {
-        let mut bytes = [0; 64];
-        let mut writer = FrameWriter::new(&mut bytes, [0; 6]);
-        let pushed = writer.push(Command::Bwr, 0, Address::Broadcast(address), data);
-        assert!(pushed.is_ok(), "a datagram of 8 bytes fits");
-        let len = writer.finish();
+    /// A frame with one write to all. Its end comes into force with the next frame, or when it is
+    /// [settled](Self::settle).
+    fn write(&mut self, address: u16, data: &mut [u8], at: u64) {
         let start = at.max(self.last + 20);
-        self.last = start + frame::duration_ns(len);
+        self.last = start + FRAME;
         let (start, end): (Time<Device>, Time<Device>) = (Time::new(start), Time::new(self.last));
-        self.esc.process(&mut bytes[..len], start, end, true);
-        // Registers take effect on the tick behind their frame.
+        let address = Address::Broadcast(address).raw();
+        self.esc.begin_frame(start);
+        self.esc.datagram(&mut Passing { command: Command::Bwr, address, irq: 0, wkc: 0, data });
+        self.esc.close_frame(end, true);
+    }
+
+    /// Registers take effect on the tick behind their frame.
+    fn settle(&mut self) {
         let behind = Time::new(self.last + 10);
         while self.esc.step(behind).is_some() {}
     }
 
     /// How far its system time is ahead of the reference's local time, ns, ticks averaged.
     fn ahead(&self, at: f64) -> f64 {
-        let device = self.device(at);
+        let device = self.crystal.count(at);
         let shown = |tick: u64| self.esc.system_time(Time::new(device + tick)).count() as i64;
         let first = shown(0);
         let more: i64 = (0..10).map(|tick| shown(tick) - first).sum();
@@ -145,15 +182,12 @@ impl Model {
     }
 }
 
-/// Close to a normal deviate: the sum of twelve uniform numbers.
-fn normal(chance: &mut Stream) -> f64 {
-    const ONE: u64 = 1 << 24;
-    let sum: u64 = (0..12).map(|_| chance.up_to(ONE)).sum();
-    sum as f64 / ONE as f64 - 6.0
-}
-
-/// Standard deviation of an instant within a tick of 10 ns.
-const WITHIN_TICK: f64 = 2.89;
+/// Receive times are told in these, ns.
+const TICK: f64 = 10.0;
+/// Steps of an instant within a tick.
+const TICK_STEPS: u64 = 1 << 24;
+/// How long the shortest frame takes on the wire, ns.
+const FRAME: u64 = frame::duration_ns(0);
 /// The model's crystal has counted so much at the fix, ns.
 const ORIGIN: u64 = 1_000_000_000;
 /// Register 0x0932 has whole numbers, and rounding differs: one unit.

@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-calibration/1";
+pub const FORMAT: &str = "isocat-calibration/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -89,6 +89,8 @@ pub struct Device {
     /// Latches of this clock against the reference: standard deviation, ticks of both included (4.1
     /// ns alone).
     pub latch_deviation: Option<f64>,
+    /// How far frames jitter on the way from the clock above; null for others than followers.
+    pub jitter: Option<Jitter>,
     /// The hop to it; null without receive times.
     pub hop: Option<Hop>,
     /// One read of its EEPROM; null if it failed.
@@ -123,6 +125,8 @@ pub struct Law {
     pub name: Option<&'static str>,
     /// Phase parameter, as the profile key `drift_phase` has it; null unless told.
     pub phase: Option<u8>,
+    /// Gain, as the profile key `drift_gain` has it; null unless `proportional` was told.
+    pub gain: Option<u16>,
     /// The best of each family, best first.
     pub fits: Vec<Fit>,
     /// Numbers that were compared.
@@ -153,8 +157,8 @@ pub struct Fit {
     pub admissible: bool,
     /// Root mean square of measured less predicted, in standard deviations.
     pub misfit: f64,
-    /// The phase parameter as a real number.
-    pub phase: Option<Figure>,
+    /// The parameter as a real number; null for a law that is far from fitting.
+    pub measured: Option<Figure>,
 }
 
 /// Many readings.
@@ -177,6 +181,21 @@ pub struct Spread {
     pub from: &'static str,
 }
 
+/// The jitter of frames between two clocks.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Jitter {
+    /// Position of the clock above.
+    pub above: usize,
+    /// The port at which frames come in: `mii`, `ebus` or `other`, register 0x0007.
+    pub port: &'static str,
+    /// Standard deviation of a frame's time on the way, ticks not included; null if both crystals are
+    /// too much alike to show it.
+    pub deviation: Option<Figure>,
+    /// Latches.
+    pub latches: usize,
+}
+
 /// The hop to a device.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -188,8 +207,11 @@ pub struct Hop {
     /// From a frame's arrival until it is back for the last time.
     pub round_trip: Spread,
     /// Half of what the frame is away from above and not here; null for the first. It is the delay
-    /// of the hop less half of tDiff, which receive times do not tell.
+    /// of the hop less half of tDiff.
     pub one_way: Option<Spread>,
+    /// tDiff of this device: how much longer a frame stays on its way through the processing unit
+    /// than on its way back; null at the end of a line.
+    pub t_diff: Option<Figure>,
 }
 
 /// A change of state.

@@ -17,8 +17,11 @@ use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 const EXAMPLES: &str = "\
 Examples:
   isocat calibrate --interface eth0         what the chips of a real segment do, about half a minute (root)
+  isocat calibrate --interface eth0 --chips chips.toml
+                                            ... and what was told of each chip, for plan, run and serve:
+  isocat run my.toml --chips chips.toml     the segment file, on the chips that were measured
   isocat calibrate --interface eth0 --profile chip.toml --device 2
-                                            ... and position 2 as keys of a device profile
+                                            position 2 as keys of a device profile
   isocat calibrate my.toml --drift-law block
                                             the same on the virtual segment: what was set is found
 
@@ -39,6 +42,9 @@ pub struct Arguments {
     #[cfg(target_os = "linux")]
     #[arg(long, value_name = "NAME", requires = "interface")]
     netns: Option<String>,
+    /// Also write what was told of each chip to this file, which plan, run and serve take as --chips
+    #[arg(long, value_name = "FILE")]
+    chips: Option<PathBuf>,
     /// Also write what was told of a chip to this file, as keys of a device profile
     #[arg(long, value_name = "FILE")]
     profile: Option<PathBuf>,
@@ -94,6 +100,10 @@ impl Arguments {
             true => super::run::json(&report),
             false => report.text(),
         });
+        if let Some(path) = &self.chips {
+            std::fs::write(path, report.chips())
+                .map_err(|error| format!("--chips {} can't be written: {error}", path.display()))?;
+        }
         if let Some(path) = &self.profile {
             let name = path.display();
             let text = report.profile(self.device);

@@ -137,7 +137,10 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     if let Err(message) = options.check(options.any) {
         return fail(&message);
     }
-    let scenario = arguments.scenario(file);
+    let scenario = match arguments.scenario(file) {
+        Ok(scenario) => scenario,
+        Err(error) => return fail(&error.to_string()),
+    };
     let config = config(options, &scenario);
     let asked = Asked {
         interface,

@@ -31,6 +31,9 @@ pub struct Arguments {
     /// Law of all drift loops, in the place of what the file says: hold, block or proportional
     #[arg(long, value_name = "NAME", requires = "prove")]
     drift_law: Option<DriftLaw>,
+    /// What `isocat calibrate --chips` measured on a real segment, for the chips of the virtual one
+    #[arg(long, value_name = "FILE")]
+    chips: Option<String>,
     /// Look for the phase with the most even slack and for the smallest cycle that fits
     #[arg(long)]
     suggest: bool,
@@ -57,6 +60,9 @@ pub fn run(arguments: &Arguments) -> u8 {
     let mut scenario = Scenario::from(file);
     scenario.duration = arguments.duration.unwrap_or(scenario.duration);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    if let Err(error) = super::apply_chips(arguments.chips.as_deref(), &mut scenario) {
+        return fail(&error.to_string());
+    }
     scenario.drift_law = arguments.drift_law.or(scenario.drift_law);
     let plan = match Plan::of(&scenario) {
         Ok(plan) => plan,
@@ -105,6 +111,7 @@ impl Arguments {
         let (seed, duration) = (scenario.seed.to_string(), argument(scenario.duration));
         let mut words = vec!["isocat", "plan"];
         words.extend(self.segment.as_deref());
+        words.extend(self.chips.as_deref().into_iter().flat_map(|file| ["--chips", file]));
         words.extend(self.suggest.then_some("--suggest"));
         if self.prove {
             words.extend(["--prove", "--for", &duration, "--seed", &seed]);

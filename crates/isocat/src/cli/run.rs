@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use isocat_descriptions::document::FileError;
 use isocat_descriptions::quantity;
 use isocat_engine::Report;
 use isocat_engine::recording::Recording;
@@ -50,6 +51,9 @@ pub struct Arguments {
     /// Law of all drift loops, in the place of what the file says: hold, block or proportional
     #[arg(long, value_name = "NAME")]
     drift_law: Option<DriftLaw>,
+    /// What `isocat calibrate --chips` measured on a real segment, for the chips of the virtual one
+    #[arg(long, value_name = "FILE")]
+    chips: Option<String>,
     /// Print the report as one JSON document
     #[arg(long)]
     pub json: bool,
@@ -127,7 +131,10 @@ pub fn run(arguments: &Arguments) -> u8 {
              \"isocat watch --metrics\", which goes at the pace of a clock",
         );
     }
-    let scenario = arguments.scenario(file);
+    let scenario = match arguments.scenario(file) {
+        Ok(scenario) => scenario,
+        Err(error) => return fail(&error.to_string()),
+    };
     if scenario.duration < scenario.cycle {
         let (duration, cycle) = (scenario.duration, scenario.cycle);
         return fail(&format!("--for {duration} is shorter than one cycle of {cycle}"));
@@ -265,15 +272,16 @@ fn verb_hint(path: &str) -> String {
 
 impl Arguments {
     /// The scenario of a segment file, with what the arguments say differently.
-    pub fn scenario(&self, file: SegmentFile) -> Scenario {
+    pub fn scenario(&self, file: SegmentFile) -> Result<Scenario, FileError> {
         let mut scenario = Scenario::from(file);
+        super::apply_chips(self.chips.as_deref(), &mut scenario)?;
         scenario.duration = self.duration.unwrap_or(scenario.duration);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.drift_law = self.drift_law.or(scenario.drift_law);
         scenario.force = self.force;
         scenario.tolerate = self.tolerate;
         scenario.drift_compensation &= !self.no_drift_compensation;
-        scenario
+        Ok(scenario)
     }
 
     fn wants_page(&self) -> bool {
@@ -285,6 +293,7 @@ impl Arguments {
         let (seed, duration) = (scenario.seed.to_string(), argument(scenario.duration));
         let mut words = vec!["isocat", "run"];
         words.extend(self.segment.as_deref());
+        words.extend(self.chips.as_deref().into_iter().flat_map(|file| ["--chips", file]));
         words.extend(["--for", &duration, "--seed", &seed]);
         let law = self.drift_law.map(|law| law.to_string());
         words.extend(law.iter().flat_map(|law| ["--drift-law", law]));

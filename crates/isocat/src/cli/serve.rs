@@ -45,6 +45,9 @@ pub struct Arguments {
     /// Law of all drift loops, in the place of what the file says: hold, block or proportional
     #[arg(long, value_name = "NAME")]
     drift_law: Option<DriftLaw>,
+    /// What `isocat calibrate --chips` measured on a real segment, for the chips of the virtual one
+    #[arg(long, value_name = "FILE")]
+    chips: Option<String>,
     /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -61,6 +64,9 @@ pub fn run(arguments: &Arguments) -> u8 {
     };
     let mut scenario = Scenario::from(file);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    if let Err(error) = super::apply_chips(arguments.chips.as_deref(), &mut scenario) {
+        return fail(&error.to_string());
+    }
     scenario.drift_law = arguments.drift_law.or(scenario.drift_law);
     let (interface, path) = match (&arguments.setup_veth, &arguments.interface) {
         (Some(name), _) => {

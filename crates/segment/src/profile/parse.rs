@@ -73,15 +73,11 @@ fn esc(keys: &Keys<'_>) -> Result<Esc, FileError> {
     })
 }
 
-/// The chip, on a board with the ports that the file names, with a drift loop as the file has it.
+/// The chip, on a board with the ports that the file names, with a drift loop, an EEPROM and jitter
+/// as the file has them.
 fn chip(keys: &Keys<'_>) -> Result<(&'static str, &'static Chip), FileError> {
-    let (name, mut chip) = keys.choice("chip", &keys::CHIPS)?;
-    chip = chips::with_law(chip, chips::asked_law(keys, chip.drift_law)?);
-    let polarity = keys.find_choice("difference_polarity", &chips::POLARITIES)?;
-    if let Some(difference_polarity) = polarity.filter(|it| *it != chip.difference_polarity) {
-        chip = chips::interned(Chip { difference_polarity, ..*chip });
-    }
-    let Some(value) = keys.value("ports") else { return Ok((name, chip)) };
+    let (name, chip) = keys.choice("chip", &keys::CHIPS)?;
+    let Some(value) = keys.value("ports") else { return Ok((name, chips::measured(chip, keys)?)) };
     let letters: String = keys.get("ports")?;
     if let Some(letter) = letters.chars().find(|letter| !"YK ".contains(*letter)) {
         let message = format!("ports: \"{letter}\" is no kind of port; expected {}", keys::PORTS);
@@ -99,7 +95,8 @@ fn chip(keys: &Keys<'_>) -> Result<(&'static str, &'static Chip), FileError> {
             format!("ports = \"{letters}\" has EBUS, which {name} can't have; expected Y");
         return Err(value.error(message));
     }
-    Ok((name, chips::interned(chip.with_ports(ports::descriptor(&letters)))))
+    let chip = chips::interned(chip.with_ports(ports::descriptor(&letters)));
+    Ok((name, chips::measured(chip, keys)?))
 }
 
 fn mailbox(keys: &Keys<'_>) -> Result<Placed<Mailbox>, FileError> {

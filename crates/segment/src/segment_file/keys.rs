@@ -56,6 +56,7 @@ pub static FILE: Section = Section {
             example: r#""block""#,
         },
         chips::DRIFT_PHASE,
+        chips::DRIFT_GAIN,
         Key {
             name: "shift",
             kind: BELOW_CYCLE,

@@ -4,10 +4,10 @@ use isocat_esc::DriftLaw;
 use isocat_wire::dc::DifferencePolarity;
 
 use super::{
-    CalibrationReport, ClockKind, Device, FORMAT, Figure, Fit, Hop, Law, LawVerdict, Spread,
-    StateChange,
+    CalibrationReport, ClockKind, Device, FORMAT, Figure, Fit, Hop, Jitter, Law, LawVerdict,
+    Spread, StateChange,
 };
-use crate::calibrate::{self, Calibration, Judgement, Times, Verdict};
+use crate::calibrate::{self, Calibration, Judgement, PortKind, Times, Verdict};
 
 impl CalibrationReport {
     /// `place`: segment file or interface.
@@ -76,12 +76,14 @@ fn device(device: &calibrate::Device, reference: usize) -> Device {
             },
         ),
         law: clock.map(|clock| law(&clock.law)),
-        latch_deviation: clock.map(|clock| thousandth(clock.jitter)),
+        latch_deviation: clock.map(|clock| thousandth(clock.latch_deviation)),
+        jitter: clock.map(|clock| jitter(&clock.jitter)),
         hop: device.hop.as_ref().map(|hop| Hop {
             above: hop.above.map(|(above, _)| above),
             port: hop.above.map(|(_, port)| port.index()),
             round_trip: spread(&hop.round_trip, hop.latches, ROUND_TRIP),
             one_way: hop.one_way.as_ref().map(|one| spread(one, hop.latches, ONE_WAY)),
+            t_diff: hop.t_diff.map(|t_diff| figure(t_diff, T_DIFF)),
         }),
         eeprom_read: device.response.eeprom.as_ref().map(|times| timed(times, EEPROM)),
         to_preop: state(&device.response.to_preop),
@@ -103,10 +105,10 @@ fn law(judged: &Judgement) -> Law {
             parameter,
             admissible: admissible.contains(fit),
             misfit: thousandth(fit.misfit),
-            phase: fit.phase.map(|(value, error)| Figure {
+            measured: fit.parameter.map(|(value, error)| Figure {
                 value: thousandth(value),
                 error: thousandth(error),
-                from: PHASE,
+                from: PARAMETER,
             }),
         }
     });
@@ -117,8 +119,29 @@ fn law(judged: &Judgement) -> Law {
             DriftLaw::Hold { phase } | DriftLaw::Block { phase } => Some(phase),
             DriftLaw::Proportional { .. } => None,
         }),
+        gain: told.and_then(|fit| match fit.law {
+            DriftLaw::Proportional { gain, .. } => Some(gain),
+            DriftLaw::Hold { .. } | DriftLaw::Block { .. } => None,
+        }),
         fits: fits.collect(),
         numbers: judged.numbers,
+    }
+}
+
+fn jitter(jitter: &calibrate::Jitter) -> Jitter {
+    Jitter {
+        above: jitter.above,
+        port: match jitter.port {
+            PortKind::Mii => "mii",
+            PortKind::Ebus => "ebus",
+            PortKind::Other => "other",
+        },
+        deviation: jitter.deviation.map(|(value, error)| Figure {
+            value: thousandth(value),
+            error: thousandth(error),
+            from: JITTER,
+        }),
+        latches: jitter.latches,
     }
 }
 
@@ -169,8 +192,12 @@ fn thousandth(value: f64) -> f64 {
 
 const CRYSTAL: &str = "growth of 0x0918 against the reference's over 10 s without drift frames";
 const CRYSTAL_AGAIN: &str = "the same over 5 s at the end, less the first";
-const PHASE: &str = "0x0932, 0x0918 behind courses of drift frames, against the software ESC";
+const PARAMETER: &str = "0x0932, 0x0918 behind courses of drift frames, against the software ESC";
+const JITTER: &str =
+    "0x0918 against that of the clock above, about straight lines of half a second";
 const ROUND_TRIP: &str = "receive times of the ports, 0x0900 to 0x090F";
 const ONE_WAY: &str = "half the branch's time above less the round trip here, 0x0900 to 0x090F";
+const T_DIFF: &str =
+    "0x0900 to 0x090F of the device above, with the ports behind this one closed and open";
 const EEPROM: &str = "host's clock: command to 0x0502 until it is not busy";
 const STATE: &str = "host's clock: request to 0x0120 until 0x0130 shows it";

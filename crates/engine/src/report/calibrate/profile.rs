@@ -1,4 +1,4 @@
-//! What was told of a chip, as keys of a device profile.
+//! What was told of chips: as keys of a device profile, and as a file for `--chips`.
 
 use super::{CalibrationReport, Device};
 
@@ -47,23 +47,67 @@ impl CalibrationReport {
                 told.iter().map(|(device, _)| device.position).collect(),
             ));
         }
-        let mut text = format!(
+        let text = format!(
             "# Measured by isocat calibrate on {}, position {}, ESC type 0x{:02X}.\n\
              # These keys belong into the section [esc] of a device profile.\n",
             self.place.replace(char::is_control, " "),
             first.position,
             first.esc_type
         );
-        let law = first.law.as_ref().and_then(|law| law.fits.first());
-        if let Some(fit) = law {
-            text += &format!("# Misfit {:.2} standard deviations", fit.misfit);
-            if let Some(phase) = &fit.phase {
-                text += &format!(", phase {:.3} +- {:.3}", phase.value, phase.error);
-            }
-            text += ".\n";
-        }
-        Ok(text + "[esc]\n" + keys)
+        Ok(text + &misfit(first) + "[esc]\n" + keys)
     }
+
+    /// What was told of each chip, for `--chips` of `plan`, `run` and `serve`.
+    pub fn chips(&self) -> String {
+        let mut text = format!(
+            "# Measured by isocat calibrate on {}. Take it beside a segment file of the same devices:\n\
+             # isocat run my.toml --chips THIS_FILE\n",
+            self.place.replace(char::is_control, " ")
+        );
+        for device in &self.devices {
+            text += &format!("\n# ESC type 0x{:02X}\n", device.esc_type);
+            let loops = keys(device);
+            if loops.is_some() {
+                text += &misfit(device);
+            } else if device.law.is_some() {
+                text += "# Law and sign of 0x092C were not told: those of the profile stay.\n";
+            }
+            text += &format!("[[chip]]\nposition = {}\n", device.position);
+            text += &loops.unwrap_or_default();
+            text += &times(device);
+        }
+        text
+    }
+}
+
+/// How well the law fits, as a comment.
+fn misfit(device: &Device) -> String {
+    let Some(fit) = device.law.as_ref().and_then(|law| law.fits.first()) else {
+        return String::new();
+    };
+    let measured = fit.measured.as_ref().map_or_else(String::new, |measured| {
+        let name = if fit.name == "proportional" { "gain" } else { "phase" };
+        format!(", {name} {:.3} +- {:.3}", measured.value, measured.error)
+    });
+    format!("# Misfit {:.2} standard deviations{measured}.\n", fit.misfit)
+}
+
+/// What is known of EEPROM and ports.
+fn times(device: &Device) -> String {
+    let mut text = String::new();
+    if let Some(read) = &device.eeprom_read {
+        // A look may come late and never early.
+        let (micros, late) = (read.least / 1e3, read.error / 1e3);
+        let most = micros.clamp(0.0, 50_000.0).round();
+        text += &format!("eeprom_read = \"{most}us\"  # up to {late:.0} us less\n");
+    }
+    if let Some(figure) = device.jitter.as_ref().and_then(|jitter| jitter.deviation.as_ref()) {
+        // A saw tooth is as high as the root of 12 standard deviations.
+        let height = |deviation: f64| (deviation * 12f64.sqrt()).round();
+        let (value, error) = (height(figure.value).clamp(0.0, 1_000.0), height(figure.error));
+        text += &format!("port_jitter = \"{value}ns\"  # +- {error} ns\n");
+    }
+    text
 }
 
 /// The keys of one clock; `None` if something of it was not told.
@@ -72,6 +116,9 @@ fn keys(device: &Device) -> Option<String> {
     let mut text = format!("drift_law = \"{}\"\n", law.name?);
     if let Some(phase) = law.phase {
         text += &format!("drift_phase = {phase}\n");
+    }
+    if let Some(gain) = law.gain {
+        text += &format!("drift_gain = {gain}\n");
     }
     Some(text + &format!("difference_polarity = \"{}\"\n", device.difference_polarity?))
 }

@@ -73,12 +73,30 @@ fn write_device(out: &mut String, device: &Device) -> fmt::Result {
         let text = format!("{deviation:.1} ns standard deviation (ticks alone: 4.1 ns at most)");
         line(out, "latch of 0x0918", &text)?;
     }
+    if let Some(jitter) = &device.jitter {
+        let text = match &jitter.deviation {
+            Some(deviation) => {
+                let port = jitter.port;
+                format!(
+                    "sd {} ns behind a port of kind {port}, {} latches",
+                    figure(deviation),
+                    jitter.latches
+                )
+            }
+            None => "not told: the crystals are too much alike to show it".to_owned(),
+        };
+        line(out, &format!("jitter from {}", jitter.above), &text)?;
+    }
     if let Some(hop) = &device.hop {
         line(out, "round trip", &spread(&hop.round_trip, "ns", 1.0))?;
         if let (Some(above), Some(one_way)) = (hop.above, &hop.one_way) {
-            let text = format!("{}; tDiff is not told", spread(one_way, "ns", 1.0));
-            line(out, &format!("hop from {above}"), &text)?;
+            line(out, &format!("hop from {above}"), &spread(one_way, "ns", 1.0))?;
         }
+        let text = hop.t_diff.as_ref().map_or_else(
+            || "not told: nothing behind it, or no receive times above".to_owned(),
+            |t_diff| format!("{} ns", figure(t_diff)),
+        );
+        line(out, "tDiff", &text)?;
     }
     let eeprom = device.eeprom_read.as_ref();
     let text = eeprom.map_or("failed".to_owned(), |read| spread(read, "us", 1e3));
@@ -104,8 +122,9 @@ fn write_law(out: &mut String, law: &Law) -> fmt::Result {
     line(out, "drift law", &text)?;
     for fit in &law.fits {
         let mut text = format!("{:<16} misfit {:.2} sd", named(fit), fit.misfit);
-        if let Some(phase) = fit.phase.as_ref().filter(|_| fit.admissible) {
-            write!(text, ", phase {}", figure(phase))?;
+        if let Some(measured) = fit.measured.as_ref().filter(|_| fit.admissible) {
+            let name = if fit.name == "proportional" { "gain" } else { "phase" };
+            write!(text, ", {name} {}", figure(measured))?;
         }
         line(out, "", &text)?;
     }

@@ -8,8 +8,7 @@ use isocat_wire::register::{self};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
-    Burst, PACE, SLOWER, followers, hasten, limits, noise, pace_for, read_differences,
-    reading_interval,
+    Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
 };
 use super::settings::set_filter;
 use crate::config::Config;
@@ -18,19 +17,36 @@ use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
 
 /// Drives the drift loop until every clock has converged: a stream of FRMW, several in flight, with
-/// a look at 0x092C of all clocks now and then. A burst locks them. Where the cycle's own drift datagrams come much more
-/// seldom, slower frames follow, which teach the speed well enough for that.
+/// a look at 0x092C of all clocks now and then.
+///
+/// A burst locks them. Slower frames follow where the cycle's own drift datagrams come much more seldom, as they teach the
+/// speed well enough for that, and where a burst does not do: behind some hundred hops, whose jitter goes round in a few
+/// milliseconds, a loop that is led faster than that keeps an error.
 pub(super) async fn converge(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
 ) -> Result<(), Cause> {
-    let end = link.now() + config.timeouts.drift;
-    lead(link, config, segment, reference, (PACE, 0), end).await?;
-    let slower = pace_for(config.cycle);
-    if slower > PACE {
-        lead(link, config, segment, reference, (slower, LEARNING_FRAMES), end).await?;
+    let begin = link.now();
+    let end = begin + config.timeouts.drift;
+    let hurry = end.min(begin + HURRY);
+    let mut led = lead(link, config, segment, reference, (PACE, 0), hurry).await?;
+    let slower = match led {
+        Led::Converged => pace_for(config.cycle),
+        Led::Not { .. } => pace_for(config.cycle).max(SLOW_PACE),
+    };
+    if slower > PACE && link.now() < end {
+        led = lead(link, config, segment, reference, (slower, LEARNING_FRAMES), end).await?;
+    }
+    if let Led::Not { device, slope_ppb } = led {
+        let device = &segment.devices[device];
+        return Err(Cause::Drift {
+            place: device.place(),
+            difference: device.difference.unwrap_or(Nanos::ZERO),
+            slope_ppb,
+            after: link.now() - begin,
+        });
     }
     let (difference, _) = config.drift_filters.depths(config.cycle);
     let address = register::TIME_FILTER_DEPTH.address;
@@ -40,7 +56,18 @@ pub(super) async fn converge(
     Ok(())
 }
 
-/// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least` frames at least.
+/// What leading the clocks came to.
+enum Led {
+    Converged,
+    /// The worst clock, and its slope.
+    Not {
+        device: usize,
+        slope_ppb: i64,
+    },
+}
+
+/// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least` frames at least; until
+/// `end` at the latest.
 async fn lead(
     link: &Link,
     config: &Config,
@@ -48,7 +75,7 @@ async fn lead(
     reference: usize,
     (pace, least): (Nanos, i64),
     end: Time<Host>,
-) -> Result<(), Cause> {
+) -> Result<Led, Cause> {
     let begin = link.now();
     let noise = noise(segment, config);
     let clocks = followers(segment, reference);
@@ -58,19 +85,16 @@ async fn lead(
     let station = segment.devices[reference].station;
     let mut burst = Burst::new(link, station, count, pace);
     let noise = clocks.iter().map(|(at, _)| noise[*at]).max().unwrap_or_default();
-    let interval = reading_interval(noise).max(pace);
+    let interval = reading_interval(noise).max(Nanos(FRAMES_PER_READING * pace.0));
     let learned = begin + Nanos(pace.0 * least);
     let mut next_reading = begin + interval;
     loop {
         burst.until(next_reading).await?;
-        let slow = link.now() - begin > HURRY;
-        burst.slow(slow);
         let asked = link.now();
         let readings = read_differences(link, &clocks).await?;
         // Reading a thousand clocks takes longer than the interval, and no drift frame is sent meanwhile: most of the
         // time is left to what leads them.
         let took = link.now() - asked;
-        let interval = if slow { Nanos(SLOWER * interval.0) } else { interval };
         next_reading = (asked + interval).max(link.now() + Nanos(PULLING_PER_READING * took.0));
         for (((device, _), judge), (at, difference)) in clocks.iter().zip(&mut judged).zip(readings)
         {
@@ -81,24 +105,26 @@ async fn lead(
         }
         let converged = judged.iter().all(|one| matches!(one.verdict(), Verdict::Converged { .. }));
         if converged && link.now() >= learned {
-            return Ok(burst.finish().await?);
+            burst.finish().await?;
+            return Ok(Led::Converged);
         }
         if link.now() >= end {
+            burst.finish().await?;
             let (device, slope_ppb) = worst(&clocks, &judged, segment);
-            let device = &segment.devices[device];
-            return Err(Cause::Drift {
-                place: device.place(),
-                difference: device.difference.unwrap_or(Nanos::ZERO),
-                slope_ppb,
-                after: link.now() - begin,
-            });
+            return Ok(Led::Not { device, slope_ppb });
         }
     }
 }
 
-/// Clocks lock in half a second as a rule. One that has not by then has time: a clock that never comes into step, whatever it is
-/// led by, must not take the wire for as long as it is waited for.
-const HURRY: Nanos = Nanos(5_000_000_000);
+/// Clocks lock in half a second of a burst as a rule. One that has not by then has time: a clock that never comes into step,
+/// whatever it is led by, must not take the wire for as long as it is waited for.
+const HURRY: Nanos = Nanos(2_000_000_000);
+
+/// The pace of drift frames then.
+const SLOW_PACE: Nanos = Nanos(1_000_000);
+
+/// Drift frames from one reading to the next.
+const FRAMES_PER_READING: i64 = 10;
 
 /// The clock that is furthest off, and its slope.
 fn worst(

@@ -40,28 +40,21 @@ pub(super) struct Burst<'a> {
     station: StationAddress,
     /// What each must count: the reference read, all other clocks written.
     count: u16,
-    /// From one to the next, unless slowed down.
+    /// From one to the next.
     pace: Nanos,
-    slow: bool,
     in_flight: Vec<Exchange>,
 }
 
 impl<'a> Burst<'a> {
     /// Drift frames of the clock at `station`, one each `pace`, each of which must count `count`.
     pub fn new(link: &'a Link, station: StationAddress, count: u16, pace: Nanos) -> Self {
-        Self { link, station, count, pace, slow: false, in_flight: Vec::new() }
+        Self { link, station, count, pace, in_flight: Vec::new() }
     }
 
-    /// A tenth of the frames, or all of them.
-    pub fn slow(&mut self, slow: bool) {
-        self.slow = slow;
-    }
-
-    /// One frame each pace, or more slowly, until `end`. One that is lost does not hold up the others.
+    /// One frame each pace until `end`. One that is lost does not hold up the others.
     pub async fn until(&mut self, end: Time<Host>) -> Result<(), AccessError> {
         while self.link.now() < end {
-            let pace = if self.slow { SLOWER * self.pace.0 } else { self.pace.0 };
-            let next = self.link.now() + Nanos(pace);
+            let next = self.link.now() + self.pace;
             if self.in_flight.len() < IN_FLIGHT {
                 self.in_flight.push(drift_frame(self.link, self.station));
             }
@@ -181,9 +174,6 @@ pub(super) const PACE: Nanos = Nanos(100_000);
 pub(super) fn pace_for(cycle: Nanos) -> Nanos {
     PACE.max(Nanos(cycle.0 / 10))
 }
-
-/// How much slower drift frames and readings are while a clock takes very long.
-pub(super) const SLOWER: i64 = 10;
 
 /// Most drift frames in flight, where the way is longer than their pace or frames are lost: the way through 2000
 /// SubDevices at that pace, and fewer than the frames that the link has in flight at all.

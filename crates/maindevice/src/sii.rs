@@ -364,7 +364,7 @@ impl<'a> Reader<'a> {
                 _ => sii.take(kind, &data),
             }
         }
-        return Ok(());
+        Err(Failure::Problem(SiiProblem::NoEnd))
     }
 
     /// `count` words from word `first` on. What one access gives beyond them is kept for the next.

@@ -99,10 +99,9 @@ fn clock_error(segment: &Segment, config: &Config) -> Nanos {
             speed_filter_depth,
         })
     });
-    // A loop hands on up to half of the jitter of the way at the usual depths, and some four times
-    // that at worst.
-    let jitter = hop_jitter(segment, config);
-    left.max().unwrap_or_default().max(threshold) + jitter + jitter
+    // A loop hands on a tenth of the jitter of the way at the usual depths (docs/dc.md), a third at
+    // worst; before it has settled, more.
+    left.max().unwrap_or_default().max(threshold) + hop_jitter(segment, config)
 }
 
 /// From the earliest to the latest that hops may make a frame come: a period of MII at the

@@ -149,7 +149,7 @@ fn what_is_broken_says_where() {
         ("".into(), "1:1", "not well-formed"),
         ("<EtherCATInfo/>".into(), "1:1", "root element is EtherCATInfo; expected EtherCATConfig"),
         ("<EtherCATConfig/>".into(), "1:1", "no Config"),
-        ("<!DOCTYPE a><EtherCATConfig/>".into(), "1:1", "not well-formed XML"),
+        ("<!DOCTYPE a><EtherCATConfig/>".into(), "1:1", "without <!DOCTYPE>"),
         (step("<Cmd>15</Cmd>"), "5:", "unknown command 0x0f"),
         (step("<Cmd>5</Cmd><Adp>65536</Adp>"), "5:", "Adp 65536 is out of range"),
         (step("<Cmd>five</Cmd>"), "5:", "Cmd \"five\" is no number"),

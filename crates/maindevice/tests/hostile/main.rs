@@ -183,7 +183,7 @@ fn each_lie_is_told() {
             let make = device::Make { clock: true, mailbox: true };
             (story.makes, story.liars) = (vec![make; 3], vec![(1, lie, 0, u64::MAX)]);
             (story.wire, story.wishes) = (Wire::default(), Wishes::default());
-            story.wishes.requests = true;
+            (story.wishes.requests, story.wishes.each_sii) = (true, true);
             run::run(&story, &mut Allocations::default()).told
         };
         assert!((0..3).any(|seed| told(seed) > 0), "{lie:?}");

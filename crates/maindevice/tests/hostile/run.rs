@@ -40,6 +40,8 @@ pub struct Wishes {
     pub requests: bool,
     /// With the timeouts and latches of a real segment: some lies then take half a minute.
     pub patient: bool,
+    /// The SII of each is read, of equal ones too.
+    pub each_sii: bool,
 }
 
 impl Story {
@@ -80,6 +82,7 @@ impl Story {
             recovery: wish(3),
             requests: wish(2),
             patient: wish(40),
+            each_sii: false,
         };
         Self { makes, liars, wire, wishes, seed }
     }
@@ -157,6 +160,7 @@ fn config(story: &Story) -> Config {
         config.recovery = Recovery::BackOff { first, longest };
     }
     let devices = if wishes.unplanned { 0 } else { story.makes.len() };
+    config.share_sii = !wishes.each_sii;
     config.source = [0x10, 0, 0, 0, 0, 1];
     config.devices = vec![Default::default(); devices];
     if wishes.patient {
@@ -192,6 +196,7 @@ pub fn follow(bytes: &[u8]) {
         recovery: bit(3),
         requests: bit(4),
         patient: false,
+        each_sii: bit(5),
     };
     let makes = vec![Make { clock: bit(5), mailbox: true }, Make { clock: true, mailbox: bit(6) }];
     let (liars, wire, seed) = (Vec::new(), Wire::default(), first.into());

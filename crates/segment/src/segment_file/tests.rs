@@ -377,7 +377,7 @@ fn a_profile_may_be_a_file_beside_the_segment() {
     }
     let missing = of("none.toml").unwrap_err();
     assert_eq!((missing.line, missing.column), (3, 10));
-    assert!(missing.message.contains("none.toml can't be read"), "{missing}");
+    assert!(missing.message.contains("none.toml: can't be read"), "{missing}");
 
     // A mistake in the profile is told with the profile's own place.
     std::fs::write(&path, text.replacen("[esc]\n", "[esc]\nchp = 1\n", 1)).unwrap();

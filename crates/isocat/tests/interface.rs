@@ -294,8 +294,10 @@ fn a_scan_over_a_wire_finds_what_is_there() {
         let ns = |report: &Value| report["delay"]["ns"].as_f64().expect("a delay");
         assert!((ns(found) - ns(&expected)).abs() < 40.0, "{found:#}");
         // Its error grows where the machine wakes late from the time between the latches: not beyond this.
-        let ppm = |report: &Value| report["clock"]["speed_ppm"].as_f64().expect("a speed");
-        assert!((ppm(found) - ppm(&expected)).abs() < 0.5, "{found:#}");
+        let of_clock = |report: &Value, key: &str| report["clock"][key].as_f64().expect("a figure");
+        let off = of_clock(found, "speed_ppm") - of_clock(&expected, "speed_ppm");
+        let error = of_clock(found, "speed_error_ppm") + of_clock(&expected, "speed_error_ppm");
+        assert!(off.abs() < (2.0 * error).clamp(0.5, 1.0), "{found:#}");
     }
 
     let output = scan(&wire, &[]);

@@ -23,7 +23,8 @@ fn assert_simple(report: &Report) {
         assert_eq!(device.cycle_ns, Some(1_000_000));
         let difference = registers.system_time_difference_ns;
         assert_eq!(difference.is_some(), device.position > 0, "the first one is the reference");
-        assert!(difference.is_none_or(|ns| ns.abs() < 100), "{}: {difference:?}", device.name);
+        // Behind fifty hops that jitter by 12 ns each.
+        assert!(difference.is_none_or(|ns| ns.abs() < 200), "{}: {difference:?}", device.name);
         assert!(registers.delay_ns.is_some_and(|delay| (delay > 0) == (device.position > 0)));
         assert_eq!(device.true_time.sync0_error, None);
     }

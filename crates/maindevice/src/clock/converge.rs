@@ -10,8 +10,9 @@ use isocat_wire::time::{Host, Nanos, Time};
 use super::drift_frames::{
     Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
 };
-use super::settings::set_filter;
+use super::settings::{NOISY, set_filter};
 use crate::config::Config;
+use crate::delay;
 use crate::error::Cause;
 use crate::link::Link;
 use crate::segment::{Segment, SubDevice};
@@ -20,8 +21,8 @@ use crate::segment::{Segment, SubDevice};
 /// a look at 0x092C of all clocks now and then.
 ///
 /// A burst locks them. Slower frames follow where the cycle's own drift datagrams come much more seldom, as they teach the
-/// speed well enough for that, and where a burst does not do: behind some hundred hops, whose jitter goes round in a few
-/// milliseconds, a loop that is led faster than that keeps an error.
+/// speed well enough for that, and where a burst does not do: jitter of hops goes round in a few milliseconds, and a loop
+/// that is led faster than that takes it for drift.
 pub(super) async fn converge(
     link: &Link,
     config: &Config,
@@ -31,14 +32,22 @@ pub(super) async fn converge(
     let begin = link.now();
     let end = begin + config.timeouts.drift;
     let hurry = end.min(begin + HURRY);
-    let mut led = lead(link, config, segment, reference, (PACE, 0), hurry).await?;
-    let slower = match led {
-        Led::Converged => pace_for(config.cycle),
-        Led::Not { .. } => pace_for(config.cycle).max(SLOW_PACE),
+    let led = lead(link, config, segment, reference, (PACE, 0), hurry).await?;
+    let noisy = delay::noise(segment, config.hop_jitter).into_iter().any(|one| one > NOISY);
+    let slower = pace_for(config.cycle).max(if noisy { SLOW_PACE } else { PACE });
+    let led = match led {
+        Led::Converged if slower > PACE => {
+            let settled = end.min(link.now() + Nanos(slower.0 * MOST_LEARNING));
+            let _better =
+                lead(link, config, segment, reference, (slower, LEARNING_FRAMES), settled).await?;
+            Led::Converged
+        }
+        Led::Converged => Led::Converged,
+        Led::Not { .. } => {
+            let slower = slower.max(SLOW_PACE);
+            lead(link, config, segment, reference, (slower, LEARNING_FRAMES), end).await?
+        }
     };
-    if slower > PACE && link.now() < end {
-        led = lead(link, config, segment, reference, (slower, LEARNING_FRAMES), end).await?;
-    }
     if let Led::Not { device, slope_ppb } = led {
         let device = &segment.devices[device];
         return Err(Cause::Drift {
@@ -120,7 +129,7 @@ async fn lead(
 /// whatever it is led by, must not take the wire for as long as it is waited for.
 const HURRY: Nanos = Nanos(2_000_000_000);
 
-/// The pace of drift frames then.
+/// The pace of drift frames then, and where hops jitter.
 const SLOW_PACE: Nanos = Nanos(1_000_000);
 
 /// Drift frames from one reading to the next.
@@ -184,6 +193,9 @@ pub(crate) async fn follow(
         }
     }
 }
+
+/// The same at most, if clocks had converged before: what is still off then is what their loops make of the jitter.
+const MOST_LEARNING: i64 = 4 * LEARNING_FRAMES;
 
 /// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
 /// an eighth.

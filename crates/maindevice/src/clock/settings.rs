@@ -86,7 +86,7 @@ const QUIET_DEPTH: u8 = 4;
 const NOISY_DEPTH: u8 = 6;
 
 /// What the mean of 16 differences, from one to the next, makes of this is a tick of 10 ns in the pace.
-const NOISY: Nanos = Nanos(30);
+pub(super) const NOISY: Nanos = Nanos(30);
 
 /// Register 0x0930: reset value of the chips.
 pub(super) const SPEED_COUNTER_START: u16 = 0x1000;

@@ -660,9 +660,9 @@ fn datagrams_that_are_given_up_leave_the_queue() {
     let link = bench.link.clone();
     let mut reads: Vec<_> =
         (0..1000).map(|_| Some(link.fprd(StationAddress(0x1001), 0x0130, 2))).collect();
-    for at in 0..1000 {
+    for (at, read) in reads.iter_mut().enumerate() {
         if at % 100 != 50 {
-            reads[at] = None;
+            *read = None;
         }
     }
     let left: Vec<_> = reads.into_iter().flatten().collect();

@@ -77,11 +77,9 @@ pub(super) fn note(
             figures.lateness.largest()
         ));
     }
-    if outcome.judged.is_some() {
-        if outcome.locks_lost > 0 {
-            let times = outcome.locks_lost;
-            notes.push(format!("the host lost its lock on the reference clock {times} times"));
-        }
+    if outcome.judged.is_some() && outcome.locks_lost > 0 {
+        let times = outcome.locks_lost;
+        notes.push(format!("the host lost its lock on the reference clock {times} times"));
     }
     if let Some((late, since)) = outcome.stall {
         notes.push(format!(

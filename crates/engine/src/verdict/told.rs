@@ -121,12 +121,12 @@ impl Told {
                     self.changes.push(Finding { place, since: Some(at), kind });
                 }
             }
-            Event::Alarm(Change { position, alarm: Alarm::SyncPending, raised: true, .. }) => {
-                if self.changes.len() < MOST_CHANGES {
-                    let place = Place::device(*position);
-                    let kind = Judged::NoSync0.into();
-                    self.changes.push(Finding { place, since: Some(at), kind });
-                }
+            Event::Alarm(Change { position, alarm: Alarm::SyncPending, raised: true, .. })
+                if self.changes.len() < MOST_CHANGES =>
+            {
+                let place = Place::device(*position);
+                let kind = Judged::NoSync0.into();
+                self.changes.push(Finding { place, since: Some(at), kind });
             }
             Event::Dropped { count } => self.dropped += count,
             _ => {}

@@ -198,11 +198,12 @@ impl Field {
             let now = self.world.now();
             match *fault {
                 Fault::Late { at, by, times, every }
-                    if now >= after(at) && done < times && number >= held + every =>
+                    if now >= after(at)
+                        && done < times
+                        && number >= held + every
+                        && sleeper.arm(self.world.host_mut(), number, by) =>
                 {
-                    if sleeper.arm(self.world.host_mut(), number, by) {
-                        (done, held) = (done + 1, number);
-                    }
+                    (done, held) = (done + 1, number);
                 }
                 Fault::Exchanged { cable, at, metres }
                     if now >= after(at)

@@ -196,14 +196,17 @@ fn fault(chance: &mut Chance, cycle: u64, duration: Nanos, devices: u64) -> Faul
         }
         11 => Fault::HostClock { at, by_ppb: ppb(chance, 2_000_000) },
         12 => Fault::Exchanged { cable: any, at, metres: chance.between(1, 500) },
-        _ => Fault::Misbehaves(*chance.of(&[
-            "missed-copy 50",
-            "missed-copy 7",
-            "late-copy 100us",
-            "late-application 200us",
-            "dead-sync0",
-            "ignores-shift",
-        ])),
+        _ => {
+            let words: &[&'static str] = &[
+                "missed-copy 50",
+                "missed-copy 7",
+                "late-copy 100us",
+                "late-application 200us",
+                "dead-sync0",
+                "ignores-shift",
+            ];
+            Fault::Misbehaves(words[chance.between(0, words.len() as u64 - 1) as usize])
+        }
     }
 }
 

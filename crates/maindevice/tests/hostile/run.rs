@@ -201,8 +201,8 @@ pub fn follow(bytes: &[u8]) {
     let makes = vec![Make { clock: bit(5), mailbox: true }, Make { clock: true, mailbox: bit(6) }];
     let (liars, wire, seed) = (Vec::new(), Wire::default(), first.into());
     let story = Story { makes, liars, wire, wishes, seed };
-    let outcome = begin(&story, Script { bytes: script.to_vec(), ..Script::default() })
-        .to_the_end(&mut Nothing);
+    let outcome =
+        begin(&story, Script { bytes: script.to_vec(), ..Script::default() }).finish(&mut Nothing);
     assert_ne!(outcome.end, End::Endless, "{:?}", outcome.statistics);
 }
 
@@ -260,7 +260,7 @@ impl Script {
 
 /// Runs a story to its end.
 pub fn run(story: &Story, meter: &mut impl Meter) -> Outcome {
-    begin(story, Script::default()).to_the_end(meter)
+    begin(story, Script::default()).finish(meter)
 }
 
 fn begin(story: &Story, script: Script) -> Run {
@@ -306,7 +306,7 @@ struct Run {
 }
 
 impl Run {
-    fn to_the_end(mut self, meter: &mut impl Meter) -> Outcome {
+    fn finish(mut self, meter: &mut impl Meter) -> Outcome {
         let mut buffer = [0; FRAME_LEN];
         let mut stop_at = None;
         let (mut stopping, mut end) = (false, None);

@@ -99,7 +99,7 @@ fn jitter_that_eats_the_slack_counts_now_and_then() {
         let shown = picture.split("0x1C32:0B = ").nth(1).and_then(|rest| rest.split('<').next());
         shown.and_then(|shown| shown.parse::<u32>().ok()).expect("a value")
     };
-    let values: Vec<u32> = (0..=290).step_by(10).map(|cycle| value(&cycle.to_string())).collect();
+    let values: Vec<u32> = (0..=290).step_by(5).map(|cycle| value(&cycle.to_string())).collect();
     assert_eq!((values.first(), values.last()), (Some(&0), Some(&6)), "{values:?}");
     assert!(values.iter().any(|value| (1..=5).contains(value)), "{values:?}");
 }

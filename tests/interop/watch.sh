@@ -38,7 +38,7 @@ for size in "80 24" "200 50"; do
   name="${width}x$height"
   begin "$width" "$height" "'$isocat' watch"
   until_pane "$name" 'In sync: 3 of 5 SubDevices with SYNC, all in OP'
-  until_pane "$name" '^3 .*SSC.* OP .* ns .* us .*\+[0-9.]+ '
+  until_pane "$name" '^4 .*SSC.* OP .* ns .* us .*\+[0-9.]+ '
   has "$name" '^host phase .* [▁▂▃▄▅▆▇█]+$'
   has "$name" 'all in OP: in operation'
   has "$name" '^#▼'

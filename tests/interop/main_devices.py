@@ -205,8 +205,9 @@ def describe(profile, position, sync0, assigned):
         startup += [[index, 0, 1, 0], [index, 1, 2, pdo], [index, 0, 1, 1]]
     lengths = []
     for side, index in [("outputs", 0x1C12), ("inputs", 0x1C13)]:
-        pdos = [pdo for at, pdo in assigned if at == index] or profile[side]["default"]
-        bits = sum(BITS[kind] for pdo in profile[side]["pdo"] if pdo["index"] in pdos for _, kind, _ in pdo["entries"])
+        described = profile.get(side, {"default": [], "pdo": []})
+        pdos = [pdo for at, pdo in assigned if at == index] or described["default"]
+        bits = sum(BITS[kind] for pdo in described["pdo"] if pdo["index"] in pdos for _, kind, _ in pdo["entries"])
         lengths.append(bits // 8)
     return {
         "name": f"{profile['name']} {position}", "vendor": identity["vendor_id"], "product": identity["product_code"],

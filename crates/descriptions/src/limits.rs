@@ -77,7 +77,7 @@ pub fn check(path: &str, length: usize, most: usize) -> Result<(), FileError> {
     Err(FileError { path: path.to_owned(), line: 1, column: 1, message, hint: None })
 }
 
-/// A text of so many characters at most; a longer one ends in an ellipsis.
+/// The first `most` characters of a text, and an ellipsis where it was longer.
 pub fn cut(text: &str, most: usize) -> String {
     match text.char_indices().nth(most) {
         Some((at, _)) => format!("{}…", &text[..at]),

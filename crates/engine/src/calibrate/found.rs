@@ -119,7 +119,7 @@ fn read_clock(
     })
 }
 
-/// Only what nobody operates is calibrated.
+/// Refuses a segment in operation: every SubDevice must be in INIT or PREOP.
 fn check(bus: &mut Bus<'_>, device: &Found) -> Result<(), Trouble> {
     let position = device.position;
     if !matches!(device.status.state(), Ok(AlState::Init | AlState::PreOp)) {

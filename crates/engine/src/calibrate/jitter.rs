@@ -3,8 +3,8 @@
 //! A port takes a frame over at an edge of its own clock (40 ns for copper, 10 ns for EBUS), so the
 //! time of a hop is a saw tooth that goes round as two crystals slip past each other. It is no noise
 //! of each frame for itself: between crystals 1 ppm apart a tooth lasts 40 ms, and frames within it
-//! are late by the same. So its height is measured here, its pace is that of the crystals, and only
-//! its phase, which nobody knows, is drawn.
+//! are late by the same. Its height is measured here and its pace is that of the crystals. Its phase
+//! can't be measured and is drawn at random.
 
 use isocat_sim::random::Stream;
 use isocat_wire::PortNumber;
@@ -223,7 +223,7 @@ pub(super) fn normal(chance: &mut Stream) -> f64 {
     sum as f64 / PHASES as f64 - 6.0
 }
 
-/// A uniform saw tooth is as high as so many standard deviations.
+/// Height of a uniform saw tooth, in its standard deviations.
 const SQRT_12: f64 = 3.464_101_615_137_754_6;
 /// Steps of what is drawn.
 const PHASES: u64 = 1 << 24;

@@ -4,8 +4,8 @@
 //! Receive times alone hold the sum of both ways. So the ports behind the device are closed for a
 //! moment: then it turns the frame around behind the processing unit, and what the frame is away
 //! from the device above changes by tDiff. That closed ports take no time of their own is taken from
-//! the data sheets. The setting is a temporary one (0x0100 bit 1), which the device takes back by
-//! itself after about a second even if nobody can tell it to.
+//! the data sheets. The setting is a temporary one (0x0100 bit 1): the device takes it back by
+//! itself after about a second, even if it can no longer be reached.
 
 use isocat_wire::Command;
 use isocat_wire::PortNumber;

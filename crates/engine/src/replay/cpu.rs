@@ -173,7 +173,7 @@ fn al_by_broadcast(chain: &mut Chain, list: &[Pair<'_>], ahead: &[Exchange]) {
                 }
             }
         }
-        // A state that has bits which nobody shows is from before.
+        // State bits that no device shows any more are out of date.
         for position in movable {
             if chain.escs[position].al_status().0 as u8 & !found != 0 {
                 set_al_status(chain, position, [found, 0]);

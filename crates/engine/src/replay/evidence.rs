@@ -156,7 +156,7 @@ pub(crate) fn devices(list: &[Exchange]) -> usize {
     }
 }
 
-/// Station addresses that answer although this capture gave them to nobody, by position.
+/// Station addresses, by position, that were given before the capture began.
 pub(crate) fn stations_before(list: &[Exchange], devices: usize) -> Vec<Option<u16>> {
     let before: Vec<u16> = answering_stations(list).into_iter().collect();
     let mut addresses = vec![None; devices];

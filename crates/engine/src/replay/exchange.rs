@@ -272,7 +272,7 @@ mod tests {
     fn without_the_mark_the_content_decides() {
         let exchanges = paired(&[(0, bytes(1, 0x12, 0)), (9, bytes(1, 0x12, 3))]);
         assert_eq!(numbers(&exchanges), [(1, Some(2))]);
-        // The same again and again, and never counted: nobody answers.
+        // Repeated with a working counter of 0: no device answers.
         let exchanges = paired(&[(0, bytes(1, 0x10, 0)), (900, bytes(1, 0x10, 0))]);
         assert_eq!(numbers(&exchanges), [(1, None), (2, None)]);
     }

@@ -4,7 +4,7 @@ use alloc::vec::Vec;
 
 use isocat_sync::drift::{Convergence, Verdict};
 use isocat_wire::StationAddress;
-use isocat_wire::register::{self};
+use isocat_wire::register;
 use isocat_wire::time::{Host, Nanos, Time};
 
 use super::drift_frames::{
@@ -38,8 +38,7 @@ pub(super) async fn converge(
     let led = match led {
         Led::Converged if slower > PACE => {
             let settled = end.min(link.now() + Nanos(slower.0 * MOST_LEARNING));
-            let _better =
-                lead(link, config, segment, reference, (slower, LEARNING_FRAMES), settled).await?;
+            lead(link, config, segment, reference, (slower, LEARNING_FRAMES), settled).await?;
             Led::Converged
         }
         Led::Converged => Led::Converged,

@@ -14,7 +14,7 @@ use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::config::Config;
-use crate::delay::{self};
+use crate::delay;
 use crate::error::AccessError;
 use crate::link::{Exchange, Link, Travel};
 use crate::segment::Segment;

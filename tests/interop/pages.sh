@@ -16,6 +16,8 @@ isocat="$PWD/${CARGO_TARGET_DIR:-target}/release/isocat"
 cp tests/interop/pages.mjs "$folder/"
 cat > "$folder/late.toml" <<'TOML'
 cycle = "1ms"
+clocks = "0ppm" # so that the CPU's times are those of true time
+hop_jitter = false
 for = "2s"
 shift = "200us"
 [[subdevice]]

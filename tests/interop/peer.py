@@ -163,6 +163,9 @@ class Partner:
             self.target = self.actual
 
     def complaints(self, cycles):
+        # A coupler has no outputs that could come back.
+        if self.is_io and not self.length:
+            return ""
         if self.is_io:
             if not self.torn and self.moved * 10 >= cycles * 9 and self.lag <= LAG:
                 return ""

@@ -47,10 +47,10 @@ for size in "80 24" "200 50"; do
   until_pane "$name-error" 'err(or)?\[t\]▼'
   mux send-keys -t view s s s s r
   until_pane "$name-reversed" '^#▲'
-  rows=$(grep -oE '^[0-3] ' "$folder/$name-reversed.txt" | tr -d ' \n')
-  [ "$rows" = 3210 ] || failed "reversed by position: $rows" "$folder/$name-reversed.txt"
+  rows=$(grep -oE '^[0-4] ' "$folder/$name-reversed.txt" | tr -d ' \n')
+  [ "$rows" = 43210 ] || failed "reversed by position: $rows" "$folder/$name-reversed.txt"
   mux send-keys -t view r Home Down Enter
-  until_pane "$name-cycle" 'SYNC0 +523\.80 \.\. 524\.20 +52[34]\.[0-9]+ \.\. 524\.[0-9]+'
+  until_pane "$name-cycle" 'SYNC0 +523\.[0-9]+ \.\. 524\.[0-9]+ +52[34]\.[0-9]+ \.\. 524\.[0-9]+'
   has "$name-cycle" 'SubDevice 1 \(AKD2G axis 2\): OP, dc-sync0'
   has "$name-cycle" '░ planned  █ seen'
   mux send-keys -t view '?'

@@ -132,6 +132,10 @@ impl<'a> Partner<'a> {
     pub fn complaints(&self, cycles: u32) -> String {
         let mut text = String::new();
         for (device, watch) in &self.devices {
+            // A coupler has no outputs that could come back.
+            if device.application == "io" && device.outputs.min(device.inputs) == 0 {
+                continue;
+            }
             // Writing to a String cannot fail.
             let _ = if device.application == "io" {
                 if watch.torn == 0 && watch.moved * 10 >= cycles * 9 && watch.lag <= LAG {

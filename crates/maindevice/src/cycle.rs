@@ -59,6 +59,8 @@ pub(crate) struct CyclicExchange {
     wanted: bool,
     source: [u8; 6],
     frames: Vec<CyclicFrame>,
+    /// Bits that the number of a frame needs; one is left for the cycle's at least, as the mapping has at most 64.
+    frame_bits: u32,
     /// Some of the frames do not leave in every cycle.
     grouped: bool,
     /// The number of the present bus cycle by system time, if some do not.
@@ -78,6 +80,8 @@ pub(crate) struct CyclicExchange {
     number: u64,
     /// Instant for the next frame, or of the cycle being sent.
     due: Time<Host>,
+    /// The system time that this frame finds at the reference clock.
+    grid: Time<Dc>,
     /// The cycle that is due was put off after the caller had slept.
     put_off: bool,
     /// When the port has sent this cycle's frames so far, and the gap behind them.
@@ -143,12 +147,14 @@ impl CyclicExchange {
             wanted: false,
             source,
             frames: Vec::new(),
+            frame_bits: 0,
             grouped: false,
             slot: 0,
             outputs: vec![0; bytes],
             inputs: vec![0; bytes],
             number: 0,
             due: start,
+            grid: Time::ZERO,
             put_off: false,
             through: Time::ZERO,
             next_frame: 0,

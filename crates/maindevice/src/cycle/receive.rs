@@ -56,7 +56,7 @@ impl CyclicExchange {
                     }
                     // Planned when the frame left; planned better with what it brought back.
                     if cycle == self.number && self.is_sent() {
-                        self.due = self.next_send(sent + Nanos(self.cycle.0 / 2));
+                        self.plan_next(sent + Nanos(self.cycle.0 / 2), self.grid);
                     }
                 }
                 Part::Lead => {

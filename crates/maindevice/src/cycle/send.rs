@@ -2,7 +2,7 @@
 
 use isocat_wire::command::Command;
 use isocat_wire::frame::duration_ns;
-use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use super::CyclicExchange;
 use super::frames::Part;
@@ -72,7 +72,7 @@ impl CyclicExchange {
         self.next_frame = self.following(at);
         if self.next_frame >= self.frames.len() {
             let earliest = now.max(self.due) + Nanos(self.cycle.0 / 2);
-            self.due = self.next_send(earliest);
+            self.plan_next(earliest, self.grid + self.cycle);
             board.lead_due = self.due;
         }
         Some(self.frames[at].bytes.len())
@@ -109,13 +109,14 @@ impl CyclicExchange {
         if self.put_off || late.0 < self.cycle.0 / 2 {
             return false;
         }
-        let due = self.next_send(now);
+        let grid = self.servo.next_grid(now, self.cycle, self.send_phase);
+        let due = self.servo.host_at(grid).max(now);
         let skipped = ((due - self.due).0 + self.cycle.0 / 2) / self.cycle.0;
         if due <= now {
             return false;
         }
         self.put_off = true;
-        self.due = due;
+        (self.due, self.grid) = (due, grid);
         let skipped = skipped.max(0) as u64;
         board.statistics.cycles_skipped += skipped;
         board.report(Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
@@ -124,7 +125,7 @@ impl CyclicExchange {
 
     /// Index of the datagrams of a frame: its number, and above it as much of the cycle's as has room.
     pub(super) fn index(&self, cycle: u64, frame: usize) -> u8 {
-        index(cycle, frame, self.frame_bits())
+        index(cycle, frame, self.frame_bits)
     }
 
     /// Whether a frame of this index was given up and is not back yet; it is from now on.
@@ -144,13 +145,8 @@ impl CyclicExchange {
 
     /// The lowest bits of the cycle's number, and the frame's, from an index.
     pub(super) fn sequence(&self, index: u8) -> (u8, usize) {
-        let bits = self.frame_bits();
+        let bits = self.frame_bits;
         ((index & !CYCLIC_INDEX) >> bits, usize::from(index & ((1 << bits) - 1)))
-    }
-
-    /// Bits that the number of a frame needs; one is left for the cycle's at least, as the mapping has at most 64.
-    pub(super) fn frame_bits(&self) -> u32 {
-        self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1)
     }
 
     /// Begins a cycle: what was sent two cycles ago and is not back is lost.
@@ -188,7 +184,7 @@ impl CyclicExchange {
             // Counted up here and set back by whatever goes wrong.
             board.complete_cycles += 1;
         }
-        let bits = self.frame_bits();
+        let bits = self.frame_bits;
         for (at, frame) in self.frames.iter_mut().enumerate() {
             if frame.flights[parity].take().is_some() {
                 board.statistics.frames_lost += 1;
@@ -209,9 +205,14 @@ impl CyclicExchange {
         }
     }
 
-    /// The first instant from `earliest` on at which the frame finds the reference at its phase.
-    pub(super) fn next_send(&self, earliest: Time<Host>) -> Time<Host> {
-        self.servo.next_send(earliest, self.cycle, self.send_phase)
+    /// Plans the next cycle at the first instant from `earliest` on at which its frame finds the reference at its
+    /// phase. That is nearly always `grid`, which saves a division.
+    pub(super) fn plan_next(&mut self, earliest: Time<Host>, grid: Time<Dc>) {
+        (self.due, self.grid) = (self.servo.host_at(grid), grid);
+        if !(0..self.cycle.0).contains(&(self.due - earliest).0) {
+            self.grid = self.servo.next_grid(earliest, self.cycle, self.send_phase);
+            self.due = self.servo.host_at(self.grid).max(earliest);
+        }
     }
 }
 

@@ -52,7 +52,11 @@ impl LeastSquares {
     /// Two samples in a row that are off to the same side by far more than the noise: the rate has changed, and
     /// what was before tells nothing. The line goes through both and begins to learn again.
     fn forget_if_surprised(&mut self, error: f64) {
-        let most = GRAIN + SURPRISE * root(self.square);
+        let most = match error.abs() > GRAIN {
+            true => GRAIN + SURPRISE * root(self.square),
+            // Most samples: no noise is needed to see that they are none.
+            false => GRAIN,
+        };
         let surprise = i8::from(error > most) - i8::from(error < -most);
         if self.samples >= KNOWN && surprise != 0 && surprise == self.surprise {
             self.samples = 2;

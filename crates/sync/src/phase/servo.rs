@@ -175,13 +175,16 @@ impl Servo {
     /// The first send time not before `earliest` whose frame finds the reference clock at `phase` of a
     /// cycle of `cycle`. Panics if the cycle is not positive.
     pub fn next_send(&self, earliest: Time<Host>, cycle: Nanos, phase: Nanos) -> Time<Host> {
+        // Rounding may put the instant a nanosecond before `earliest`.
+        self.host_at(self.next_grid(earliest, cycle, phase)).max(earliest)
+    }
+
+    /// The system time that the frame of [`next_send`](Self::next_send) finds at the reference clock.
+    pub fn next_grid(&self, earliest: Time<Host>, cycle: Nanos, phase: Nanos) -> Time<Dc> {
         assert!(cycle.0 > 0, "a cycle has a length");
         let from = self.dc_at(earliest);
         let into = (from + -phase).phase(cycle.0 as u64) as i64;
-        let wait = if into == 0 { 0 } else { cycle.0 - into };
-        let send = self.host_at(from + Nanos(wait));
-        // Rounding may put the instant a nanosecond before `earliest`.
-        send.max(earliest)
+        from + Nanos(if into == 0 { 0 } else { cycle.0 - into })
     }
 
     /// The line itself.

@@ -30,6 +30,7 @@ pub(crate) use converge::follow;
 pub(crate) use drift_frames::{limits, noise};
 pub(crate) use join::{Joining, join};
 use latches::measure_delays;
+pub(crate) use settings::depths;
 use settings::{SPEED_COUNTER_START, write};
 pub(crate) use shift::shift;
 

@@ -277,7 +277,9 @@ async fn finish(
     let led = segment.reference.filter(|reference| *reference != device.position);
     if let (true, true, Some(reference)) = (device.dc.has_clock(), config.drift_compensation, led) {
         let noise = clock::noise(segment, config)[device.position];
-        clock::follow(link, config, segment.devices[reference].station, noise, device).await?;
+        let (filter, _) = clock::depths(segment, config);
+        clock::follow(link, config, segment.devices[reference].station, noise, filter, device)
+            .await?;
     }
     if let Some(mailbox) = &mut one.mailbox {
         sync::write_types(mailbox, device, config, wish(config, device)).await?;

@@ -88,7 +88,7 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
 /// the drift loop lets the worst of them.
 fn clock_error(segment: &Segment, config: &Config) -> Nanos {
     let threshold = Nanos(2 * config.drift_threshold.0);
-    let (time_filter_depth, speed_filter_depth) = config.drift_filters.depths(config.cycle);
+    let (time_filter_depth, speed_filter_depth) = crate::clock::depths(segment, config);
     let reference = reference_range(segment, config);
     let led = |device: &&SubDevice| device.dc.has_clock() && config.drift_compensation;
     let left = segment.devices.iter().filter(led).map(|device| {

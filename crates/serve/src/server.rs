@@ -36,6 +36,8 @@ pub struct Server {
     faults: Faults,
     events: VecDeque<Event>,
     ended: Vec<Session>,
+    /// How many sessions and faults are remembered no more.
+    left_out: LeftOut,
     session: Option<Session>,
     /// The frame that passed last.
     passage: Option<Passage>,
@@ -83,6 +85,15 @@ pub struct Counts {
     pub held: u64,
 }
 
+/// What happened so long ago that it is only counted.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct LeftOut {
+    /// Sessions.
+    pub sessions: u64,
+    /// Faults that were asked for.
+    pub faults: u64,
+}
+
 /// From the first frame of a MainDevice to its last.
 #[derive(Clone, Debug)]
 pub struct Session {
@@ -96,6 +107,8 @@ pub struct Session {
     pub judged: Option<Judged>,
     /// Stretches before it, each ended by a SubDevice that was asked to leave OP, as one that fell is.
     pub earlier: Vec<Judged>,
+    /// More of them, which are only counted.
+    pub earlier_left_out: u64,
     /// How it ended.
     pub end: End,
     /// The judging goes on.
@@ -195,6 +208,10 @@ const STILL_THERE: Nanos = Nanos::millis(1_000);
 const MOST_REFUSED: usize = 32;
 /// Stretches of operation that are remembered.
 const MOST_STRETCHES: usize = 256;
+/// Faults that are remembered.
+const MOST_FAULTS: usize = 1_000;
+/// What is remembered of ended sessions: some 40 MB.
+const MOST_RECORDS: usize = 50_000;
 
 impl Server {
     /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
@@ -222,6 +239,7 @@ impl Server {
             faults: Faults::new(seed),
             events: VecDeque::new(),
             ended: Vec::new(),
+            left_out: LeftOut::default(),
             session: None,
             passage: None,
             source: [0; 6],
@@ -339,6 +357,10 @@ impl Server {
         self.served.advance(now);
         self.settle();
         self.faults.inject(&mut self.served, &fault)?;
+        if self.injected.len() >= MOST_FAULTS {
+            self.injected.remove(0);
+            self.left_out.faults += 1;
+        }
         self.injected.push((self.served.now(), fault.clone()));
         self.events.push_back(Event::Fault(fault));
         Ok(())
@@ -407,9 +429,13 @@ impl Server {
         &self.injected
     }
 
-    /// All sessions that have ended, in order.
+    /// The sessions that have ended, in order: the newest ones, where there were very many.
     pub fn sessions(&self) -> &[Session] {
         &self.ended
+    }
+    /// How many came before these sessions and faults.
+    pub fn left_out(&self) -> LeftOut {
+        self.left_out
     }
     /// The session under way.
     pub fn session(&self) -> Option<&Session> {
@@ -550,10 +576,8 @@ impl Server {
             self.served.begin_judging(reference, cycle, limits);
             let before = session.judged.replace(Judged::begin(&self.served, at));
             // SubDevices that join those in OP make the stretch anew.
-            if let Some(before) = before.filter(|_| !session.judging)
-                && session.earlier.len() < MOST_STRETCHES
-            {
-                session.earlier.push(before);
+            if let Some(before) = before.filter(|_| !session.judging) {
+                session.remember(before);
             }
             session.judging = true;
             self.events.push_back(Event::InOperation { devices: there });
@@ -594,10 +618,42 @@ impl Server {
         session.end = if abrupt { End::Abrupt } else { End::Down };
         self.events.push_back(Event::SessionEnded { abrupt });
         self.ended.push(session);
+        self.forget_oldest(MOST_RECORDS);
+    }
+
+    /// Forgets the oldest sessions until no more is remembered than `most` records, but never the last one.
+    fn forget_oldest(&mut self, most: usize) {
+        let mut records: usize = self.ended.iter().map(Session::records).sum();
+        let mut forgotten = 0;
+        while records > most && forgotten + 1 < self.ended.len() {
+            records -= self.ended[forgotten].records();
+            forgotten += 1;
+        }
+        self.ended.drain(..forgotten);
+        self.left_out.sessions += forgotten as u64;
     }
 }
 
 impl Session {
+    /// What is remembered of it: itself, and each SubDevice in each stretch of operation.
+    fn records(&self) -> usize {
+        let judged = self.earlier.iter().chain(&self.judged);
+        1 + judged.map(|stretch| stretch.devices.len()).sum::<usize>()
+    }
+
+    /// Remembers a stretch of operation. Of too many, one that was in sync is forgotten, so that what was not stays told.
+    fn remember(&mut self, stretch: Judged) {
+        if self.earlier.len() >= MOST_STRETCHES {
+            self.earlier_left_out += 1;
+            let in_sync = self.earlier.iter().position(Judged::in_sync);
+            match in_sync.filter(|_| !stretch.in_sync()) {
+                Some(forgotten) => self.earlier.remove(forgotten),
+                None => return,
+            };
+        }
+        self.earlier.push(stretch);
+    }
+
     fn new(at: Time<True>) -> Self {
         Self {
             conduct: Conduct::new(at),
@@ -605,6 +661,7 @@ impl Session {
             refused: Vec::new(),
             judged: None,
             earlier: Vec::new(),
+            earlier_left_out: 0,
             end: End::Open,
             judging: false,
             silent: false,

@@ -3,6 +3,7 @@
 use isocat_engine::report::typed::{self, KindDocument};
 use isocat_engine::report::words::{self, time};
 use isocat_engine::report::{Span, Spread, span, spread};
+use isocat_engine::verdict::Answer;
 use isocat_sim::{Finding, Kind};
 use isocat_sync::object::OUTPUT_PARAMETER;
 use isocat_wire::AlState;
@@ -16,7 +17,7 @@ use super::server::{End, Server, Session};
 use super::verdict::{Judged, JudgedDevice};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-serve-summary/3";
+pub const FORMAT: &str = "isocat-serve-summary/4";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -46,10 +47,14 @@ pub struct Summary {
     pub lost: u64,
     /// Answers held back since frames came faster than 100 Mbit/s.
     pub held: u64,
-    /// Faults that were asked for while it was served.
+    /// Faults that were asked for while it was served; of very many the newest ones.
     pub faults: Vec<Injected>,
-    /// What each MainDevice did, in order.
+    /// How many came before these.
+    pub faults_left_out: u64,
+    /// What each MainDevice did, in order; of very many the newest ones.
     pub sessions: Vec<SessionSummary>,
+    /// How many came before these. Nothing is known of them any more.
+    pub sessions_left_out: u64,
 }
 
 /// A fault that was asked for.
@@ -84,6 +89,9 @@ pub struct SessionSummary {
     pub cycle: Option<Cycle>,
     /// What it left out or did badly, in words.
     pub remarks: Vec<String>,
+    /// What it comes to, by true time: `in-sync`; `except`, for what `judged` names; `not-known`, as no SubDevice was in
+    /// OP.
+    pub answer: &'static str,
     /// What the judges say of the exchange in operation; null if no SubDevice was in OP.
     pub judged: Option<JudgedSummary>,
 }
@@ -140,8 +148,10 @@ pub struct JudgedSummary {
     /// Nothing speaks against any SubDevice, in this stretch of operation and in those before.
     pub in_sync: bool,
     /// Stretches of operation before this one, each ended when a SubDevice was asked to leave OP, as one that
-    /// fell is before it is brought back. The figures are of the last stretch.
+    /// fell is before it is brought back. The figures are of the last stretch. Of very many, those that were not in sync.
     pub earlier: Vec<Stretch>,
+    /// How many more there were.
+    pub earlier_left_out: u64,
     /// How long SubDevices were judged in operation.
     pub judged_ns: i64,
     /// SubDevices in OP.
@@ -237,7 +247,9 @@ impl Summary {
                     what: fault.to_string(),
                 })
                 .collect(),
+            faults_left_out: server.left_out().faults,
             sessions: sessions.map(|session| summarize(server, session)).collect(),
+            sessions_left_out: server.left_out().sessions,
         }
     }
 }
@@ -253,6 +265,12 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
         code: refused.code.0,
         meaning: refused.code.to_string(),
     });
+    let judged = session.judged.as_ref().map(|judged| judged_summary(server, judged, session));
+    let answer = match &judged {
+        None => Answer::NotKnown,
+        Some(judged) if judged.in_sync => Answer::InSync,
+        Some(_) => Answer::Except,
+    };
     SessionSummary {
         began_ns: ns(conduct.began - Time::ZERO),
         ended_ns: ns(conduct.last - Time::ZERO),
@@ -268,10 +286,8 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
             longest_drift_gap_ns: ns(conduct.cycle.drift_gap),
         }),
         remarks: remarks(server, session),
-        judged: session
-            .judged
-            .as_ref()
-            .map(|judged| judged_summary(server, judged, &session.earlier)),
+        answer: answer.name(),
+        judged,
     }
 }
 
@@ -431,7 +447,8 @@ fn judged_remarks(server: &Server, judged: &Judged, say: &mut impl FnMut(String)
     }
 }
 
-fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> JudgedSummary {
+fn judged_summary(server: &Server, judged: &Judged, session: &Session) -> JudgedSummary {
+    let Session { earlier, earlier_left_out, .. } = session;
     let stretch = |judged: &Judged| Stretch {
         judged_ns: ns(judged.ended - judged.began),
         findings: judged
@@ -468,6 +485,7 @@ fn judged_summary(server: &Server, judged: &Judged, earlier: &[Judged]) -> Judge
     JudgedSummary {
         in_sync: judged.in_sync() && earlier.iter().all(Judged::in_sync),
         earlier: earlier.iter().map(stretch).collect(),
+        earlier_left_out: *earlier_left_out,
         judged_ns: ns(judged.ended - judged.began),
         in_op: judged.devices_in_op,
         devices: judged.devices.iter().enumerate().map(device).collect(),

@@ -28,7 +28,7 @@ impl Summary {
     }
 
     fn write(&self, out: &mut String) -> fmt::Result {
-        let sessions = match self.sessions.len() {
+        let sessions = match self.sessions.len() as u64 + self.sessions_left_out {
             0 => "nobody sent a frame".to_owned(),
             1 => "1 session".to_owned(),
             count => format!("{count} sessions"),
@@ -53,8 +53,16 @@ impl Summary {
                 writeln!(out, "  {:>12}  {}", ns(fault.at_ns), fault.what)?;
             }
         }
-        for (number, session) in self.sessions.iter().enumerate() {
-            session.write(out, number + 1)?;
+        if self.sessions_left_out > 0 {
+            writeln!(
+                out,
+                "\n {} sessions before session {} are only counted",
+                self.sessions_left_out,
+                self.sessions_left_out + 1
+            )?;
+        }
+        for (number, session) in (self.sessions_left_out + 1..).zip(&self.sessions) {
+            session.write(out, number)?;
         }
         if self.sessions.iter().any(|session| session.judged.is_some()) {
             writeln!(
@@ -68,7 +76,7 @@ impl Summary {
 }
 
 impl SessionSummary {
-    fn write(&self, out: &mut String, number: usize) -> fmt::Result {
+    fn write(&self, out: &mut String, number: u64) -> fmt::Result {
         let from = self.sources.first().map_or("?", String::as_str);
         writeln!(
             out,

@@ -10,7 +10,7 @@ use isocat_wire::time::{Host, Nanos, Time};
 use super::drift_frames::{
     Burst, PACE, followers, hasten, limits, noise, pace_for, read_differences, reading_interval,
 };
-use super::settings::{NOISY, set_filter};
+use super::settings::{NOISY, depths, set_filter};
 use crate::config::Config;
 use crate::delay;
 use crate::error::Cause;
@@ -32,20 +32,24 @@ pub(super) async fn converge(
     let begin = link.now();
     let end = begin + config.timeouts.drift;
     let hurry = end.min(begin + HURRY);
-    let led = lead(link, config, segment, reference, (PACE, 0), hurry).await?;
-    let noisy = delay::noise(segment, config.hop_jitter).into_iter().any(|one| one > NOISY);
+    let way = delay::noise(segment, config.hop_jitter);
+    let noisy = way.iter().any(|one| *one > NOISY);
+    let fine = noise(segment, config);
+    // What a burst leaves of the jitter must not hold it up: it counts as locked with what a short way's filter leaves.
+    let shallow = |way: &Nanos| Nanos((way.0 * 18 + 99) / 100);
+    let coarse: Vec<_> = fine.iter().zip(&way).map(|(fine, way)| shallow(way).max(*fine)).collect();
+    let led = lead(link, config, segment, reference, (PACE, 0), &coarse, hurry).await?;
     let slower = pace_for(config.cycle).max(if noisy { SLOW_PACE } else { PACE });
+    let learn = (slower.max(SLOW_PACE), LEARNING_FRAMES);
     let led = match led {
         Led::Converged if slower > PACE => {
-            let settled = end.min(link.now() + Nanos(slower.0 * MOST_LEARNING));
-            lead(link, config, segment, reference, (slower, LEARNING_FRAMES), settled).await?;
+            let settled = end.min(link.now() + Nanos(slower.0 * MOST_LEARNING[usize::from(noisy)]));
+            let learn = (slower, LEARNING_FRAMES);
+            lead(link, config, segment, reference, learn, &fine, settled).await?;
             Led::Converged
         }
         Led::Converged => Led::Converged,
-        Led::Not { .. } => {
-            let slower = slower.max(SLOW_PACE);
-            lead(link, config, segment, reference, (slower, LEARNING_FRAMES), end).await?
-        }
+        Led::Not { .. } => lead(link, config, segment, reference, learn, &fine, end).await?,
     };
     if let Led::Not { device, slope_ppb } = led {
         let device = &segment.devices[device];
@@ -56,7 +60,7 @@ pub(super) async fn converge(
             after: link.now() - begin,
         });
     }
-    let (difference, _) = config.drift_filters.depths(config.cycle);
+    let (difference, _) = depths(segment, config);
     let address = register::TIME_FILTER_DEPTH.address;
     let count = followers(segment, reference).len() as u16 + 1;
     link.bwr(address, &[difference]).expect(count).await?;
@@ -75,17 +79,17 @@ enum Led {
 }
 
 /// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least` frames at least; until
-/// `end` at the latest.
+/// `end` at the latest. `noise` is what 0x092C shows of the jitter, by position (1 sigma).
 async fn lead(
     link: &Link,
     config: &Config,
     segment: &mut Segment,
     reference: usize,
     (pace, least): (Nanos, i64),
+    noise: &[Nanos],
     end: Time<Host>,
 ) -> Result<Led, Cause> {
     let begin = link.now();
-    let noise = noise(segment, config);
     let clocks = followers(segment, reference);
     let mut judged: Vec<_> =
         clocks.iter().map(|(at, _)| Convergence::new(limits(config, noise[*at]))).collect();
@@ -152,12 +156,13 @@ fn worst(
 }
 
 /// Waits until a clock has converged, led by the drift datagram of the cycle and, as a loop pulls by so much for
-/// each, by more of them. `noise` is what 0x092C shows of the way to it (1 sigma).
+/// each, by more of them. `noise` is what 0x092C shows of the way to it (1 sigma); `filter` becomes its 0x0934.
 pub(crate) async fn follow(
     link: &Link,
     config: &Config,
     reference: StationAddress,
     noise: Nanos,
+    filter: u8,
     device: &mut SubDevice,
 ) -> Result<(), Cause> {
     let begin = link.now();
@@ -176,8 +181,7 @@ pub(crate) async fn follow(
         }
         match judge.verdict() {
             Verdict::Converged { .. } => {
-                let (difference, _) = config.drift_filters.depths(config.cycle);
-                set_filter(link, core::iter::once(device.station), difference).await;
+                set_filter(link, core::iter::once(device.station), filter).await;
                 return Ok(());
             }
             Verdict::Converging { slope_ppb, .. } if link.now() >= end => {
@@ -193,8 +197,9 @@ pub(crate) async fn follow(
     }
 }
 
-/// The same at most, if clocks had converged before: what is still off then is what their loops make of the jitter.
-const MOST_LEARNING: i64 = 4 * LEARNING_FRAMES;
+/// At most so many, if clocks had converged before: what is still off then is what their loops make of the jitter. In
+/// the second case jitter kept them off, and goes away by a 1024th with each frame.
+const MOST_LEARNING: [i64; 2] = [512, 4096];
 
 /// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
 /// an eighth.

@@ -69,13 +69,31 @@ pub(super) async fn set_filter(
     }
 }
 
+/// Depths of 0x0934 and 0x0935 in operation: those that are asked for or that suit the cycle, but on a long way so deep
+/// that what is left of the jitter of hops is no more than in a short one. A loop takes the rest of it for a speed, and
+/// behind a thousand hops a clock wanders by some microseconds (docs/dc.md).
+pub(crate) fn depths(segment: &Segment, config: &Config) -> (u8, u8) {
+    let (difference, speed) = config.drift_filters.depths(config.cycle);
+    match config.drift_filters.difference {
+        Some(asked) => (asked.min(15), speed),
+        None => (difference.max(quiet_depth(segment, config)), speed),
+    }
+}
+
+/// Depth of 0x0934 that makes [`NOISY`] of the jitter of the longest way: the mean leaves 1 / sqrt(2^(depth + 1)) of it.
+fn quiet_depth(segment: &Segment, config: &Config) -> u8 {
+    let noise = delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default();
+    let square = (noise.0 * noise.0) as u64 / (2 * NOISY.0 * NOISY.0) as u64;
+    square.checked_ilog2().map_or(0, |log| log + 1).min(DEEPEST) as u8
+}
+
 /// Depths of 0x0934 and 0x0935 while clocks lock. The speed's is that of the cycle already, as newer chips forget the speed
 /// when it is written. The difference's suits the pace of a burst: what hops jitter must not be taken for a speed.
 fn burst_depths(segment: &Segment, config: &Config) -> [u8; 2] {
     let filters = config.drift_filters;
-    let (_, speed) = filters.depths(config.cycle);
+    let (operation, speed) = depths(segment, config);
     let noise = delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default();
-    let usual = if noise > NOISY { NOISY_DEPTH } else { QUIET_DEPTH };
+    let usual = if noise > NOISY { operation.max(NOISY_DEPTH) } else { QUIET_DEPTH };
     [filters.difference.unwrap_or(usual), speed]
 }
 
@@ -84,6 +102,9 @@ const QUIET_DEPTH: u8 = 4;
 
 /// The same where hops jitter by more than [`NOISY`], a standard deviation.
 const NOISY_DEPTH: u8 = 6;
+
+/// Deeper ones make the loop slower than the plan counts with.
+const DEEPEST: u32 = 8;
 
 /// What the mean of 16 differences, from one to the next, makes of this is a tick of 10 ns in the pace.
 pub(super) const NOISY: Nanos = Nanos(30);

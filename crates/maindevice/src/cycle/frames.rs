@@ -91,7 +91,8 @@ impl CyclicExchange {
             let (flights, cycles) = ([None; 2], [0; 2]);
             self.frames.push(CyclicFrame { every, bytes, datagrams, marks, flights, cycles });
         }
-        self.frame_bits = self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1);
+        self.frame_bits =
+            self.frames.len().saturating_sub(1).checked_ilog2().map_or(0, |log| log + 1);
         self.grouped = self.frames.iter().any(|frame| frame.every > 1);
     }
 

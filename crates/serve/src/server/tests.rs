@@ -76,3 +76,59 @@ fn a_pause_alone_ends_no_session() {
     bench.server.finish(bench.now + Nanos::millis(1_000));
     assert_eq!(bench.ends(), [End::Abrupt]);
 }
+
+#[test]
+fn the_oldest_sessions_are_forgotten_and_counted() {
+    let mut bench = Bench::new();
+    for _ in 0..5 {
+        bench.request(500, 1);
+        bench.request(1, 8);
+        bench.exchange(1);
+    }
+    bench.request(500, 1);
+    assert_eq!(bench.ends().len(), 5);
+    let began: Vec<_> = bench.server.sessions().iter().map(|s| s.conduct.began).collect();
+    let records: usize = bench.server.sessions().iter().map(Session::records).sum();
+    bench.server.forget_oldest(records);
+    assert_eq!((bench.ends().len(), bench.server.left_out().sessions), (5, 0));
+    bench.server.forget_oldest(records - 1);
+    assert_eq!((bench.ends().len(), bench.server.left_out().sessions), (4, 1));
+    assert_eq!(bench.server.sessions()[0].conduct.began, began[1]);
+    bench.server.forget_oldest(0);
+    assert_eq!((bench.ends().len(), bench.server.left_out().sessions), (1, 4));
+    assert_eq!(bench.server.sessions()[0].conduct.began, began[4]);
+}
+
+#[test]
+fn of_too_many_stretches_those_that_were_not_in_sync_stay() {
+    let stretch = |number: u64, devices_in_op| {
+        let at = Time::new(number);
+        Judged { began: at, ended: at, devices_in_op, devices: Vec::new() }
+    };
+    let mut session = Session::new(Time::ZERO);
+    for number in 0..MOST_STRETCHES as u64 {
+        session.remember(stretch(number, 1));
+    }
+    session.remember(stretch(1_000, 1));
+    assert_eq!((session.earlier.len(), session.earlier_left_out), (MOST_STRETCHES, 1));
+    assert!(session.earlier.iter().all(Judged::in_sync));
+    session.remember(stretch(1_001, 0));
+    assert_eq!((session.earlier.len(), session.earlier_left_out), (MOST_STRETCHES, 2));
+    let not: Vec<_> = session.earlier.iter().filter(|stretch| !stretch.in_sync()).collect();
+    assert_eq!(
+        (not.len(), not[0].began, session.earlier[0].began),
+        (1, Time::new(1_001), Time::new(1))
+    );
+}
+
+#[test]
+fn the_oldest_faults_are_forgotten_and_counted() {
+    let mut bench = Bench::new();
+    for _ in 0..=MOST_FAULTS {
+        bench
+            .server
+            .inject(bench.now, Fault::parse("drop 1", bench.server.names()).expect("it reads"))
+            .expect("it is taken");
+    }
+    assert_eq!((bench.server.injected().len(), bench.server.left_out().faults), (MOST_FAULTS, 1));
+}

@@ -55,8 +55,8 @@ fn a_hundred_from_cold() {
     }
 }
 
-/// Four hundred copper hops that jitter, and a drift datagram in 5 ms only: a loop that took the jitter for a speed would let
-/// clocks wander by 0.6 us.
+/// Four hundred copper hops that jitter, and one drift datagram in 5 ms: a loop that took the
+/// jitter for a speed would let clocks wander by 0.6 us.
 #[test]
 fn clocks_of_a_long_line_stay_together_at_a_long_cycle() {
     let text = "cycle = \"5ms\"\nfor = \"1s\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\ncount = 400\n";

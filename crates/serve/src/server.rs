@@ -641,7 +641,8 @@ impl Session {
         1 + judged.map(|stretch| stretch.devices.len()).sum::<usize>()
     }
 
-    /// Remembers a stretch of operation. Of too many, one that was in sync is forgotten, so that what was not stays told.
+    /// Remembers a stretch of operation. Of too many, one that was in sync is forgotten, so that
+    /// those that were not are still told.
     fn remember(&mut self, stretch: Judged) {
         if self.earlier.len() >= MOST_STRETCHES {
             self.earlier_left_out += 1;

@@ -35,21 +35,25 @@ pub(super) async fn converge(
     let way = delay::noise(segment, config.hop_jitter);
     let noisy = way.iter().any(|one| *one > NOISY);
     let fine = noise(segment, config);
-    // What a burst leaves of the jitter must not hold it up: it counts as locked with what a short way's filter leaves.
+    // What a burst leaves of the jitter must not hold it up: it counts as locked with what the
+    // filter of a short way leaves, 1 / sqrt(31).
     let shallow = |way: &Nanos| Nanos((way.0 * 18 + 99) / 100);
     let coarse: Vec<_> = fine.iter().zip(&way).map(|(fine, way)| shallow(way).max(*fine)).collect();
     let led = lead(link, config, segment, reference, (PACE, 0), &coarse, hurry).await?;
     let slower = pace_for(config.cycle).max(if noisy { SLOW_PACE } else { PACE });
-    let learn = (slower.max(SLOW_PACE), LEARNING_FRAMES);
     let led = match led {
         Led::Converged if slower > PACE => {
-            let settled = end.min(link.now() + Nanos(slower.0 * MOST_LEARNING[usize::from(noisy)]));
+            let most = if noisy { MOST_SETTLING } else { MOST_LEARNING };
+            let settled = end.min(link.now() + Nanos(slower.0 * most));
             let learn = (slower, LEARNING_FRAMES);
             lead(link, config, segment, reference, learn, &fine, settled).await?;
             Led::Converged
         }
         Led::Converged => Led::Converged,
-        Led::Not { .. } => lead(link, config, segment, reference, learn, &fine, end).await?,
+        Led::Not { .. } => {
+            let learn = (slower.max(SLOW_PACE), LEARNING_FRAMES);
+            lead(link, config, segment, reference, learn, &fine, end).await?
+        }
     };
     if let Led::Not { device, slope_ppb } = led {
         let device = &segment.devices[device];
@@ -78,8 +82,9 @@ enum Led {
     },
 }
 
-/// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least` frames at least; until
-/// `end` at the latest. `noise` is what 0x092C shows of the jitter, by position (1 sigma).
+/// Leads all clocks by one drift frame each `pace` until every clock has converged, and by `least`
+/// frames at least; until `end` at the latest. `noise` is what 0x092C shows of the jitter, by
+/// position (1 sigma).
 async fn lead(
     link: &Link,
     config: &Config,
@@ -197,9 +202,11 @@ pub(crate) async fn follow(
     }
 }
 
-/// At most so many, if clocks had converged before: what is still off then is what their loops make of the jitter. In
-/// the second case jitter kept them off, and goes away by a 1024th with each frame.
-const MOST_LEARNING: [i64; 2] = [512, 4096];
+/// Most drift frames at the slower pace where a burst has locked the clocks already.
+const MOST_LEARNING: i64 = 512;
+
+/// The same where hops jitter: each frame takes a 1024th off what the burst left of it.
+const MOST_SETTLING: i64 = 4096;
 
 /// Drift frames at the slower pace: what a filter of speeds of the usual depth, a mean over 64, held before is forgotten to
 /// an eighth.

@@ -13,6 +13,7 @@ use isocat_wire::dc::SystemTimeDifference;
 use isocat_wire::register::{self, Value};
 use isocat_wire::time::{Host, Nanos, Time};
 
+use super::settings::depths;
 use crate::config::Config;
 use crate::delay;
 use crate::error::AccessError;
@@ -159,7 +160,7 @@ pub(crate) fn limits(config: &Config, noise: Nanos) -> Limits {
 /// Standard deviation of 0x092C by position (1 sigma), whole ns: what the jitter of the way makes of it behind the filter of
 /// 0x0934, a mean of first order.
 pub(crate) fn noise(segment: &Segment, config: &Config) -> Vec<Nanos> {
-    let (difference, _) = super::settings::depths(segment, config);
+    let (difference, _) = depths(segment, config);
     let readings = (2u64 << difference) - 1;
     let root = (readings * 10_000).isqrt() as i64;
     let filtered = |one: Nanos| Nanos((one.0 * 100 + root - 1) / root);

@@ -69,9 +69,10 @@ pub(super) async fn set_filter(
     }
 }
 
-/// Depths of 0x0934 and 0x0935 in operation: those that are asked for or that suit the cycle, but on a long way so deep
-/// that what is left of the jitter of hops is no more than in a short one. A loop takes the rest of it for a speed, and
-/// behind a thousand hops a clock wanders by some microseconds (docs/dc.md).
+/// Depths of 0x0934 and 0x0935 in operation: those that are asked for or that suit the cycle.
+/// On a long way 0x0934 is deeper, so that no more of the jitter of hops is left than on a short
+/// one. A loop takes that rest for a speed: without it a clock behind a thousand hops wanders by
+/// some microseconds (docs/dc.md).
 pub(crate) fn depths(segment: &Segment, config: &Config) -> (u8, u8) {
     let (difference, speed) = config.drift_filters.depths(config.cycle);
     match config.drift_filters.difference {
@@ -80,7 +81,8 @@ pub(crate) fn depths(segment: &Segment, config: &Config) -> (u8, u8) {
     }
 }
 
-/// Depth of 0x0934 that makes [`NOISY`] of the jitter of the longest way: the mean leaves 1 / sqrt(2^(depth + 1)) of it.
+/// Depth of 0x0934 that brings the jitter of the longest way down to [`NOISY`]: the mean leaves
+/// 1 / sqrt(2^(depth + 1)) of it.
 fn quiet_depth(segment: &Segment, config: &Config) -> u8 {
     let noise = delay::noise(segment, config.hop_jitter).into_iter().max().unwrap_or_default();
     let square = (noise.0 * noise.0) as u64 / (2 * NOISY.0 * NOISY.0) as u64;

@@ -205,8 +205,8 @@ impl CyclicExchange {
         }
     }
 
-    /// Plans the next cycle at the first instant from `earliest` on at which its frame finds the reference at its
-    /// phase. That is nearly always `grid`, which saves a division.
+    /// Plans the next cycle at the first instant from `earliest` on at which its frame finds the
+    /// reference at its phase. That is nearly always `grid`, which saves a division.
     pub(super) fn plan_next(&mut self, earliest: Time<Host>, grid: Time<Dc>) {
         (self.due, self.grid) = (self.servo.host_at(grid), grid);
         if !(0..self.cycle.0).contains(&(self.due - earliest).0) {

@@ -176,7 +176,7 @@ impl MainDevice {
             };
             let clocks = self.segment.devices.iter().filter(led).map(with_limits).collect();
             let station = self.segment.devices[reference].station;
-            let (filter, _) = crate::clock::depths(&self.segment, &self.config);
+            let (filter, _) = clock::depths(&self.segment, &self.config);
             let shift = clock::shift(self.link.clone(), filter, station, clocks);
             let shift = async { Ended::Shift(shift.await) };
             self.procedures.start(Kind::Shift, About::default(), shift);

@@ -86,6 +86,22 @@ fn sync_objects_may_be_answered_in_any_way() {
     }
 }
 
+/// Which PDOs there are, and what is in them: the SII says it where the objects do not.
+#[test]
+fn process_data_may_be_described_in_any_way() {
+    for (index, service) in [
+        ("1C12", Service::Assignment),
+        ("1C13", Service::Assignment),
+        ("1600", Service::Mapping),
+        ("1A00", Service::Mapping),
+    ] {
+        for answer in ["short", "silent", "garbage", "error"] {
+            let report = runs_without(&format!("\"bad-transfer {index} {answer}\""), &[service]);
+            assert!(report.services[0].what.contains(index), "{}", report.services[0].what);
+        }
+    }
+}
+
 /// The SII of the second has no end: its categories are read as far as they go.
 #[test]
 fn a_sii_without_end_is_read_as_far_as_it_goes() {
@@ -168,9 +184,42 @@ impl Tap for Accesses {
     }
 }
 
-/// Equal devices share one reading; one of them of another revision has its own, and serial numbers stay each one's.
+/// The first of equal devices has an EEPROM that says something else behind the start, or has no end: that is its own
+/// affair, and the others are read.
 #[test]
-fn siis_that_are_alike_are_read_once() {
+fn a_damaged_sii_is_nobody_elses() {
+    let text =
+        "cycle = \"1ms\"\nfor = \"20ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 5\n";
+    let mut scenario = Scenario::from(SegmentFile::parse("damaged.toml", text).expect("it reads"));
+    scenario.tolerate = true;
+    let run = |damage: &dyn Fn(&mut Vec<u8>)| {
+        let mut run = scenario.run();
+        let mut image = run.setup.segment[0].device.sii.to_vec();
+        damage(&mut image);
+        run.setup.segment[0].device.sii = image.into();
+        let outcome = run.execute(None::<isocat::NoTap>, &mut |_| {});
+        let report = Report::new(&scenario, &outcome);
+        assert!(outcome.world.main().segment().devices[1..].iter().all(|device| device.admitted));
+        (report, outcome.world.main().segment().devices.clone())
+    };
+    // A mailbox that nobody has.
+    let (report, devices) = run(&|image| image[0x30] = 7);
+    assert!(report.in_sync, "{}", report.verdict);
+    let receive: Vec<u16> = devices.iter().map(|device| device.sii.header.receive.start).collect();
+    assert_eq!(receive, [7, 0, 0, 0, 0]);
+    // Its categories go on for ever: without objects there is nothing to run it by.
+    let (report, devices) = run(&|image| {
+        image.truncate(0x84);
+        image[0x82..0x84].copy_from_slice(&[0xFF, 0x7F]);
+    });
+    assert!(!devices[0].admitted, "{}", report.verdict);
+    let named: Vec<_> = report.findings.iter().map(|finding| finding.position).collect();
+    assert_eq!(named, [Some(0)], "{:#?}", report.findings);
+}
+
+/// Equal devices share what two of them have; one of them of another revision has its own, and serial numbers stay each one's.
+#[test]
+fn siis_that_are_alike_are_shared() {
     let text =
         "cycle = \"1ms\"\nfor = \"20ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\ncount = 100\n";
     let scenario = Scenario::from(SegmentFile::parse("alike.toml", text).expect("it reads"));

@@ -118,9 +118,9 @@ pub struct Config {
     /// in any case.
     pub tolerate: bool,
     /// Whether SubDevices whose SII begins alike (configuration, identity and checksum, but for alias and serial number)
-    /// share one reading of it. Default yes: reading it is most of the way up of a long line. Switch it off where
-    /// EEPROMs of one identity differ in their categories, as those of modular devices may that store their
-    /// modules there.
+    /// share what the first two of them have, if these two agree to the end. Default yes: reading SIIs is most of the
+    /// way up of a long line. Switch it off where EEPROMs of one identity differ in their categories, as those of
+    /// modular devices may that store their modules there.
     pub share_sii: bool,
     /// How long to wait for what.
     pub timeouts: Timeouts,

@@ -134,6 +134,12 @@ async fn pdos(
         }
         Err(cause) => {
             device.do_without(Service::Assignment, cause)?;
+            let by_sii = assigned_by_sii(&of_sii(device));
+            let indices = by_sii.iter().map(|pdo| pdo.index);
+            // What the SII assigns already need not be written to an object that does not answer.
+            if wanted.is_none_or(|wanted| indices.eq(wanted.iter().copied())) {
+                return Ok(by_sii);
+            }
             None
         }
     };

@@ -2,6 +2,7 @@
 
 use alloc::boxed::Box;
 use alloc::string::String;
+use alloc::vec;
 use alloc::vec::Vec;
 
 use isocat_wire::StationAddress;
@@ -30,7 +31,9 @@ pub(crate) async fn read(
     take_over(link, config, device).await
 }
 
-/// Reads the SII of all that take part, and the rest of it once of those that are alike from the start.
+/// Reads the SII of all that take part. Of those that are alike from the start the first two are read to their end; if
+/// these agree, the others take the rest from the first. One that lies is alone with what it says, so it is no other's
+/// source.
 pub(crate) async fn read_all(
     link: &Link,
     config: &Config,
@@ -54,37 +57,30 @@ pub(crate) async fn read_all(
         .unzip();
     let mut failures = left_out::each_of(config, positions, all).await?;
 
-    let first = firsts(&starts);
-    let rests = starts;
-    let (positions, all) = segment
-        .devices
-        .iter_mut()
-        .zip(&rests)
-        .zip(&first)
-        .filter(|((device, start), first)| start.is_some() && **first == device.position)
-        .map(|((device, start), _)| -> (usize, Procedure<'_, Result<(), Cause>>) {
-            let position = device.position;
-            let start = start.clone().unwrap_or_default();
-            (position, Box::pin(read_rest(link, config, device, start)))
-        })
-        .unzip();
-    let of_first = left_out::each_of(config, positions, all).await?;
+    let kinds = kinds(&starts);
+    let witnesses: Vec<usize> =
+        kinds.iter().flat_map(|kind| kind.iter().take(2).copied()).collect();
+    failures.extend(read_rests(link, config, segment, &starts, &witnesses).await?);
 
-    for position in 0..rests.len() {
-        let (Some(start), from) = (&rests[position], first[position]) else { continue };
-        if from == position {
+    let mut own = Vec::new();
+    for kind in &kinds {
+        let [first, second, others @ ..] = &kind[..] else { continue };
+        let failed = |at: &usize| failures.iter().any(|(position, _)| position == at);
+        let can_share = !failed(first)
+            && !failed(second)
+            && agree(&segment.devices[*first], &segment.devices[*second]);
+        if !can_share {
+            own.extend(others);
             continue;
         }
-        match of_first.iter().find(|(at, _)| *at == from) {
-            // What could not be read there can't be told here.
-            Some((_, cause)) => failures.push((position, cause.clone())),
-            None => {
-                let of = segment.devices[from].clone();
-                share_rest(&mut segment.devices[position], start, &of);
-            }
+        let source = segment.devices[*first].clone();
+        for position in others {
+            let Some(start) = &starts[*position] else { continue };
+            share_rest(&mut segment.devices[*position], start, &source);
         }
     }
-    failures.extend(of_first);
+    failures.extend(read_rests(link, config, segment, &starts, &own).await?);
+
     let failed = |position: usize| failures.iter().any(|(at, _)| *at == position);
     let (positions, all) = segment
         .devices
@@ -99,22 +95,51 @@ pub(crate) async fn read_all(
     Ok(failures)
 }
 
-/// By position, the first position whose SII is like it; its own if there is none before it.
-fn firsts(starts: &[Option<Start>]) -> Vec<usize> {
-    let mut kinds: Vec<usize> = Vec::new();
-    let mut firsts = Vec::with_capacity(starts.len());
+/// Positions of SIIs that are alike from the start, ascending in each group.
+fn kinds(starts: &[Option<Start>]) -> Vec<Vec<usize>> {
+    let mut kinds: Vec<Vec<usize>> = Vec::new();
     for (position, start) in starts.iter().enumerate() {
-        let alike = |at: &&usize| match (&starts[**at], start) {
-            (Some(known), Some(start)) => start.is_like(known),
-            _ => false,
+        let Some(start) = start else { continue };
+        let alike = |kind: &&mut Vec<usize>| {
+            starts[kind[0]].as_ref().is_some_and(|first| start.is_like(first))
         };
-        let first = kinds.iter().find(alike).copied().unwrap_or(position);
-        if first == position {
-            kinds.push(position);
+        match kinds.iter_mut().find(alike) {
+            Some(kind) => kind.push(position),
+            None => kinds.push(Vec::from([position])),
         }
-        firsts.push(first);
     }
-    firsts
+    kinds
+}
+
+/// Reads the rest of the SIIs at some positions, side by side.
+async fn read_rests(
+    link: &Link,
+    config: &Config,
+    segment: &mut Segment,
+    starts: &[Option<Start>],
+    wanted: &[usize],
+) -> Result<Failures, Cause> {
+    let mut is_wanted = vec![false; segment.devices.len()];
+    wanted.iter().for_each(|position| is_wanted[*position] = true);
+    let (positions, all) = segment
+        .devices
+        .iter_mut()
+        .zip(starts)
+        .filter(|(device, _)| is_wanted[device.position])
+        .map(|(device, start)| -> (usize, Procedure<'_, Result<(), Cause>>) {
+            let start = start.clone().unwrap_or_default();
+            (device.position, Box::pin(read_rest(link, config, device, start)))
+        })
+        .unzip();
+    left_out::each_of(config, positions, all).await
+}
+
+/// Whether two SIIs that were read to their end say the same, but for alias and serial number.
+fn agree(one: &SubDevice, other: &SubDevice) -> bool {
+    let mut sii = one.sii.clone();
+    let own = &other.sii.header;
+    (sii.header.configuration, sii.header.serial) = (own.configuration, own.serial);
+    sii == other.sii && one.substitutes.len() == other.substitutes.len()
 }
 
 /// Reads what no two SubDevices share, and what tells whether they share the rest.

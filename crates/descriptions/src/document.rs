@@ -77,7 +77,7 @@ pub fn name_hint<'k>(unknown: &str, known: impl IntoIterator<Item = &'k str>) ->
 }
 
 /// Most names that a hint lists.
-const MOST_NAMES: usize = 20;
+const MOST_NAMES: usize = 32;
 
 /// The name that `unknown` was probably meant to be: one that contains it, or one a few typing
 /// errors away (a third of its letters).

@@ -7,6 +7,7 @@
 pub mod age;
 mod build;
 pub mod calibrate;
+mod expected;
 #[cfg(target_os = "linux")]
 pub mod interface;
 mod note;
@@ -19,6 +20,7 @@ pub mod typed;
 pub mod words;
 
 pub use build::{span, spread};
+pub use expected::{Expected, FaultNote};
 use isocat_maindevice::Stage;
 use isocat_segment::profile::Doubt;
 use isocat_sim::Kind;
@@ -33,7 +35,7 @@ pub(crate) use text::{BAD, GOOD, QUIET};
 use typed::{KindDocument, StateRead};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/5";
+pub const FORMAT: &str = "isocat-run-report/6";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -61,6 +63,10 @@ pub struct Report {
     pub in_sync: bool,
     /// One sentence for people.
     pub verdict: String,
+    /// What was expected of it, and whether it came so; empty if the segment file expects nothing in particular.
+    pub expected: Vec<Expected>,
+    /// What went wrong on purpose, in the order of time; of very much the last.
+    pub faults: Vec<FaultNote>,
     /// Why not, in the order of time; what has no time of its own comes last.
     pub findings: Vec<Finding>,
     /// How SubDevices that may be absent came and went; nothing against the segment.
@@ -77,6 +83,16 @@ pub struct Report {
     pub quality: Option<quality::Quality>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<Device>,
+}
+
+impl Report {
+    /// Whether the run was as expected: all that was expected came so, or it was in sync where nothing in particular was.
+    pub fn as_expected(&self) -> bool {
+        match &self.expected[..] {
+            [] => self.in_sync,
+            all => all.iter().all(|one| one.met),
+        }
+    }
 }
 
 /// Something worth knowing, as plans and scans tell it.

@@ -157,6 +157,13 @@ impl Eeprom {
         false
     }
 
+    /// The command under way is done, but the memory has acknowledged nothing.
+    pub fn get_no_acknowledge(&mut self) {
+        if self.job.take().is_some() {
+            self.errors |= EepromStatus::COMMAND_ERROR;
+        }
+    }
+
     /// Loads the configuration area into 0x0140-0x0152 and 0x0982, if its checksum is right. The alias
     /// and the link detection bits are the caller's: they are loaded at power-on only.
     pub fn load(&mut self, image: &[u8], registers: &mut Registers) -> bool {

@@ -73,6 +73,8 @@ pub struct Esc<M> {
     pub(crate) overdue: Option<(Time<Device>, EscEvent)>,
     /// Counts what may have changed [`Esc::reach`].
     pub(crate) reach_version: u32,
+    /// The memory acknowledges nothing.
+    eeprom_is_dead: bool,
 }
 
 /// The frame in flight.
@@ -184,6 +186,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             dl_changed: false,
             overdue: None,
             reach_version: 0,
+            eeprom_is_dead: false,
         };
         esc.start(Time::ZERO, 0);
         esc
@@ -266,7 +269,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.dc.reset_registers(registers);
         self.eeprom = Eeprom::new(chip, self.image.as_ref().len());
         self.load_configuration();
-        if let Some(area) = eeprom::configuration(self.image.as_ref()) {
+        if let Some(area) = eeprom::configuration(self.answering_image()) {
+            let area = *area;
             let registers = &mut self.registers;
             let alias = 2 * ALIAS_WORD;
             registers
@@ -285,8 +289,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Loads the EEPROM's configuration area into the registers.
     fn load_configuration(&mut self) {
+        let image: &[u8] = if self.eeprom_is_dead { &[] } else { self.image.as_ref() };
         let registers = &mut self.registers;
-        let loaded = self.eeprom.load(self.image.as_ref(), registers);
+        let loaded = self.eeprom.load(image, registers);
         dl::set_status(registers, DlStatus::PDI_OPERATIONAL, loaded);
         if registers.load(register::PDI_CONTROL) == PDI_DIGITAL_IO {
             dl::set_status(registers, DlStatus::PDI_WATCHDOG, true);
@@ -499,6 +504,17 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.image.as_mut()
     }
 
+    /// The memory behind the ESC acknowledges nothing from now on (broken, or without supply), or does so again. Each
+    /// command ends with the missing acknowledge of register 0x0502 bit 13; at a reset or power-on nothing is loaded.
+    pub fn set_eeprom_dead(&mut self, dead: bool) {
+        self.eeprom_is_dead = dead;
+    }
+
+    /// The image, as far as the memory can be read.
+    fn answering_image(&self) -> &[u8] {
+        if self.eeprom_is_dead { &[] } else { self.image.as_ref() }
+    }
+
     /// Local time (0x0900), in the width of this ESC's counter.
     pub fn local_time(&self, at: Time<Device>) -> Time<Local> {
         self.dc.local_time(at)
@@ -609,7 +625,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             }
             Due::Eeprom => {
                 let image = &mut self.image;
-                if self.eeprom.finish(image, self.chip, &mut self.registers) {
+                if self.eeprom_is_dead {
+                    self.eeprom.get_no_acknowledge();
+                } else if self.eeprom.finish(image, self.chip, &mut self.registers) {
                     self.load_configuration();
                 }
                 self.eeprom.show(&mut self.registers);

@@ -151,7 +151,7 @@ fn main() {
     let mode = Some(SyncMode::DcSync0);
     config.devices = vec![DeviceConfig { mode, ..DeviceConfig::default() }];
     let segment = vec![Connection::new(None, Cable::of_length(10_000), device)];
-    let setup = Setup { seed: 1, config, host: HostModel::default(), segment };
+    let setup = Setup::new(1, config, HostModel::default(), segment);
 
     // The MainDevice's side: it asks for 350 K as soon as the oven is in OP.
     let heat = |cycle: &mut Cycle<'_>| {

@@ -1,7 +1,8 @@
 //! The command line: verbs, exit codes, where words go.
 //!
 //! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not
-//! in sync or lost it, 2 bad input, 3 not known (`run --interface` alone: nothing speaks against it,
+//! in sync or lost it, 2 bad input (of a virtual `run` of which something is expected: 0 all of it came so,
+//! 1 not), 3 not known (`run --interface` alone: nothing speaks against it,
 //! but something that decides was not read). `plan`: 0 fits, 1 does not (with `--prove` also: does not
 //! hold), 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
 //! input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad input. `calibrate`: 0
@@ -20,6 +21,7 @@ mod explain;
 mod files;
 #[cfg(target_os = "linux")]
 mod interface;
+mod junit;
 mod output;
 mod plan;
 mod replay;

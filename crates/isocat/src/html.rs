@@ -5,6 +5,7 @@
 //! the same, it cannot be zoomed then.
 
 pub mod conform;
+mod expected;
 #[cfg(target_os = "linux")]
 pub mod interface;
 mod parts;

@@ -6,15 +6,17 @@ use isocat_maindevice::{
     AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, MeasureTimes, StartupDownload,
 };
 use isocat_sim::random::Stream;
-use isocat_sim::{Cable, ClockModel, Connection, CpuModel, DeviceSetup, HostModel, Run, Setup};
+use isocat_sim::{
+    Cable, ClockModel, Connection, CpuModel, DeviceSetup, Expectation, HostModel, Run, Setup,
+};
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
 use isocat_sync::budget::Limits;
 use isocat_wire::time::{Nanos, Time};
 
-use crate::profile::{self, ApplicationKind, Profile};
-use crate::segment_file::{Clock, Operation, SegmentFile, SubDevice};
+use crate::profile::{self, ApplicationKind, CLOCK_TOLERANCE, Profile};
+use crate::segment_file::{Clock, Faults, Operation, SegmentFile, SubDevice};
 use crate::{chips, offline};
 
 mod laid_out;
@@ -57,6 +59,10 @@ pub struct Scenario {
     pub hop_jitter: bool,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
+    /// What goes wrong while it runs.
+    pub faults: Faults,
+    /// What is expected of it.
+    pub expectations: Vec<Expectation>,
     /// Run although the plan says that it does not fit.
     pub force: bool,
     /// Whether any SubDevice may fail on the way up, and is left out then.
@@ -88,6 +94,8 @@ impl From<SegmentFile> for Scenario {
             watchdog: file.watchdog,
             hop_jitter: file.hop_jitter,
             operation: file.operation,
+            faults: file.faults,
+            expectations: file.expectations,
             force: false,
             tolerate: false,
             devices: file.subdevices,
@@ -99,10 +107,13 @@ impl Scenario {
     /// The simulation of it.
     pub fn run(&self) -> Run {
         let segment = self.devices.iter().enumerate().map(|(i, d)| self.connection(i, d)).collect();
+        let setup = Setup::new(self.seed, self.config(), self.host, segment);
         Run {
-            setup: Setup { seed: self.seed, config: self.config(), host: self.host, segment },
+            setup: Setup { faults: self.faults.planned.clone(), spares: self.spares(), ..setup },
             duration: self.duration,
             sync0_limit: self.sync0_limit,
+            expectations: self.expectations.clone(),
+            follow_course: false,
         }
     }
 
@@ -133,6 +144,22 @@ impl Scenario {
         config
     }
 
+    /// The devices that come in the place of others. They are new: their counters begin at 0.
+    fn spares(&self) -> Vec<DeviceSetup> {
+        let spares = self.faults.spares.iter().enumerate();
+        let spare = |(number, profile): (usize, &&'static Profile)| {
+            let within = profile.clock_tolerance.unwrap_or(CLOCK_TOLERANCE);
+            let place = self.devices.len() + number;
+            let deviation_ppb = Clock::DrawnWithin(within).deviation(self.seed, place).0;
+            DeviceSetup { clock: ClockModel::constant(deviation_ppb), ..self.device(profile) }
+        };
+        spares.map(spare).collect()
+    }
+
+    fn device(&self, profile: &'static Profile) -> DeviceSetup {
+        DeviceSetup { chip: chips::with_law(profile.esc(), self.drift_law), ..device(profile) }
+    }
+
     fn connection(&self, position: usize, device: &SubDevice) -> Connection {
         let profile = device.profile;
         // Counters start anywhere, as devices that were switched on at different times have them.
@@ -146,18 +173,27 @@ impl Scenario {
             hop_jitter: self.hop_jitter,
             power_on: Time::ZERO + device.arrives.into(),
             device: DeviceSetup {
-                chip: chips::with_law(profile.esc(), self.drift_law),
-                sii: profile.sii.clone().into(),
-                description: profile.description,
-                application: application(profile),
-                cpu: cpu(profile),
                 clock: ClockModel {
                     deviation_ppb: device.clock.deviation(self.seed, position).0,
                     ..device.clock_shape
                 },
                 local_time: Time::new(local_time),
+                ..self.device(profile)
             },
         }
+    }
+}
+
+/// A device of a profile, with a perfect clock that begins at 0.
+pub fn device(profile: &'static Profile) -> DeviceSetup {
+    DeviceSetup {
+        chip: profile.esc(),
+        sii: profile.sii.clone().into(),
+        description: profile.description,
+        application: application(profile),
+        cpu: cpu(profile),
+        clock: ClockModel::constant(0),
+        local_time: Time::ZERO,
     }
 }
 

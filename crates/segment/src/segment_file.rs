@@ -53,7 +53,7 @@ use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_esc::DriftLaw;
 use isocat_esc::chip::PortKind;
 use isocat_maindevice::{DriftFilters, MeasuredTimes};
-use isocat_sim::ClockModel;
+use isocat_sim::{ClockModel, Expectation};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
@@ -63,6 +63,8 @@ use crate::profile::Profile;
 
 mod clock;
 mod esi;
+mod expect;
+mod fault;
 mod keys;
 mod misbehave;
 mod operation;
@@ -72,8 +74,10 @@ mod tests;
 mod tree;
 
 pub use clock::Clock;
+pub use fault::Faults;
 pub use isocat_descriptions::document::{FileError, name_hint};
 pub use keys::FILE;
+pub(crate) use misbehave::misbehaviour;
 pub use misbehave::vocabulary;
 pub use operation::Operation;
 pub use tree::Place;
@@ -109,6 +113,10 @@ pub struct SegmentFile {
     pub hop_jitter: bool,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
+    /// What goes wrong. Tables `[[fault]]`.
+    pub faults: Faults,
+    /// What is expected of a run. Tables `[[expect]]`.
+    pub expectations: Vec<Expectation>,
     /// The MainDevice's machine.
     pub host: Host,
     /// The devices in the order of their positions: the one in which frames are processed.
@@ -219,6 +227,8 @@ impl SegmentFile {
             devices.add(table, device)?;
         }
         let subdevices = tree::sort(devices.subdevices);
+        let faults = fault::faults(&root, &subdevices)?;
+        let expectations = expect::expectations(&root, &subdevices)?;
         let path = path.to_owned();
         Ok(Self {
             path,
@@ -232,6 +242,8 @@ impl SegmentFile {
             watchdog,
             hop_jitter,
             operation,
+            faults,
+            expectations,
             host,
             subdevices,
         })

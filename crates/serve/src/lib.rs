@@ -16,8 +16,7 @@ pub mod conduct;
 #[cfg(target_os = "linux")]
 pub mod control;
 pub mod deed;
-pub mod fault;
-mod process_data;
+pub mod process_data;
 pub mod server;
 #[cfg(target_os = "linux")]
 pub mod service;
@@ -27,7 +26,7 @@ pub mod summary;
 mod text;
 pub mod verdict;
 
-pub use fault::Fault;
+pub use isocat_segment::fault::Order;
 pub use server::{Answer, Event, Server};
 pub use setup::Setup;
 pub use summary::Summary;

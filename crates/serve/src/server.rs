@@ -4,15 +4,17 @@ use std::collections::VecDeque;
 
 use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::{Event as Told, Status};
+use isocat_segment::fault::Order;
+use isocat_segment::scenario;
+use isocat_sim::fault::{Happened, Moment};
 use isocat_sim::observation::Observed;
-use isocat_sim::{Connection, Passage, Served};
+use isocat_sim::{Connection, Fault, Passage, Served, Timeline};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use super::conduct::{Conduct, Reference, Seen};
 use super::deed::Deed;
-use super::fault::{Fault, Faults};
 use super::process_data::Handle;
 use super::setup::Setup;
 use super::verdict::Judged;
@@ -33,7 +35,6 @@ pub struct Server {
     names: Vec<String>,
     sync0_limit: Picos,
     outputs_spread: Picos,
-    faults: Faults,
     events: VecDeque<Event>,
     ended: Vec<Session>,
     /// How many sessions and faults are remembered no more.
@@ -49,7 +50,6 @@ pub struct Server {
     counts: Counts,
     /// State of each SubDevice as of the last observation.
     states: Vec<AlState>,
-    injected: Vec<(Time<True>, Fault)>,
     /// The last events, for who asks what happened.
     told: VecDeque<Told>,
     /// Sees what is of late, once somebody has asked.
@@ -181,8 +181,8 @@ pub enum Event {
         /// How many.
         devices: usize,
     },
-    /// A fault was injected.
-    Fault(Fault),
+    /// A fault began or ended.
+    Fault(Happened),
     /// Nothing has been sent for a while.
     SessionEnded {
         /// In the middle.
@@ -208,16 +208,17 @@ const STILL_THERE: Nanos = Nanos::millis(1_000);
 const MOST_REFUSED: usize = 32;
 /// Stretches of operation that are remembered.
 const MOST_STRETCHES: usize = 256;
-/// Faults that are remembered.
-const MOST_FAULTS: usize = 1_000;
 /// What is remembered of ended sessions: some 40 MB.
 const MOST_RECORDS: usize = 50_000;
 
 impl Server {
     /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
-        let Setup { mut segment, names, seed, sync0_limit, outputs_spread, shows_process_data } =
-            setup.into();
+        let setup: Setup = setup.into();
+        let Setup { sync0_limit, outputs_spread, shows_process_data, .. } = setup;
+        let Setup { mut segment, names, seed, faults, spares, .. } = setup;
+        let planned = faults.into_iter().filter(|planned| !planned.fault.is_of_the_host());
+        let timeline = Timeline::new(planned.collect(), seed).with_spares(spares);
         let outputs = |connection: &Connection| connection.device.description.outputs.max_length;
         let shown = if shows_process_data { &segment[..] } else { &[] };
         let doors: Vec<Handle> =
@@ -229,14 +230,12 @@ impl Server {
         Self {
             doors,
             states: vec![AlState::Init; segment.len()],
-            injected: Vec::new(),
             told: VecDeque::new(),
             onlooker: None,
-            served: Served::new(segment, seed, now),
+            served: Served::new(segment, seed, now).with_faults(timeline),
             names,
             sync0_limit,
             outputs_spread,
-            faults: Faults::new(seed),
             events: VecDeque::new(),
             ended: Vec::new(),
             left_out: LeftOut::default(),
@@ -254,14 +253,6 @@ impl Server {
         self.counts.frames += 1;
         self.last_frame = arrived.max(self.last_frame);
         self.source = bytes.get(6..12).and_then(|s| s.first_chunk()).copied().unwrap_or_default();
-        if self.faults.drops(true) {
-            self.counts.lost += 1;
-            return Answer::Lost;
-        }
-        let at = self.served.true_time(arrived);
-        if self.faults.due().is_some_and(|due| due <= at) {
-            self.faults.restore(&mut self.served, at);
-        }
         let passage = self.served.frame(arrived, bytes);
         self.passage = Some(passage);
         let back = match passage.fate {
@@ -271,20 +262,15 @@ impl Server {
                 return Answer::Lost;
             }
         };
-        if self.faults.drops(false) {
-            self.counts.lost += 1;
-            return Answer::Lost;
-        }
         self.counts.answered += 1;
         // A real wire has no more than 100 Mbit/s either.
         let held = self.served.host_time(passage.start) - arrived > LEAD;
-        let delay = self.faults.delay();
         // True time has picoseconds: to the next nanosecond.
-        let last_bit = self.served.host_time(back.last_bit + Picos(999)) + delay;
+        let last_bit = self.served.host_time(back.last_bit + Picos(999));
         self.counts.held += u64::from(held);
-        let hold = match (held, delay) {
+        let hold = match (held, passage.late) {
             (false, Nanos::ZERO) => None,
-            (false, delay) => Some(arrived + delay),
+            (false, late) => Some(arrived + late),
             (true, _) => Some(last_bit),
         };
         Answer::Back { last_bit, hold }
@@ -329,8 +315,6 @@ impl Server {
         if self.session.is_some() && now - self.last_frame > SILENCE {
             self.end_session();
         }
-        let at = self.served.true_time(now);
-        self.faults.restore(&mut self.served, at);
         self.served.advance(now);
         self.settle();
     }
@@ -347,23 +331,41 @@ impl Server {
         // A segment that nobody talks to, and nothing in it above INIT, has nothing to do.
         let quiet = |device: &isocat_sim::device::Device| device.is_quiet();
         let asleep = self.session.is_none()
-            && self.faults.due().is_none()
+            && self.served.timeline().next().is_none()
             && self.served.segment().devices().iter().all(quiet);
         (!asleep).then_some(now + TICK)
     }
 
     /// Injects a fault as of `now`; tells what is wrong with it.
-    pub fn inject(&mut self, now: Time<Host>, fault: Fault) -> Result<(), String> {
+    pub fn inject(&mut self, now: Time<Host>, order: Order) -> Result<(), String> {
+        let Order { fault, lasts, spare } = order;
+        if fault.is_of_the_host() {
+            return Err(format!(
+                "{fault}: that happens to the machine of the MainDevice, which is not simulated here"
+            ));
+        }
+        let spare = spare.map(scenario::device);
+        if let (Fault::Replace { device, .. }, Some(setup)) = (&fault, &spare) {
+            let fits = self.served.segment().takes(*device, setup.chip);
+            fits.map_err(|port| format!("the other device has no such port {port} as is wired"))?;
+        }
         self.served.advance(now);
         self.settle();
-        self.faults.inject(&mut self.served, &fault)?;
-        if self.injected.len() >= MOST_FAULTS {
-            self.injected.remove(0);
-            self.left_out.faults += 1;
-        }
-        self.injected.push((self.served.now(), fault.clone()));
-        self.events.push_back(Event::Fault(fault));
+        self.served.inject(fault, lasts, spare);
+        self.tell_faults();
         Ok(())
+    }
+
+    /// Takes an answer beside that of the last frame, of one that was doubled on its way, and when its last bit is back.
+    pub fn take_copy(&mut self) -> Option<(Time<Host>, Vec<u8>)> {
+        let (last_bit, bytes) = self.served.take_copy()?;
+        Some((self.served.host_time(last_bit + Picos(999)), bytes))
+    }
+
+    /// Tells which faults have begun or ended.
+    fn tell_faults(&mut self) {
+        let news = self.served.take_news();
+        self.events.extend(news.into_iter().map(Event::Fault));
     }
 
     /// The outputs of the device at `position`, as it took them last; `None` while they are in their safe state, and where there is no
@@ -424,9 +426,9 @@ impl Server {
     pub fn sync0_limit(&self) -> Picos {
         self.sync0_limit
     }
-    /// The faults that were injected, and when.
-    pub fn injected(&self) -> &[(Time<True>, Fault)] {
-        &self.injected
+    /// The faults that began and ended, and when: the newest ones, where there were very many.
+    pub fn faults(&self) -> impl ExactSizeIterator<Item = &Happened> {
+        self.served.timeline().happened()
     }
 
     /// The sessions that have ended, in order: the newest ones, where there were very many.
@@ -435,7 +437,7 @@ impl Server {
     }
     /// How many came before these sessions and faults.
     pub fn left_out(&self) -> LeftOut {
-        self.left_out
+        LeftOut { faults: self.served.timeline().left_out(), ..self.left_out }
     }
     /// The session under way.
     pub fn session(&self) -> Option<&Session> {
@@ -483,6 +485,7 @@ impl Server {
 
     /// Shows what happened to the judges, and takes note.
     fn settle(&mut self) {
+        self.tell_faults();
         let now = self.served.now();
         let Self { served, events, session, states, onlooker, .. } = self;
         if let Some(onlooker) = onlooker
@@ -581,6 +584,7 @@ impl Server {
             }
             session.judging = true;
             self.events.push_back(Event::InOperation { devices: there });
+            self.served.timeline_mut().reached(Moment::InOperation, at);
             if self.onlooker.is_some() {
                 self.onlooker = Some(self.new_onlooker());
             }

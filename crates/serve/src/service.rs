@@ -173,9 +173,16 @@ impl Service {
         match server.frame(received.at, frame) {
             Answer::Back { hold: None, .. } => socket.send(frame)?,
             Answer::Back { hold: Some(due), .. } if self.held.len() < MOST_HELD => {
-                self.held.push_back((due, frame.to_vec()));
+                let place = self.held.partition_point(|(other, _)| *other <= due);
+                self.held.insert(place, (due, frame.to_vec()));
             }
             Answer::Back { .. } | Answer::Lost => {}
+        }
+        while let Some((due, copy)) = server.take_copy() {
+            let place = self.held.partition_point(|(other, _)| *other <= due);
+            if self.held.len() < MOST_HELD {
+                self.held.insert(place, (due, copy));
+            }
         }
         server.after(frame);
         self.distance = received.at - self.last_frame;

@@ -1,7 +1,7 @@
 //! What is served: the devices, the seed, and the limits that the judges go by.
 
 use isocat_segment::Scenario;
-use isocat_sim::Connection;
+use isocat_sim::{Connection, DeviceSetup, Planned};
 use isocat_subdevice::Application;
 use isocat_wire::time::Picos;
 
@@ -16,6 +16,10 @@ pub struct Setup {
     pub names: Vec<String>,
     /// The seed of all randomness.
     pub seed: u64,
+    /// What goes wrong of itself. What concerns a host is left out.
+    pub faults: Vec<Planned>,
+    /// SubDevices that may come in the place of others.
+    pub spares: Vec<DeviceSetup>,
     /// Largest SYNC0 error with which a SubDevice counts as synchronized.
     pub sync0_limit: Picos,
     /// Largest spread of outputs behind their pulse with which a SubDevice counts as synchronized.
@@ -32,6 +36,8 @@ impl From<&Scenario> for Setup {
             segment: setup.segment,
             names: scenario.devices.iter().map(|device| device.name.clone()).collect(),
             seed: setup.seed,
+            faults: setup.faults,
+            spares: setup.spares,
             sync0_limit: scenario.sync0_limit.into(),
             outputs_spread: scenario.outputs_spread.into(),
             shows_process_data: true,

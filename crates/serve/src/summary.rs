@@ -240,10 +240,9 @@ impl Summary {
             lost: counts.lost,
             held: counts.held,
             faults: server
-                .injected()
-                .iter()
-                .map(|(at, fault)| Injected {
-                    at_ns: at.as_nanos() as i64,
+                .faults()
+                .map(|fault| Injected {
+                    at_ns: fault.at.as_nanos() as i64,
                     what: fault.to_string(),
                 })
                 .collect(),

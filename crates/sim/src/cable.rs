@@ -7,7 +7,7 @@ use isocat_wire::time::Picos;
 pub(crate) const PICOS_PER_MILLIMETRE: i64 = 5;
 
 /// Which way along a cable, as its ends were named: from the MainDevice outwards, or back.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
 pub enum Direction {
     /// Away from the MainDevice's primary port.
     Out,

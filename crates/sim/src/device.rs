@@ -2,16 +2,18 @@
 
 use std::sync::Arc;
 
-use isocat_esc::{Chip, Esc, EscEvent};
+use isocat_esc::{Chip, Esc, EscEvent, Passing};
 use isocat_subdevice::description::ProcessDataArea;
-use isocat_subdevice::{Application, Description, Event, Step, SubDevice};
+use isocat_subdevice::{Application, Description, Event, Misbehaviour, Step, SubDevice};
+use isocat_wire::datagram::Address;
 use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
-use isocat_wire::{AbortCode, ObjectAddress};
+use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
 use crate::cpu::{Action, Cpu, CpuModel};
+use crate::fault::misbehaving;
 use crate::observation::{Content, Observation, Observed};
-use crate::oscillator::{ClockModel, Oscillator};
+use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::random::Stream;
 use crate::storage::Storage;
 
@@ -47,6 +49,8 @@ pub struct Device {
     oscillator: Oscillator,
     cpu: Cpu,
     position: usize,
+    /// As it was built.
+    description: &'static Description,
     state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
     /// The frame that passed last.
     frame: Time<True>,
@@ -83,6 +87,7 @@ impl Device {
             oscillator,
             cpu,
             position,
+            description: setup.description,
             state,
             frame: Time::ZERO,
             fetched: Time::ZERO,
@@ -114,6 +119,62 @@ impl Device {
         self.powered = true;
         self.esc.power_on(at, Time::ZERO);
         self.cpu.wake(at);
+        self.disturbed();
+    }
+
+    /// Changes the speed of its oscillator, at instants that it has not lived through.
+    pub(crate) fn bend_clock(&mut self, bends: &[Bend]) {
+        self.oscillator.bend(bends);
+    }
+
+    /// Whether its memory acknowledges nothing.
+    pub(crate) fn set_eeprom_dead(&mut self, dead: bool) {
+        self.esc.set_eeprom_dead(dead);
+    }
+
+    /// Does something wrong from now on, or no longer.
+    pub(crate) fn misbehave(&mut self, how: Misbehaviour, begins: bool) {
+        let known = self.stack.description().behaviour.misbehaviour;
+        let others = known.iter().filter(|known| **known != how).copied();
+        let all: Vec<_> = others.chain(begins.then_some(how)).collect();
+        self.stack.describe_anew(misbehaving(self.description, &all));
+        self.disturbed();
+    }
+
+    /// Its application can't go on, at an instant that it has not lived through.
+    pub(crate) fn fail(
+        &mut self,
+        at: Time<DeviceClock>,
+        code: AlStatusCode,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        if !self.powered {
+            return;
+        }
+        self.advance(at, watch);
+        self.stack.fail(code, &mut self.esc.pdi(at));
+        self.look(at, watch);
+        self.disturbed();
+    }
+
+    /// Writes a register as a frame would that nobody else sees, at an instant that it has not lived through.
+    pub(crate) fn write_register(
+        &mut self,
+        at: Time<DeviceClock>,
+        address: u16,
+        data: &[u8],
+        watch: &mut impl FnMut(Observation),
+    ) {
+        if !self.powered {
+            return;
+        }
+        self.advance(at, watch);
+        self.esc.begin_frame(at);
+        let address = Address::Broadcast(address).raw();
+        let mut data = data.to_vec();
+        let (command, irq, wkc) = (Command::Bwr, 0, 0);
+        self.esc.datagram(&mut Passing { command, address, irq, wkc, data: &mut data });
+        self.esc.close_frame(at, true);
         self.disturbed();
     }
 

@@ -1,9 +1,10 @@
-//! What happens while the segment runs: cables are pulled and plugged, SubDevices are switched off and on,
-//! and bits tip over.
+//! What happens to the wires of a segment while it runs: cables are pulled and plugged, SubDevices are switched
+//! off and on, bits tip over, frames get lost.
 //!
-//! A cut takes the signal away at once; the ESCs at both ends find out when their link goes, and
-//! until then they send into nothing. A cable plugged in again carries frames as soon as both ends have
-//! a link. A SubDevice without power cuts all its cables; each is whole again when nothing cuts it any more.
+//! A cable is two lines, one each way. A cut takes the signal of a line away at once; the ESC that listens at
+//! its end finds out when its link goes, and until then the other one sends into nothing. A line that is
+//! whole again carries frames as soon as its listener has a link. A pulled cable cuts both of its lines, and a
+//! SubDevice without power those of all its cables; each is whole again when nothing cuts it any more.
 
 use std::collections::BTreeMap;
 
@@ -11,6 +12,7 @@ use isocat_wire::PortNumber;
 use isocat_wire::time::{Time, True};
 
 use crate::cable::Direction;
+use crate::fault::frames::FrameFaults;
 use crate::wiring::{End, Wiring};
 
 /// A bit that tips over on a cable.
@@ -26,11 +28,21 @@ pub struct BitError {
     pub bit: usize,
 }
 
-/// Why a cable carries nothing.
+/// One way along a cable.
+pub(crate) type Line = (usize, Direction);
+
+/// Both lines of a cable.
+pub(crate) const fn lines(cable: usize) -> [Line; 2] {
+    [(cable, Direction::Out), (cable, Direction::Back)]
+}
+
+/// Why a line carries nothing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Cause {
-    /// It is pulled.
+    /// The cable is pulled.
     Pulled,
+    /// A wire of this line is broken.
+    Broken,
     /// The SubDevice at one of its ends has no power.
     NoPower(usize),
 }
@@ -48,23 +60,25 @@ pub(crate) struct Notice {
 pub(crate) enum Change {
     /// Its ESC notices that a link has come or gone.
     Link {
-        cable: usize,
-        /// When the cable was cut or restored.
+        line: Line,
+        /// When the line was cut or restored.
         since: Time<True>,
         port: PortNumber,
         link: bool,
     },
     /// It gets power, or loses it.
     Power(bool),
+    /// What it sends to the MainDevice gets there again, or no longer.
+    Way,
 }
 
 /// All that happens to the cables and SubDevices of a segment.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Disturbances {
-    /// Every change of a cable there was or will be, in the order of time: cable, when, whole.
-    changes: Vec<(usize, Time<True>, bool)>,
-    /// By cable: what cuts it after everything that has been told of it.
-    cuts: BTreeMap<usize, Cut>,
+    /// Every change of a line there was or will be, in the order of time: which, when, whole.
+    changes: Vec<(Line, Time<True>, bool)>,
+    /// What cuts each line after everything that has been told of it.
+    cuts: BTreeMap<Line, Cut>,
     /// By SubDevice: when it was switched last, and whether on.
     power: BTreeMap<usize, (Time<True>, bool)>,
     /// What has not happened yet, in the order of time.
@@ -72,9 +86,11 @@ pub(crate) struct Disturbances {
     /// Breaks too short for any ESC to notice: from, to.
     unnoticed: Vec<(Time<True>, Time<True>)>,
     errors: Vec<BitError>,
+    /// What happens to frames on cables.
+    pub frames: FrameFaults,
 }
 
-/// What cuts a cable.
+/// What cuts a line.
 #[derive(Clone, Debug, Default)]
 struct Cut {
     causes: Vec<Cause>,
@@ -87,31 +103,37 @@ struct Cut {
 }
 
 impl Disturbances {
-    /// A cable gets a reason to carry nothing. Changes of one cable must come in the order of time; panics
-    /// otherwise.
-    pub fn cut(&mut self, wiring: &Wiring, cable: usize, at: Time<True>, cause: Cause) {
-        let cut = self.changed(cable, at);
+    /// A line gets a reason to carry nothing. Changes of one line must come in the order of time; panics otherwise.
+    pub fn cut(&mut self, wiring: &Wiring, line: Line, at: Time<True>, cause: Cause) {
+        let cut = self.changed(line, at);
         if cut.causes.contains(&cause) {
             return;
         }
         let first = cut.causes.is_empty();
         cut.causes.push(cause);
-        cut.unpowered |= cause != Cause::Pulled;
+        cut.unpowered |= matches!(cause, Cause::NoPower(_));
         if first {
             cut.since = at;
-            self.change(wiring, cable, at, false);
+            self.change(wiring, line, at, false);
         }
     }
 
-    /// A reason goes away; with the last one, the cable is whole again. Panics as [`Self::cut`] does.
-    pub fn restore(&mut self, wiring: &Wiring, cable: usize, at: Time<True>, cause: Cause) {
-        let cut = self.changed(cable, at);
+    /// A reason goes away; with the last one, the line is whole again. Panics as [`Self::cut`] does.
+    pub fn restore(&mut self, wiring: &Wiring, line: Line, at: Time<True>, cause: Cause) {
+        let cut = self.changed(line, at);
         let before = cut.causes.len();
         cut.causes.retain(|other| *other != cause);
         if before > 0 && cut.causes.is_empty() {
-            self.change(wiring, cable, at, true);
-            self.changed(cable, at).unpowered = false;
+            self.change(wiring, line, at, true);
+            self.changed(line, at).unpowered = false;
         }
+    }
+
+    /// The last instant for which a change of a line or of a SubDevice's power was told.
+    pub fn latest_change(&self) -> Time<True> {
+        let of_lines = self.cuts.values().map(|cut| cut.changed);
+        let of_power = self.power.values().map(|(at, _)| *at);
+        of_lines.chain(of_power).max().unwrap_or(Time::ZERO)
     }
 
     /// Switches a SubDevice on or off, and with it all its cables. Panics if it was switched later.
@@ -127,53 +149,62 @@ impl Disturbances {
         self.tell(Notice { at, device, change: Change::Power(on) });
         let ports = PortNumber::ALL.into_iter();
         let cables = ports.filter_map(|port| wiring.hop(End::Port(device, port)));
-        for hop in cables {
+        for line in cables.flat_map(|hop| lines(hop.cable)) {
             match on {
-                true => self.restore(wiring, hop.cable, at, Cause::NoPower(device)),
-                false => self.cut(wiring, hop.cable, at, Cause::NoPower(device)),
+                true => self.restore(wiring, line, at, Cause::NoPower(device)),
+                false => self.cut(wiring, line, at, Cause::NoPower(device)),
             }
         }
     }
 
-    fn changed(&mut self, cable: usize, at: Time<True>) -> &mut Cut {
-        let cut = self.cuts.entry(cable).or_default();
+    fn changed(&mut self, line: Line, at: Time<True>) -> &mut Cut {
+        let cut = self.cuts.entry(line).or_default();
         let last = cut.changed;
-        assert!(last <= at, "cable {cable} was changed at {last:?}, after {at:?}");
+        assert!(last <= at, "cable {} was changed at {last:?}, after {at:?}", line.0);
         cut.changed = at;
         cut
     }
 
-    /// A cable is cut, or whole again.
-    fn change(&mut self, wiring: &Wiring, cable: usize, at: Time<True>, whole: bool) {
+    /// A line is cut, or whole again.
+    fn change(&mut self, wiring: &Wiring, line: Line, at: Time<True>, whole: bool) {
         let place = self.changes.partition_point(|(_, other, _)| *other <= at);
-        self.changes.insert(place, (cable, at, whole));
+        self.changes.insert(place, (line, at, whole));
         let (since, unpowered) =
-            self.cuts.get(&cable).map_or((at, false), |cut| (cut.since, cut.unpowered));
+            self.cuts.get(&line).map_or((at, false), |cut| (cut.since, cut.unpowered));
         // What was not noticed yet will not be, unless it is a loss that nothing can hide.
         let hidden = |notice: &Notice| match notice.change {
-            Change::Link { cable: other, link, .. } => {
-                other == cable && notice.at > at && link != whole && !(whole && unpowered)
+            Change::Link { line: other, link, .. } => {
+                other == line && notice.at > at && link != whole && !(whole && unpowered)
             }
-            Change::Power(_) => false,
+            Change::Power(_) | Change::Way => false,
         };
         let pending = self.notices.len();
         self.notices.retain(|notice| !hidden(notice));
         if self.notices.len() < pending {
-            // It was too short for the ESCs to notice.
+            // It was too short for the ESC to notice.
             if whole {
                 self.unnoticed.push((since, at));
             }
             return;
         }
-        let (properties, ends) = wiring.cable(cable);
+        let (cable, direction) = line;
+        let (properties, [near, far]) = wiring.cable(cable);
+        let (talker, listener) =
+            if direction == Direction::Out { (near, far) } else { (far, near) };
         let delay = if whole { properties.link_gain } else { properties.link_loss };
-        let of_cable = |notice: &&Notice| matches!(notice.change, Change::Link { cable: other, .. } if other == cable);
+        let of_line = |notice: &&Notice| matches!(notice.change, Change::Link { line: other, .. } if other == line);
         // Where links are gained sooner than lost, still behind the loss.
-        let earliest = self.notices.iter().rfind(of_cable).map_or(at, |notice| notice.at);
-        for end in ends {
-            let End::Port(device, port) = end else { continue };
-            let change = Change::Link { cable, since: at, port, link: whole };
-            self.tell(Notice { at: (at + delay).max(earliest), device, change });
+        let earliest = self.notices.iter().rfind(of_line).map_or(at, |notice| notice.at);
+        match (listener, talker) {
+            (End::Port(device, port), _) => {
+                let change = Change::Link { line, since: at, port, link: whole };
+                self.tell(Notice { at: (at + delay).max(earliest), device, change });
+            }
+            // No ESC listens, but the way of frames is another.
+            (End::Main(_), End::Port(device, _)) => {
+                self.tell(Notice { at, device, change: Change::Way });
+            }
+            (End::Main(_), End::Main(_)) => {}
         }
     }
 
@@ -197,13 +228,14 @@ impl Disturbances {
         self.notices.iter().all(calm)
             && self.unnoticed.iter().all(|(from, to)| *from > end || *to <= start)
             && self.errors.iter().all(|error| error.at > end)
+            && !self.frames.are_any()
     }
 
     /// Whether a signal comes through from its first bit at `from` to its last at `to`. What ends at the
     /// very instant of a cut has come through.
-    pub fn carries(&self, cable: usize, from: Time<True>, to: Time<True>) -> bool {
+    pub fn carries(&self, line: Line, from: Time<True>, to: Time<True>) -> bool {
         let mut carries = true;
-        for (_, at, plugged) in self.changes.iter().filter(|(other, ..)| *other == cable) {
+        for (_, at, plugged) in self.changes.iter().filter(|(other, ..)| *other == line) {
             if *at <= from {
                 carries = *plugged;
             } else if *at < to {

@@ -150,9 +150,17 @@ impl Segment {
         after: Picos,
     ) -> Result<(Hop, Picos), Lost> {
         let hop = self.wiring.hop(end).ok_or(Lost::NoCable(end))?;
+        let harms = self.disturbances.frames.on_cable(hop.cable, hop.direction);
+        if harms.lost {
+            return Err(Lost::OnTheWay { cable: hop.cable });
+        }
+        let after = after + Picos::from(harms.late);
+        if harms.damaged {
+            flight.good = false;
+        }
         let (from, arrives) = (flight.start + after, after + hop.delay);
         let last_bit = flight.start + arrives + flight.duration;
-        if !self.disturbances.carries(hop.cable, from, last_bit) {
+        if !self.disturbances.carries((hop.cable, hop.direction), from, last_bit) {
             return Err(Lost::Unplugged { cable: hop.cable });
         }
         if let Some(error) = self.disturbances.take_error(hop.cable, hop.direction, from) {
@@ -212,6 +220,8 @@ impl std::fmt::Display for Lost {
                 write!(f, "no cable at {}, which is open", place(port, device))
             }
             Lost::Unplugged { cable } => write!(f, "cable {cable} is pulled"),
+            Lost::AtThePort => f.write_str("it was lost at the MainDevice's port"),
+            Lost::OnTheWay { cable } => write!(f, "it was lost on cable {cable}"),
             Lost::Closed { device, port } => write!(f, "{} is closed", place(port, device)),
             Lost::Destroyed { device } => write!(f, "SubDevice {device} destroyed it"),
             Lost::Circulates => write!(f, "it circulates for ever"),

@@ -3,7 +3,8 @@
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
-use crate::oscillator::{ClockModel, Oscillator, Step};
+use crate::fault::{LateHost, MILLION};
+use crate::oscillator::{Bend, ClockModel, Oscillator, Step};
 use crate::random::Stream;
 use crate::wiring::MainPort;
 
@@ -88,6 +89,11 @@ pub struct HostMachine {
     port_free: [Time<True>; 2],
     /// How much later the next wake-up comes.
     oversleeps: Nanos,
+    /// When programs ran last before they stopped, and when they go on.
+    stalled: Option<(Time<True>, Time<True>)>,
+    late_wake_ups: Option<LateHost>,
+    slow_sends: Option<LateHost>,
+    faults: Stream,
 }
 
 impl HostMachine {
@@ -101,7 +107,69 @@ impl HostMachine {
             hold_ups: Stream::new(seed, "host hold-up", 0),
             port_free: [Time::ZERO; 2],
             oversleeps: Nanos::ZERO,
+            stalled: None,
+            late_wake_ups: None,
+            slow_sends: None,
+            faults: Stream::new(seed, "host faults", 0),
         }
+    }
+
+    /// No program runs from `from` until `to`.
+    pub(crate) fn stall(&mut self, from: Time<True>, to: Time<True>) {
+        self.stalled = Some((from, to));
+    }
+
+    /// How late wake-ups come from now on, beside what the model has.
+    pub(crate) fn set_late_wake_ups(&mut self, late: Option<LateHost>) {
+        self.late_wake_ups = late;
+    }
+
+    /// How late frames set out from now on, beside what the model has.
+    pub(crate) fn set_slow_sends(&mut self, late: Option<LateHost>) {
+        self.slow_sends = late;
+    }
+
+    /// Changes the speed of its clock.
+    pub(crate) fn bend_clock(&mut self, bends: &[Bend]) {
+        self.clock.bend(bends);
+    }
+
+    /// Its clock jumps ahead.
+    pub(crate) fn jump(&mut self, at: Time<True>, by: Nanos) {
+        self.clock.jump(at, by);
+    }
+
+    /// When a program sees what is there at `at`: no program runs while the host is stalled.
+    pub(crate) fn awake(&self, at: Time<True>) -> Time<True> {
+        let of_model = self.model.stall.map(|Stall { at, length }| {
+            let begin = Time::ZERO + Picos::from(at);
+            (begin, begin + Picos::from(length))
+        });
+        let stalls = [of_model, self.stalled];
+        stalls.into_iter().flatten().fold(
+            at,
+            |at, (begin, end)| {
+                if at >= begin && at < end { end } else { at }
+            },
+        )
+    }
+
+    /// When the wire at a port is free for a frame of `len` bytes that somebody else sends there, not before `at`.
+    pub(crate) fn send_of_others(
+        &mut self,
+        port: MainPort,
+        at: Time<True>,
+        len: usize,
+    ) -> Time<True> {
+        self.occupy(port, at, len)
+    }
+
+    fn occupy(&mut self, port: MainPort, at: Time<True>, len: usize) -> Time<True> {
+        let free = &mut self.port_free[port as usize];
+        let start = at.max(*free);
+        let on_wire = len.max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
+        *free = start + Picos(on_wire as i64 * BYTE_PS);
+        start
     }
 
     /// The timer that is set next wakes the program so much later, once.
@@ -127,28 +195,32 @@ impl HostMachine {
             (None, true) => Nanos((worst * self.wake_ups.up_to(1)) as i64),
             (None, false) => Nanos(self.wake_ups.lateness(worst) as i64),
         };
-        let woken = self.clock.when(wanted + late + core::mem::take(&mut self.oversleeps));
-        let Some(Stall { at, length }) = self.model.stall else { return woken };
-        let begin = Time::ZERO + Picos::from(at);
-        let end = begin + Picos::from(length);
-        if woken >= begin && woken < end { end } else { woken }
+        let later = by_fault(self.late_wake_ups, &mut self.faults);
+        let oversleeps = core::mem::take(&mut self.oversleeps);
+        self.awake(self.clock.when(wanted + late + later + oversleeps))
     }
 
     /// When the first bit of a frame of `len` bytes leaves that the program sends at `at` from a port: behind the
     /// latency, and behind the frames before it there.
     pub fn send(&mut self, port: MainPort, at: Time<True>, len: usize) -> Time<True> {
         let held_up = self.model.hold_ups.map(|delay| delay.draw(&mut self.hold_ups));
-        let latency = self.model.latency + held_up.unwrap_or_default();
-        let free = &mut self.port_free[port as usize];
-        let start = (at + Picos::from(latency)).max(*free);
-        let on_wire = len.max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
-        *free = start + Picos(on_wire as i64 * BYTE_PS);
-        start
+        let slower = by_fault(self.slow_sends, &mut self.faults);
+        let latency = self.model.latency + held_up.unwrap_or_default() + slower;
+        self.occupy(port, at + Picos::from(latency), len)
     }
 
     /// When the program has an answer whose last bit arrived at `at`.
     pub fn receive(&self, at: Time<True>) -> Time<True> {
         at + Picos::from(self.model.latency)
+    }
+}
+
+/// How late something is this time.
+fn by_fault(late: Option<LateHost>, chance: &mut Stream) -> Nanos {
+    let Some(LateHost { least, most, ppm }) = late else { return Nanos::ZERO };
+    match chance.up_to(u64::from(MILLION) - 1) < u64::from(ppm) {
+        true => least + Nanos(chance.up_to((most - least).0.max(0) as u64) as i64),
+        false => Nanos::ZERO,
     }
 }
 

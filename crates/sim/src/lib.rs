@@ -7,11 +7,11 @@
 //! devices on cables that may be pulled and plugged, and switched off and on, while frames are
 //! under way, a [`host`] is the machine that the MainDevice runs on. [`world`] lets MainDevice and
 //! segment meet in true time. `audience` says whom a frame visits, `flight` and `disturbance` what
-//! becomes of frames that meet something on their way.
+//! becomes of frames that meet something on their way. [`mod@fault`] is what can go wrong with all of them, as data.
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
-//! [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
+//! a [`course`] is when each SubDevice was in sync. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
 //! frame reaches it: cost is per event, never per tick.
@@ -20,9 +20,12 @@
 mod audience;
 pub mod bench;
 pub mod cable;
+pub mod course;
 pub mod cpu;
 pub mod device;
 mod disturbance;
+pub mod expect;
+pub mod fault;
 pub mod finding;
 mod flight;
 pub mod host;
@@ -43,9 +46,12 @@ pub mod wiring;
 pub mod world;
 
 pub use cable::{Cable, Direction, Phy};
+pub use course::Course;
 pub use cpu::{CpuModel, Overrun, Unevenness};
 pub use device::DeviceSetup;
 pub use disturbance::BitError;
+pub use expect::Expectation;
+pub use fault::{Fault, Planned, Timeline};
 pub use finding::{Finding, Judged, Kind, Place};
 pub use host::HostModel;
 pub use oscillator::ClockModel;

@@ -11,6 +11,7 @@
 
 use std::collections::VecDeque;
 
+use isocat_esc::Chip;
 use isocat_wire::PortNumber;
 use isocat_wire::time::{Time, True};
 
@@ -33,6 +34,11 @@ impl NextFrame {
     /// Nothing on its way.
     pub fn new(exists: bool) -> Self {
         Self { exists, ..Self::default() }
+    }
+
+    /// A SubDevice with this chip has come.
+    pub fn note_chip(&mut self, chip: &Chip) {
+        self.exists |= chip.stamps_next_frame;
     }
 
     /// Whether a chip of the segment does it.

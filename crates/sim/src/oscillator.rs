@@ -9,6 +9,7 @@
 
 use isocat_wire::time::{Nanos, Scale, Time, True};
 
+use crate::fault::ClockChange;
 use crate::random::Stream;
 
 #[cfg(test)]
@@ -119,7 +120,7 @@ impl Oscillator {
     /// Panics beyond [`MOST_DEVIATION_PPB`].
     pub fn new(deviation_ppb: i64) -> Self {
         assert!(deviation_ppb.abs() <= MOST_DEVIATION_PPB, "an oscillator deviates by at most 1 %");
-        Self { rate: rate(deviation_ppb), shape: None }
+        Self { rate: rate_of(deviation_ppb), shape: None }
     }
 
     /// The oscillator of a model; `chance` is where a walk goes. Panics on a model that goes farther than
@@ -133,7 +134,7 @@ impl Oscillator {
         let walk = model.walk.map(|walk| Wander::new(&walk, chance));
         let mut pieces: Vec<Piece> = Vec::new();
         for (start, deviation_ppb) in changes(model) {
-            let rate = rate(deviation_ppb);
+            let rate = rate_of(deviation_ppb);
             let count = match pieces.last() {
                 None => 0,
                 Some(last) => {
@@ -179,6 +180,86 @@ impl Oscillator {
     }
 }
 
+/// A change of an oscillator's speed at a point of true time, ps, by so many ppb.
+pub(crate) type Bend = (u64, i64);
+
+impl ClockChange {
+    /// When and by how much it changes the speed, if it begins at `from`.
+    pub(crate) fn bends(&self, from: Time<True>, chance: &mut Stream) -> Vec<Bend> {
+        let from = from.count();
+        match *self {
+            Self::Step { by_ppb } => vec![(from, by_ppb)],
+            Self::Ramp { by_ppb, over } => stairs(by_ppb, from, picos(over)),
+            Self::Walk { step_ppb, every, bound_ppb } => {
+                let mut deviation = 0;
+                let bend = |interval: u64| {
+                    let before = deviation;
+                    deviation = wander(deviation, step_ppb, bound_ppb, chance);
+                    (from.saturating_add(interval * picos(every)), deviation - before)
+                };
+                (0..WALK_PIECES as u64).map(bend).collect()
+            }
+        }
+    }
+}
+
+impl Oscillator {
+    /// Changes the speed from each of these points on. What it counted before stays as it was; it never
+    /// deviates by more than [`MOST_DEVIATION_PPB`], whatever is asked for.
+    pub(crate) fn bend(&mut self, bends: &[Bend]) {
+        for (at, by_ppb) in bends {
+            self.cut_piece(*at);
+            let pieces = &mut self.shape_mut().pieces;
+            let first = pieces.partition_point(|piece| piece.start < *at);
+            for piece in &mut pieces[first..] {
+                let rate = piece.rate.wrapping_add_signed(rate_offset(*by_ppb));
+                piece.rate = rate.clamp(rate_of(-MOST_DEVIATION_PPB), rate_of(MOST_DEVIATION_PPB));
+            }
+            self.count_on(first);
+        }
+    }
+
+    /// The count is ahead by so much from a point on.
+    pub(crate) fn jump(&mut self, at: Time<True>, by: Nanos) {
+        self.cut_piece(at.count());
+        let pieces = &mut self.shape_mut().pieces;
+        let first = pieces.partition_point(|piece| piece.start < at.count());
+        for piece in &mut pieces[first..] {
+            piece.count += (by.0.max(0) as u128) << 64;
+        }
+        let rate = pieces[0].rate;
+        self.rate = rate;
+    }
+
+    /// Lets a piece begin at `at`, if none does.
+    fn cut_piece(&mut self, at: u64) {
+        let shape = self.shape_mut();
+        let next = shape.pieces.partition_point(|piece| piece.start <= at);
+        let before = shape.pieces[next - 1];
+        if before.start < at {
+            let piece = Piece { start: at, count: shape.count(at), rate: before.rate };
+            shape.pieces.insert(next, piece);
+        }
+    }
+
+    /// Computes the counts of the pieces behind the one with this number anew.
+    fn count_on(&mut self, from: usize) {
+        let Shape { pieces, walk } = self.shape_mut();
+        for number in from + 1..pieces.len() {
+            let (last, start) = (pieces[number - 1], pieces[number].start);
+            let wandered = wandered(walk, start) - wandered(walk, last.start);
+            let straight = u128::from(start - last.start) * u128::from(last.rate);
+            pieces[number].count = (last.count + straight).wrapping_add_signed(wandered);
+        }
+        self.rate = self.shape_mut().pieces[0].rate;
+    }
+
+    fn shape_mut(&mut self) -> &mut Shape {
+        let piece = Piece { start: 0, count: 0, rate: self.rate };
+        self.shape.get_or_insert_with(|| Box::new(Shape { pieces: vec![piece], walk: None }))
+    }
+}
+
 impl Shape {
     /// The exact count at `at`, 2⁻⁶⁴ ns.
     fn count(&self, at: u64) -> u128 {
@@ -195,10 +276,13 @@ impl Shape {
         let piece = self.pieces[number];
         let left = count.saturating_sub(piece.count);
         let start = u128::from(piece.start);
-        match &self.walk {
-            None => Some(start + left.div_ceil(u128::from(piece.rate))),
-            Some(walk) => walk.when(piece, left),
-        }
+        let at = match &self.walk {
+            None => start + left.div_ceil(u128::from(piece.rate)),
+            Some(walk) => walk.when(piece, left)?,
+        };
+        // What a jump left out is reached where it ends.
+        let next = self.pieces.get(number + 1).map(|next| u128::from(next.start));
+        Some(next.map_or(at, |next| at.min(next)))
     }
 }
 
@@ -221,8 +305,7 @@ impl Wander {
         let mut deviation = 0;
         let mut sums = vec![0];
         let rates = (0..WALK_PIECES).map(|_| {
-            let change = chance.up_to(2 * step.unsigned_abs()) as i64 - step;
-            deviation = (deviation + change).clamp(-bound, bound);
+            deviation = wander(deviation, step, bound, chance);
             let rate = rate_offset(deviation);
             let sum = sums[sums.len() - 1] + i128::from(rate) * i128::from(every);
             sums.push(sum);
@@ -293,15 +376,7 @@ fn changes(model: &ClockModel) -> Vec<(u64, i64)> {
     if let Some(Ramp { by_ppb, from, over }) = model.ramp {
         assert!(over > Nanos::ZERO, "a ramp needs time: over {over}");
         let (from, over) = (picos(from), picos(over));
-        for stair in 1..=RAMP_PIECES {
-            // Half a stair early: the stairs lie around the even ramp, not below it.
-            let part = i128::from(2 * stair - 1) * i128::from(over) / i128::from(2 * RAMP_PIECES);
-            let gained = |stair| (i128::from(by_ppb) * i128::from(stair)) / i128::from(RAMP_PIECES);
-            changes.push((
-                from.saturating_add(part as u64),
-                (gained(stair) - gained(stair - 1)) as i64,
-            ));
-        }
+        changes.extend(stairs(by_ppb, from, over));
     }
     if let Some(step) = model.step {
         changes.push((picos(step.at), step.by_ppb));
@@ -319,8 +394,25 @@ fn changes(model: &ClockModel) -> Vec<(u64, i64)> {
     changes
 }
 
+/// The stairs of a ramp that begins at `from` and takes `over`, ps.
+fn stairs(by_ppb: i64, from: u64, over: u64) -> Vec<Bend> {
+    let stair = |stair: i64| {
+        // Half a stair early: the stairs lie around the even ramp, not below it.
+        let part = i128::from(2 * stair - 1) * i128::from(over) / i128::from(2 * RAMP_PIECES);
+        let gained = |stair| (i128::from(by_ppb) * i128::from(stair)) / i128::from(RAMP_PIECES);
+        (from.saturating_add(part as u64), (gained(stair) - gained(stair - 1)) as i64)
+    };
+    (1..=RAMP_PIECES).map(stair).collect()
+}
+
+/// Where a walk goes next.
+fn wander(deviation: i64, step: i64, bound: i64, chance: &mut Stream) -> i64 {
+    let change = chance.up_to(2 * step.unsigned_abs()) as i64 - step;
+    (deviation + change).clamp(-bound, bound)
+}
+
 /// The rate of a clock that deviates by `ppb`, 2⁻⁶⁴ ns per ps: exact to 10⁻¹⁶.
-fn rate(ppb: i64) -> u64 {
+fn rate_of(ppb: i64) -> u64 {
     ((u128::from((1_000_000_000 + ppb) as u64) << 64) / PARTS) as u64
 }
 

@@ -16,6 +16,7 @@ use isocat_wire::PortNumber;
 use isocat_wire::dl::DlStatus;
 use isocat_wire::time::{Picos, Time, True};
 
+use crate::disturbance::Line;
 use crate::jitter::Edges;
 use crate::oscillator::Oscillator;
 use crate::wiring::{End, MainPort, Wiring};
@@ -143,7 +144,7 @@ impl Path {
     pub(crate) fn over(
         wiring: &Wiring,
         loops: impl Fn(usize) -> Loops,
-        carries: impl Fn(usize) -> bool,
+        carries: impl Fn(Line) -> bool,
         reception: impl Fn(usize, PortNumber) -> Reception,
         from: MainPort,
     ) -> Self {
@@ -153,7 +154,7 @@ impl Path {
         let (mut at, mut before) = (Picos::ZERO, Picos::ZERO);
         // No port is arrived at twice, unless the way goes round for ever.
         let mut most = 4 * wiring.devices() + 1;
-        while let Some(hop) = wiring.hop(end).filter(|hop| carries(hop.cable)) {
+        while let Some(hop) = wiring.hop(end).filter(|hop| carries((hop.cable, hop.direction))) {
             at += hop.delay;
             let (device, port) = match hop.to {
                 End::Main(port) => {

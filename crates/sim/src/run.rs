@@ -8,6 +8,7 @@ use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatus, ObjectAddress};
 
 use crate::bench::{Bench, Intent};
+use crate::expect::{Evidence, Expectation, Judgement};
 use crate::finding::{Finding, Judged, Kind, Place};
 use crate::judge::{Grid, Sync0Error};
 use crate::world::{Setup, Tap, World};
@@ -20,6 +21,11 @@ pub struct Run {
     pub duration: Nanos,
     /// Largest SYNC0 error with which a SubDevice counts as synchronized.
     pub sync0_limit: Nanos,
+    /// What is expected of it.
+    pub expectations: Vec<Expectation>,
+    /// Whether it is followed when each SubDevice is in sync ([`World::course`]); where something is expected, or goes
+    /// wrong, it always is.
+    pub follow_course: bool,
 }
 
 /// How far a run is.
@@ -53,6 +59,8 @@ pub struct Outcome<T> {
     pub bench: Bench,
     /// True time at which the judged time began; `None` if it never did.
     pub began: Option<Time<True>>,
+    /// True time at which it ended.
+    pub ended: Option<Time<True>>,
     /// Counters of 0x1C32, by position.
     pub output_counters: Vec<Counters>,
     /// Counters of 0x1C33, by position.
@@ -60,6 +68,8 @@ pub struct Outcome<T> {
     /// Alarms of what was read in the background that came or went in the judged time, and when in it; none unless
     /// [`Config::quality`](isocat_maindevice::Config::quality) asks for it.
     pub alarms: Vec<(Nanos, Change)>,
+    /// What became of the expectations.
+    pub judgements: Vec<Judgement>,
     /// Why the segment is not in sync; empty if it is.
     pub findings: Vec<Finding>,
     /// The error that ended the way up, if one did.
@@ -77,6 +87,14 @@ impl<T> Outcome<T> {
     pub fn in_sync(&self) -> bool {
         self.failure.is_none() && self.findings.is_empty()
     }
+
+    /// Whether it was as expected: every expectation was met, or it ran in sync where there are none.
+    pub fn as_expected(&self) -> bool {
+        match &self.judgements[..] {
+            [] => self.in_sync(),
+            all => all.iter().all(|judgement| judgement.met),
+        }
+    }
 }
 
 /// Virtual time after which a way up that has not ended is given up; every step of it has a deadline
@@ -93,8 +111,13 @@ impl Run {
         let devices = self.setup.segment.len();
         let wishes = self.setup.config.devices.iter();
         let optional: Vec<bool> = wishes.map(DeviceConfig::may_be_absent).collect();
+        let follows =
+            self.follow_course || !self.expectations.is_empty() || !self.setup.faults.is_empty();
         let mut world = World::new(self.setup, Motion::default(), tap);
-        match bring_up(&mut world, progress) {
+        if follows {
+            world.follow_course();
+        }
+        let mut outcome = match bring_up(&mut world, progress) {
             Err(failure) => {
                 let mut outcome = Outcome::new(world, devices, failure);
                 outcome.take_counters();
@@ -106,9 +129,11 @@ impl Run {
                 world.begin_judging(intent(world.main(), self.sync0_limit));
                 let mut notes = Notes::default();
                 run_for(&mut world, self.duration.into(), &mut notes, progress);
+                let ended = world.now();
                 let bench = world.end_judging();
                 let mut outcome = Outcome::new(world, devices, None);
                 outcome.began = Some(began);
+                outcome.ended = Some(ended);
                 outcome.optional = optional;
                 outcome.bench = bench;
                 let since =
@@ -118,7 +143,9 @@ impl Run {
                 outcome.judge(&notes);
                 outcome
             }
-        }
+        };
+        outcome.hold_against(&self.expectations);
+        outcome
     }
 }
 
@@ -281,9 +308,11 @@ impl<T: Tap> Outcome<T> {
             bench: world.bench.clone(),
             world,
             began: None,
+            ended: None,
             output_counters: vec![Counters::default(); devices],
             input_counters: vec![Counters::default(); devices],
             alarms: Vec::new(),
+            judgements: Vec::new(),
             findings: Vec::new(),
             failure,
             optional: Vec::new(),
@@ -384,6 +413,20 @@ impl<T: Tap> Outcome<T> {
         // What came first is nearest to the cause; what has no time of its own comes last.
         findings.sort_by_key(|dated| (dated.at.is_none(), dated.at));
         self.findings = findings.into_iter().map(|dated| dated.since(began)).collect();
+    }
+
+    /// Looks what became of what was expected.
+    fn hold_against(&mut self, expectations: &[Expectation]) {
+        let timeline = self.world.timeline();
+        let ended = self.ended.unwrap_or(self.world.now());
+        let evidence = Evidence {
+            course: self.world.course(),
+            end: ended,
+            findings: &self.findings,
+            happened: timeline.happened().filter(|happened| happened.at <= ended).collect(),
+        };
+        let judge = |expectation: &Expectation| expectation.judge(&evidence);
+        self.judgements = expectations.iter().map(judge).collect();
     }
 
     fn is_optional(&self, position: usize) -> bool {

@@ -1,15 +1,15 @@
 //! The segment: SubDevices in their tree, and frames passing through them.
 
-use isocat_esc::Passing;
+use isocat_esc::{Chip, Passing};
 use isocat_wire::address::PortNumber;
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
-use isocat_wire::{Command, frame, register};
+use isocat_wire::{AlStatusCode, Command, frame, register};
 
 use crate::audience::{self, Audience, Item};
-use crate::cable::{Cable, Phy};
+use crate::cable::{Cable, Direction, Phy};
 use crate::device::{Device, DeviceSetup};
-use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice};
+use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice, lines};
 use crate::flight::{Flight, duration};
 use crate::jitter::{self, Edges};
 use crate::next_frame::NextFrame;
@@ -106,6 +106,13 @@ pub enum Lost {
     NoCable(End),
     /// A cable was pulled before the last bit was through.
     Unplugged {
+        /// The cable.
+        cable: usize,
+    },
+    /// It was lost between the MainDevice and its port.
+    AtThePort,
+    /// It was lost by chance, on a cable that is whole.
+    OnTheWay {
         /// The cable.
         cable: usize,
     },
@@ -229,12 +236,27 @@ impl Segment {
     /// Pulls a cable; that of a SubDevice's number is the one upstream of it. Panics if it was changed
     /// later than `at`, or does not exist.
     pub fn unplug(&mut self, cable: usize, at: Time<True>) {
-        self.disturbances.cut(&self.wiring, cable, at, Cause::Pulled);
+        for line in lines(cable) {
+            self.disturbances.cut(&self.wiring, line, at, Cause::Pulled);
+        }
     }
 
     /// Plugs a cable in again. Panics if it was changed later than `at`, or does not exist.
     pub fn plug(&mut self, cable: usize, at: Time<True>) {
-        self.disturbances.restore(&self.wiring, cable, at, Cause::Pulled);
+        for line in lines(cable) {
+            self.disturbances.restore(&self.wiring, line, at, Cause::Pulled);
+        }
+    }
+
+    /// Breaks one way of a cable: the ESC that listens at its end loses its link, the other one keeps it and sends into
+    /// nothing. Panics as [`unplug`](Self::unplug) does.
+    pub fn break_way(&mut self, cable: usize, direction: Direction, at: Time<True>) {
+        self.disturbances.cut(&self.wiring, (cable, direction), at, Cause::Broken);
+    }
+
+    /// Mends one way of a cable again. Panics as [`unplug`](Self::unplug) does.
+    pub fn mend_way(&mut self, cable: usize, direction: Direction, at: Time<True>) {
+        self.disturbances.restore(&self.wiring, (cable, direction), at, Cause::Broken);
     }
 
     /// Puts another cable in the place of one, so fast that no link is lost. Takes effect with the next frame.
@@ -257,6 +279,64 @@ impl Segment {
     /// one of its cables, was changed later than `at`.
     pub fn power_on(&mut self, device: usize, at: Time<True>) {
         self.disturbances.power(&self.wiring, device, at, true);
+    }
+
+    /// Whether a SubDevice with this chip can come in the place of one: where there are cables, it has ports of the same
+    /// kind. Otherwise the first port that it has not.
+    pub fn takes(&self, position: usize, chip: &Chip) -> Result<(), PortNumber> {
+        let old = self.devices[position].esc.chip();
+        let wired = |port: &PortNumber| self.wiring.hop(End::Port(position, *port)).is_some();
+        let missing = |port: &PortNumber| chip.port(*port) != old.port(*port);
+        PortNumber::ALL.into_iter().filter(wired).find(missing).map_or(Ok(()), Err)
+    }
+
+    /// Puts another SubDevice in the place of one. It has no power yet, as the old one must not have; its chip must have
+    /// the ports at which there are cables. Panics otherwise.
+    pub(crate) fn replace_device(&mut self, position: usize, setup: DeviceSetup, seed: u64) {
+        assert!(!self.devices[position].is_powered(), "SubDevice {position} has its power still");
+        if let Err(port) = self.takes(position, setup.chip) {
+            panic!("the other SubDevice {position} has no such port {port}");
+        }
+        self.wiring.replace_stay(position, setup.chip);
+        self.next_frame.note_chip(setup.chip);
+        let mut device = Device::new(position, setup, seed);
+        device.power_off(Time::ZERO, &mut |_| {});
+        self.devices[position] = device;
+        self.stale = true;
+        self.forget_audiences();
+    }
+
+    /// The first instant at which whatever happens finds no frame on its way any more: `at`, or behind the last frame.
+    pub(crate) fn behind_frames(&self, at: Time<True>) -> Time<True> {
+        let Some((from, start)) = self.last_frame else { return at };
+        at.max(start + self.paths[from as usize].round_trip + duration(frame::MAX_LEN))
+    }
+
+    /// Writes a register of one SubDevice as a frame would that nobody else sees.
+    pub(crate) fn write_register(
+        &mut self,
+        device: usize,
+        at: Time<True>,
+        address: u16,
+        data: &[u8],
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let at = self.behind_frames(at);
+        let device = self.device_mut(device);
+        device.write_register(device.oscillator().read(at), address, data, watch);
+    }
+
+    /// The application of a SubDevice can't go on.
+    pub(crate) fn fail_device(
+        &mut self,
+        device: usize,
+        at: Time<True>,
+        code: AlStatusCode,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let at = self.behind_frames(at);
+        let device = self.device_mut(device);
+        device.fail(device.oscillator().read(at), code, watch);
     }
 
     /// Lets a bit tip over on a cable.
@@ -643,7 +723,7 @@ impl Segment {
                 device.esc.set_port(port, link);
                 device.disturbed();
             }
-            Change::Link { .. } => {}
+            Change::Link { .. } | Change::Way => {}
             Change::Power(false) => device.power_off(at, watch),
             Change::Power(true) => device.power_on(at),
         }
@@ -692,7 +772,7 @@ impl Segment {
         }
         let devices = &self.devices;
         let loops = |device: usize| Loops::of(devices[device].esc.dl_status());
-        let carries = |cable| self.disturbances.carries(cable, at, at);
+        let carries = |line| self.disturbances.carries(line, at, at);
         self.paths = [MainPort::Primary, MainPort::Secondary].map(|port| {
             let reception = |device, port| self.reception(device, port);
             Path::over(&self.wiring, loops, carries, reception, port)

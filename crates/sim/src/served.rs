@@ -14,9 +14,15 @@ use isocat_wire::time::{Dc, Host, Nanos, Picos, Time, True};
 use isocat_wire::{frame, register};
 
 use crate::bench::{Bench, Intent};
+use crate::device::DeviceSetup;
+use crate::disturbance::BitError;
+use crate::fault::frames::FrameFaults;
+use crate::fault::happen::Scene;
+use crate::fault::{Fault, Happened, Timeline};
 use crate::judge::Grid;
 use crate::observation::{Observation, Observed};
 use crate::segment::{Connection, Lost, Returned, Segment};
+use crate::wiring::{End, Hop, MainPort};
 
 /// A segment that anybody's frames may pass.
 ///
@@ -42,6 +48,11 @@ pub struct Served {
     passed_next: usize,
     /// SYNC0 edges of each SubDevice while process data passed it.
     clashes: Vec<u64>,
+    timeline: Timeline,
+    /// What happens to frames at the port.
+    port_faults: FrameFaults,
+    /// Answers beside those of the frames that came in, and when their last bit is back.
+    copies: Vec<(Time<True>, Vec<u8>)>,
 }
 
 /// What became of a frame.
@@ -51,8 +62,12 @@ pub struct Passage {
     pub start: Time<True>,
     /// Whether and when it comes back.
     pub fate: Result<Returned, Lost>,
+    /// How much of that is by a fault.
+    pub late: Nanos,
 }
 
+/// The bit that tips over in a frame that is damaged: in its first datagram.
+const DAMAGED_BIT: usize = 8 * 20;
 /// Frames with process data that a SYNC0 edge may have met: more than one cycle has at a time.
 const KEPT: usize = 16;
 
@@ -72,6 +87,65 @@ impl Served {
             passed: [(Time::ZERO, Time::ZERO); KEPT],
             passed_next: 0,
             clashes: vec![0; devices],
+            timeline: Timeline::new(Vec::new(), seed),
+            port_faults: FrameFaults::default(),
+            copies: Vec::new(),
+        }
+    }
+
+    /// The same with faults that come of themselves. Those of a host are left out: nobody knows the MainDevice's machine.
+    pub fn with_faults(mut self, timeline: Timeline) -> Self {
+        self.timeline = timeline;
+        self
+    }
+
+    /// What goes wrong: planned, in force, happened.
+    pub fn timeline(&self) -> &Timeline {
+        &self.timeline
+    }
+
+    /// What goes wrong, to tell it of moments and to take its news.
+    pub fn timeline_mut(&mut self) -> &mut Timeline {
+        &mut self.timeline
+    }
+
+    /// Lets something go wrong now, for a time if one is given; a [`Fault::Replace`] needs the SubDevice that comes.
+    pub fn inject(&mut self, fault: Fault, lasts: Option<Nanos>, spare: Option<DeviceSetup>) {
+        let fault = match (fault, spare) {
+            (Fault::Replace { device, takes, .. }, Some(setup)) => {
+                Fault::Replace { device, takes, spare: self.timeline.add_spare(setup) }
+            }
+            (fault, _) => fault,
+        };
+        self.timeline.order(self.now, fault, lasts);
+        self.let_faults_happen(self.now);
+    }
+
+    /// What began or ended since the last call.
+    pub fn take_news(&mut self) -> Vec<Happened> {
+        self.timeline.take_news()
+    }
+
+    /// Takes an answer beside that of the last frame: one of a frame that was doubled, and when its last bit is back.
+    pub fn take_copy(&mut self) -> Option<(Time<True>, Vec<u8>)> {
+        self.copies.pop()
+    }
+
+    /// Everything that goes wrong by `to`, each at its instant.
+    fn let_faults_happen(&mut self, to: Time<True>) {
+        while self.timeline.is_due(to) {
+            let due = self.timeline.next().unwrap_or(to).min(to).max(self.now);
+            self.now = due;
+            let Self { segment, timeline, port_faults, observations, everything, .. } = self;
+            let mut watch = |o| note(observations, *everything, o);
+            if timeline.next().is_some_and(|at| at <= due) {
+                segment.live(due, &mut watch);
+            }
+            let mut scene = Scene { segment, host: None, port: port_faults };
+            timeline.happen(due, &mut scene, &mut watch);
+            if self.timeline.next().is_none_or(|next| next > to) {
+                break;
+            }
         }
     }
 
@@ -88,13 +162,57 @@ impl Served {
     /// A frame that came in at `arrived` passes the segment; the SubDevices answer in place.
     pub fn frame(&mut self, arrived: Time<Host>, bytes: &mut [u8]) -> Passage {
         let start = self.true_time(arrived).max(self.now).max(self.wire_free);
+        self.let_faults_happen(start);
+        let [out, back] = match self.port_faults.are_any() {
+            true => self.port_faults.at_port(),
+            false => Default::default(),
+        };
+        let start = start + Picos::from(out.late);
         let on_wire = bytes.len().max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
         self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
         self.now = start;
+        let late = out.late + back.late;
+        if out.lost {
+            return Passage { start, fate: Err(Lost::AtThePort), late };
+        }
+        if out.damaged
+            && let Some(Hop { cable, direction, .. }) =
+                self.segment.wiring().hop(End::Main(MainPort::Primary))
+        {
+            self.segment.disturb(BitError { cable, direction, at: start, bit: DAMAGED_BIT });
+        }
+        let copy = out.doubled.then(|| bytes.to_vec());
+        let fate = self.pass(bytes, start);
+        let hurt = |fate: Result<Returned, Lost>| match fate {
+            _ if back.lost => Err(Lost::AtThePort),
+            Ok(returned) => Ok(Returned {
+                first_bit: returned.first_bit + back.late.into(),
+                last_bit: returned.last_bit + back.late.into(),
+                good: returned.good && !back.damaged,
+                ..returned
+            }),
+            lost => lost,
+        };
+        let fate = hurt(fate);
+        if let (true, Ok(Returned { last_bit, good: true, .. })) = (back.doubled, fate) {
+            self.copies.push((last_bit, bytes.to_vec()));
+        }
+        if let Some(mut copy) = copy {
+            let start = start.max(self.wire_free);
+            self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
+            self.now = start;
+            let again = self.pass(&mut copy, start);
+            if let Ok(Returned { last_bit, good: true, .. }) = hurt(again) {
+                self.copies.push((last_bit, copy));
+            }
+        }
+        Passage { start, fate, late }
+    }
+
+    fn pass(&mut self, bytes: &mut [u8], start: Time<True>) -> Result<Returned, Lost> {
         let observations = &mut self.observations;
         let everything = self.everything;
-        let fate = self.segment.pass(bytes, start, &mut |o| note(observations, everything, o));
-        Passage { start, fate }
+        self.segment.pass(bytes, start, &mut |o| note(observations, everything, o))
     }
 
     /// The frame that passed last carried process data: SYNC0 ought to stay clear of it.
@@ -113,6 +231,7 @@ impl Served {
     pub fn advance(&mut self, to: Time<Host>) {
         let to = self.true_time(to);
         if to > self.now {
+            self.let_faults_happen(to);
             self.now = to;
             let observations = &mut self.observations;
             let everything = self.everything;

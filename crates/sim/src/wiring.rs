@@ -111,6 +111,12 @@ impl Wiring {
         self.cables[number].cable = cable;
     }
 
+    /// Another chip stands in the place of a SubDevice.
+    pub(crate) fn replace_stay(&mut self, device: usize, chip: &Chip) {
+        let hop_jitter = self.stays[device].hop_jitter;
+        self.stays[device] = Stay { hop_jitter, ..Stay::of(chip) };
+    }
+
     /// Number of SubDevices.
     pub fn devices(&self) -> usize {
         self.stays.len()

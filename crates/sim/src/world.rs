@@ -4,13 +4,19 @@ use std::collections::VecDeque;
 
 use isocat_maindevice::{Application, Config, Event, MainDevice, Port, Runner};
 use isocat_wire::frame;
-use isocat_wire::time::{Host, Time, True};
+use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
 use crate::bench::{Bench, Intent, Measured};
+use crate::course::Course;
+use crate::device::DeviceSetup;
+use crate::disturbance::BitError;
+use crate::fault::frames::{FrameFaults, Harms};
+use crate::fault::happen::Scene;
+use crate::fault::{Fault, Foreign, Happened, Moment, Planned, Timeline};
 use crate::host::{HostMachine, HostModel};
 use crate::observation::Observation;
 use crate::segment::{Connection, Lost, Returned, Segment};
-use crate::wiring::MainPort;
+use crate::wiring::{End, Hop, MainPort};
 
 /// What a run is made of.
 pub struct Setup {
@@ -22,6 +28,17 @@ pub struct Setup {
     pub host: HostModel,
     /// The segment. Parents stand before their children.
     pub segment: Vec<Connection>,
+    /// What goes wrong.
+    pub faults: Vec<Planned>,
+    /// SubDevices that may be put in the place of others ([`Fault::Replace`](crate::Fault::Replace)).
+    pub spares: Vec<DeviceSetup>,
+}
+
+impl Setup {
+    /// A segment in which nothing goes wrong.
+    pub const fn new(seed: u64, config: Config, host: HostModel, segment: Vec<Connection>) -> Self {
+        Self { seed, config, host, segment, faults: Vec::new(), spares: Vec::new() }
+    }
 }
 
 /// Sees every frame on the MainDevice's ports, and what happens at the SubDevices.
@@ -62,6 +79,9 @@ pub trait Tap {
     /// What the judges made of the event that was just observed at a SubDevice, if they did.
     fn measured(&mut self, _at: Time<True>, _device: usize, _measured: &Measured) {}
 
+    /// Something went wrong, or a fault ended. What happens to cables and power is told some milliseconds before its time.
+    fn fault(&mut self, _happened: &Happened) {}
+
     /// The MainDevice told something, known at `at`.
     fn event(&mut self, _at: Time<True>, _event: &Event) {}
 
@@ -91,6 +111,12 @@ pub struct World<A, T> {
     returning: VecDeque<Returning>,
     spare: Vec<Vec<u8>>,
     observations: Vec<Observation>,
+    timeline: Timeline,
+    /// When each SubDevice was in sync; `None` where nobody asked, or before operation.
+    course: Option<Course>,
+    follows_course: bool,
+    /// What happens to frames at the primary port.
+    port_faults: FrameFaults,
 }
 
 /// A frame on its way back to the program.
@@ -126,6 +152,10 @@ impl<A: Application, T: Tap> World<A, T> {
             returning: VecDeque::with_capacity(64),
             spare: Vec::with_capacity(64),
             observations: Vec::with_capacity(256),
+            timeline: Timeline::new(setup.faults, setup.seed).with_spares(setup.spares),
+            course: None,
+            follows_course: false,
+            port_faults: FrameFaults::default(),
         }
     }
 
@@ -148,6 +178,14 @@ impl<A: Application, T: Tap> World<A, T> {
     /// The segment.
     pub fn segment(&self) -> &Segment {
         &self.segment
+    }
+    /// What goes wrong: planned, in force, happened.
+    pub fn timeline(&self) -> &Timeline {
+        &self.timeline
+    }
+    /// Lets something go wrong now, for a time if one is given.
+    pub fn inject(&mut self, fault: Fault, lasts: Option<Nanos>) {
+        self.timeline.order(self.now, fault, lasts);
     }
     /// The segment, to pull its cables.
     pub fn segment_mut(&mut self) -> &mut Segment {
@@ -174,10 +212,21 @@ impl<A: Application, T: Tap> World<A, T> {
     /// its timer wakes it. False if nothing does; then true time stands at `limit`, for the SubDevices
     /// too.
     pub fn step(&mut self, limit: Time<True>) -> bool {
-        self.transmit();
-        self.set_timer();
+        self.let_faults_happen();
+        if self.host.awake(self.now) == self.now {
+            self.transmit();
+            self.set_timer();
+        }
         let delivered = self.returning.front().map_or(Time::NEVER, |frame| frame.delivered);
+        let delivered = self.host.awake(delivered);
+        self.wake_up = self.host.awake(self.wake_up);
+        let fault = self.timeline.next().unwrap_or(Time::NEVER);
         let next = delivered.min(self.wake_up);
+        if fault < next && fault <= limit {
+            // What is due on cables was told before; the rest happens at the next step.
+            self.now = self.now.max(fault);
+            return true;
+        }
         if next > limit {
             self.now = limit;
             let observations = &mut self.observations;
@@ -209,14 +258,30 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Takes the next event of the MainDevice.
     pub fn poll_event(&mut self) -> Option<Event> {
         let event = self.runner.poll_event()?;
+        if matches!(event, Event::InOperation { .. }) {
+            self.timeline.reached(Moment::InOperation, self.now);
+        }
         if let Some(tap) = &mut self.tap {
             tap.event(self.now, &event);
         }
         Some(event)
     }
 
+    /// Once the judging begins, it is followed when each SubDevice is in sync: see [`course`](Self::course).
+    pub fn follow_course(&mut self) {
+        self.follows_course = true;
+    }
+    /// When each SubDevice was in sync; `None` if nobody asked for it, and before the judging.
+    pub fn course(&self) -> Option<&Course> {
+        self.course.as_ref()
+    }
+
     /// The judges begin: the segment is in operation.
     pub fn begin_judging(&mut self, intent: Intent) {
+        if self.follows_course {
+            let states = self.segment.devices().iter().map(|device| device.stack.state());
+            self.course = Some(Course::begin(self.now, &intent, states));
+        }
         if let Some(tap) = &mut self.tap {
             tap.judging_begins(self.now, &intent);
         }
@@ -225,6 +290,10 @@ impl<A: Application, T: Tap> World<A, T> {
 
     /// The judged time is over; gives the judges as they stand.
     pub fn end_judging(&mut self) -> Bench {
+        if let Some(course) = &mut self.course {
+            course.end(self.now);
+            self.follows_course = false;
+        }
         if let Some(tap) = &mut self.tap {
             tap.judging_ends(self.now, self.runner.main(), &self.segment);
         }
@@ -239,7 +308,53 @@ impl<A: Application, T: Tap> World<A, T> {
         self.tap_cycle(complete);
     }
 
+    /// Everything that goes wrong by now.
+    fn let_faults_happen(&mut self) {
+        if !self.timeline.is_due(self.now) {
+            return;
+        }
+        // A timer is set to a reading of the clock, whatever becomes of the clock.
+        let reading = (self.wake_up < Time::NEVER).then(|| self.host.now(self.wake_up));
+        if self.timeline.next().is_some_and(|at| at <= self.now) {
+            self.catch_up_to_now();
+        }
+        let Self { timeline, segment, host, port_faults, observations, .. } = self;
+        let mut scene = Scene { segment, host: Some(host), port: port_faults };
+        timeline.happen(self.now, &mut scene, &mut |o| observations.push(o));
+        let foreign = timeline.take_foreign();
+        for happened in timeline.take_news() {
+            if let Some(tap) = &mut self.tap {
+                tap.fault(&happened);
+            }
+        }
+        if let Some(reading) = reading {
+            self.wake_up = self.host.when(reading).max(self.now);
+        }
+        self.judge();
+        for frame in foreign {
+            self.send_of_others(frame);
+        }
+    }
+
+    /// Brings the SubDevices to where true time stands: what goes wrong finds them there.
+    fn catch_up_to_now(&mut self) {
+        let observations = &mut self.observations;
+        self.segment.live(self.now, &mut |o| observations.push(o));
+    }
+
+    /// Another MainDevice sends a frame, at the same end of the same cable.
+    fn send_of_others(&mut self, frame: Foreign) {
+        let mut bytes = self.buffer();
+        let len = frame.write(&mut bytes);
+        bytes.truncate(len);
+        let start = self.host.send_of_others(MainPort::Primary, self.now, len);
+        self.pass(Port::Primary, bytes, start, Harms::default());
+    }
+
     fn tap_cycle(&mut self, complete: Option<u64>) {
+        if let Some(number) = complete.filter(|_| self.timeline.counts_cycles()) {
+            self.timeline.reached(Moment::Cycle(number), self.now);
+        }
         if let (Some(tap), Some(_)) = (&mut self.tap, complete) {
             tap.cycle(self.now, self.runner.main(), &self.segment);
         }
@@ -274,13 +389,44 @@ impl<A: Application, T: Tap> World<A, T> {
         bytes
     }
 
-    fn send(&mut self, from: Port, mut bytes: Vec<u8>) {
-        let wired = match from {
-            Port::Primary => MainPort::Primary,
-            Port::Secondary => MainPort::Secondary,
-        };
+    fn send(&mut self, from: Port, bytes: Vec<u8>) {
+        let wired = wired(from);
         let start = self.host.send(wired, self.now, bytes.len());
         self.tap(from, start, true, &bytes);
+        let [out, back] = match (from, self.port_faults.are_any()) {
+            (Port::Primary, true) => self.port_faults.at_port(),
+            _ => Default::default(),
+        };
+        let start = start + Picos::from(out.late);
+        if out.lost {
+            if let Some(tap) = &mut self.tap {
+                tap.lost(start, from, Some(Lost::AtThePort));
+            }
+            self.spare.push(bytes);
+            return;
+        }
+        if out.damaged {
+            self.damage_next(wired, start);
+        }
+        let copy = out.doubled.then(|| bytes.clone());
+        self.pass(from, bytes, start, back);
+        if let Some(copy) = copy {
+            let start = self.host.send_of_others(wired, start, copy.len());
+            self.pass(from, copy, start, back);
+        }
+    }
+
+    /// The frame that sets out next at a port is damaged on the first cable.
+    fn damage_next(&mut self, port: MainPort, at: Time<True>) {
+        if let Some(hop) = self.segment.wiring().hop(End::Main(port)) {
+            let Hop { cable, direction, .. } = hop;
+            self.segment.disturb(BitError { cable, direction, at, bit: DAMAGED_BIT });
+        }
+    }
+
+    /// A frame passes the segment and comes back, or does not; `back` is what happens to it then.
+    fn pass(&mut self, from: Port, mut bytes: Vec<u8>, start: Time<True>, back: Harms) {
+        let wired = wired(from);
         let observations = &mut self.observations;
         let watch = &mut |o| observations.push(o);
         let fate = self.segment.pass_from(wired, &mut bytes, start, watch);
@@ -297,25 +443,38 @@ impl<A: Application, T: Tap> World<A, T> {
         }
         self.judge();
         match fate {
-            Ok(Returned { port, first_bit, last_bit, good: true }) => {
+            Ok(Returned { port, first_bit, last_bit, good: true })
+                if !back.lost && !back.damaged =>
+            {
+                let (first_bit, last_bit) =
+                    (first_bit + back.late.into(), last_bit + back.late.into());
                 let delivered = self.host.receive(last_bit);
                 let port = match port {
                     MainPort::Primary => Port::Primary,
                     MainPort::Secondary => Port::Secondary,
                 };
-                // Those of the two ports overtake each other.
-                let before = |other: &Returning| other.delivered <= delivered;
-                let place = self.returning.iter().rposition(before).map_or(0, |at| at + 1);
-                self.returning.insert(place, Returning { port, first_bit, delivered, bytes });
+                if back.doubled {
+                    let bytes = bytes.clone();
+                    self.bring_back(Returning { port, first_bit, delivered, bytes });
+                }
+                self.bring_back(Returning { port, first_bit, delivered, bytes });
             }
             // What does not come back, or comes back damaged, no program ever sees.
             fate => {
+                let why = if back.lost { Some(Lost::AtThePort) } else { fate.err() };
                 if let Some(tap) = &mut self.tap {
-                    tap.lost(start, from, fate.err());
+                    tap.lost(start, from, why);
                 }
                 self.spare.push(bytes);
             }
         }
+    }
+
+    fn bring_back(&mut self, frame: Returning) {
+        // Those of the two ports overtake each other, and late ones are overtaken.
+        let before = |other: &Returning| other.delivered <= frame.delivered;
+        let place = self.returning.iter().rposition(before).map_or(0, |at| at + 1);
+        self.returning.insert(place, frame);
     }
 
     fn tap(&mut self, port: Port, at: Time<True>, sent: bool, bytes: &[u8]) {
@@ -331,6 +490,11 @@ impl<A: Application, T: Tap> World<A, T> {
     fn judge(&mut self) {
         for observation in self.observations.drain(..) {
             let measured = self.bench.observe(&self.segment, &observation);
+            if let Some(course) = self.course.as_mut().filter(|_| self.follows_course) {
+                let oscillator = self.segment.devices()[observation.device].oscillator();
+                let at = oscillator.when(observation.device_at);
+                course.observe(observation.device, at, observation.event, &measured);
+            }
             if let Some(tap) = &mut self.tap {
                 let device = &self.segment.devices()[observation.device];
                 let at = device.oscillator().when(observation.device_at);
@@ -342,3 +506,13 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 }
+
+fn wired(port: Port) -> MainPort {
+    match port {
+        Port::Primary => MainPort::Primary,
+        Port::Secondary => MainPort::Secondary,
+    }
+}
+
+/// The bit that tips over in a frame that is damaged: in its first datagram.
+const DAMAGED_BIT: usize = 8 * 20;

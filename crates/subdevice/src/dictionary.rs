@@ -37,6 +37,15 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
         dictionary
     }
 
+    /// Takes another description of the same objects; panics if they are not.
+    pub fn describe_anew(&mut self, description: &'static Description) {
+        assert!(
+            core::ptr::eq(self.description.objects, description.objects),
+            "the other description is one of other objects"
+        );
+        self.description = description;
+    }
+
     /// Gives an entry its value after power-on.
     pub fn reset(&mut self, entry: &Entry) {
         let value = self.bytes_mut(entry);

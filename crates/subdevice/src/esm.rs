@@ -341,6 +341,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.publish(pdi);
     }
 
+    /// The device shows an error in the state that it is in.
+    pub(crate) fn show_error(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
+        self.refuse(code, pdi);
+        self.publish(pdi);
+    }
+
     /// SyncManagers of outputs and inputs.
     fn process_data_managers(&self) -> (usize, usize) {
         let description = self.description();

@@ -97,6 +97,25 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.sm2_events = 0;
     }
 
+    /// Goes by another description from now on: that of the same device, but for what it does wrong
+    /// ([`Behaviour::misbehaviour`](crate::description::Behaviour::misbehaviour)). Panics if its objects are not the same.
+    pub fn describe_anew(&mut self, description: &'static Description) {
+        self.dictionary.describe_anew(description);
+    }
+
+    /// The application can't go on: from OP the device goes to SAFEOP, from there or below it stays, and it shows the error
+    /// with this code until that is acknowledged (registers 0x0130 and 0x0134). Without effect while it shows another error.
+    /// Outputs are in their safe state behind it.
+    pub fn fail(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
+        if self.esm.error.is_some() {
+            return;
+        }
+        match self.esm.state {
+            AlState::Op => self.fall(AlState::SafeOp, code, pdi),
+            _ => self.show_error(code, pdi),
+        }
+    }
+
     /// The main loop: does all that waits and does not belong to the cycle. Cheap when nothing waits.
     pub fn poll(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let events = pdi.events();

@@ -11,6 +11,7 @@ use isocat_sync::SyncMode;
 use isocat_sync::delay::Delay;
 use isocat_wire::time::{Nanos, Picos};
 
+use super::expected;
 use super::times::MeasuredTimes;
 use super::words::Family;
 use super::*;
@@ -29,6 +30,8 @@ impl Report {
             seed: scenario.seed,
             in_sync: outcome.in_sync(),
             verdict: verdict(scenario, outcome, &devices, &findings),
+            expected: expected::expected(scenario, outcome),
+            faults: expected::faults(outcome),
             findings,
             visits: told(scenario, &outcome.visits),
             services: services::notes(&outcome.world.main().segment().devices),

@@ -11,6 +11,7 @@ use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
 
 use super::age::{self, DataAge};
+use super::expected;
 use super::{Counters, Device, DeviceRegisters, Finding, Report, Span, Spread};
 
 /// Findings and SubDevices that a reader wants to see before the rest.
@@ -48,6 +49,7 @@ impl Report {
         let run = format!(": cycle {cycle}, judged for {judged} of virtual time, seed {seed}");
         let file = cut_front(&self.segment_file, WIDTH - run.chars().count());
         writeln!(out, "{QUIET}{file}{run}{QUIET:#}")?;
+        expected::write(out, &self.expected, &self.faults)?;
         write_findings(out, &self.findings)?;
         if self.segment.plan.is_some() {
             self.write_devices(out)?;

@@ -60,6 +60,9 @@ pub struct Arguments {
     /// Also write the report to this file: with timing diagrams if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Also write a JUnit file for a CI: each `[[expect]]` of the segment file is a test, without any the verdict is one
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
     /// Write every frame to this pcapng file, with comments where something happened
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
@@ -112,6 +115,11 @@ pub fn run(arguments: &Arguments) -> u8 {
         _ if arguments.wire.preflight => {
             return super::interface::look(arguments, arguments.segment.as_ref().map(|_| &file));
         }
+        Some(_) if arguments.junit.is_some() => {
+            return fail(
+                "--junit is beside --interface; expected a simulation: what a segment file expects is judged in true time",
+            );
+        }
         Some(_) if arguments.waves.is_some() => {
             return fail(
                 "--waves is beside --interface; expected a simulation: nobody sees the pulses of real devices",
@@ -161,9 +169,9 @@ pub fn run(arguments: &Arguments) -> u8 {
     finish(arguments, &scenario, &report, outcome, refused)
 }
 
-/// What a run comes to, for scripts: by the judges, and not by anything that a sentence says.
+/// What a run comes to, for scripts: by the judges and what was expected, and not by anything that a sentence says.
 fn exit_code(report: &Report, refused: bool) -> u8 {
-    match (refused, report.in_sync) {
+    match (refused, report.as_expected()) {
         (true, _) => BAD_INPUT,
         (false, true) => IN_SYNC,
         (false, false) => NOT_IN_SYNC,
@@ -194,6 +202,12 @@ fn finish(
     let page = page.as_ref();
     if let Err(message) = write_report(arguments.report.as_deref(), report, &report.text(), page) {
         return fail(&message);
+    }
+    if let Some(path) = arguments.junit.as_deref() {
+        let written = super::output::write(path, super::junit::document(report));
+        if let Err(error) = written {
+            return fail(&unwritable("JUnit", Some(path), &error));
+        }
     }
     if refused && !arguments.json {
         return fail(&refusal(Some(scenario), report.findings.first(), &report.verdict));
@@ -315,6 +329,7 @@ impl Arguments {
         let files = [
             ("the segment file", self.segment.as_deref().map(Path::new)),
             ("--report", self.report.as_deref()),
+            ("--junit", self.junit.as_deref()),
             ("--capture", self.capture.as_deref()),
             ("--waves", self.waves.as_deref()),
             ("--trace", self.files.trace.as_deref()),

@@ -12,7 +12,7 @@ use isocat_segment::Scenario;
 use isocat_serve::control::{self, Requests};
 use isocat_serve::server::{Event, Server};
 use isocat_serve::service::{self, Audience, Reply, Style};
-use isocat_serve::{Fault, Setup, Summary};
+use isocat_serve::{Order, Setup, Summary};
 use isocat_wire::AlState;
 use isocat_wire::time::{Host, Time};
 use serde_json::json;
@@ -260,10 +260,11 @@ impl Audience for Teller {
                 answer(serde_json::to_value(status).unwrap_or_default(), false)
             }
             _ => {
-                let fault = Fault::parse(request, server.names());
-                let done = fault.and_then(|fault| {
-                    let words = fault.to_string();
-                    server.inject(clock::now(), fault).map(|()| words)
+                let order = Order::parse(request, server.names())
+                    .map_err(|error| format!("{error}; or status, watch, stop"));
+                let done = order.and_then(|order| {
+                    let words = order.to_string();
+                    server.inject(clock::now(), order).map(|()| words)
                 });
                 match done {
                     Ok(words) => answer(json!({ "ok": words }), false),

@@ -12,6 +12,7 @@ use isocat_sync::phase;
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
+use super::expected;
 use super::parts::{
     age_cell, bad_tile, counter_cells, error_cells, figure, findings, notes, origin, origins,
     range, slack, table, tile,
@@ -43,6 +44,15 @@ pub fn spans(devices: usize) -> usize {
     (4_000 / devices.max(1)).clamp(40, 400)
 }
 
+/// What the page says first.
+fn verdict(report: &Report) -> String {
+    let met = report.expected.iter().filter(|one| one.met).count();
+    match report.expected.len() {
+        0 => report.verdict.clone(),
+        all => format!("Expected: {met} of {all} came so. {}", report.verdict),
+    }
+}
+
 impl Run<'_> {
     /// The page.
     pub fn page(&self) -> Page {
@@ -58,6 +68,7 @@ impl Run<'_> {
             (why(&diagnoses))
             (self.tiles())
             @if diagnoses.is_empty() { (findings("What speaks against it", &report.findings)) }
+            (expected::sections(report))
             (findings("SubDevices that came and went", &report.visits))
             (self.incidents())
             (self.topology(&diagnoses))
@@ -74,8 +85,8 @@ impl Run<'_> {
         Page {
             title: format!("{} - isocat run", report.segment_file),
             kind: "Run of a virtual segment",
-            good: report.in_sync,
-            verdict: report.verdict.clone(),
+            good: report.as_expected(),
+            verdict: verdict(report),
             body,
             command: self.command.to_owned(),
             json: compact(report),

@@ -105,7 +105,7 @@ impl Run {
     fn new(devices: usize, slow: usize, every: i64, change: impl FnOnce(&mut Setup)) -> Self {
         let config = line::config(CYCLE, devices, slow, every);
         let (host, segment) = (HostModel::default(), line::connections(devices));
-        let mut setup = Setup { seed: 1, config, host, segment };
+        let mut setup = Setup::new(1, config, host, segment);
         change(&mut setup);
         let ring = setup.config.ring.is_some();
         let (witness, seen) = (Witness::default(), Order::default());

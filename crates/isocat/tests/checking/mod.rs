@@ -8,7 +8,7 @@ use isocat_descriptions::limits;
 use isocat_recorders::reading::Reading;
 use isocat_segment::SegmentFile;
 use isocat_segment::profile::Profile;
-use isocat_serve::Fault;
+use isocat_serve::Order;
 
 /// A maker's description.
 pub fn esi(bytes: &[u8]) {
@@ -64,7 +64,7 @@ pub fn capture(bytes: &[u8]) {
 pub fn control(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let names = ["axis 1".to_owned(), "axis 2".to_owned()];
-    match Fault::parse(text, &names) {
+    match Order::parse(text, &names) {
         // What is told of it names it.
         Ok(fault) => assert!(!fault.to_string().is_empty()),
         Err(words) => assert!(!words.is_empty()),

@@ -6,9 +6,11 @@
 //! `segment_file.rs`; a test refuses a key that has only one of both.
 
 mod clock;
+mod expect;
+mod fault;
 mod operation;
 
-use clock::LONGEST_RUN;
+pub(super) use clock::LONGEST_RUN;
 pub(super) use operation::{DIRECTIONS, MARGIN, RECOVERY};
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Rule, Section, Word};
@@ -132,6 +134,8 @@ pub static FILE: Section = Section {
         operation::RECOVERY_KEY,
         operation::DIRECTION_KEY,
         operation::MEASURE_TIMES_KEY,
+        fault::FAULTS_KEY,
+        expect::EXPECT_KEY,
     ],
     rules: &[],
 };

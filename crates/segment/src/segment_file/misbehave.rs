@@ -139,18 +139,25 @@ fn without_effect(profile: &Profile, fault: Misbehaviour) -> Option<String> {
 
 fn one(value: &Value<'_>) -> Result<Misbehaviour, FileError> {
     let text = value.name("a fault, such as \"missed-copy 3\"")?;
+    misbehaviour(text).map_err(|message| match message.split_once("\n") {
+        Some((message, hint)) => value.error(message).with_hint(hint),
+        None => value.error(message),
+    })
+}
+
+/// Reads a word and what it needs. An error is a sentence, and a hint in a second line where there is one.
+pub(crate) fn misbehaviour(text: &str) -> Result<Misbehaviour, String> {
     let mut arguments = Arguments(text.split_whitespace());
     let name = arguments.0.next().unwrap_or_default();
     let Some((name, example, read)) = WORDS.iter().find(|word| word.0 == name) else {
-        return Err(value
-            .error(format!("unknown fault \"{name}\""))
-            .with_hint(name_hint(name, WORDS.iter().map(|word| word.0))));
+        let hint = name_hint(name, WORDS.iter().map(|word| word.0));
+        return Err(format!("unknown fault \"{name}\"\n{hint}"));
     };
     match read(&mut arguments) {
         Some(fault) if !arguments.rest() => Ok(fault),
         _ => {
             let expected = format!("{name} {example}");
-            Err(value.error(format!("\"{text}\"; expected such as \"{}\"", expected.trim_end())))
+            Err(format!("\"{text}\"; expected such as \"{}\"", expected.trim_end()))
         }
     }
 }

@@ -39,6 +39,8 @@ fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'stati
         ("[[subdevice]]", "sync1") => (&[], &["mode = \"dc-sync1\""]),
         ("[[subdevice]]", "sync0_cycle") => (&[], &["mode = \"dc-subordinated\""]),
         ("[[subdevice]]", "arrives") => (&[], &["optional = true"]),
+        ("[[expect]]", "device") => (&[], &["worst_sync0 = \"1us\""]),
+        ("[[fault]]", "times") => (&[], &["every = \"200ms\""]),
         ("", "modes") => (&["mailbox"], &[]),
         ("[outputs]" | "[inputs]", "pdo") => (&["pdos"], &[]),
         ("[[object]]", "like") => (&["entries"], &[]),
@@ -69,6 +71,14 @@ fn segment(head: &str) -> Base {
             &[("cycle", "\"1ms\""), ("subdevice", "[{ device = \"kollmorgen_akd2g\" }]")],
         ),
         "[host]" | "[quality]" | "[delay_watch]" => (of_root(head), &[]),
+        "[[fault]]" => (
+            of_root("[[fault]]").replace("}]", "}, { device = \"simple_io4\" }]"),
+            &[("at", "\"2s\""), ("what", "\"pull 1\"")],
+        ),
+        "[[expect]]" => (
+            of_root("[[expect]]").replace("\"simple_io4\" }", "\"simple_io4\", name = \"x\" }"),
+            &[("in_sync", "true")],
+        ),
         "recovery" => (of_root("[recovery]"), &[("first", "\"1s\""), ("longest", "\"30s\"")]),
         "[[subdevice]]" => (DEVICES.replace("name = \"x\"\n", ""), &[DEVICE]),
         "measured_times" => (of_device("[subdevice.measured_times]"), &[]),

@@ -364,7 +364,7 @@ pub fn world_of(
     let device = DeviceConfig { mode: Some(SyncMode::DcSync0), assumed, ..DeviceConfig::default() };
     config.devices = vec![device; count];
     adjust(&mut config);
-    let setup = Setup { seed: 1, config, host: HostModel::default(), segment };
+    let setup = Setup::new(1, config, HostModel::default(), segment);
     let mut world = World::new(setup, Motion::default(), None);
     let limit = Time::new(300_000_000_000_000);
     loop {

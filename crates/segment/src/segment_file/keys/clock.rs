@@ -112,6 +112,6 @@ const fn span(name: &'static str, least: Nanos, means: &'static str) -> Key {
 
 /// Ten times what the worst crystal of a SubDevice may have, ppb.
 const MOST_DRIFT: i64 = 1_000_000;
-pub(super) const LONGEST_RUN: Nanos = Nanos::millis(24 * 3_600 * 1_000);
+pub(in crate::segment_file) const LONGEST_RUN: Nanos = Nanos::millis(24 * 3_600 * 1_000);
 /// A clock that changes faster is not what these shapes are about.
 const SHORTEST: Nanos = Nanos::micros(1);

@@ -1,0 +1,86 @@
+//! Faults as people write them: one line each, the same in segment files, over the control socket, and wherever else.
+//!
+//! A line is a word of [`WORDS`] and what it needs, then `for` and a time if it is to end: `pull axis 2 for 500ms`,
+//! `loss 0.5% burst 3 back`, `misbehave 3 missed-copy 7 for 2s`. A SubDevice is named by its name or its position.
+
+use std::fmt;
+
+use isocat_descriptions::document::name_hint;
+use isocat_sim::Fault;
+use isocat_wire::time::Nanos;
+
+use crate::profile::Profile;
+
+mod arguments;
+mod words;
+
+pub use words::{WORDS, Word};
+
+use arguments::Arguments;
+
+/// A fault that somebody wants, and for how long.
+#[derive(Clone, Debug)]
+pub struct Order {
+    /// What is to happen. A SubDevice that comes in the place of another one is spare 0, until somebody gives it a number.
+    pub fault: Fault,
+    /// How long; `None`: until something else ends it.
+    pub lasts: Option<Nanos>,
+    /// The device that comes in the place of another one.
+    pub spare: Option<&'static Profile>,
+}
+
+impl Order {
+    /// Reads a line; `names` are those of the SubDevices, by position.
+    pub fn parse(text: &str, names: &[String]) -> Result<Self, String> {
+        let mut arguments = Arguments::of(text, names);
+        let verb = arguments.next().unwrap_or_default();
+        let Some(word) = WORDS.iter().find(|word| word.name == verb) else {
+            let all = WORDS.iter().map(|word| word.name);
+            return Err(format!("unknown fault \"{verb}\"; {}", name_hint(verb, all)));
+        };
+        let order = (word.read)(&mut arguments).map_err(|wrong| wrong.of(word))?;
+        let lasts = arguments.lasts().map_err(|wrong| wrong.of(word))?;
+        if let Some(rest) = arguments.next() {
+            return Err(Wrong(format!("\"{rest}\" is too much")).of(word));
+        }
+        let order = Self { lasts: lasts.or(order.lasts), ..order };
+        match (&order.lasts, order.fault.can_end()) {
+            (Some(_), false) => Err(format!("{verb} does not last; expected no \"for\"")),
+            (None, _) if order.fault == Fault::Stall => {
+                Err("stall needs its time, such as \"stall 20ms\"".to_owned())
+            }
+            _ => Ok(order),
+        }
+    }
+}
+
+impl From<Fault> for Order {
+    fn from(fault: Fault) -> Self {
+        Self { fault, lasts: None, spare: None }
+    }
+}
+
+/// In words: `SubDevice 2 is off, for 500 ms`.
+impl fmt::Display for Order {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.fault.fmt(f)?;
+        match self.lasts {
+            Some(lasts) => write!(f, ", for {lasts}"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What is wrong with what stands behind a word.
+#[derive(Debug)]
+pub struct Wrong(String);
+
+impl Wrong {
+    fn of(self, word: &Word) -> String {
+        let form = format!("{} {}", word.name, word.form);
+        format!("{}; expected \"{}\"", self.0, form.trim_end())
+    }
+}
+
+#[cfg(test)]
+mod tests;

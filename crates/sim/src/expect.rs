@@ -1,0 +1,249 @@
+//! What somebody expects of a run, and whether it came so.
+
+use isocat_wire::time::{Nanos, Picos, Time, True};
+
+use crate::course::{Course, Stretch};
+use crate::fault::{Happened, Moment, When};
+use crate::finding::Finding;
+
+/// Something that is expected of a run, judged in true time.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Expectation {
+    /// Whether nothing at all speaks against the run.
+    InSync(bool),
+    /// All SubDevices are in sync at an instant. Cycles are not counted here: [`Moment::Cycle`] is never reached.
+    InSyncAt(When),
+    /// No SYNC0 edge is ever farther off its grid, of one SubDevice or of all.
+    WorstSync0 {
+        /// Position; `None`: all.
+        device: Option<usize>,
+        /// The largest error.
+        limit: Nanos,
+    },
+    /// All SubDevices are in sync again this long after the last fault ended (or began, if it has no end), and stay so.
+    RecoversWithin(Nanos),
+    /// No SubDevice stays in OP for longer with outputs that no frame renews.
+    SafeWithin(Nanos),
+    /// The first finding that is about a SubDevice is about this one.
+    Blames(usize),
+}
+
+/// What was found.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Found {
+    /// It is as expected and there is no more to say.
+    AsExpected,
+    /// So many findings.
+    Findings(usize),
+    /// A SubDevice was not in sync then.
+    OutOfSync(Stretch),
+    /// A SYNC0 edge of a SubDevice was this far off.
+    Sync0 {
+        /// Position.
+        device: usize,
+        /// How far.
+        error: Picos,
+    },
+    /// All were in sync again after so long, counted from the last fault.
+    Recovered(Picos),
+    /// Outputs of a SubDevice in OP were this old.
+    Stale {
+        /// Position.
+        device: usize,
+        /// How old.
+        age: Picos,
+    },
+    /// The first finding is about this SubDevice, if it is about any.
+    Blamed(Option<usize>),
+    /// The segment did not come into operation.
+    NeverInOperation,
+    /// The run ended before it could be seen.
+    RunEnded,
+    /// The instant was before operation.
+    BeforeOperation,
+}
+
+/// An expectation and what became of it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Judgement {
+    /// What was expected.
+    pub expectation: Expectation,
+    /// Whether it came so.
+    pub met: bool,
+    /// What was found.
+    pub found: Found,
+}
+
+/// What expectations are held against.
+pub(crate) struct Evidence<'a> {
+    /// `None`: it never came into operation.
+    pub course: Option<&'a Course>,
+    /// When the judged time ended.
+    pub end: Time<True>,
+    pub findings: &'a [Finding],
+    pub happened: Vec<&'a Happened>,
+}
+
+impl Expectation {
+    pub(crate) fn judge(self, evidence: &Evidence<'_>) -> Judgement {
+        let (met, found) = self.look(evidence);
+        Judgement { expectation: self, met, found }
+    }
+
+    fn look(self, evidence: &Evidence<'_>) -> (bool, Found) {
+        if let Self::InSync(expected) = self {
+            let count = evidence.findings.len();
+            let is_in_sync = count == 0 && evidence.course.is_some();
+            let found = match evidence.course {
+                None => Found::NeverInOperation,
+                Some(_) if is_in_sync => Found::AsExpected,
+                Some(_) => Found::Findings(count),
+            };
+            return (is_in_sync == expected, found);
+        }
+        if let Self::Blames(expected) = self {
+            let blamed = evidence.findings.iter().find_map(|finding| finding.place.device);
+            return (blamed == Some(expected), Found::Blamed(blamed));
+        }
+        let Some(course) = evidence.course else { return (false, Found::NeverInOperation) };
+        match self {
+            Self::InSync(_) | Self::Blames(_) => unreachable!("looked at above"),
+            Self::InSyncAt(when) => in_sync_at(when, course, evidence.end),
+            Self::WorstSync0 { device, limit } => worst_sync0(device, limit, course),
+            Self::RecoversWithin(limit) => recovers_within(limit, course, evidence),
+            Self::SafeWithin(limit) => safe_within(limit, course),
+        }
+    }
+}
+
+fn in_sync_at(when: When, course: &Course, end: Time<True>) -> (bool, Found) {
+    let at = match when {
+        When::At(at) => Time::ZERO + Picos::from(at),
+        When::After(Moment::InOperation, later) => course.began() + Picos::from(later),
+        When::After(Moment::Cycle(_), _) => return (false, Found::RunEnded),
+    };
+    if at < course.began() {
+        return (false, Found::BeforeOperation);
+    }
+    if at > end {
+        return (false, Found::RunEnded);
+    }
+    match course.out_of_sync_at(at).next() {
+        None => (true, Found::AsExpected),
+        Some(stretch) => (false, Found::OutOfSync(*stretch)),
+    }
+}
+
+fn worst_sync0(device: Option<usize>, limit: Nanos, course: &Course) -> (bool, Found) {
+    let worst = |device: usize| (course.worst_sync0(device), device);
+    let (error, device) = match device {
+        Some(device) => worst(device),
+        None => (0..course.devices()).map(worst).max().unwrap_or_default(),
+    };
+    (error <= Picos::from(limit), Found::Sync0 { device, error })
+}
+
+fn recovers_within(limit: Nanos, course: &Course, evidence: &Evidence<'_>) -> (bool, Found) {
+    let last = evidence.happened.iter().map(|happened| happened.at).max();
+    let last = last.unwrap_or(course.began()).max(course.began());
+    let until = last + Picos::from(limit);
+    // Where many stretches were left out, nobody knows when the last one ended.
+    let late = course.stretches().iter().find(|stretch| stretch.open || stretch.to > until);
+    if let Some(stretch) = late {
+        return (false, Found::OutOfSync(*stretch));
+    }
+    if course.left_out() > 0 || until > evidence.end {
+        return (false, Found::RunEnded);
+    }
+    let ends = course.stretches().iter().map(|stretch| stretch.to);
+    let took = ends.max().map_or(Picos::ZERO, |end| (end - last).max(Picos::ZERO));
+    (true, Found::Recovered(took))
+}
+
+fn safe_within(limit: Nanos, course: &Course) -> (bool, Found) {
+    let stale = |device: usize| (course.longest_stale(device), device);
+    let (age, device) = (0..course.devices()).map(stale).max().unwrap_or_default();
+    (age <= Picos::from(limit), Found::Stale { device, age })
+}
+
+#[cfg(test)]
+mod tests {
+    use isocat_wire::AlState;
+
+    use super::*;
+    use crate::bench::{Intent, Measured};
+    use crate::fault::Fault;
+    use crate::judge::Grid;
+    use crate::observation::Observed;
+
+    const MS: u64 = 1_000_000_000;
+
+    /// In operation since 100 ms, with a missed event at each of these ms; ended at 2 s.
+    fn course(missed: &[u64]) -> Course {
+        let grid = Grid { cycle: Nanos::millis(1), phase: Nanos::ZERO };
+        let intent = Intent {
+            reference: 0,
+            send: grid,
+            sync0: vec![None],
+            acting: vec![None],
+            exchange: vec![Some(grid)],
+            inputs_shifted: Vec::new(),
+            sync0_limit: Picos(1_000_000),
+            outputs_spread: Picos(1_000_000),
+        };
+        let mut course = Course::begin(Time::new(100 * MS), &intent, [AlState::Op].into_iter());
+        for ms in 101..2_000 {
+            let at = Time::new(ms * MS);
+            course.observe(0, at, Observed::Sm2, &Measured::default());
+            if missed.contains(&ms) {
+                course.observe(0, at, Observed::SmEventMissed(1), &Measured::default());
+            }
+        }
+        course.end(Time::new(2_000 * MS));
+        course
+    }
+
+    fn met(expectation: Expectation, course: &Course, faults: &[u64]) -> bool {
+        let happened: Vec<_> = faults
+            .iter()
+            .map(|ms| Happened { at: Time::new(ms * MS), fault: Fault::Heal, begins: true })
+            .collect();
+        let evidence = Evidence {
+            course: Some(course),
+            end: Time::new(2_000 * MS),
+            findings: &[],
+            happened: happened.iter().collect(),
+        };
+        expectation.judge(&evidence).met
+    }
+
+    #[test]
+    fn recovery_counts_from_the_last_fault_to_the_last_sign() {
+        let course = course(&[500, 540]);
+        let within = |ms, faults: &[u64]| {
+            met(Expectation::RecoversWithin(Nanos::millis(ms)), &course, faults)
+        };
+        assert!(within(40, &[300, 500]) && !within(39, &[300, 500]));
+        // Nobody sees what comes behind the end of the run.
+        assert!(within(1_500, &[500]) && !within(1_501, &[500]));
+    }
+
+    #[test]
+    fn an_instant_is_in_sync_or_not() {
+        let course = course(&[500, 502]);
+        let at = |ms| met(Expectation::InSyncAt(When::At(Nanos::millis(ms))), &course, &[]);
+        assert_eq!(
+            [99, 100, 499, 500, 501, 502, 503, 2_000, 2_001].map(at),
+            [false, true, true, false, false, false, true, true, false]
+        );
+        let after = When::After(Moment::InOperation, Nanos::millis(401));
+        assert!(!met(Expectation::InSyncAt(after), &course, &[]));
+    }
+
+    #[test]
+    fn outputs_in_op_are_safe_within_their_pause() {
+        let course = course(&[]);
+        let within = |us| met(Expectation::SafeWithin(Nanos::micros(us)), &course, &[]);
+        assert!(within(1_000) && !within(999));
+    }
+}

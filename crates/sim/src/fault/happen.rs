@@ -1,0 +1,311 @@
+//! How faults come over a segment and its host, and how they end.
+
+use std::collections::HashMap;
+use std::sync::Mutex;
+
+use isocat_subdevice::{Description, Misbehaviour};
+use isocat_wire::register;
+use isocat_wire::time::{Nanos, Picos, Time, True};
+
+use super::frames::FrameFaults;
+use super::timeline::{Action, Active, Timeline, Undo};
+use super::{Fault, FrameFault, Whose};
+use crate::disturbance::Disturbances;
+use crate::host::HostMachine;
+use crate::observation::Observation;
+use crate::random::Stream;
+use crate::segment::Segment;
+
+/// What faults come over.
+pub(crate) struct Scene<'a> {
+    pub segment: &'a mut Segment,
+    /// Where the MainDevice's machine is simulated too.
+    pub host: Option<&'a mut HostMachine>,
+    /// What happens to frames at the MainDevice's port.
+    pub port: &'a mut FrameFaults,
+}
+
+/// So long before their time cables and power are told: longer than a frame is on its way.
+const AHEAD: Picos = Picos(2_000_000_000);
+
+impl Timeline {
+    /// Lets everything happen that is due at `now`.
+    pub(crate) fn happen(
+        &mut self,
+        now: Time<True>,
+        scene: &mut Scene<'_>,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        while let Some((at, action)) = self.take(now, now + AHEAD) {
+            match action {
+                Action::Begin { fault, lasts } => self.begin(at, fault, lasts, scene, watch),
+                Action::End(id) => self.end(at, id, scene, watch),
+                Action::Again(id) => self.go_on(at, id, scene),
+                Action::Swap { device, spare } => self.swap(at, device, spare, scene, watch),
+            }
+        }
+    }
+
+    /// Whether something is to be done by `now`, and on cables in time before it.
+    pub(crate) fn is_due(&self, now: Time<True>) -> bool {
+        self.next().is_some_and(|at| at <= now + AHEAD)
+    }
+
+    fn begin(
+        &mut self,
+        at: Time<True>,
+        fault: Fault,
+        lasts: Option<Nanos>,
+        scene: &mut Scene<'_>,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let id = self.next_id();
+        let mut undo = Undo::Plain;
+        let wired = scene.wired(at);
+        let segment = &mut *scene.segment;
+        match fault {
+            Fault::Frames(frames) => {
+                let seed = self.seed;
+                scene.frames(&frames).begin(id, frames, seed);
+            }
+            Fault::Pull { cable } => segment.unplug(cable, wired),
+            Fault::Plug { cable } => {
+                self.mend(cable, wired, segment);
+                self.note(at, fault, true);
+                return;
+            }
+            Fault::BreakWay { cable, way } => segment.break_way(cable, way, wired),
+            Fault::Flap { cable, off, .. } => {
+                segment.unplug(cable, wired);
+                undo = Undo::Pulled(true);
+                self.push(at + Picos::from(off), Action::Again(id));
+            }
+            Fault::PowerOff { device } => segment.power_off(device, wired),
+            Fault::PowerOn { device } => {
+                segment.power_on(device, wired);
+                let off = Fault::PowerOff { device };
+                self.active.retain(|active| active.fault != off);
+            }
+            Fault::Replace { device, spare, takes } => {
+                segment.power_off(device, wired);
+                self.push(at + Picos(takes.0 * 500), Action::Swap { device, spare });
+                let back = Action::Begin { fault: Fault::PowerOn { device }, lasts: None };
+                self.push(at + Picos::from(takes), back);
+            }
+            Fault::DeadEeprom { device } => segment.device_mut(device).set_eeprom_dead(true),
+            Fault::Clock { whose, change } => {
+                let from = segment.behind_frames(at);
+                let bends = change.bends(from, &mut Stream::new(self.seed, "clock fault", id));
+                scene.bend(whose, &bends);
+                undo = Undo::Bends(bends);
+            }
+            Fault::ClockJump { by } => {
+                if let Some(host) = &mut scene.host {
+                    host.jump(at, by);
+                }
+            }
+            Fault::Stall => {
+                let until = lasts.map_or(Time::NEVER, |lasts| at + Picos::from(lasts));
+                if let Some(host) = &mut scene.host {
+                    host.stall(at, until);
+                }
+            }
+            Fault::LateWakeUps(late) => {
+                if let Some(host) = &mut scene.host {
+                    host.set_late_wake_ups(Some(late));
+                }
+            }
+            Fault::SlowSends(late) => {
+                if let Some(host) = &mut scene.host {
+                    host.set_slow_sends(Some(late));
+                }
+            }
+            Fault::Misbehave { device, how } => segment.device_mut(device).misbehave(how, true),
+            Fault::SyncOff { device } => {
+                let activation = segment.devices()[device].esc.register(register::SYNC_ACTIVATION);
+                undo = Undo::Activation(activation.0);
+                segment.write_register(device, at, register::SYNC_ACTIVATION.address, &[0], watch);
+            }
+            Fault::AlError { device, code } => segment.fail_device(device, at, code, watch),
+            Fault::SecondMaster { sends, every } => {
+                self.foreign.push(sends);
+                self.push(at + Picos::from(every), Action::Again(id));
+            }
+            Fault::Heal => {
+                self.note(at, fault, true);
+                while let Some(active) = self.active.first() {
+                    let id = active.id;
+                    self.end(at, id, scene, watch);
+                }
+                // Those that count frames are not among them.
+                scene.port.heal();
+                scene.segment.disturbances.frames.heal();
+                return;
+            }
+        }
+        self.note(at, fault.clone(), true);
+        if !fault.can_end() {
+            return;
+        }
+        self.active.push(Active { id, fault, undo });
+        if let Some(lasts) = lasts {
+            self.push(at + Picos::from(lasts), Action::End(id));
+        }
+    }
+
+    fn end(
+        &mut self,
+        at: Time<True>,
+        id: u64,
+        scene: &mut Scene<'_>,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let Some(number) = self.active.iter().position(|active| active.id == id) else { return };
+        let Active { fault, undo, .. } = self.active.remove(number);
+        let wired = scene.wired(at);
+        let segment = &mut *scene.segment;
+        match (&fault, undo) {
+            (Fault::Frames(frames), _) => scene.frames(frames).end(id),
+            (Fault::Pull { cable }, _) | (Fault::Flap { cable, .. }, Undo::Pulled(true)) => {
+                segment.plug(*cable, wired);
+            }
+            (Fault::BreakWay { cable, way }, _) => segment.mend_way(*cable, *way, wired),
+            (Fault::PowerOff { device }, _) => segment.power_on(*device, wired),
+            (Fault::DeadEeprom { device }, _) => {
+                segment.device_mut(*device).set_eeprom_dead(false);
+            }
+            (Fault::Clock { whose, .. }, Undo::Bends(bends)) => {
+                let from = segment.behind_frames(at).count();
+                let (past, coming): (Vec<_>, Vec<_>) =
+                    bends.into_iter().partition(|(at, _)| *at <= from);
+                let gained: i64 = past.iter().map(|(_, by)| by).sum();
+                let back: Vec<_> = coming.iter().map(|(at, by)| (*at, -by)).collect();
+                scene.bend(*whose, &[(from, -gained)]);
+                scene.bend(*whose, &back);
+            }
+            (Fault::Stall, _) => {
+                if let Some(host) = &mut scene.host {
+                    host.stall(at, at);
+                }
+            }
+            (Fault::LateWakeUps(_), _) => {
+                if let Some(host) = &mut scene.host {
+                    host.set_late_wake_ups(None);
+                }
+            }
+            (Fault::SlowSends(_), _) => {
+                if let Some(host) = &mut scene.host {
+                    host.set_slow_sends(None);
+                }
+            }
+            (Fault::Misbehave { device, how }, _) => {
+                segment.device_mut(*device).misbehave(*how, false);
+            }
+            (Fault::SyncOff { device }, Undo::Activation(before)) => {
+                let address = register::SYNC_ACTIVATION.address;
+                segment.write_register(*device, at, address, &[before], watch);
+            }
+            _ => {}
+        }
+        self.note(at, fault, false);
+    }
+
+    /// A flapping cable changes; another MainDevice sends.
+    fn go_on(&mut self, at: Time<True>, id: u64, scene: &mut Scene<'_>) {
+        let wired = scene.wired(at);
+        let Some(active) = self.active.iter_mut().find(|active| active.id == id) else { return };
+        let next = match (&active.fault, &mut active.undo) {
+            (Fault::Flap { cable, off, on }, Undo::Pulled(pulled)) => {
+                match *pulled {
+                    true => scene.segment.plug(*cable, wired),
+                    false => scene.segment.unplug(*cable, wired),
+                }
+                *pulled = !*pulled;
+                if *pulled { *off } else { *on }
+            }
+            (Fault::SecondMaster { sends, every }, _) => {
+                self.foreign.push(*sends);
+                *every
+            }
+            _ => return,
+        };
+        self.push(at + Picos::from(next), Action::Again(id));
+    }
+
+    fn swap(
+        &mut self,
+        at: Time<True>,
+        device: usize,
+        spare: usize,
+        scene: &mut Scene<'_>,
+        watch: &mut impl FnMut(Observation),
+    ) {
+        let Some(setup) = self.spares.get_mut(spare).and_then(Option::take) else { return };
+        // The notice that the power is gone has come.
+        scene.segment.live(at, watch);
+        let seed = self.seed ^ (spare as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        scene.segment.replace_device(device, setup, seed);
+    }
+
+    /// Whatever is broken of a cable is whole again.
+    fn mend(&mut self, cable: usize, at: Time<True>, segment: &mut Segment) {
+        segment.plug(cable, at);
+        for way in [crate::Direction::Out, crate::Direction::Back] {
+            segment.mend_way(cable, way, at);
+        }
+        self.active.retain(|active| match active.fault {
+            Fault::Pull { cable: other }
+            | Fault::BreakWay { cable: other, .. }
+            | Fault::Flap { cable: other, .. } => other != cable,
+            _ => true,
+        });
+    }
+}
+
+impl Scene<'_> {
+    /// When something can happen to cables and power that is due at `at`: not before what was told of them.
+    fn wired(&self, at: Time<True>) -> Time<True> {
+        let disturbances: &Disturbances = &self.segment.disturbances;
+        at.max(disturbances.latest_change())
+    }
+
+    fn frames(&mut self, fault: &FrameFault) -> &mut FrameFaults {
+        match fault.cable {
+            None => self.port,
+            Some(_) => &mut self.segment.disturbances.frames,
+        }
+    }
+
+    fn bend(&mut self, whose: Whose, bends: &[crate::oscillator::Bend]) {
+        match (whose, &mut self.host) {
+            (Whose::Device(device), _) => self.segment.device_mut(device).bend_clock(bends),
+            (Whose::Host, Some(host)) => host.bend_clock(bends),
+            (Whose::Host, None) => {}
+        }
+    }
+}
+
+/// Descriptions of devices that misbehave, each made once: a description lives as long as the program.
+static MISBEHAVING: Mutex<Option<Known>> = Mutex::new(None);
+type Known = HashMap<(usize, Vec<Misbehaviour>), &'static Description>;
+
+/// The description of the device with this one that does these things wrong instead of its own.
+pub(crate) fn misbehaving(
+    description: &'static Description,
+    faults: &[Misbehaviour],
+) -> &'static Description {
+    if description.behaviour.misbehaviour == faults {
+        return description;
+    }
+    let mut known = MISBEHAVING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let known = known.get_or_insert_default();
+    let key = (std::ptr::from_ref(description) as usize, faults.to_vec());
+    let misbehaving = || {
+        let behaviour = isocat_subdevice::description::Behaviour {
+            misbehaviour: Vec::leak(faults.to_vec()),
+            ..description.behaviour.clone()
+        };
+        &*Box::leak(Box::new(Description { behaviour, ..description.clone() }))
+    };
+    known.entry(key).or_insert_with(misbehaving)
+}

@@ -67,7 +67,7 @@ pub fn name_hint<'k>(unknown: &str, known: impl IntoIterator<Item = &'k str>) ->
     let all = match known.len() {
         0..=MOST_NAMES => format!("expected one of: {}", known.join(", ")),
         count => {
-            format!("expected one of {count}, such as: {}", known[..MOST_NAMES / 4].join(", "))
+            format!("expected one of {count}, such as: {}", known[..SOME_NAMES].join(", "))
         }
     };
     match nearest(unknown, &known) {
@@ -78,6 +78,8 @@ pub fn name_hint<'k>(unknown: &str, known: impl IntoIterator<Item = &'k str>) ->
 
 /// Most names that a hint lists.
 const MOST_NAMES: usize = 32;
+/// Names of which some are told.
+const SOME_NAMES: usize = 5;
 
 /// The name that `unknown` was probably meant to be: one that contains it, or one a few typing
 /// errors away (a third of its letters).

@@ -43,6 +43,8 @@ pub use isocat_engine::{
 #[cfg(target_os = "linux")]
 pub use isocat_host as host;
 pub use isocat_recorders::{capture, reading, series, trace, waves};
-pub use isocat_segment::{Scenario, SegmentFile, keys, offline, profile, scenario, segment_file};
+pub use isocat_segment::{
+    Scenario, SegmentFile, fault, keys, offline, profile, scenario, segment_file,
+};
 pub use isocat_serve as serve;
 pub use isocat_wire::Nanos;

@@ -186,6 +186,7 @@ impl Bench {
         }
         match event {
             Observed::Sm2 => device.margin.sm2(device_at),
+            Observed::Began(Step::MapOutputs) => device.margin.begins(),
             Observed::Finished(Step::MapOutputs) => {
                 measured.margin = device.margin.ready(device_at);
             }

@@ -133,11 +133,15 @@ impl Device {
     }
 
     /// Does something wrong from now on, or no longer.
-    pub(crate) fn misbehave(&mut self, how: Misbehaviour, begins: bool) {
+    pub(crate) fn misbehave(&mut self, at: Time<DeviceClock>, how: Misbehaviour, begins: bool) {
         let known = self.stack.description().behaviour.misbehaviour;
         let others = known.iter().filter(|known| **known != how).copied();
         let all: Vec<_> = others.chain(begins.then_some(how)).collect();
         self.stack.describe_anew(misbehaving(self.description, &all));
+        if self.powered {
+            // What it did not look at may wait for it.
+            self.cpu.wake(at);
+        }
         self.disturbed();
     }
 

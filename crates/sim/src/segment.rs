@@ -1,6 +1,7 @@
 //! The segment: SubDevices in their tree, and frames passing through them.
 
 use isocat_esc::{Chip, Passing};
+use isocat_subdevice::Misbehaviour;
 use isocat_wire::address::PortNumber;
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
@@ -324,6 +325,19 @@ impl Segment {
         let at = self.behind_frames(at);
         let device = self.device_mut(device);
         device.write_register(device.oscillator().read(at), address, data, watch);
+    }
+
+    /// A SubDevice does something wrong from now on, or no longer.
+    pub(crate) fn misbehave(
+        &mut self,
+        device: usize,
+        at: Time<True>,
+        how: Misbehaviour,
+        begins: bool,
+    ) {
+        let at = self.behind_frames(at);
+        let device = self.device_mut(device);
+        device.misbehave(device.oscillator().read(at), how, begins);
     }
 
     /// The application of a SubDevice can't go on.

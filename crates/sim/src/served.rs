@@ -352,7 +352,7 @@ fn note(observations: &mut Vec<Observation>, everything: bool, observation: Obse
     use Observed::*;
     let concerns = everything
         || match observation.event {
-            Began(step) => step == Step::OutputsValid,
+            Began(step) => matches!(step, Step::MapOutputs | Step::OutputsValid),
             Finished(step) => step == Step::MapOutputs,
             Sm2 | Sm3 | Sync0 | Sync1 | SmEventMissed(_) | State(..) => true,
         };

@@ -141,8 +141,14 @@ fn out_of_sync(stretch: &Stretch, zero: Time<True>, name: &impl Fn(usize) -> Str
     }
 }
 
+/// Rounded as people read it: to a thousandth of what is told.
 fn nanos(time: Picos) -> Nanos {
-    Nanos(time.0 / 1_000)
+    let ns = time.0 / 1_000;
+    let mut grain = 1;
+    while ns.abs() / grain >= 10_000 {
+        grain *= 10;
+    }
+    Nanos((ns + grain / 2 * ns.signum()) / grain * grain)
 }
 
 /// Faults that a reader wants to see.

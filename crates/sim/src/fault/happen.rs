@@ -120,7 +120,7 @@ impl Timeline {
                     host.set_slow_sends(Some(late));
                 }
             }
-            Fault::Misbehave { device, how } => segment.device_mut(device).misbehave(how, true),
+            Fault::Misbehave { device, how } => segment.misbehave(device, at, how, true),
             Fault::SyncOff { device } => {
                 let activation = segment.devices()[device].esc.register(register::SYNC_ACTIVATION);
                 undo = Undo::Activation(activation.0);
@@ -199,7 +199,7 @@ impl Timeline {
                 }
             }
             (Fault::Misbehave { device, how }, _) => {
-                segment.device_mut(*device).misbehave(*how, false);
+                segment.misbehave(*device, at, *how, false);
             }
             (Fault::SyncOff { device }, Undo::Activation(before)) => {
                 let address = register::SYNC_ACTIVATION.address;

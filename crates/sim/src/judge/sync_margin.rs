@@ -13,7 +13,9 @@ pub struct SyncMargin {
     /// An SM2 event that no SYNC0 has followed yet.
     stored: Option<Time<Device>>,
     ready: Option<Time<Device>>,
-    /// An acting pulse that found copying under way.
+    /// Copying is under way.
+    copying: bool,
+    /// An acting pulse that came after outputs were stored and before they were ready.
     overtaken: Option<Time<Device>>,
     distance: Statistics,
     margin: Statistics,
@@ -25,10 +27,20 @@ impl SyncMargin {
     pub fn sm2(&mut self, at: Time<Device>) {
         self.sm2 = Some(at);
         self.stored = Some(at);
+        // Outputs that nobody began to copy were missed: what is ready next is not late for that pulse.
+        if !self.copying {
+            self.overtaken = None;
+        }
+    }
+
+    /// Copying of outputs began.
+    pub fn begins(&mut self) {
+        self.copying = true;
     }
 
     /// Outputs are copied and calculated; gives the margin if the acting pulse came first.
     pub fn ready(&mut self, at: Time<Device>) -> Option<Nanos> {
+        self.copying = false;
         let Some(pulse) = self.overtaken.take() else {
             self.ready = Some(at);
             return None;
@@ -107,6 +119,27 @@ mod tests {
         assert_eq!((judge.margin().count(), judge.margin().least()), (1, -1_000));
         pulse(&mut judge, 1160);
         assert_eq!((judge.margin().count(), judge.unready()), (1, 2));
+    }
+
+    /// Outputs that are never copied leave the margins of those after them alone; copying that takes longer than to the next
+    /// SM2 event does not.
+    #[test]
+    fn a_missed_copy_is_not_a_late_one() {
+        let mut judge = SyncMargin::default();
+        judge.sm2(Time::new(100));
+        pulse(&mut judge, 160);
+        judge.sm2(Time::new(1_100));
+        judge.begins();
+        assert_eq!(judge.ready(Time::new(1_150)), None);
+        pulse(&mut judge, 1_160);
+        assert_eq!((judge.margin().count(), judge.margin().least()), (1, 10_000));
+
+        let mut judge = SyncMargin::default();
+        judge.sm2(Time::new(100));
+        judge.begins();
+        pulse(&mut judge, 160);
+        judge.sm2(Time::new(1_100));
+        assert_eq!(judge.ready(Time::new(1_150)), Some(Nanos(-990)));
     }
 
     #[test]

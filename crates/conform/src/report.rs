@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use isocat_descriptions::columns::{WIDTH, wrap};
+use isocat_descriptions::markup::escaped;
 use isocat_segment::profile::Deviation;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -489,23 +490,6 @@ fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
         }
     }
     writeln!(out, "  </testsuite>")
-}
-
-fn escaped(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => escaped.push_str("&amp;"),
-            '<' => escaped.push_str("&lt;"),
-            '>' => escaped.push_str("&gt;"),
-            '"' => escaped.push_str("&quot;"),
-            '\n' => escaped.push_str("&#10;"),
-            // XML has no way to write them.
-            control if control.is_control() => escaped.push('?'),
-            other => escaped.push(other),
-        }
-    }
-    escaped
 }
 
 /// What is wrong with one rule, as far as a reader wants to see it.

@@ -62,6 +62,44 @@ fn the_schema_of_the_conformance_report_is_committed() {
     is_committed("conformance-report.schema.json", &isocat::conform::report::schema());
 }
 
+/// What a segment file expects decides: exit code, report and JUnit say the same, on both sides of the edge.
+#[test]
+fn a_run_ends_by_what_is_expected_of_it() {
+    let segment = |within: &str| {
+        format!(
+            "cycle = \"1ms\"\nfor = \"1s\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"axis\"\n\
+             [[fault]]\nat = \"in-operation + 100ms\"\nwhat = \"drop 1 out\"\n\
+             [[expect]]\nblames = \"axis\"\nrecovers_within = \"{within}\"\n"
+        )
+    };
+    // The pulse that finds nothing comes behind the frame, half a cycle later.
+    for (within, code, failures) in [("500us", 1, "1"), ("2ms", 0, "0")] {
+        let path = scratch("expect.toml", &segment(within));
+        let path = path.to_str().expect("a name in UTF-8");
+        let junit = Path::new(env!("CARGO_TARGET_TMPDIR")).join("expect.xml");
+        let file = junit.to_str().expect("a path in UTF-8");
+        let output = isocat(&["run", path, "--json", "--junit", file]);
+        assert_eq!(output.status.code(), Some(code), "{}", text(&output.stderr));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        // A finding is a finding, expected or not.
+        assert_eq!(report["in_sync"], false);
+        let met: Vec<_> = (0..2).map(|at| report["expected"][at]["met"] == true).collect();
+        assert_eq!(met, [code == 0, true], "{:#}", report["expected"]);
+        assert_eq!(report["faults"][0]["at_ns"], 100_000_000);
+
+        let xml = std::fs::read_to_string(&junit).expect("the file was written");
+        let xml = roxmltree::Document::parse(&xml).unwrap_or_else(|error| panic!("{error}\n{xml}"));
+        let suite = xml.descendants().find(|node| node.has_tag_name("testsuite")).expect("a suite");
+        assert_eq!(
+            (suite.attribute("tests"), suite.attribute("failures")),
+            (Some("2"), Some(failures))
+        );
+    }
+    let path = scratch("expect.toml", &segment("2ms"));
+    let output = isocat(&["run", path.to_str().expect("UTF-8")]);
+    assert!(text(&output.stdout).contains("Expected: 2 of 2 came so."), "{}", text(&output.stdout));
+}
+
 #[test]
 fn conform_tells_what_it_found_in_every_format() {
     let junit = Path::new(env!("CARGO_TARGET_TMPDIR")).join("conform.xml");

@@ -197,6 +197,13 @@ fn faults_come_and_go_while_it_serves() {
     eventually("four SubDevices are left", || there() == Some(4));
     eventually("all are back", || there() == Some(5));
 
+    service.done(&["pull", "2", "for", "100ms"]);
+    eventually("two SubDevices are left", || there() == Some(2));
+    eventually("all are back", || there() == Some(5));
+    let refused = service.control(&["stall", "5ms"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("is not simulated"), "{}", text(&refused.stderr));
+
     service.done(&["drop", "2"]);
     assert_eq!([there(), there(), there()], [None, None, Some(5)]);
 

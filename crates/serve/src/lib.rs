@@ -3,8 +3,8 @@
 //! Data's way: [`service`] takes frames from a raw socket, with the kernel's stamp of their arrival, and hands
 //! them to the [`server`]; the answer goes back before anything else is done. Then [`conduct`] looks what the
 //! MainDevice did ([`deed`] names its steps), the simulation's judges look how the SubDevices fared, and
-//! [`verdict`] puts that into words. [`fault`] is what can be done to the segment meanwhile, asked for through
-//! [`control`]. [`summary`] tells it all at the end.
+//! [`verdict`] puts that into words. An [`Order`] is what can be done to the segment meanwhile, asked for
+//! through [`control`]. [`summary`] tells it all at the end.
 //!
 //! Only `service` and `control` know sockets and Linux. The rest is a core for other doors and for tests: frames and instants go in,
 //! answers come out with the instant at which their last bit is back, whatever clock the instants are from. Devices may have
@@ -16,7 +16,7 @@ pub mod conduct;
 #[cfg(target_os = "linux")]
 pub mod control;
 pub mod deed;
-pub mod process_data;
+mod process_data;
 pub mod server;
 #[cfg(target_os = "linux")]
 pub mod service;

@@ -1,7 +1,7 @@
 //! What can go wrong, as data: the one language of faults of simulations, served segments, and whatever drives them.
 //!
 //! A [`Fault`] says what happens, a [`Planned`] also when, how often, with what probability and for how long. A
-//! [`Timeline`](timeline::Timeline) keeps what is planned in the order of time, and everything that chance decides comes
+//! [`Timeline`] keeps what is planned in the order of time, and everything that chance decides comes
 //! from the seed of the run.
 //!
 //! What becomes of frames is decided in `frames`; `happen` does the rest to a segment and the machine that leads it.

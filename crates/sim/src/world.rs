@@ -30,7 +30,7 @@ pub struct Setup {
     pub segment: Vec<Connection>,
     /// What goes wrong.
     pub faults: Vec<Planned>,
-    /// SubDevices that may be put in the place of others ([`Fault::Replace`](crate::Fault::Replace)).
+    /// SubDevices that may be put in the place of others ([`Fault::Replace`]).
     pub spares: Vec<DeviceSetup>,
 }
 

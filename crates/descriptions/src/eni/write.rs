@@ -4,6 +4,7 @@ use std::fmt::{self, Write};
 
 use isocat_wire::AutoIncrementAddress;
 
+use crate::markup::escaped;
 use crate::start_up::{
     Address, Area, Check, CyclicDatagram, DeviceStartUp, ObjectStep, Own, RegisterStep, StartUp,
     Transition, hex,
@@ -304,24 +305,6 @@ impl Writer {
     fn indent(&mut self) {
         self.out.extend(std::iter::repeat_n('\t', self.depth));
     }
-}
-
-/// Text without what XML takes for its own; characters that no XML file can hold become U+FFFD.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '\t' => out += "&#9;",
-            '\n' => out += "&#10;",
-            '\r' => out += "&#13;",
-            '\0'..='\u{1F}' | '\u{FFFE}' | '\u{FFFF}' => out.push('\u{FFFD}'),
-            _ => out.push(character),
-        }
-    }
-    out
 }
 
 /// How often a MainDevice that does not watch the mailbox's state looks into it.

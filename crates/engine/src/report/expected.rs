@@ -134,6 +134,9 @@ fn out_of_sync(stretch: &Stretch, zero: Time<True>, name: &impl Fn(usize) -> Str
         true => {
             format!("{device} out of sync since {from} into the run and to its end ({sign} first)")
         }
+        false if stretch.from == stretch.to => {
+            format!("{device} out of sync at {from} into the run ({sign})")
+        }
         false => {
             let to = nanos(stretch.to - zero);
             format!("{device} out of sync from {from} to {to} into the run ({sign} first)")

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use isocat_descriptions::markup::escaped;
 use isocat_engine::Report;
 
 /// The document. A run of which nothing in particular is expected has one test: that it is in sync.
@@ -50,21 +51,4 @@ pub fn document(report: &Report) -> String {
 
 fn plain(text: &str) -> String {
     anstream::adapter::strip_str(text).to_string()
-}
-
-/// Text for XML: what it forbids even escaped is left out.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '&' => out += "&amp;",
-            '"' => out += "&quot;",
-            c if c.is_control() && !matches!(c, '\n' | '\t') => {}
-            '\u{FFFE}' | '\u{FFFF}' => {}
-            c => out.push(c),
-        }
-    }
-    out
 }

@@ -130,3 +130,35 @@ fn the_oldest_faults_are_forgotten_and_counted() {
     }
     assert_eq!((bench.server.faults().len(), bench.server.left_out().faults), (1_000, 1));
 }
+
+/// What a line of `control` does, and what it refuses: the MainDevice's machine is not simulated.
+#[test]
+fn faults_that_are_ordered_happen_and_end() {
+    let mut bench = Bench::new();
+    let order = |bench: &mut Bench, text: &str| {
+        let order = Order::parse(text, bench.server.names()).expect("it reads");
+        bench.server.inject(bench.now, order)
+    };
+    let count = |bench: &mut Bench| {
+        let before = bench.server.counts();
+        bench.send(1, Command::Brd, Address::Broadcast(0x0130), &[0, 0]);
+        let after = bench.server.counts();
+        let copies = std::iter::from_fn(|| bench.server.take_copy()).count();
+        (after.answered - before.answered, after.lost - before.lost, copies)
+    };
+    assert_eq!(count(&mut bench), (1, 0, 0));
+    order(&mut bench, "double 1 back").expect("it is taken");
+    assert_eq!([count(&mut bench), count(&mut bench)], [(1, 0, 1), (1, 0, 0)]);
+    order(&mut bench, "double 1 out").expect("it is taken");
+    assert_eq!([count(&mut bench), count(&mut bench)], [(1, 0, 1), (1, 0, 0)]);
+    order(&mut bench, "drop 1 back at 2").expect("it is taken");
+    assert_eq!([count(&mut bench), count(&mut bench)], [(0, 1, 0), (1, 0, 0)]);
+    order(&mut bench, "loss 100% for 3ms").expect("it is taken");
+    let lost = [(); 4].map(|()| count(&mut bench).1);
+    assert_eq!(lost, [1, 1, 0, 0], "the one at its end is not lost");
+    let refused = order(&mut bench, "stall 5ms").expect_err("nobody knows its machine");
+    assert!(refused.contains("not simulated"), "{refused}");
+    let words: Vec<String> = bench.server.faults().map(ToString::to_string).collect();
+    assert_eq!(words.len(), 5, "{words:?}");
+    assert_eq!(words[4], "over: 100 % of all frames are lost");
+}

@@ -303,7 +303,7 @@ pub(crate) fn misbehaving(
     let misbehaving = || {
         let behaviour = isocat_subdevice::description::Behaviour {
             misbehaviour: Vec::leak(faults.to_vec()),
-            ..description.behaviour.clone()
+            ..description.behaviour
         };
         &*Box::leak(Box::new(Description { behaviour, ..description.clone() }))
     };

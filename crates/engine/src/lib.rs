@@ -5,7 +5,7 @@
 //! [`report`]; [`recording`] keeps what pictures are drawn of, [`timeline`] the cycles of one
 //! SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a
 //! segment is before any cycle, [`calibrate`] measures what its chips do that no data sheet tells.
-//! [`verdict`] judges a segment by what its wire shows. While a segment runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs
+//! [`verdict`] judges a segment by what its wire shows. `sweep` runs a segment many times, on several threads. While a segment runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs
 //! on a real interface. [`explain`] gives codes, objects and registers their meaning.
 #![forbid(unsafe_code)]
 
@@ -21,6 +21,8 @@ pub mod replay;
 pub mod report;
 pub mod scan;
 pub mod status;
+#[cfg(not(target_family = "wasm"))]
+pub mod sweep;
 pub mod timeline;
 pub mod verdict;
 

@@ -11,7 +11,7 @@
 //! found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer.
 //! `replay`: 0 every frame is exact or differs by a known variance, 1 one does not, 2 bad input or
 //! nothing to compare. `serve` and `control`: 0 ended or done as asked, 2 could not begin or
-//! refused. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
+//! refused. `sweep`: 0 every run was as expected, 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
 
 mod calibrate;
 mod conform;
@@ -29,6 +29,7 @@ mod run;
 mod scan;
 #[cfg(target_os = "linux")]
 mod serve;
+mod sweep;
 mod watch;
 
 use std::process::ExitCode;
@@ -70,6 +71,7 @@ Examples:
   isocat watch my.toml                see it run
   isocat watch --until 100ns --for 5s --within 1min
                                       wait until it is in sync; exit 0 it is, 1 not in time
+  isocat sweep my.toml --seeds 1000   a thousand runs with other crystals, jitter and chances
   isocat replay field.pcapng          where a captured segment differs from the model of its chips
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
@@ -123,6 +125,9 @@ enum Verb {
     Control(serve::ControlArguments),
     /// Show a segment as it runs: a simulation, a real wire or a served one; or wait until it is in sync
     Watch(Box<watch::Arguments>),
+    /// Run a segment many times: over a grid of values, seeds, faults that are drawn
+    #[command(after_help = sweep::EXAMPLES)]
+    Sweep(sweep::Arguments),
     /// Say what a code, an object, a register or a mode means, and what to do about it
     Explain(explain::Arguments),
     /// Replay a capture of a real segment through modelled ESCs, and name where silicon and model
@@ -160,6 +165,7 @@ pub fn main() -> ExitCode {
         #[cfg(target_os = "linux")]
         Some(Verb::Control(arguments)) => serve::control(&arguments),
         Some(Verb::Watch(arguments)) => watch::run(&arguments),
+        Some(Verb::Sweep(arguments)) => sweep::run(&arguments),
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
         Some(Verb::Replay(arguments)) => replay::run(&arguments),
         Some(Verb::Eni(arguments)) => eni::run(&arguments),

@@ -100,6 +100,53 @@ fn a_run_ends_by_what_is_expected_of_it() {
     assert!(text(&output.stdout).contains("Expected: 2 of 2 came so."), "{}", text(&output.stdout));
 }
 
+/// A sweep tells rows, totals and what failed; it goes on where it was cut off, and what it kept fails again.
+#[test]
+fn a_sweep_can_be_cut_off_and_what_fails_is_kept() {
+    let segment = "cycle = \"1ms\"\nfor = \"100ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+                   [[subdevice]]\ndevice = \"simple_io16\"\n[[fault]]\nat = \"in-operation + 20ms\"\n\
+                   what = \"sync-off 0\"\nchance = \"50%\"\n";
+    let path = scratch("sweep.toml", segment);
+    let path = path.to_str().expect("a name in UTF-8");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sweep");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let rows = folder.join("rows.csv");
+    let (rows, failed) = (rows.to_str().expect("UTF-8"), folder.join("failed"));
+    let failed = failed.to_str().expect("UTF-8");
+    let sweep = |more: &[&str]| {
+        let vary = "host.jitter=5us,10us";
+        let mut words = vec!["sweep", path, "--vary", vary, "--seeds", "8", "--rows", rows];
+        words.extend(more);
+        isocat(&words)
+    };
+    let output = sweep(&["--failed", failed, "--shrink", "--json"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let totals: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let good = totals["as_expected"].as_u64().expect("a number");
+    assert_eq!(totals["runs"], 16);
+    assert!((1..16).contains(&good), "{totals}");
+    let whole = std::fs::read_to_string(rows).expect("the file was written");
+    assert_eq!(whole.lines().count(), 17);
+    assert_eq!(whole.matches(",true,").count() as u64, good);
+
+    // Cut off in the middle of a row.
+    let cut = whole.match_indices('\n').nth(9).expect("ten lines").0 + 12;
+    std::fs::write(rows, &whole[..cut]).expect("it is written");
+    let refused = sweep(&[]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("is there already"), "{}", text(&refused.stderr));
+    sweep(&["--resume"]);
+    assert_eq!(std::fs::read_to_string(rows).expect("it is there"), whole);
+
+    let kept: Vec<_> = std::fs::read_dir(failed).expect("a folder").flatten().collect();
+    assert_eq!(kept.len() as u64, 16 - good);
+    let kept = kept[0].path();
+    let small = std::fs::read_to_string(&kept).expect("a file");
+    assert_eq!(small.matches("[[subdevice]]").count(), 1, "{small}");
+    assert_eq!(isocat(&["run", kept.to_str().expect("UTF-8")]).status.code(), Some(1));
+}
+
 #[test]
 fn conform_tells_what_it_found_in_every_format() {
     let junit = Path::new(env!("CARGO_TARGET_TMPDIR")).join("conform.xml");

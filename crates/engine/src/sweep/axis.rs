@@ -1,0 +1,191 @@
+//! What is varied: a key of the segment file, and its values.
+
+use isocat_sim::random::Stream;
+use toml::{Table, Value};
+
+/// A key and its values.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// The key, as it was asked for.
+    pub key: String,
+    path: Vec<Step>,
+    values: Values,
+}
+
+#[derive(Clone, Debug)]
+enum Step {
+    /// A key of a table.
+    Key(String),
+    /// One of several tables.
+    At(usize),
+    /// Each of them.
+    All,
+}
+
+#[derive(Clone, Debug)]
+enum Values {
+    /// Each makes a point of the grid.
+    List(Vec<String>),
+    /// Drawn in each run and for each place, evenly: the ends in thousandths of the unit, and the unit.
+    Drawn { least: i64, most: i64, unit: String },
+}
+
+impl Axis {
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let expected = "expected KEY=VALUE,VALUE or KEY=LEAST..MOST, such as host.jitter=5us,50us";
+        let (key, values) =
+            text.split_once('=').ok_or_else(|| format!("\"{text}\": {expected}"))?;
+        let key = key.trim().to_owned();
+        let path = path(&key)?;
+        let values = match values.split_once("..") {
+            Some((least, most)) => drawn(least.trim(), most.trim())?,
+            None => Values::List(values.split(',').map(|value| value.trim().to_owned()).collect()),
+        };
+        match &values {
+            Values::List(list) if list.iter().any(String::is_empty) => {
+                Err(format!("\"{text}\" has an empty value; {expected}"))
+            }
+            _ => Ok(Self { key, path, values }),
+        }
+    }
+
+    /// How many points it adds to the grid.
+    pub fn values(&self) -> u64 {
+        match &self.values {
+            Values::List(list) => list.len() as u64,
+            Values::Drawn { .. } => 1,
+        }
+    }
+
+    /// Writes the value into a file; gives it as rows tell it.
+    pub(super) fn apply(
+        &self,
+        table: &mut Table,
+        choice: u64,
+        seed: u64,
+    ) -> Result<String, String> {
+        let mut chance = Stream::new(seed, "sweep", fnv(&self.key));
+        let mut told = String::new();
+        let mut value = || {
+            let text = match &self.values {
+                Values::List(list) => list[choice as usize].clone(),
+                Values::Drawn { least, most, unit } => {
+                    let drawn = least + chance.up_to((most - least).unsigned_abs()) as i64;
+                    format!("{}{unit}", thousandths(drawn))
+                }
+            };
+            if told.is_empty() {
+                told.clone_from(&text);
+            }
+            scalar(&text)
+        };
+        let (first, rest) = self.path.split_first().ok_or("no key")?;
+        let Step::Key(first) = first else { return Err("no key".into()) };
+        set(table, first, rest, &mut value).map_err(|why| format!("{}: {why}", self.key))?;
+        Ok(told)
+    }
+}
+
+/// `subdevice[*].cable`, `host.jitter`, `fault[0].what`.
+fn path(key: &str) -> Result<Vec<Step>, String> {
+    let mut path = Vec::new();
+    for part in key.split('.') {
+        let (name, place) = match part.split_once('[') {
+            Some((name, place)) => (name, Some(place.strip_suffix(']').ok_or("a ] is missing")?)),
+            None => (part, None),
+        };
+        if name.is_empty() {
+            return Err(format!("\"{key}\" is no key such as host.jitter or subdevice[*].cable"));
+        }
+        path.push(Step::Key(name.to_owned()));
+        match place {
+            None => {}
+            Some("*") => path.push(Step::All),
+            Some(number) => {
+                let number = number.parse().map_err(|_| format!("\"{number}\" is no place"))?;
+                path.push(Step::At(number));
+            }
+        }
+    }
+    Ok(path)
+}
+
+fn set(
+    table: &mut Table,
+    key: &str,
+    rest: &[Step],
+    value: &mut impl FnMut() -> Value,
+) -> Result<(), String> {
+    match rest {
+        [] => {
+            table.insert(key.to_owned(), value());
+            Ok(())
+        }
+        [Step::Key(next), rest @ ..] => {
+            let inner = table.entry(key).or_insert_with(|| Value::Table(Table::new()));
+            let inner = inner.as_table_mut().ok_or_else(|| format!("{key} is no table"))?;
+            set(inner, next, rest, value)
+        }
+        [place, rest @ ..] => {
+            let array = table.get_mut(key).and_then(Value::as_array_mut);
+            let array = array.ok_or_else(|| format!("there is no [[{key}]]"))?;
+            let [Step::Key(next), rest @ ..] = rest else {
+                return Err(format!("which key of {key} is varied?"));
+            };
+            let count = array.len();
+            let chosen: Vec<&mut Value> = match place {
+                Step::At(number) => {
+                    let one = array.get_mut(*number);
+                    vec![one.ok_or_else(|| format!("there are {count} of {key}, from 0"))?]
+                }
+                _ => array.iter_mut().collect(),
+            };
+            for one in chosen {
+                let one = one.as_table_mut().ok_or_else(|| format!("{key} is no table"))?;
+                set(one, next, rest, value)?;
+            }
+            Ok(())
+        }
+    }
+}
+
+/// A value as TOML has it; what is none is a text.
+fn scalar(text: &str) -> Value {
+    let line = format!("value = {text}");
+    let parsed = line.parse::<Table>().ok().and_then(|mut table| table.remove("value"));
+    parsed.unwrap_or_else(|| Value::String(text.to_owned()))
+}
+
+fn drawn(least: &str, most: &str) -> Result<Values, String> {
+    let ((low, unit), (high, other)) = (quantity(least)?, quantity(most)?);
+    if unit != other || low > high {
+        return Err(format!(
+            "{least}..{most} is no range; expected the smaller end first and one unit, such as 1m..100m"
+        ));
+    }
+    Ok(Values::Drawn { least: low, most: high, unit })
+}
+
+/// A number in thousandths, and its unit.
+fn quantity(text: &str) -> Result<(i64, String), String> {
+    let end = text.find(|c: char| !matches!(c, '0'..='9' | '.' | '-' | '+')).unwrap_or(text.len());
+    let (number, unit) = text.split_at(end);
+    let number: f64 = number.parse().map_err(|_| format!("\"{text}\" is no number with a unit"))?;
+    let thousandths = (number * 1_000.0).round();
+    if !(-1e15..=1e15).contains(&thousandths) {
+        return Err(format!("\"{text}\" is too large"));
+    }
+    Ok((thousandths as i64, unit.trim().to_owned()))
+}
+
+fn thousandths(number: i64) -> String {
+    let text = format!("{:.3}", number as f64 / 1_000.0);
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A number of a name that stays the same for ever.
+fn fnv(text: &str) -> u64 {
+    text.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    })
+}

@@ -1,0 +1,219 @@
+//! What a run comes to, in some 200 bytes.
+
+use std::collections::BTreeMap;
+
+use isocat_segment::Scenario;
+use isocat_sim::Tap;
+
+use super::Case;
+
+/// What became of a run.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Outcome {
+    /// `in-sync`, `not-in-sync`, `not-up` (the way up failed), `refused` (the file or the plan) or `panicked`.
+    pub verdict: &'static str,
+    /// Whether it was as expected: by the file's expectations, or in sync where there are none.
+    pub as_expected: bool,
+    /// Kind of the first finding.
+    pub finding: Option<String>,
+    /// The SubDevice that it names.
+    pub device: Option<usize>,
+    /// From power-on until all SubDevices were in OP, ns.
+    pub in_operation_ns: Option<i64>,
+    /// The largest SYNC0 error, ps.
+    pub worst_sync0_ps: Option<i64>,
+    /// The least margin of outputs before their pulse, ns.
+    pub least_margin_ns: Option<i64>,
+    /// The largest age of outputs when they acted, ns.
+    pub outputs_age_ns: Option<i64>,
+    /// How often SubDevices were out of sync.
+    pub stretches: usize,
+    /// For how long, all in all, ns.
+    pub out_of_sync_ns: i64,
+    /// SubDevices that were out of sync at the end.
+    pub lost_at_end: usize,
+    /// Why it was refused.
+    pub why: String,
+}
+
+impl Outcome {
+    fn bare(verdict: &'static str, why: String) -> Self {
+        Self {
+            verdict,
+            as_expected: false,
+            finding: None,
+            device: None,
+            in_operation_ns: None,
+            worst_sync0_ps: None,
+            least_margin_ns: None,
+            outputs_age_ns: None,
+            stretches: 0,
+            out_of_sync_ns: 0,
+            lost_at_end: 0,
+            why,
+        }
+    }
+
+    pub(super) fn refused(why: String) -> Self {
+        Self::bare("refused", why)
+    }
+
+    pub(super) fn panicked() -> Self {
+        Self::bare("panicked", String::new())
+    }
+
+    pub(super) fn of<T: Tap>(_scenario: &Scenario, outcome: &isocat_sim::Outcome<T>) -> Self {
+        let verdict = match (&outcome.failure, outcome.began) {
+            (Some(error), _) if error.cause.fault() == isocat_maindevice::Fault::Configuration => {
+                "refused"
+            }
+            (Some(_), _) | (None, None) => "not-up",
+            (None, Some(_)) if outcome.findings.is_empty() => "in-sync",
+            (None, Some(_)) => "not-in-sync",
+        };
+        let failure = outcome.failure.as_ref();
+        let first = outcome.findings.first();
+        let finding = match (failure, first) {
+            (Some(error), _) => Some(error.cause.name().to_owned()),
+            (None, first) => first.map(|finding| finding.kind.name().to_owned()),
+        };
+        let device = match failure {
+            Some(error) => error.cause.place().map(|place| place.position),
+            None => outcome.findings.iter().find_map(|finding| finding.place.device),
+        };
+        let benches = outcome.bench.devices();
+        let course = outcome.world.course();
+        let worst =
+            course.map(|course| (0..course.devices()).map(|d| course.worst_sync0(d).0).max());
+        let margins = benches.iter().map(|bench| bench.margin.margin());
+        let margins =
+            margins.filter(|margin| margin.count() > 0).map(|margin| margin.least() / 1_000);
+        let ages = benches.iter().map(|bench| bench.outputs_cycle.age());
+        let ages = ages.filter(|age| age.count() > 0).map(|age| age.largest() / 1_000);
+        let stretches = course.map_or(&[][..], |course| course.stretches());
+        let lasted = stretches.iter().map(|stretch| (stretch.to - stretch.from).0 / 1_000);
+        Self {
+            verdict,
+            as_expected: outcome.as_expected(),
+            finding,
+            device,
+            in_operation_ns: outcome.began.map(|began| began.as_nanos() as i64),
+            worst_sync0_ps: worst.flatten(),
+            least_margin_ns: margins.min(),
+            outputs_age_ns: ages.max(),
+            stretches: stretches.len(),
+            out_of_sync_ns: lasted.sum(),
+            lost_at_end: stretches.iter().filter(|stretch| stretch.open).count(),
+            why: failure.map_or(String::new(), ToString::to_string),
+        }
+    }
+
+    /// Whether two runs came to the same kind of end.
+    pub fn is_like(&self, other: &Self) -> bool {
+        (self.verdict, self.as_expected, &self.finding)
+            == (other.verdict, other.as_expected, &other.finding)
+    }
+}
+
+/// A run of a sweep and what it came to.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Row {
+    /// Its number in the sweep, from 0.
+    pub number: u64,
+    /// Its seed.
+    pub seed: u64,
+    /// The value of each axis.
+    pub values: Vec<String>,
+    /// What it came to.
+    pub outcome: Outcome,
+}
+
+impl Row {
+    pub(super) fn new(number: u64, case: &Case, outcome: Outcome) -> Self {
+        Self { number, seed: case.seed, values: case.values.clone(), outcome }
+    }
+
+    /// The columns behind those of the axes.
+    pub const COLUMNS: [&'static str; 12] = [
+        "verdict",
+        "as_expected",
+        "finding",
+        "device",
+        "in_operation_ns",
+        "worst_sync0_ps",
+        "least_margin_ns",
+        "outputs_age_ns",
+        "stretches",
+        "out_of_sync_ns",
+        "lost_at_end",
+        "why",
+    ];
+
+    /// The cells of those columns; empty where there is nothing.
+    pub fn cells(&self) -> [String; 12] {
+        let number = |value: Option<i64>| value.map_or(String::new(), |value| value.to_string());
+        let of = &self.outcome;
+        [
+            of.verdict.to_owned(),
+            of.as_expected.to_string(),
+            of.finding.clone().unwrap_or_default(),
+            of.device.map_or(String::new(), |device| device.to_string()),
+            number(of.in_operation_ns),
+            number(of.worst_sync0_ps),
+            number(of.least_margin_ns),
+            number(of.outputs_age_ns),
+            of.stretches.to_string(),
+            of.out_of_sync_ns.to_string(),
+            of.lost_at_end.to_string(),
+            of.why.clone(),
+        ]
+    }
+}
+
+/// What many runs come to.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Totals {
+    /// Runs.
+    pub runs: u64,
+    /// Runs that were as expected.
+    pub as_expected: u64,
+    /// Runs by verdict.
+    pub verdicts: BTreeMap<&'static str, u64>,
+    /// Runs that were not as expected by the kind of their first finding.
+    pub findings: BTreeMap<String, u64>,
+    /// By axis and value: runs, and those that were as expected.
+    pub values: BTreeMap<(usize, String), (u64, u64)>,
+    /// The first that were not as expected: number and seed.
+    pub failed: Vec<(u64, u64)>,
+}
+
+/// Failed runs that totals name.
+const MOST_FAILED: usize = 10;
+/// Values of an axis that totals tell apart.
+const MOST_VALUES: usize = 1_000;
+
+impl Totals {
+    /// Counts a row.
+    pub fn add(&mut self, row: &Row) {
+        let good = row.outcome.as_expected;
+        self.runs += 1;
+        self.as_expected += u64::from(good);
+        *self.verdicts.entry(row.outcome.verdict).or_default() += 1;
+        if !good {
+            let finding =
+                row.outcome.finding.clone().unwrap_or_else(|| row.outcome.verdict.to_owned());
+            *self.findings.entry(finding).or_default() += 1;
+            if self.failed.len() < MOST_FAILED {
+                self.failed.push((row.number, row.seed));
+            }
+        }
+        for (axis, value) in row.values.iter().enumerate() {
+            let key = (axis, value.clone());
+            if self.values.len() < MOST_VALUES || self.values.contains_key(&key) {
+                let count = self.values.entry(key).or_default();
+                count.0 += 1;
+                count.1 += u64::from(good);
+            }
+        }
+    }
+}

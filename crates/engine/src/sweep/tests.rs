@@ -1,0 +1,129 @@
+use super::*;
+
+const SEGMENT: &str = "cycle = \"1ms\"\nfor = \"100ms\"\n[host]\njitter = \"5us\"\n\
+    [[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n[[subdevice]]\ndevice = \"simple_io16\"\n";
+
+fn sweep(vary: &[&str], seeds: u64) -> Sweep {
+    let mut sweep = Sweep::new("sweep.toml", SEGMENT).unwrap();
+    for axis in vary {
+        sweep.vary(axis).unwrap_or_else(|error| panic!("{axis}: {error}"));
+    }
+    sweep.seeds(5, seeds);
+    sweep
+}
+
+#[test]
+fn a_grid_has_each_value_with_each_other_and_each_seed() {
+    let sweep = sweep(&["host.jitter=5us,50us", "subdevice[*].cable=1m..100m", "cycle=1ms,2ms"], 3);
+    assert_eq!(sweep.runs(), 12);
+    let cases: Vec<Case> = (0..12).map(|number| sweep.case(number).unwrap()).collect();
+    let mut all: Vec<_> = cases
+        .iter()
+        .map(|case| (case.seed, case.values[0].clone(), case.values[2].clone()))
+        .collect();
+    all.sort();
+    all.dedup();
+    assert_eq!(all.len(), 12);
+    for case in &cases {
+        let table = case.text.parse::<Table>().unwrap();
+        assert_eq!(table["seed"].as_integer(), Some(case.seed as i64));
+        assert_eq!(table["host"]["jitter"].as_str(), Some(&*case.values[0]));
+        let cables: Vec<_> = table["subdevice"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|d| d["cable"].as_str().unwrap())
+            .collect();
+        assert_ne!(cables[0], cables[1], "drawn for each device");
+        SegmentFile::parse("case.toml", &case.text).unwrap();
+    }
+    assert_eq!(sweep.case(7).unwrap(), cases[7], "the same number is the same run");
+}
+
+#[test]
+fn keys_that_lead_nowhere_are_refused() {
+    let mut sweep = sweep(&[], 1);
+    for (axis, expected) in [
+        ("host.jitter", "expected KEY=VALUE"),
+        ("nobody[0].cable=1m", "there is no [[nobody]]"),
+        ("subdevice[2].cable=1m", "there are 2 of subdevice"),
+        ("subdevice[*]=1m", "which key"),
+        ("cycle=1ms,,2ms", "empty value"),
+        ("subdevice[0].cable=1m..5cm", "one unit"),
+        ("subdevice[x].cable=1m", "no place"),
+    ] {
+        let error = sweep.vary(axis).unwrap_err();
+        assert!(error.contains(expected), "{axis}: {error}");
+    }
+}
+
+/// Rows are the same on one thread and on three, in the same order; what the plan refuses is a row as well.
+#[test]
+fn threads_change_nothing() {
+    let sweep = sweep(&["cycle=1ms,60us"], 6);
+    let rows = |threads: usize, from: u64| {
+        let mut rows = Vec::new();
+        let done: Result<(), ()> = sweep.run_all(from, threads, &AtomicBool::new(false), |row| {
+            rows.push(row);
+            Ok(())
+        });
+        done.unwrap();
+        rows
+    };
+    let (one, three) = (rows(1, 0), rows(3, 0));
+    assert_eq!(one, three);
+    assert_eq!(one.iter().map(|row| row.number).collect::<Vec<_>>(), (0..12).collect::<Vec<u64>>());
+    assert!(one[..6].iter().all(|row| row.outcome.verdict == "in-sync"), "{:?}", one[0]);
+    assert!(one[6..].iter().all(|row| row.outcome.verdict == "refused"), "{:?}", one[6]);
+    assert_eq!(rows(2, 9), one[9..], "it goes on where it was left");
+    let mut totals = Totals::default();
+    one.iter().for_each(|row| totals.add(row));
+    assert_eq!((totals.runs, totals.as_expected), (12, 6));
+    assert_eq!(totals.values[&(0, "60us".to_owned())], (6, 0));
+}
+
+#[test]
+fn swarms_differ_by_seed_and_are_files_that_can_be_read() {
+    let mut sweep = sweep(&[], 200);
+    sweep.swarm();
+    let texts: Vec<String> = (0..200).map(|number| sweep.case(number).unwrap().text).collect();
+    for text in &texts {
+        let file = SegmentFile::parse("swarm.toml", text)
+            .unwrap_or_else(|error| panic!("{error}\n{text}"));
+        assert!((1..=4).contains(&file.faults.planned.len()));
+    }
+    let words: std::collections::BTreeSet<String> =
+        texts.iter().flat_map(|text| words(text)).collect();
+    assert!(words.len() >= 12, "{words:?}");
+}
+
+/// A run with four faults of which one matters, and three devices of which two do not.
+#[test]
+fn a_failing_run_shrinks_to_what_makes_it_fail() {
+    let text = "cycle = \"1ms\"\nfor = \"800ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+                [[subdevice]]\ndevice = \"simple_io16\"\n[[subdevice]]\ndevice = \"simple_io16\"\n\
+                [[fault]]\nat = \"in-operation + 50ms\"\nwhat = \"delay 10us for 20ms\"\n\
+                [[fault]]\nat = \"in-operation + 60ms\"\nwhat = \"sync-off 0\"\n\
+                [[fault]]\nat = \"in-operation + 70ms\"\nwhat = \"clock 1 +1ppm\"\n\
+                [[fault]]\nat = \"in-operation + 80ms\"\nwhat = \"delay 20us for 20ms\"\n";
+    let sweep = Sweep::new("shrink.toml", text).unwrap();
+    let whole = sweep.outcome(text);
+    assert!(!whole.as_expected);
+    let small = shrink::shrink(text, |text| sweep.outcome(text).is_like(&whole));
+    let table = small.parse::<Table>().unwrap();
+    let count = |key: &str| table[key].as_array().unwrap().len();
+    assert_eq!((count("fault"), count("subdevice")), (1, 1), "{small}");
+    assert!(small.contains("sync-off 0"), "{small}");
+    let file = SegmentFile::parse("small.toml", &small).unwrap();
+    assert!(file.duration.0 < 200_000_000, "{small}");
+    assert!(sweep.outcome(&small).is_like(&whole));
+}
+
+/// The words of the faults in a file.
+fn words(text: &str) -> Vec<String> {
+    let table = text.parse::<Table>().unwrap();
+    let faults = table["fault"].as_array().unwrap();
+    let word =
+        |fault: &Value| fault["what"].as_str().unwrap().split(' ').next().unwrap().to_owned();
+    faults.iter().map(word).collect()
+}

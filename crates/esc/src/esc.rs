@@ -504,6 +504,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.image.as_mut()
     }
 
+    /// When the last frame is over: when its effects come into force, if they have not yet, else when it arrived.
+    pub fn last_frame(&self) -> Time<Device> {
+        let Flight { start, end, .. } = self.flight;
+        if end == Time::NEVER { start } else { end }
+    }
+
     /// The memory behind the ESC acknowledges nothing from now on (broken, or without supply), or does so again. Each
     /// command ends with the missing acknowledge of register 0x0502 bit 13; at a reset or power-on nothing is loaded.
     pub fn set_eeprom_dead(&mut self, dead: bool) {

@@ -134,6 +134,7 @@ impl Device {
 
     /// Does something wrong from now on, or no longer.
     pub(crate) fn misbehave(&mut self, at: Time<DeviceClock>, how: Misbehaviour, begins: bool) {
+        let at = self.behind_frame(at);
         let known = self.stack.description().behaviour.misbehaviour;
         let others = known.iter().filter(|known| **known != how).copied();
         let all: Vec<_> = others.chain(begins.then_some(how)).collect();
@@ -145,7 +146,7 @@ impl Device {
         self.disturbed();
     }
 
-    /// Its application can't go on, at an instant that it has not lived through.
+    /// Its application can't go on.
     pub(crate) fn fail(
         &mut self,
         at: Time<DeviceClock>,
@@ -155,13 +156,20 @@ impl Device {
         if !self.powered {
             return;
         }
+        let at = self.behind_frame(at);
         self.advance(at, watch);
         self.stack.fail(code, &mut self.esc.pdi(at));
         self.look(at, watch);
         self.disturbed();
     }
 
-    /// Writes a register as a frame would that nobody else sees, at an instant that it has not lived through.
+    /// Not before the frame that passed it last is over: up to there it has lived. Nor much later, or the next frame would come
+    /// before.
+    fn behind_frame(&self, at: Time<DeviceClock>) -> Time<DeviceClock> {
+        self.esc.last_frame().max(at)
+    }
+
+    /// Writes a register as a frame would that nobody else sees.
     pub(crate) fn write_register(
         &mut self,
         at: Time<DeviceClock>,
@@ -172,6 +180,7 @@ impl Device {
         if !self.powered {
             return;
         }
+        let at = self.behind_frame(at);
         self.advance(at, watch);
         self.esc.begin_frame(at);
         let address = Address::Broadcast(address).raw();

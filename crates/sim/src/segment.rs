@@ -322,7 +322,6 @@ impl Segment {
         data: &[u8],
         watch: &mut impl FnMut(Observation),
     ) {
-        let at = self.behind_frames(at);
         let device = self.device_mut(device);
         device.write_register(device.oscillator().read(at), address, data, watch);
     }
@@ -335,7 +334,6 @@ impl Segment {
         how: Misbehaviour,
         begins: bool,
     ) {
-        let at = self.behind_frames(at);
         let device = self.device_mut(device);
         device.misbehave(device.oscillator().read(at), how, begins);
     }
@@ -348,7 +346,6 @@ impl Segment {
         code: AlStatusCode,
         watch: &mut impl FnMut(Observation),
     ) {
-        let at = self.behind_frames(at);
         let device = self.device_mut(device);
         device.fail(device.oscillator().read(at), code, watch);
     }

@@ -54,6 +54,15 @@ pub enum Fault {
         /// How long it is plugged in.
         on: Nanos,
     },
+    /// A cable is taken out, and one of another length is put in its place.
+    Recable {
+        /// The cable.
+        cable: usize,
+        /// Length of the one that comes, mm.
+        millimetres: u64,
+        /// How long there is none. Shorter than its ends need to notice, no link is lost.
+        takes: Nanos,
+    },
     /// A SubDevice loses its power.
     PowerOff {
         /// Position.
@@ -306,6 +315,7 @@ fn is_of_the_wire(fault: &Fault) -> bool {
             | Plug { .. }
             | BreakWay { .. }
             | Flap { .. }
+            | Recable { .. }
             | PowerOff { .. }
             | PowerOn { .. }
     )
@@ -330,6 +340,7 @@ impl Fault {
             Plug { .. }
                 | PowerOn { .. }
                 | Replace { .. }
+                | Recable { .. }
                 | ClockJump { .. }
                 | AlError { .. }
                 | Heal

@@ -267,6 +267,17 @@ impl Segment {
         self.stale = true;
     }
 
+    /// The same with one of another length, mm, whose signals are as fast.
+    pub(crate) fn relay(&mut self, number: usize, millimetres: u64) {
+        let old = *self.wiring.cable(number).0;
+        let new = Cable {
+            link_loss: old.link_loss,
+            link_gain: old.link_gain,
+            ..Cable::of_length(millimetres)
+        };
+        self.replace_cable(number, new);
+    }
+
     /// Takes a SubDevice's power away. From `at` on it does nothing, and its neighbours lose their links
     /// to it as if all its cables were pulled. Panics if it, or one of its cables, was changed later than
     /// `at`.

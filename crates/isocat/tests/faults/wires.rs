@@ -1,4 +1,4 @@
-//! Words for cables and power: pull, plug, break, flap, power-off, power-on, power-cycle, replace.
+//! Words for cables and power: pull, plug, break, flap, recable, power-off, power-on, power-cycle, replace.
 
 use isocat_sim::Lost;
 use isocat_wire::AlState;
@@ -71,6 +71,26 @@ fn power_goes_and_comes() {
     assert!(outcome.world.segment().devices()[2].is_powered());
     // It is brought up again from INIT.
     assert_eq!(seen.moves(2).last().map(|last| last.1), Some(AlState::Op), "{}", report.verdict);
+}
+
+/// 70 m more, there and back: 700 ns.
+#[test]
+fn a_cable_becomes_longer() {
+    for (what, lost) in [("recable last 80m 0", false), ("recable last 80m 100ms", true)] {
+        let (seen, _) = with(500, what);
+        let round_trips = |from: usize, to: usize| {
+            let (from, to) = (seen.at(from as u64), seen.at(to as u64));
+            let is_in = |at: &&u64| (from..to).contains(*at);
+            let pairs = seen.sent.iter().filter(is_in).map(|sent| {
+                let back = seen.back.iter().find(|back| *back > sent);
+                back.map_or(u64::MAX, |back| back - sent)
+            });
+            pairs.min().unwrap()
+        };
+        let (before, after) = (round_trips(300, 480), round_trips(1_700, 1_980));
+        assert!((600..=800).contains(&(after - before)), "{what}: {before} and {after} ns");
+        assert_eq!(seen.moves(2).is_empty(), !lost, "{what}");
+    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use isocat_descriptions::quantity::{self, Ppb};
+use isocat_descriptions::quantity::{self, Length, Ppb, QuantityError};
 use isocat_sim::Direction;
 use isocat_sim::fault::{Harm, LateHost, MILLION, Which};
 use isocat_subdevice::Misbehaviour;
@@ -22,6 +22,9 @@ pub struct Arguments<'a> {
 
 /// The longest time that a fault has.
 const LONGEST: Nanos = Nanos::millis(3_600_000);
+
+/// Lengths of cables, mm, as the key `cable` has them.
+const LENGTHS: std::ops::RangeInclusive<i64> = 10..=2_000_000;
 
 impl<'a> Arguments<'a> {
     pub fn of(text: &'a str, names: &'a [String]) -> Self {
@@ -83,6 +86,16 @@ impl<'a> Arguments<'a> {
         match (Nanos::ZERO..=LONGEST).contains(&time) {
             true => Ok(time),
             false => Err(Wrong(format!("\"{word}\" is not from 0 to 1 h"))),
+        }
+    }
+
+    /// The length of a cable, mm.
+    pub fn length(&mut self) -> Result<u64, Wrong> {
+        let word = self.next().ok_or_else(|| Wrong("a length is missing".into()))?;
+        let length: Length = word.parse().map_err(|e: QuantityError| Wrong(e.to_string()))?;
+        match LENGTHS.contains(&length.0) {
+            true => Ok(length.0 as u64),
+            false => Err(Wrong(format!("\"{word}\" is not from 10 mm to 2 km"))),
         }
     }
 

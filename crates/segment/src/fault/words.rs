@@ -21,7 +21,7 @@ pub struct Word {
 }
 
 /// All of them: frames, cables, power and parts of SubDevices, clocks, the host, what SubDevices do, others on the wire.
-pub static WORDS: [Word; 26] = [
+pub static WORDS: [Word; 27] = [
     Word {
         name: "drop",
         form: "N|SHARE% [burst N] [out|back] [at DEVICE]",
@@ -89,6 +89,17 @@ pub static WORDS: [Word; 26] = [
         example: "flap 1 20ms 400ms for 3s",
         means: "The link to a device comes and goes: so long without it, so long with it.",
         read: |a| Ok(Fault::Flap { cable: a.device()?, off: a.pause()?, on: a.pause()? }.into()),
+    },
+    Word {
+        name: "recable",
+        form: "DEVICE LENGTH [TIME]",
+        example: "recable 1 80m 2s",
+        means: "The cable that leads to a device is taken out, and after a time (1 s) one of another length is there; below 15 us no link is lost.",
+        read: |a| {
+            let (cable, millimetres) = (a.device()?, a.length()?);
+            let takes = a.some_time()?.unwrap_or(REPLACED);
+            Ok(Fault::Recable { cable, millimetres, takes }.into())
+        },
     },
     Word {
         name: "power-off",

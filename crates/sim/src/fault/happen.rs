@@ -42,6 +42,7 @@ impl Timeline {
                 Action::End(id) => self.end(at, id, scene, watch),
                 Action::Again(id) => self.go_on(at, id, scene),
                 Action::Swap { device, spare } => self.swap(at, device, spare, scene, watch),
+                Action::Lay { cable, millimetres } => scene.segment.relay(cable, millimetres),
             }
         }
     }
@@ -79,6 +80,15 @@ impl Timeline {
                 segment.unplug(cable, wired);
                 undo = Undo::Pulled(true);
                 self.push(at + Picos::from(off), Action::Again(id));
+            }
+            Fault::Recable { cable, millimetres, takes } => {
+                let takes = Picos::from(takes);
+                if takes >= segment.wiring().cable(cable).0.link_loss {
+                    segment.unplug(cable, wired);
+                    let back = Action::Begin { fault: Fault::Plug { cable }, lasts: None };
+                    self.push(at + takes, back);
+                }
+                self.push(at + Picos(takes.0 / 2), Action::Lay { cable, millimetres });
             }
             Fault::PowerOff { device } => segment.power_off(device, wired),
             Fault::PowerOn { device } => {

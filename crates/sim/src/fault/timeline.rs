@@ -58,6 +58,8 @@ pub(super) enum Action {
     End(u64),
     /// One that is in force goes on: a flapping cable, another MainDevice.
     Again(u64),
+    /// A cable of this length, mm, is there in the place of another one.
+    Lay { cable: usize, millimetres: u64 },
     /// The spare SubDevice is put in its place.
     Swap { device: usize, spare: usize },
 }
@@ -200,7 +202,7 @@ impl Timeline {
         match action {
             Action::Begin { fault, .. } => is_of_the_wire(fault),
             Action::End(id) | Action::Again(id) => of_active(id).is_some_and(is_of_the_wire),
-            Action::Swap { .. } => false,
+            Action::Lay { .. } | Action::Swap { .. } => false,
         }
     }
 

@@ -21,6 +21,10 @@ impl fmt::Display for Fault {
             Self::Flap { cable, off, on } => {
                 write!(f, "the link to SubDevice {cable} flaps: {off} off, {on} on")
             }
+            Self::Recable { cable, millimetres, takes } => {
+                let metres = *millimetres as f64 / 1_000.0;
+                write!(f, "the cable to SubDevice {cable} becomes one of {metres} m, in {takes}")
+            }
             Self::PowerOff { device } => write!(f, "SubDevice {device} is off"),
             Self::PowerOn { device } => write!(f, "SubDevice {device} is on"),
             Self::Replace { device, takes, .. } => {

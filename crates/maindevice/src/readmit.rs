@@ -30,7 +30,7 @@ use crate::error::{Cause, MappingProblem};
 use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, join};
 use crate::mailbox::Mailbox;
-use crate::segment::{Segment, SubDevice};
+use crate::segment::{DcCapability, Segment, SubDevice};
 use crate::{esm, mapping, mode, objects, scan, sii, sync, timing};
 
 mod keeper;
@@ -249,13 +249,21 @@ async fn set_clocks(
             segment.devices[position].dl_status = found.dl_status;
         }
     }
-    let joining = going.iter().map(|one| one.device.position).collect();
+    let joining: Vec<usize> = going.iter().map(|one| one.device.position).collect();
+    // Frames pass all that answer, those too that could not be taken up.
     let there: Vec<usize> = (0..places.len())
-        .filter(|at| {
-            segment.devices[*at].admitted || going.iter().any(|o| o.device.position == *at)
-        })
+        .filter(|at| segment.devices[*at].admitted || places[*at].is_some())
         .collect();
-    let strangers = everybody.len().saturating_sub(there.len()) as u16;
+    let mut strangers = everybody.len().saturating_sub(there.len()) as u16;
+    for &at in there.iter().filter(|at| !joining.contains(at)) {
+        let device = &mut segment.devices[at];
+        let found = places[at].and_then(|place| everybody.get(place));
+        // One that kept the address of its own, or lost the one that it was given, can't be asked for its times.
+        if !device.admitted && found.is_none_or(|found| found.station != device.station) {
+            device.dc = DcCapability::None;
+            strangers += 1;
+        }
+    }
     clock::join(link, config, segment, Joining { joining, there, strangers }).await?;
     for one in &mut going {
         let set = &segment.devices[one.device.position];

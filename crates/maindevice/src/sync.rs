@@ -67,10 +67,9 @@ pub(crate) fn type_writes(
         let mut write = |sub, data: &[u8], checked| {
             writes.push(TypeWrite { object: at(sub), data: data.to_vec(), checked });
         };
-        let current = object.entry(sub::SYNC_TYPE).and_then(|entry| entry.number());
-        // A stack that was told nothing chooses for itself, and takes another mode than Free Run.
-        let as_wanted = device.mode != SyncMode::FreeRun && current == Some(direction.kind.into());
-        if writable(object, sub::SYNC_TYPE) && !as_wanted {
+        // Also where it reads so already: a stack may show the type of its last operation and, told nothing in this one,
+        // choose another.
+        if writable(object, sub::SYNC_TYPE) {
             write(sub::SYNC_TYPE, &direction.kind.to_le_bytes(), false);
         }
         let own = match device.mode.uses_dc() {

@@ -131,7 +131,7 @@ impl Segment {
         device.advance(begin, watch);
         let before = self.probes.sees(number).then(|| flight.bytes.to_vec());
         let processed = device.esc.process(flight.bytes, begin, end, flight.good);
-        device.touched(flight.start);
+        device.touched(self.copy_of.unwrap_or(flight.start));
         self.latched[number] |= processed.latch_ports;
         if let Some(before) = before {
             self.show(flight.start, arrival, false, before);

@@ -81,6 +81,8 @@ pub struct Segment {
     any_latched: bool,
     pub(crate) next_frame: NextFrame,
     last_frame: Option<(MainPort, Time<True>)>,
+    /// When the frame set out of which the one under way is a copy.
+    pub(crate) copy_of: Option<Time<True>>,
     /// Which SubDevices the frame that is followed has met, and its arrivals.
     pub(crate) met: Vec<bool>,
     pub(crate) trail: Vec<Arrival>,
@@ -158,6 +160,7 @@ impl Segment {
             any_latched: false,
             next_frame: NextFrame::new(exists),
             last_frame: None,
+            copy_of: None,
             met: vec![false; count],
             trail: Vec::new(),
             probes: Probes::default(),
@@ -376,6 +379,21 @@ impl Segment {
         self.pass_from(MainPort::Primary, bytes, start, watch)
     }
 
+    /// Sends a frame as [`pass_from`](Self::pass_from) does, or a copy of the one that left at `first`: what a copy brings is
+    /// what that one brought.
+    pub(crate) fn pass_copy(
+        &mut self,
+        from: MainPort,
+        bytes: &mut [u8],
+        (first, start): (Time<True>, Time<True>),
+        watch: &mut impl FnMut(Observation),
+    ) -> Result<Returned, Lost> {
+        self.copy_of = Some(first);
+        let fate = self.pass_from(from, bytes, start, watch);
+        self.copy_of = None;
+        fate
+    }
+
     /// Sends a frame through the SubDevices, whose first bit leaves a port of the MainDevice at `start`.
     /// They answer in place. Tells where and when it comes back.
     pub fn pass_from(
@@ -588,7 +606,7 @@ impl Segment {
         if device.esc.reach_is_changing() {
             audience.disturb(place);
         }
-        device.touched(start);
+        device.touched(self.copy_of.unwrap_or(start));
         if latch {
             device.esc.receive_at_port(entry.port, begin);
             self.latched[entry.device] = true;
@@ -615,7 +633,7 @@ impl Segment {
         if device.esc.reach_is_changing() {
             self.audiences[from as usize].disturb(place);
         }
-        device.touched(start);
+        device.touched(self.copy_of.unwrap_or(start));
         if processed.latch_ports {
             device.esc.receive_at_port(entry.port, begin);
             self.latched[entry.device] = true;

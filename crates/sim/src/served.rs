@@ -182,7 +182,7 @@ impl Served {
             self.segment.disturb(BitError { cable, direction, at: start, bit: DAMAGED_BIT });
         }
         let copy = out.doubled.then(|| bytes.to_vec());
-        let fate = self.pass(bytes, start);
+        let fate = self.pass(bytes, start, start);
         let hurt = |fate: Result<Returned, Lost>| match fate {
             _ if back.lost => Err(Lost::AtThePort),
             Ok(returned) => Ok(Returned {
@@ -198,10 +198,10 @@ impl Served {
             self.copies.push((last_bit, bytes.to_vec()));
         }
         if let Some(mut copy) = copy {
-            let start = start.max(self.wire_free);
+            let (first, start) = (start, start.max(self.wire_free));
             self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
             self.now = start;
-            let again = self.pass(&mut copy, start);
+            let again = self.pass(&mut copy, first, start);
             if let Ok(Returned { last_bit, good: true, .. }) = hurt(again) {
                 self.copies.push((last_bit, copy));
             }
@@ -209,10 +209,17 @@ impl Served {
         Passage { start, fate, late }
     }
 
-    fn pass(&mut self, bytes: &mut [u8], start: Time<True>) -> Result<Returned, Lost> {
+    /// A frame passes, or a copy of the one that left `first`.
+    fn pass(
+        &mut self,
+        bytes: &mut [u8],
+        first: Time<True>,
+        start: Time<True>,
+    ) -> Result<Returned, Lost> {
         let observations = &mut self.observations;
         let everything = self.everything;
-        self.segment.pass(bytes, start, &mut |o| note(observations, everything, o))
+        let watch = &mut |o| note(observations, everything, o);
+        self.segment.pass_copy(MainPort::Primary, bytes, (first, start), watch)
     }
 
     /// The frame that passed last carried process data: SYNC0 ought to stay clear of it.

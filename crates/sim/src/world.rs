@@ -348,7 +348,7 @@ impl<A: Application, T: Tap> World<A, T> {
         let len = frame.write(&mut bytes);
         bytes.truncate(len);
         let start = self.host.send_of_others(MainPort::Primary, self.now, len);
-        self.pass(Port::Primary, bytes, start, Harms::default());
+        self.pass(Port::Primary, bytes, (start, start), Harms::default());
     }
 
     fn tap_cycle(&mut self, complete: Option<u64>) {
@@ -409,10 +409,10 @@ impl<A: Application, T: Tap> World<A, T> {
             self.damage_next(wired, start);
         }
         let copy = out.doubled.then(|| bytes.clone());
-        self.pass(from, bytes, start, back);
+        self.pass(from, bytes, (start, start), back);
         if let Some(copy) = copy {
-            let start = self.host.send_of_others(wired, start, copy.len());
-            self.pass(from, copy, start, back);
+            let again = self.host.send_of_others(wired, start, copy.len());
+            self.pass(from, copy, (start, again), back);
         }
     }
 
@@ -424,12 +424,19 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// A frame passes the segment and comes back, or does not; `back` is what happens to it then.
-    fn pass(&mut self, from: Port, mut bytes: Vec<u8>, start: Time<True>, back: Harms) {
+    /// A frame passes the segment, or a copy of the one that left `first`, and comes back, or does not; `back` is what
+    /// happens to it then.
+    fn pass(
+        &mut self,
+        from: Port,
+        mut bytes: Vec<u8>,
+        (first, start): (Time<True>, Time<True>),
+        back: Harms,
+    ) {
         let wired = wired(from);
         let observations = &mut self.observations;
         let watch = &mut |o| observations.push(o);
-        let fate = self.segment.pass_from(wired, &mut bytes, start, watch);
+        let fate = self.segment.pass_copy(wired, &mut bytes, (first, start), watch);
         if let Some(tap) = &mut self.tap {
             for seen in self.segment.take_probed() {
                 tap.probed(seen.at, seen.device, seen.entered, &seen.bytes);

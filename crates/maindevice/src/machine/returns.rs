@@ -146,7 +146,10 @@ impl MainDevice {
             let (after, again) = self.keeper.attempted(position, policy, now, well);
             match *result {
                 Ok(device) => {
-                    self.segment.devices[position] = device;
+                    // Its delay may have been set right meanwhile, so the rest stays as it is.
+                    let known = &mut self.segment.devices[position];
+                    (known.al_status, known.al_code) = (device.al_status, device.al_code);
+                    known.sync = device.sync;
                     self.link.report(Event::Recovered { position, after });
                 }
                 Err(cause) => self.link.report(Event::NotRecovered { position, cause, again }),

@@ -14,7 +14,8 @@ pub struct Sync0Error {
     grid: Grid,
     limit: Picos,
     statistics: Statistics,
-    last: Option<Picos>,
+    /// The last edge, and how far it was off.
+    last: Option<(Time<True>, Picos)>,
     first_beyond: Option<(Time<True>, Picos)>,
 }
 
@@ -27,7 +28,7 @@ impl Sync0Error {
     /// An edge at true time `at`, when the reference clock stood at `reference_ps` of system time; gives how far it was off
     /// the grid.
     pub fn edge(&mut self, at: Time<True>, reference_ps: i128) -> Picos {
-        let error = self.follow(self.grid.error(reference_ps));
+        let error = self.follow(at, self.grid.error(reference_ps));
         self.statistics.push(error.0);
         if error.abs() > self.limit && self.first_beyond.is_none() {
             self.first_beyond = Some((at, error));
@@ -36,13 +37,14 @@ impl Sync0Error {
     }
 
     /// The error in the neighbourhood of the last one: a clock that runs away leaves its cycle, and its
-    /// error goes on growing.
-    fn follow(&mut self, error: Picos) -> Picos {
+    /// error goes on growing. Behind a pause SYNC0 was started anew, and lies where it was started.
+    fn follow(&mut self, at: Time<True>, error: Picos) -> Picos {
         let cycle = Picos::from(self.grid.cycle).0;
-        let last = self.last.unwrap_or(error);
+        let last = self.last.filter(|(last, _)| (at - *last).0 <= PAUSE * cycle);
+        let last = last.map_or(error, |(_, last)| last);
         let cycles = (last.0 - error.0 + cycle / 2).div_euclid(cycle);
         let error = error + Picos(cycles * cycle);
-        self.last = Some(error);
+        self.last = Some((at, error));
         error
     }
 
@@ -53,7 +55,7 @@ impl Sync0Error {
 
     /// The error of the last edge; `None` before the first.
     pub fn last(&self) -> Option<Picos> {
-        self.last
+        self.last.map(|(_, error)| error)
     }
 
     /// The largest error allowed.
@@ -74,6 +76,8 @@ impl Sync0Error {
     }
 }
 
+/// Cycles without an edge that are no pause yet.
+const PAUSE: i64 = 3;
 /// Edges below which no spread says nothing.
 const ENOUGH: u64 = 10_000;
 
@@ -102,6 +106,17 @@ mod tests {
     fn a_clock_that_runs_away_leaves_its_cycle() {
         let judge = judge(&[0, 300_000_000, 600_000_000, 900_000_000, 1_200_000_000]);
         assert_eq!(judge.statistics().largest(), 1_200_000_000);
+    }
+
+    #[test]
+    fn behind_a_pause_it_begins_anew() {
+        for (pause, error) in [(3_000_000_000, 900_000_000), (3_000_000_001, -100_000_000)] {
+            let grid = Grid { cycle: Nanos(1_000_000), phase: Nanos(0) };
+            let mut judge = Sync0Error::new(grid, Picos(100_000));
+            judge.edge(Time::new(1), 450_000_000);
+            judge.edge(Time::new(1 + pause), 4_900_000_000);
+            assert_eq!(judge.last(), Some(Picos(error)), "{pause}");
+        }
     }
 
     #[test]

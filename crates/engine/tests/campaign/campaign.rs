@@ -1,0 +1,145 @@
+//! One run: a segment comes up, things go wrong, and two verdicts are given.
+
+use isocat_engine::verdict::{self, Answer, Engine, Questions, Readings, Verdict};
+use isocat_maindevice::{Event, Motion};
+use isocat_segment::{Scenario, SegmentFile};
+use isocat_sim::run::intent;
+use isocat_sim::{Setup, World};
+use isocat_wire::time::{Nanos, Picos, Time, True};
+
+use crate::draw::{Drawn, draw};
+use crate::held::{Wrong, hold, near_limit, no_recovery};
+use crate::truth::{Truth, Witness};
+
+pub enum Fate {
+    /// No such segment, or no plan that fits.
+    Refused,
+    /// It did not come to OP.
+    NotUp,
+    Ran(Ran),
+}
+
+pub struct Ran {
+    /// What went wrong, a word each; empty: nothing.
+    pub faults: Vec<String>,
+    pub lost: bool,
+    pub answer: Answer,
+    /// Whether it was to come back, and there was time.
+    pub recovers: bool,
+    pub wrong: Vec<(Wrong, String)>,
+}
+
+pub fn run(seed: u64) -> Fate {
+    let Drawn { text, recovers } = draw(seed);
+    let Ok(file) = SegmentFile::parse("random.toml", &text) else { return Fate::Refused };
+    let faults = words(&text);
+    let scenario = Scenario::from(file);
+    if isocat_engine::plan::Plan::of(&scenario).map_or(true, |plan| !plan.fits()) {
+        return Fate::Refused;
+    }
+    let mut setup = scenario.run().setup;
+    setup.config = verdict::with_reads(setup.config);
+    let Some(world) = up(setup) else { return Fate::NotUp };
+    let bound = RECOVERY + Nanos(2 * world.now().as_nanos() as i64);
+    let mut field = Field::begin(world, scenario.sync0_limit);
+    field.read(true);
+    field.operate(scenario.duration);
+    if recovers {
+        field.operate(bound);
+    }
+    field.read(false);
+    let (verdict, truth) = field.end();
+    let mut wrong = hold(&verdict, &truth, scenario.sync0_limit);
+    if near_limit(&verdict) {
+        wrong.retain(|(wrong, _)| *wrong != Wrong::FalseAlarm);
+    }
+    if recovers && let Some(why) = no_recovery(&truth, bound) {
+        wrong.push((Wrong::NoRecovery, why));
+    }
+    let (lost, answer) = (!truth.losses.is_empty(), verdict.answer());
+    Fate::Ran(Ran { faults, lost, answer, recovers, wrong })
+}
+
+/// The words of the faults of a file.
+fn words(text: &str) -> Vec<String> {
+    let lines = text.lines().filter_map(|line| line.strip_prefix("what = \""));
+    lines.map(|line| line.trim_end_matches('"').to_owned()).collect()
+}
+
+fn up(setup: Setup) -> Option<World<Motion, Witness>> {
+    let mut world = World::new(setup, Motion::default(), Some(Witness::default()));
+    world.follow_course();
+    loop {
+        match world.poll_event() {
+            Some(Event::InOperation { .. }) => return Some(world),
+            Some(Event::Failed(_)) => return None,
+            Some(_) => {}
+            None if world.step(BRING_UP_LIMIT) => {}
+            None => return None,
+        }
+    }
+}
+
+/// A segment in operation with both that judge it.
+struct Field {
+    world: World<Motion, Witness>,
+    began: Time<True>,
+    engine: Engine,
+    questions: Option<Questions>,
+    readings: Vec<Readings>,
+}
+
+impl Field {
+    fn begin(mut world: World<Motion, Witness>, limit: Nanos) -> Self {
+        world.catch_up();
+        let engine = Engine::begin(world.main(), limit, Vec::new());
+        world.begin_judging(intent(world.main(), limit));
+        let readings = vec![Readings::default(); world.main().segment().devices.len()];
+        let began = world.now();
+        Self { world, began, engine, questions: None, readings }
+    }
+
+    /// Lets the next thing happen.
+    fn step(&mut self, until: Time<True>) -> bool {
+        let more = self.world.step(until);
+        let at = Nanos((self.world.now() - self.began).0 / 1_000);
+        while let Some(event) = self.world.poll_event() {
+            self.engine.event(at, &event);
+            if let Some(questions) = &mut self.questions {
+                questions.event(&event);
+            }
+        }
+        self.engine.cycle(at, self.world.main());
+        more
+    }
+
+    fn read(&mut self, before: bool) {
+        let until = self.world.now() + READ_LIMIT;
+        self.questions = Some(Questions::ask(self.world.main_mut(), before));
+        while !self.questions.as_ref().is_none_or(Questions::are_answered) && self.step(until) {}
+        if let Some(questions) = self.questions.take() {
+            questions.fill(&mut self.readings);
+        }
+    }
+
+    fn operate(&mut self, duration: Nanos) {
+        let end = self.world.now() + duration.into();
+        while self.step(end) {}
+    }
+
+    fn end(mut self) -> (Verdict, Truth) {
+        self.world.catch_up();
+        self.world.end_judging();
+        let at = Nanos((self.world.now() - self.began).0 / 1_000);
+        let (main, axes) = (self.world.main(), self.world.application().axes());
+        let verdict = self.engine.end(at, main, axes, &self.readings);
+        (verdict, Truth::of(self.world, self.began))
+    }
+}
+
+/// True time after which a way up that has not ended is given up.
+const BRING_UP_LIMIT: Time<True> = Time::new(60_000_000_000_000);
+const READ_LIMIT: Picos = Picos(10_000_000_000_000);
+/// Until a link is there again, the next attempt is made, and the longest pause of a recovery is over; beside what the way
+/// up takes.
+const RECOVERY: Nanos = Nanos::millis(300 + 1_000 + 200 + 500);

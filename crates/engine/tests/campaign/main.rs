@@ -1,0 +1,154 @@
+//! The campaign on ourselves: random segments, random faults, and the verdict of a wire against true time.
+//!
+//! A few are always tried. `ISOCAT_SEEDS=3000 cargo test -p isocat-engine --test campaign -- --nocapture` tries as many as one
+//! likes and prints the tables of docs/verdict.md; `ISOCAT_SEEDS_FROM` says with which to begin. With a single seed its segment
+//! file is printed, for `isocat run`.
+
+mod campaign;
+mod draw;
+mod held;
+mod truth;
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use campaign::{Fate, Ran};
+use held::Wrong;
+use isocat_engine::verdict::Answer;
+
+/// What the runs came to.
+#[derive(Default)]
+struct Table {
+    counts: BTreeMap<&'static str, u64>,
+    /// By word of a fault: runs with it, with a loss, told.
+    faults: BTreeMap<String, [u64; 3]>,
+    wrong: BTreeMap<Wrong, Vec<String>>,
+}
+
+impl Table {
+    fn count(&mut self, what: &'static str) {
+        *self.counts.entry(what).or_default() += 1;
+    }
+
+    fn of(&self, what: &str) -> u64 {
+        self.counts.get(what).copied().unwrap_or(0)
+    }
+
+    fn wrong(&self, wrong: Wrong) -> &[String] {
+        self.wrong.get(&wrong).map_or(&[], |list| list)
+    }
+
+    fn add(&mut self, seed: u64, fate: Fate) {
+        let ran = match fate {
+            Fate::Refused => return self.count("refused"),
+            Fate::NotUp => return self.count("did not come up"),
+            Fate::Ran(ran) => ran,
+        };
+        let Ran { faults, lost, answer, recovers, wrong } = &ran;
+        self.count("ran");
+        let words = faults.iter().filter_map(|line| line.split(' ').next());
+        let words = if faults.is_empty() { vec!["none"] } else { words.collect() };
+        for word in words {
+            let of_word = self.faults.entry(word.to_owned()).or_default();
+            of_word[0] += 1;
+            of_word[1] += u64::from(*lost);
+            of_word[2] += u64::from(*answer != Answer::InSync);
+        }
+        self.count(match (lost, answer) {
+            (true, Answer::Except) => "loss: except",
+            (true, Answer::NotKnown) => "loss: not known",
+            (true, Answer::InSync) => "loss: in sync",
+            (false, Answer::Except) => "no loss: except",
+            (false, Answer::NotKnown) => "no loss: not known",
+            (false, Answer::InSync) => "no loss: in sync",
+        });
+        if *recovers {
+            self.count("to recover");
+        }
+        let mut kinds = Vec::new();
+        for (wrong, why) in wrong {
+            // One of each kind is enough of a run.
+            if kinds.contains(wrong) {
+                continue;
+            }
+            kinds.push(*wrong);
+            println!("{wrong:?}: seed {seed}, {faults:?}: {why}");
+            self.wrong.entry(*wrong).or_default().push(format!("seed {seed}: {why}"));
+        }
+    }
+
+    fn losses(&self) -> u64 {
+        self.of("loss: except") + self.of("loss: not known") + self.of("loss: in sync")
+    }
+
+    fn print(&self) {
+        for (what, count) in &self.counts {
+            println!("{what}: {count}");
+        }
+        for (wrong, list) in &self.wrong {
+            println!("{wrong:?}: {}", list.len());
+        }
+        for (fault, [runs, losses, told]) in &self.faults {
+            println!("| {fault} | {runs} | {losses} | {told} |");
+        }
+    }
+}
+
+fn try_all(seeds: std::ops::Range<u64>) -> Table {
+    let next = AtomicU64::new(seeds.start);
+    let table = Mutex::new(Table::default());
+    let work = || {
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= seeds.end {
+                return;
+            }
+            // A run that panics is a result, and the worst one.
+            let fate = catch_unwind(AssertUnwindSafe(|| campaign::run(seed)));
+            let mut table = table.lock().expect("no thread panicked with it");
+            match fate {
+                Ok(fate) => table.add(seed, fate),
+                Err(_) => {
+                    println!("PANIC: seed {seed}");
+                    table.count("panicked");
+                }
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(work);
+        scope.spawn(work);
+    });
+    table.into_inner().expect("no thread panicked with it")
+}
+
+/// No loss that anything on the wire can show is silent, what is told did happen, and what can come back does.
+#[test]
+fn the_verdict_of_a_wire_is_that_of_true_time() {
+    let number = |name: &str, otherwise: u64| {
+        let text = std::env::var(name).ok();
+        text.map_or(otherwise, |text| text.parse().expect("a number of seeds"))
+    };
+    let from = number("ISOCAT_SEEDS_FROM", 0);
+    let seeds = number("ISOCAT_SEEDS", FEW);
+    if seeds == 1 {
+        println!("{}", draw::draw(from).text);
+    }
+    let table = try_all(from..from + seeds);
+    table.print();
+    assert_eq!(table.of("panicked"), 0);
+    assert!(table.wrong(Wrong::UndetectedLoss).is_empty());
+    // One of a thousand, and where few are tried none.
+    for wrong in [Wrong::FalseAlarm, Wrong::WrongName, Wrong::NoRecovery] {
+        let list = table.wrong(wrong);
+        assert!(list.len() as u64 * 1_000 <= table.of("ran"), "{wrong:?}:\n{}", list.join("\n"));
+    }
+    // A campaign without losses, or one in which nothing runs well, shows nothing.
+    assert!(table.losses() * 10 >= seeds, "{} losses in {seeds} runs", table.losses());
+    assert!(table.of("no loss: in sync") * 20 >= seeds);
+}
+
+/// Seeds that are tried where no other number is asked for.
+const FEW: u64 = 150;

@@ -29,6 +29,8 @@ pub(crate) struct Board {
     pub led_at: Time<Host>,
     /// When the cycle's next one is due.
     pub lead_due: Time<Host>,
+    /// How often frames have come to take another way to the clocks, as far as their working counters show it.
+    pub way_changes: u64,
     /// What the ring is, if there is to be one.
     pub ring: Option<RingState>,
     /// What a procedure wants of the cycle; taken by the machine.
@@ -84,6 +86,7 @@ impl Board {
             leading: false,
             led_at: Time::ZERO,
             lead_due: Time::ZERO,
+            way_changes: 0,
             ring: None,
             wishes: VecDeque::new(),
             events: VecDeque::with_capacity(MOST_EVENTS),

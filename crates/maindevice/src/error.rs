@@ -117,6 +117,11 @@ pub enum Cause {
         /// As its ESC has it.
         found: DcCapability,
     },
+    /// Frames have come to take another way to it since its delay was measured: something before it came or went.
+    WayChanged {
+        /// Where.
+        place: Place,
+    },
     /// The SII can't be read or contradicts itself.
     Sii {
         /// Where.
@@ -458,6 +463,7 @@ impl Cause {
             | Cause::Silent { .. }
             | Cause::Topology { .. }
             | Cause::Ring(_)
+            | Cause::WayChanged { .. }
             | Cause::ProcessData { .. } => Fault::Segment,
             Cause::Count { .. }
             | Cause::Identity { .. }
@@ -485,6 +491,7 @@ impl Cause {
             Cause::NoSeat { .. } => "no-seat",
             Cause::Missing { .. } => "missing",
             Cause::Clock { .. } => "clock",
+            Cause::WayChanged { .. } => "way-changed",
             Cause::Sii { .. } => "sii",
             Cause::Refused { .. } => "state-refused",
             Cause::StateTimeout { .. } => "state-timeout",
@@ -518,6 +525,7 @@ impl Cause {
             Cause::Identity { place, .. }
             | Cause::Missing { place }
             | Cause::Clock { place, .. }
+            | Cause::WayChanged { place }
             | Cause::Sii { place, .. }
             | Cause::Refused { place, .. }
             | Cause::StateTimeout { place, .. }
@@ -591,6 +599,9 @@ impl fmt::Display for Cause {
                 }
             }
             Cause::Missing { place } => write!(f, "{place}: does not answer, and must be there"),
+            Cause::WayChanged { place } => {
+                write!(f, "{place}: frames take another way to it than when its delay was measured")
+            }
             Cause::Clock { place, planned, found } => {
                 let clock = |dc: &DcCapability| match dc {
                     DcCapability::None => "no DC unit",

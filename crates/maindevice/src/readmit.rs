@@ -282,6 +282,9 @@ async fn finish(
     one: &mut Traveller,
 ) -> Result<(), Cause> {
     let device = &mut one.device;
+    // Who leads now does so within these.
+    link.sleep(Nanos(3 * config.cycle.0)).await;
+    let way = link.board(|board| board.way_changes);
     let led = segment.reference.filter(|reference| *reference != device.position);
     if let (true, true, Some(reference)) = (device.dc.has_clock(), config.drift_compensation, led) {
         let noise = clock::noise(segment, config)[device.position];
@@ -289,6 +292,7 @@ async fn finish(
         clock::follow(link, config, segment.devices[reference].station, noise, filter, device)
             .await?;
     }
+    stays_on(way, link, segment, device)?;
     if let Some(mailbox) = &mut one.mailbox {
         sync::write_types(mailbox, device, config, wish(config, device)).await?;
     }
@@ -299,7 +303,18 @@ async fn finish(
     }
     wait_for_inputs(link, config, device).await?;
     wait_for_sync(link, config, segment, device).await?;
-    esm::change(link, device, AlState::Op, config.timeouts.op).await
+    esm::change(link, device, AlState::Op, config.timeouts.op).await?;
+    stays_on(way, link, segment, device)
+}
+
+/// Sees that frames have not come to take another way to a clock that is led: nobody sets its delay right before it is
+/// admitted.
+fn stays_on(way: u64, link: &Link, segment: &Segment, device: &SubDevice) -> Result<(), Cause> {
+    let is_led = device.dc.has_clock() && segment.reference != Some(device.position);
+    match is_led && link.board(|board| board.way_changes) != way {
+        true => Err(Cause::WayChanged { place: device.place() }),
+        false => Ok(()),
+    }
 }
 
 /// SYNC on the grid that all have.
@@ -376,11 +391,24 @@ pub(crate) async fn recover(
     if status.error() {
         esm::acknowledge(&link, &mut device, AlState::SafeOp, config.timeouts.safeop).await?;
     }
-    if sync::verify(&link, &mut device).await.is_err() {
-        program_sync(&link, &config, &segment, &mut device).await?;
-        wait_for_sync(&link, &config, &segment, &mut device).await?;
-    }
+    let_sync_run(&link, &config, &segment, &mut device).await?;
     wait_for_inputs(&link, &config, &device).await?;
+    // Once more: a SubDevice whose pulses went away meanwhile waits for them on its way to OP, for seconds.
+    let_sync_run(&link, &config, &segment, &mut device).await?;
     esm::change(&link, &mut device, AlState::Op, config.timeouts.op).await?;
     Ok(device)
+}
+
+/// Sees that pulses come, and programs SYNC anew if they do not.
+async fn let_sync_run(
+    link: &Link,
+    config: &Config,
+    segment: &Segment,
+    device: &mut SubDevice,
+) -> Result<(), Cause> {
+    if sync::verify(link, device).await.is_ok() {
+        return Ok(());
+    }
+    program_sync(link, config, segment, device).await?;
+    wait_for_sync(link, config, segment, device).await
 }

@@ -88,6 +88,11 @@ impl Clocks {
             };
             match (followed.beyond, at_end) {
                 (Some(since), _) => add(Some(since), followed.worst),
+                // One reading alone, as frames took another way just then: no clock gets so far between two.
+                (None, Some(difference)) if difference.abs() > limit && followed.seen.is_some() => {
+                    let bound = difference.abs();
+                    verdict.doubt(Place::device(position), Gap::ClockNearLimit { bound, limit });
+                }
                 (None, Some(difference)) if difference.abs() > limit => add(None, difference),
                 _ if !self.background => {}
                 _ if followed.seen.is_none() => {

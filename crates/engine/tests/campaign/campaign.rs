@@ -40,12 +40,17 @@ pub fn run(seed: u64) -> Fate {
     let mut setup = scenario.run().setup;
     setup.config = verdict::with_reads(setup.config);
     let Some(world) = up(setup) else { return Fate::NotUp };
-    let bound = RECOVERY + Nanos(2 * world.now().as_nanos() as i64);
+    let way_up = Nanos(world.now().as_nanos() as i64).max(Nanos(scenario.cycle.0 * WAY_BACK));
+    let bound = RECOVERY + way_up + way_up;
     let mut field = Field::begin(world, scenario.sync0_limit);
     field.read(true);
     field.operate(scenario.duration);
     if recovers {
         field.operate(bound);
+        if field.is_out_of_sync() {
+            // To see whether it comes back at all.
+            field.operate(PATIENCE);
+        }
     }
     field.read(false);
     let (verdict, truth) = field.end();
@@ -127,6 +132,11 @@ impl Field {
         while self.step(end) {}
     }
 
+    fn is_out_of_sync(&self) -> bool {
+        let course = self.world.course();
+        course.is_some_and(|course| course.stretches().iter().any(|stretch| stretch.open))
+    }
+
     fn end(mut self) -> (Verdict, Truth) {
         self.world.catch_up();
         self.world.end_judging();
@@ -139,7 +149,10 @@ impl Field {
 
 /// True time after which a way up that has not ended is given up.
 const BRING_UP_LIMIT: Time<True> = Time::new(60_000_000_000_000);
+/// A SubDevice that waits for SYNC or inputs on its way to OP answers after 9 s why it does not get there.
+const PATIENCE: Nanos = Nanos::millis(15_000);
 const READ_LIMIT: Picos = Picos(10_000_000_000_000);
-/// Until a link is there again, the next attempt is made, and the longest pause of a recovery is over; beside what the way
-/// up takes.
+/// Cycles that the way back of one SubDevice takes beside the exchange, at most: some 250 object accesses of two cycles each.
+const WAY_BACK: i64 = 600;
+/// Until a link is there again, the next attempt is made, and the longest pause of a recovery is over; beside two ways up.
 const RECOVERY: Nanos = Nanos::millis(300 + 1_000 + 200 + 500);

@@ -55,6 +55,7 @@ fn is_true(finding: &Finding, truth: &Truth, limit: Nanos) -> bool {
 fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nanos) -> bool {
     let frames_were_touched =
         truth.any(|fault| matches!(fault, Fault::Frames(_))) || truth.time_was_touched();
+    let by_itself = finding.place.device.is_some_and(|device| truth.misbehaves(device));
     let error = finding.place.device.and_then(|device| truth.worst_sync0.get(device));
     match kind {
         Judged::FramesLost { .. } => truth.witness.lost > 0 || frames_were_touched,
@@ -62,8 +63,12 @@ fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nan
         Judged::NoAnswer => truth.wires_were_touched(),
         // Two frames that came one behind the other.
         Judged::CycleTimeTooSmall { .. } => frames_were_touched,
-        Judged::WorkingCounter { .. } => truth.witness.lost > 0 || !truth.losses.is_empty(),
-        Judged::CountChanged { .. } => !truth.losses.is_empty() || truth.witness.lost > 0,
+        // It says so itself, and it is what it was made to do.
+        Judged::ShiftTimeTooShort { .. } | Judged::SmEventMissed { .. } => by_itself,
+        Judged::WorkingCounter { .. } => {
+            truth.witness.lost > 0 || truth.wires_were_touched() || !truth.losses.is_empty()
+        }
+        Judged::CountChanged { .. } => truth.wires_were_touched(),
         Judged::CyclesSkipped { .. } | Judged::HostNotLocked { .. } => {
             truth.time_was_touched() || !truth.losses.is_empty()
         }
@@ -83,7 +88,11 @@ pub fn no_recovery(truth: &Truth, bound: Nanos) -> Option<String> {
     let until = truth.last_fault()? + Picos::from(bound);
     let is_late = |stretch: &&Stretch| stretch.open || stretch.to > until;
     let late = truth.stretches.iter().filter(is_late).find(|stretch| !takes_longer(stretch, truth));
-    late.filter(|_| until <= truth.ended).map(|stretch| format!("{stretch:?}"))
+    late.filter(|_| until <= truth.ended).map(|stretch| {
+        let took = (stretch.to - until).0 / 1_000_000_000;
+        let ended = if stretch.open { "not in all" } else { "after" };
+        format!("{ended} {took} ms more: {stretch:?}")
+    })
 }
 
 /// What no MainDevice shortens: the loop of an ESC follows its crystal at a pace of its own, and a delay that is no longer

@@ -102,12 +102,14 @@ impl Truth {
     /// Whether all losses are of a kind that no wire shows: outputs at the pins, or misses that SubDevices cause
     /// themselves, whose counters go down again between two readings.
     pub fn is_out_of_sight(&self) -> bool {
-        let by_itself = |device: usize| {
-            self.any(|fault| matches!(fault, Fault::Misbehave { device: at, .. } if *at == device))
-        };
         self.losses.iter().all(|(device, loss)| {
-            *loss == Loss::OutputsUneven || by_itself(*device) && *loss != Loss::LeftOp
+            *loss == Loss::OutputsUneven || self.misbehaves(*device) && *loss != Loss::LeftOp
         })
+    }
+
+    /// Whether a SubDevice was made to do something wrong by itself.
+    pub fn misbehaves(&self, device: usize) -> bool {
+        self.any(|fault| matches!(fault, Fault::Misbehave { device: at, .. } if *at == device))
     }
 
     /// Whether cables or the power of SubDevices were touched.

@@ -16,17 +16,18 @@ use crate::segment::SubDevice;
 /// Sets delays right after frames have come to take another way: a branch that is gone, or back, makes it shorter
 /// or longer to all that lie behind it in the order of frames.
 ///
-/// A drift datagram on the new way measures by how much, as the clocks themselves agreed until then: 0x092C shows it, with
-/// the filter of 0x0934 off for so long. A loop that has taken a wrong time for a right one pulls until it gets the
+/// A drift datagram on the new way measures by how much: 0x092C shows it, with the filter of 0x0934 off for so long. A loop that has taken a wrong time for a right one pulls until it gets the
 /// next, so that follows at once, in a drift datagram beside those of the cycle. Each clock comes with the limits within
-/// which it counts as converged. Gives the delays that were written.
+/// which it counts as converged, and with what 0x092C showed until then, as far as that is known; `longest` is the longest detour
+/// that the segment has, and what is more is none. Gives the delays that were written.
 pub(crate) async fn shift(
     link: Link,
     filter: u8,
     reference: StationAddress,
-    clocks: Vec<(SubDevice, Limits)>,
+    longest: Nanos,
+    clocks: Vec<(SubDevice, Limits, Nanos)>,
 ) -> Vec<(usize, Nanos)> {
-    let stations = || clocks.iter().map(|(device, _)| device.station);
+    let stations = || clocks.iter().map(|(device, ..)| device.station);
     // Without the reference nothing can be measured.
     if link.fprd(reference, register::SYSTEM_TIME.address, 8).expect(1).await.is_err() {
         return Vec::new();
@@ -36,7 +37,7 @@ pub(crate) async fn shift(
         set_filter(&link, stations(), 0).await;
         let _lost = drift_frame(&link, reference).reply().await.is_err();
     }
-    let delays = shift_by_difference(&link, reference, &clocks).await;
+    let delays = shift_by_difference(&link, reference, longest, &clocks).await;
     if unfiltered {
         set_filter(&link, stations(), filter).await;
     }
@@ -46,25 +47,26 @@ pub(crate) async fn shift(
 async fn shift_by_difference(
     link: &Link,
     reference: StationAddress,
-    clocks: &[(SubDevice, Limits)],
+    longest: Nanos,
+    clocks: &[(SubDevice, Limits, Nanos)],
 ) -> Vec<(usize, Nanos)> {
     let there = link.fprd(reference, register::SYSTEM_TIME.address, 8);
     let address = register::SYSTEM_TIME_DIFFERENCE.address;
     let read = |device: &SubDevice| link.fprd(device.station, address, 4);
-    let reads: Vec<_> =
-        clocks.iter().map(|(device, limits)| (device, limits, read(device))).collect();
+    let reads: Vec<_> = clocks.iter().map(|clock| (clock, read(&clock.0))).collect();
     // Without the reference nothing was measured.
     if there.expect(1).await.is_err() {
         return Vec::new();
     }
     let mut writes = Vec::new();
-    for (device, limits, read) in reads {
+    for ((device, limits, before), read) in reads {
         let threshold = limits.difference + limits.noise_allowed();
         let Ok(reply) = read.expect(1).await else { continue };
         let bytes = reply.data.first_chunk().copied().unwrap_or_default();
-        let apart = SystemTimeDifference::from_bytes(bytes).nanos(device.difference_polarity);
+        let shown = SystemTimeDifference::from_bytes(bytes).nanos(device.difference_polarity);
+        let apart = shown - *before;
         let Some(written) = device.delay else { continue };
-        if apart.abs() <= threshold || apart.abs() > LONGEST_DETOUR {
+        if apart.abs() <= threshold || apart.abs() > longest + threshold {
             continue;
         }
         let mut delay = Nanos((written + apart).0.max(0));
@@ -91,6 +93,3 @@ async fn shift_by_difference(
     let _lost = next.reply().await.is_err();
     delays
 }
-
-/// More than any branch takes; a datagram that has not passed the reference makes differences beyond.
-const LONGEST_DETOUR: Nanos = Nanos::millis(1);

@@ -113,6 +113,7 @@ impl CyclicExchange {
             board.report(Event::Drift { cycle, expected, found: told });
         }
         if !reference.reading && wkc != reference.trusted && !self.in_ring {
+            board.way_changes += u64::from(reference.doubted != Some(wkc));
             reference.doubted = Some(wkc);
         }
         if counted != expected {

@@ -116,12 +116,13 @@ impl Procedures {
         ended
     }
 
-    /// Drops those of a kind that are about a position.
-    pub fn end_at(&mut self, kind: Kind, position: usize) {
+    /// Drops those of a kind that are about a position, and gives what they were about.
+    pub fn end_at(&mut self, kind: Kind, position: usize) -> Vec<About> {
         let all = &mut self.all[kind as usize];
-        self.count -= all.len();
-        all.retain(|procedure| procedure.about.position != Some(position));
-        self.count += all.len();
+        let is_meant = |procedure: &mut Procedure| procedure.about.position == Some(position);
+        let ended: Vec<About> = all.extract_if(.., is_meant).map(|ended| ended.about).collect();
+        self.count -= ended.len();
+        ended
     }
 
     /// Whether one of a kind is under way.

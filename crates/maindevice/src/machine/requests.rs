@@ -139,6 +139,11 @@ impl MainDevice {
         while let Some(job) = self.jobs.pop_front() {
             self.refuse(job.request, job.download.is_some());
         }
+        self.refuse_these(under_way);
+    }
+
+    /// No answer comes any more to these.
+    pub(super) fn refuse_these(&mut self, under_way: &[About]) {
         for (request, is_download) in under_way.iter().filter_map(|about| about.request) {
             self.refuse(request, is_download);
         }

@@ -4,6 +4,7 @@ use alloc::boxed::Box;
 use alloc::vec::Vec;
 
 use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
+use isocat_wire::time::Nanos;
 
 use super::MainDevice;
 use super::background::{Ends, Kind};
@@ -32,6 +33,10 @@ impl MainDevice {
             cycle.set_present(position, false);
         }
         self.procedures.end_at(Kind::Recover, position);
+        // What goes through its mailbox would take the answers of its way back for its own.
+        self.procedures.end_at(Kind::Entry, position);
+        let asked = self.procedures.end_at(Kind::Request, position);
+        self.refuse_these(&asked);
         self.keeper.is_lost(position);
         self.end_background(Ends::Way);
         if self.segment.reference == Some(position) {
@@ -168,19 +173,34 @@ impl MainDevice {
         if !self.procedures.has(Kind::Shift) && cycle.doubts_clocks() {
             let reference = self.segment.reference.filter(|_| self.config.readmission.is_some());
             let Some(reference) = reference else { return cycle.trust_clocks() };
+            let noise = clock::noise(&self.segment, &self.config);
+            // The last readings may already be of the new way.
+            let before = |position: usize| {
+                let quality = self.quality.as_ref().map_or(&[][..], |monitor| monitor.clocks());
+                let clock = quality.iter().find(|clock| clock.position == position)?;
+                let first = clock.readings().count().saturating_sub(READINGS_OF_LATE);
+                let mut of_late: Vec<Nanos> =
+                    clock.readings().skip(first).map(|reading| reading.difference).collect();
+                of_late.sort_unstable();
+                of_late.get(of_late.len() / 2).copied()
+            };
+            let with_limits = |device: &crate::SubDevice| {
+                let limits = clock::limits(&self.config, noise[device.position]);
+                (device.clone(), limits, before(device.position).unwrap_or_default())
+            };
             let led = |device: &&crate::SubDevice| {
                 device.admitted
                     && device.dc.has_clock()
                     && self.segment.reference != Some(device.position)
             };
-            let noise = clock::noise(&self.segment, &self.config);
-            let with_limits = |device: &crate::SubDevice| {
-                (device.clone(), clock::limits(&self.config, noise[device.position]))
-            };
             let clocks = self.segment.devices.iter().filter(led).map(with_limits).collect();
             let station = self.segment.devices[reference].station;
             let (filter, _) = clock::depths(&self.segment, &self.config);
-            let shift = clock::shift(self.link.clone(), filter, station, clocks);
+            // There and back, through everything: no branch is longer.
+            let delays =
+                self.segment.devices.iter().filter_map(|device| device.measured_delay?.nanos());
+            let longest = Nanos(2 * delays.max().unwrap_or_default().0);
+            let shift = clock::shift(self.link.clone(), filter, station, longest, clocks);
             let shift = async { Ended::Shift(shift.await) };
             self.procedures.start(Kind::Shift, About::default(), shift);
         }
@@ -251,3 +271,6 @@ impl MainDevice {
         });
     }
 }
+
+/// Readings of a clock whose middle tells how far it was off until now.
+const READINGS_OF_LATE: usize = 8;

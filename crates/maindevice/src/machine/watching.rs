@@ -76,7 +76,8 @@ impl MainDevice {
         let mut changes = monitor.look(now, &self.segment, cycle, &counts);
         if self.procedures.has(Kind::Clocks) {
             if let Some(Ended::Clocks(found)) = self.procedures.go_on(Kind::Clocks, &mut 0) {
-                for (index, registers) in found {
+                // While frames take another way than the delays are for, 0x092C shows the way and no clock.
+                for (index, registers) in found.into_iter().filter(|_| !cycle.doubts_clocks()) {
                     changes.extend(monitor.take_clock(index, registers));
                 }
             }

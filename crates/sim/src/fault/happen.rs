@@ -253,6 +253,10 @@ impl Timeline {
         let Some(setup) = self.spares.get_mut(spare).and_then(Option::take) else { return };
         // The notice that the power is gone has come.
         scene.segment.live(at, watch);
+        // Another fault gave it power in between: nobody takes it out.
+        if scene.segment.devices()[device].is_powered() {
+            return;
+        }
         let seed = self.seed ^ (spare as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         scene.segment.replace_device(device, setup, seed);
     }

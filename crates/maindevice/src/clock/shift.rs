@@ -18,13 +18,12 @@ use crate::segment::SubDevice;
 ///
 /// A drift datagram on the new way measures by how much: 0x092C shows it, with the filter of 0x0934 off for so long. A loop that has taken a wrong time for a right one pulls until it gets the
 /// next, so that follows at once, in a drift datagram beside those of the cycle. Each clock comes with the limits within
-/// which it counts as converged, and with what 0x092C showed until then, as far as that is known; `longest` is the longest detour
-/// that the segment has, and what is more is none. Gives the delays that were written.
+/// which it counts as converged, and with what 0x092C showed until then, as far as that is known. Gives the
+/// delays that were written.
 pub(crate) async fn shift(
     link: Link,
     filter: u8,
     reference: StationAddress,
-    longest: Nanos,
     clocks: Vec<(SubDevice, Limits, Nanos)>,
 ) -> Vec<(usize, Nanos)> {
     let stations = || clocks.iter().map(|(device, ..)| device.station);
@@ -37,7 +36,7 @@ pub(crate) async fn shift(
         set_filter(&link, stations(), 0).await;
         let _lost = drift_frame(&link, reference).reply().await.is_err();
     }
-    let delays = shift_by_difference(&link, reference, longest, &clocks).await;
+    let delays = shift_by_difference(&link, reference, &clocks).await;
     if unfiltered {
         set_filter(&link, stations(), filter).await;
     }
@@ -47,7 +46,6 @@ pub(crate) async fn shift(
 async fn shift_by_difference(
     link: &Link,
     reference: StationAddress,
-    longest: Nanos,
     clocks: &[(SubDevice, Limits, Nanos)],
 ) -> Vec<(usize, Nanos)> {
     let there = link.fprd(reference, register::SYSTEM_TIME.address, 8);
@@ -66,7 +64,7 @@ async fn shift_by_difference(
         let shown = SystemTimeDifference::from_bytes(bytes).nanos(device.difference_polarity);
         let apart = shown - *before;
         let Some(written) = device.delay else { continue };
-        if apart.abs() <= threshold || apart.abs() > longest + threshold {
+        if apart.abs() <= threshold || apart.abs() > LONGEST_DETOUR {
             continue;
         }
         let mut delay = Nanos((written + apart).0.max(0));
@@ -93,3 +91,6 @@ async fn shift_by_difference(
     let _lost = next.reply().await.is_err();
     delays
 }
+
+/// More than any branch takes; a datagram that has not passed the reference makes differences beyond.
+const LONGEST_DETOUR: Nanos = Nanos::millis(1);

@@ -196,11 +196,7 @@ impl MainDevice {
             let clocks = self.segment.devices.iter().filter(led).map(with_limits).collect();
             let station = self.segment.devices[reference].station;
             let (filter, _) = clock::depths(&self.segment, &self.config);
-            // There and back, through everything: no branch is longer.
-            let delays =
-                self.segment.devices.iter().filter_map(|device| device.measured_delay?.nanos());
-            let longest = Nanos(2 * delays.max().unwrap_or_default().0);
-            let shift = clock::shift(self.link.clone(), filter, station, longest, clocks);
+            let shift = clock::shift(self.link.clone(), filter, station, clocks);
             let shift = async { Ended::Shift(shift.await) };
             self.procedures.start(Kind::Shift, About::default(), shift);
         }

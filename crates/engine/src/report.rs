@@ -23,6 +23,7 @@ pub use build::{span, spread};
 pub use expected::{Expected, FaultNote};
 use isocat_maindevice::Stage;
 use isocat_segment::profile::Doubt;
+use isocat_segment::{Scenario, segment_file};
 use isocat_sim::Kind;
 use isocat_sync::SyncMode;
 use isocat_wire::AlState;
@@ -133,10 +134,31 @@ pub struct Finding {
     pub kind: Kind,
 }
 
+/// The cable that makes a ring of the segment: it leads to the secondary port of the MainDevice.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Ring {
+    /// Position of the SubDevice that it leads from.
+    pub position: usize,
+    /// The port there.
+    pub port: u8,
+    /// Its length.
+    pub cable_mm: i64,
+}
+
+impl Ring {
+    pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
+        let segment_file::Ring { device, port, cable } = scenario.ring?;
+        Some(Self { position: device, port: port.index() as u8, cable_mm: cable.0 })
+    }
+}
+
 /// Figures of the segment.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Segment {
+    /// What makes a ring of it; null if it hangs on one port.
+    pub ring: Option<Ring>,
     /// Measured by the judges.
     pub true_time: SegmentTrueTime,
     /// Counted or measured by the MainDevice.
@@ -171,6 +193,8 @@ pub struct SegmentMainDevice {
     pub frames_sent: u64,
     /// Frames that did not come back.
     pub frames_lost: u64,
+    /// In a ring, copies of frames that did not come back; each frame leaves as two.
+    pub copies_lost: u64,
     /// Process data cycles.
     pub cycles: u64,
     /// Datagrams of process data with a wrong working counter.

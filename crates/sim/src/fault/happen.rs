@@ -66,17 +66,20 @@ impl Timeline {
         match fault {
             Fault::Frames(frames) => {
                 let seed = self.seed;
-                scene.frames(&frames).begin(id, frames, seed);
+                let cable = frames.cable.map(|cable| segment.cable_number(cable));
+                scene.frames(&frames).begin(id, FrameFault { cable, ..frames }, seed);
             }
-            Fault::Pull { cable } => segment.unplug(cable, wired),
+            Fault::Pull { cable } => segment.unplug(segment.cable_number(cable), wired),
             Fault::Plug { cable } => {
                 self.mend(cable, wired, segment);
                 self.note(at, fault, true);
                 return;
             }
-            Fault::BreakWay { cable, way } => segment.break_way(cable, way, wired),
+            Fault::BreakWay { cable, way } => {
+                segment.break_way(segment.cable_number(cable), way, wired);
+            }
             Fault::Flap { cable, off, .. } => {
-                segment.unplug(cable, wired);
+                segment.unplug(segment.cable_number(cable), wired);
                 undo = Undo::Pulled(true);
                 self.push(at + Picos::from(off), Action::Again(id));
             }
@@ -167,9 +170,11 @@ impl Timeline {
         match (&fault, undo) {
             (Fault::Frames(frames), _) => scene.frames(frames).end(id),
             (Fault::Pull { cable }, _) | (Fault::Flap { cable, .. }, Undo::Pulled(true)) => {
-                segment.plug(*cable, wired);
+                segment.plug(segment.cable_number(*cable), wired);
             }
-            (Fault::BreakWay { cable, way }, _) => segment.mend_way(*cable, *way, wired),
+            (Fault::BreakWay { cable, way }, _) => {
+                segment.mend_way(segment.cable_number(*cable), *way, wired);
+            }
             (Fault::PowerOff { device }, _) => segment.power_on(*device, wired),
             (Fault::DeadEeprom { device }, _) => {
                 segment.device_mut(*device).set_eeprom_dead(false);
@@ -216,9 +221,10 @@ impl Timeline {
         let Some(active) = self.active.iter_mut().find(|active| active.id == id) else { return };
         let next = match (&active.fault, &mut active.undo) {
             (Fault::Flap { cable, off, on }, Undo::Pulled(pulled)) => {
+                let cable = scene.segment.cable_number(*cable);
                 match *pulled {
-                    true => scene.segment.plug(*cable, wired),
-                    false => scene.segment.unplug(*cable, wired),
+                    true => scene.segment.plug(cable, wired),
+                    false => scene.segment.unplug(cable, wired),
                 }
                 *pulled = !*pulled;
                 if *pulled { *off } else { *on }
@@ -249,9 +255,10 @@ impl Timeline {
 
     /// Whatever is broken of a cable is whole again.
     fn mend(&mut self, cable: usize, at: Time<True>, segment: &mut Segment) {
-        segment.plug(cable, at);
+        let number = segment.cable_number(cable);
+        segment.plug(number, at);
         for way in [crate::Direction::Out, crate::Direction::Back] {
-            segment.mend_way(cable, way, at);
+            segment.mend_way(number, way, at);
         }
         self.active.retain(|active| match active.fault {
             Fault::Pull { cable: other }

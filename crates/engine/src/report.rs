@@ -36,7 +36,7 @@ pub(crate) use text::{BAD, GOOD, QUIET};
 use typed::{KindDocument, StateRead};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/6";
+pub const FORMAT: &str = "isocat-run-report/7";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -159,6 +159,8 @@ impl Ring {
 pub struct Segment {
     /// What makes a ring of it; null if it hangs on one port.
     pub ring: Option<Ring>,
+    /// In a ring, copies of frames that did not come back, as the MainDevice counts them: each frame leaves as two.
+    pub copies_lost: u64,
     /// Measured by the judges.
     pub true_time: SegmentTrueTime,
     /// Counted or measured by the MainDevice.
@@ -193,8 +195,6 @@ pub struct SegmentMainDevice {
     pub frames_sent: u64,
     /// Frames that did not come back.
     pub frames_lost: u64,
-    /// In a ring, copies of frames that did not come back; each frame leaves as two.
-    pub copies_lost: u64,
     /// Process data cycles.
     pub cycles: u64,
     /// Datagrams of process data with a wrong working counter.

@@ -298,6 +298,20 @@ impl Segment {
         self.disturbances.restore(&self.wiring, (cable, direction), at, Cause::Broken);
     }
 
+    /// The MainDevice's port at the end of a cable goes away: the cable is cut as if it was pulled, whatever else is done to it.
+    pub(crate) fn take_link(&mut self, cable: usize, at: Time<True>) {
+        for line in lines(cable) {
+            self.disturbances.cut(&self.wiring, line, at, Cause::NoPort);
+        }
+    }
+
+    /// The port is there again.
+    pub(crate) fn restore_link(&mut self, cable: usize, at: Time<True>) {
+        for line in lines(cable) {
+            self.disturbances.restore(&self.wiring, line, at, Cause::NoPort);
+        }
+    }
+
     /// Puts another cable in the place of one, so fast that no link is lost. Takes effect with the next frame.
     /// Panics if there is no cable with this number.
     pub fn replace_cable(&mut self, number: usize, cable: Cable) {

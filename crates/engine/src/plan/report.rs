@@ -9,7 +9,7 @@ pub use crate::report::Note;
 use crate::report::{Ring, typed};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-plan/2";
+pub const FORMAT: &str = "isocat-plan/3";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {

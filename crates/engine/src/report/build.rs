@@ -139,6 +139,7 @@ fn segment<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Segment {
     let bench = &outcome.bench;
     Segment {
         ring: Ring::of(scenario),
+        copies_lost: counts.copies_lost,
         true_time: SegmentTrueTime {
             time_to_synchronization_ns: time_to_synchronization(outcome),
             host_phase_error: bench.host_phase().and_then(|judge| spread(judge.statistics())),
@@ -155,7 +156,6 @@ fn segment<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Segment {
             drift_frames: counts.drift_burst,
             frames_sent: counts.frames_sent,
             frames_lost: counts.frames_lost,
-            copies_lost: counts.copies_lost,
             cycles: counts.cycles,
             working_counter_errors: counts.working_counter_errors,
             host_phase_error: summary(&counts.phase_error),

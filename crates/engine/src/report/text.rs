@@ -132,7 +132,7 @@ impl Report {
             let figure =
                 format!("closed by {cable} of cable from port {port} of SubDevice {position}");
             line("ring", figure, "p")?;
-            line("copies of frames lost in the ring", counted.copies_lost.to_string(), "m")?;
+            line("copies of frames lost in the ring", self.segment.copies_lost.to_string(), "m")?;
         }
         if let Some(spread) = seen.outputs_valid_spread {
             line("outputs valid, first to last device", range(&spread), "t")?;

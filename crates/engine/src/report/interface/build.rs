@@ -182,7 +182,6 @@ fn main_device(outcome: &Outcome) -> SegmentMainDevice {
         drift_frames: counts.drift_burst,
         frames_sent: counts.frames_sent,
         frames_lost: counts.frames_lost,
-        copies_lost: counts.copies_lost,
         cycles: counts.cycles,
         working_counter_errors: counts.working_counter_errors,
         host_phase_error: summary(&counts.phase_error),

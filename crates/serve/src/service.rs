@@ -224,7 +224,7 @@ impl Service {
         if received.len > BUFFER {
             return Ok(true);
         }
-        // Frames of the other port are not looked at while this one is answered: a copy costs less than that.
+        // The answer may leave at the other port, so it does not stay in this one's buffer.
         let mut buffer = port.buffer;
         let frame = &mut buffer[..received.len];
         match server.frame_at(PORTS[at], received.at, frame) {

@@ -15,13 +15,17 @@ pub(super) fn draw(table: &mut Table, seed: u64) {
     let duration = duration.map_or(10_000_000_000, |duration| duration.0);
     let cycle = cycle.map_or(1_000_000, |cycle| cycle.0);
     let devices = devices(table);
+    let is_ring = table.get("ring").is_some_and(|ring| ring.as_bool() != Some(false));
     let count = 1 + chance.below(4);
     let mut faults = Vec::new();
     for _ in 0..count {
         let at = duration / 1_000 * (50 + chance.below(600)) as i64;
         let mut fault = Table::new();
         fault.insert("at".into(), Value::String(format!("in-operation + {at}ns")));
-        fault.insert("what".into(), Value::String(what(&mut chance, devices, duration, cycle)));
+        fault.insert(
+            "what".into(),
+            Value::String(what(&mut chance, (devices, is_ring), duration, cycle)),
+        );
         faults.push(Value::Table(fault));
     }
     match table.entry("fault").or_insert_with(|| Value::Array(Vec::new())) {
@@ -38,8 +42,12 @@ fn devices(table: &Table) -> u64 {
 }
 
 /// A line.
-fn what(chance: &mut Chance, devices: u64, duration: i64, cycle: i64) -> String {
+fn what(chance: &mut Chance, (devices, is_ring): (u64, bool), duration: i64, cycle: i64) -> String {
     let device = chance.below(devices);
+    let cable = match is_ring && chance.below(devices + 1) == devices {
+        true => "ring".to_owned(),
+        false => device.to_string(),
+    };
     let span = |chance: &mut Chance, from: u64, to: u64| {
         // In thousandths of the run, and not below a millisecond.
         (duration / 1_000 * (from + chance.below(to - from)) as i64).max(1_000_000)
@@ -53,20 +61,20 @@ fn what(chance: &mut Chance, devices: u64, duration: i64, cycle: i64) -> String 
     };
     match chance.below(16) {
         0 => format!("drop {}", 1 + chance.below(5)),
-        1 => format!("drop {} at {device}", 1 + chance.below(5)),
+        1 => format!("drop {} at {cable}", 1 + chance.below(5)),
         2 => format!(
             "loss {}% burst {} for {}ns",
             1 + chance.below(30),
             1 + chance.below(4),
             span(chance, 5, 200)
         ),
-        3 => format!("damage {} at {device}", 1 + chance.below(5)),
+        3 => format!("damage {} at {cable}", 1 + chance.below(5)),
         4 => format!("delay 0 {}ns for {}ns", cycles(chance, 10, 1_500), span(chance, 5, 200)),
         5 => format!("double {}", 1 + chance.below(10)),
-        6 => format!("pull {device} for {}ns", span(chance, 1, 200)),
+        6 => format!("pull {cable} for {}ns", span(chance, 1, 200)),
         7 => {
             let way = if chance.below(2) == 0 { "out" } else { "back" };
-            format!("break {device} {way} for {}ns", span(chance, 1, 200))
+            format!("break {cable} {way} for {}ns", span(chance, 1, 200))
         }
         8 => format!("power-cycle {device} {}ns", span(chance, 1, 200)),
         9 => format!("clock {device} {} over {}ns", ppm(chance, 100), span(chance, 5, 200)),

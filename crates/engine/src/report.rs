@@ -23,6 +23,7 @@ pub use build::{span, spread};
 pub use expected::{Expected, FaultNote};
 use isocat_maindevice::Stage;
 use isocat_segment::profile::Doubt;
+use isocat_segment::{Scenario, segment_file};
 use isocat_sim::Kind;
 use isocat_sync::SyncMode;
 use isocat_wire::AlState;
@@ -35,7 +36,7 @@ pub(crate) use text::{BAD, GOOD, QUIET};
 use typed::{KindDocument, StateRead};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-run-report/6";
+pub const FORMAT: &str = "isocat-run-report/7";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -133,10 +134,33 @@ pub struct Finding {
     pub kind: Kind,
 }
 
+/// The cable that makes a ring of the segment: it leads to the secondary port of the MainDevice.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Ring {
+    /// Position of the SubDevice that it leads from.
+    pub position: usize,
+    /// The port there.
+    pub port: u8,
+    /// Its length.
+    pub cable_mm: i64,
+}
+
+impl Ring {
+    pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
+        let segment_file::Ring { device, port, cable } = scenario.ring?;
+        Some(Self { position: device, port: port.index() as u8, cable_mm: cable.0 })
+    }
+}
+
 /// Figures of the segment.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Segment {
+    /// What makes a ring of it; null if it hangs on one port.
+    pub ring: Option<Ring>,
+    /// In a ring, copies of frames that did not come back, as the MainDevice counts them: each frame leaves as two.
+    pub copies_lost: u64,
     /// Measured by the judges.
     pub true_time: SegmentTrueTime,
     /// Counted or measured by the MainDevice.

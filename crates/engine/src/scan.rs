@@ -41,6 +41,8 @@ impl Scan {
     /// Scans the virtual segment of a scenario. `objects`: read them by SDO.
     pub fn of(scenario: &Scenario, objects: bool, progress: &mut dyn FnMut(Stage)) -> Self {
         let mut setup = scenario.run().setup;
+        // A scan has one port: it sees the line that the ring is without its last cable.
+        setup.ring = None;
         setup.config = Config { hop_jitter: scenario.hop_jitter, ..config(objects) };
         Self::of_setup(setup, progress)
     }

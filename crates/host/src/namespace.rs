@@ -40,10 +40,10 @@ pub(super) fn inside_or_here<T: Send>(
     }
 }
 
-/// A veth pair in a network namespace of its own, removed when dropped.
+/// A veth pair in a network namespace of its own, removed when dropped; two pairs for a ring.
 ///
 /// The namespace has the name of the pair; both ends are in it, so nothing of the machine's own network is
-/// touched: `NAME` for a MainDevice, `NAME-seg` for the segment.
+/// touched: `NAME` for a MainDevice, `NAME-seg` for the segment. The second pair is `NAME-2` and `NAME-sg2`.
 #[derive(Debug)]
 pub struct Veth {
     name: String,
@@ -53,6 +53,15 @@ impl Veth {
     /// Makes it. Needs `CAP_NET_ADMIN` and `CAP_SYS_ADMIN` (in practice: root) and the command `ip`. A pair of
     /// this name that an earlier process left behind is taken over.
     pub fn create(name: &str) -> Result<Self, LinkError> {
+        Self::with(name, &[pair_of(name)])
+    }
+
+    /// The same with a second pair, for a MainDevice with two ports.
+    pub fn create_ring(name: &str) -> Result<Self, LinkError> {
+        Self::with(name, &[pair_of(name), second_pair_of(name)])
+    }
+
+    fn with(name: &str, pairs: &[[String; 2]]) -> Result<Self, LinkError> {
         let fits = (1..=MOST_NAME).contains(&name.len())
             && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_".contains(&b))
             && !name.starts_with('-');
@@ -61,13 +70,13 @@ impl Veth {
         }
         let veth = Self { name: name.to_owned() };
         if path(name).exists() {
-            if ip(&["-n", name, "link", "show", &veth.segment_end()]).is_ok() {
+            let is_there = |end: &String| ip(&["-n", name, "link", "show", end]).is_ok();
+            if pairs.iter().all(|[_, segment]| is_there(segment)) {
                 return Ok(veth);
             }
             std::mem::forget(veth);
             return Err(LinkError::Namespace(name.to_owned()));
         }
-        let (main, segment) = (veth.main_end(), veth.segment_end());
         // From here on dropping it cleans up.
         ip(&["netns", "add", name]).map_err(|error| match error {
             LinkError::Ip { message, .. }
@@ -80,8 +89,10 @@ impl Veth {
             }
             error => error,
         })?;
-        ip(&["-n", name, "link", "add", &main, "type", "veth", "peer", "name", &segment])?;
-        for end in [&main, &segment] {
+        for [main, segment] in pairs {
+            ip(&["-n", name, "link", "add", main, "type", "veth", "peer", "name", segment])?;
+        }
+        for end in pairs.iter().flatten() {
             // Nothing but EtherCAT is to be on this wire.
             let _ = ip(&[
                 "netns",
@@ -106,14 +117,27 @@ impl Veth {
         self.name.clone()
     }
 
+    /// The interface for the second port of a MainDevice, in a ring.
+    pub fn second_main_end(&self) -> String {
+        let [main, _] = second_pair_of(&self.name);
+        main
+    }
+
     /// The interface for the segment of a pair of this name.
     pub fn segment_end_of(name: &str) -> String {
-        format!("{name}-seg")
+        let [_, segment] = pair_of(name);
+        segment
+    }
+
+    /// The interface for the other end of the segment, in a ring.
+    pub fn second_segment_end_of(name: &str) -> String {
+        let [_, segment] = second_pair_of(name);
+        segment
     }
 
     /// The interface for the segment.
     pub fn segment_end(&self) -> String {
-        format!("{}-seg", self.name)
+        Self::segment_end_of(&self.name)
     }
 }
 
@@ -122,6 +146,15 @@ impl Drop for Veth {
         // The pair goes with its namespace; nothing sensible is left to do if it can't.
         let _ = ip(&["netns", "del", &self.name]);
     }
+}
+
+/// The ends of the pair: for the MainDevice, for the segment.
+fn pair_of(name: &str) -> [String; 2] {
+    [name.to_owned(), format!("{name}-seg")]
+}
+
+fn second_pair_of(name: &str) -> [String; 2] {
+    [format!("{name}-2"), format!("{name}-sg2")]
 }
 
 /// Linux has room for 15 characters, and the segment's end has four more than the pair.

@@ -37,7 +37,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_descriptions::document::FileError;
-use isocat_segment::SegmentFile;
+use isocat_segment::{Scenario, SegmentFile};
 
 /// In sync.
 const IN_SYNC: u8 = 0;
@@ -207,6 +207,28 @@ fn segment_or_built_in(path: Option<&str>) -> Result<SegmentFile, FileError> {
     match path {
         None => Ok(SegmentFile::built_in()),
         Some(path) => SegmentFile::read(path),
+    }
+}
+
+/// What is wrong with a ring on a network interface, which is one port.
+#[cfg(target_os = "linux")]
+fn refused_ring(scenario: &Scenario, interface: &str) -> Option<String> {
+    scenario.ring.map(|_| {
+        let source = &scenario.source;
+        format!(
+            "{source} is a ring, which has two ports, and --interface {interface} is one; expected a segment file without \
+             ring = true, and no cable at the end of the line"
+        )
+    })
+}
+
+/// Says that a verb that has one port takes a ring for a line.
+fn note_ring(scenario: &Scenario, verb: &str) {
+    if scenario.ring.is_some() {
+        anstream::eprintln!(
+            "isocat {verb}: {} is a ring; {verb} has one port and sees the line that the ring is without its last cable",
+            scenario.source
+        );
     }
 }
 

@@ -133,6 +133,11 @@ fn what_can_not_be_served_on_is_told() {
         (&["serve", "nowhere.toml", "--interface", "lo"], "nowhere.toml"),
         (&["serve", "--setup-veth", "a name that is far too long"], "expected 1 to 11"),
         (&["serve", "--interface", "lo", "--netns", "no-such-namespace"], "no-such-namespace"),
+        (&["serve", "--interface", "lo", "--secondary", "eth7"], "expected ring = true in it"),
+        (&["serve", RING, "--interface", "lo"], "expected --secondary IF beside --interface lo"),
+        (&["serve", RING, "--interface", "lo", "--secondary", "lo"], "expected another interface"),
+        (&["run", RING, "--interface", "lo"], "is a ring, which has two ports"),
+        (&["watch", RING, "--interface", "lo"], "is a ring, which has two ports"),
         (&["control", "no-such-if", "status"], "no isocat serves on no-such-if"),
     ] {
         let output = isocat(arguments);
@@ -140,6 +145,75 @@ fn what_can_not_be_served_on_is_told() {
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {message}");
         assert!(message.contains(expected), "{arguments:?}: {message}");
         assert!(!message.contains("panicked"), "{message}");
+    }
+}
+
+/// A ring of three.
+const RING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/faults/ring.toml");
+
+/// What a broadcast read from one port of a MainDevice counts, and at which of its ports it comes back: 0 or 1.
+fn count_in_ring(sockets: &mut [RawSocket; 2], from: usize) -> Option<(usize, u16)> {
+    let mut buffer = [0; MAX_LEN];
+    let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
+    writer.push(Access::Brd, 7, Address::Broadcast(0), &[0]).expect("it fits");
+    let len = writer.finish();
+    let until = Instant::now() + Duration::from_millis(200);
+    sockets[from].send(&buffer[..len]).expect("sent");
+    let mut reply = [0; 2048];
+    while Instant::now() < until {
+        for (port, socket) in sockets.iter_mut().enumerate() {
+            if let Some(received) = socket.receive(&mut reply).expect("received") {
+                let payload = frame::payload(&reply[..received.len]).expect("EtherCAT");
+                let datagram = datagrams(payload).next().expect("a datagram").expect("whole");
+                return Some((port, datagram.wkc));
+            }
+        }
+    }
+    None
+}
+
+#[test]
+fn a_ring_is_served_on_two_interfaces() {
+    if !permitted() {
+        return;
+    }
+    for busy in [&[][..], &["--busy"]] {
+        let service = Service::start("isct-ring", &[busy, &["--json", RING]].concat());
+        let open =
+            |end: &str| RawSocket::open(end, Some("isct-ring")).expect("the MainDevice's end");
+        let mut sockets = [open("isct-ring"), open("isct-ring-2")];
+        assert_eq!(count_in_ring(&mut sockets, 0), Some((1, 3)));
+        assert_eq!(count_in_ring(&mut sockets, 1), Some((0, 0)));
+        assert!(
+            service.done(&["pull", "axis", "1"]).contains("the cable to SubDevice 1 is pulled")
+        );
+        eventually("it turns", || count_in_ring(&mut sockets, 0) == Some((0, 1)));
+        assert_eq!(count_in_ring(&mut sockets, 1), Some((1, 2)));
+        service.done(&["plug", "axis", "1"]);
+        eventually("it is whole", || count_in_ring(&mut sockets, 0) == Some((1, 3)));
+        service.done(&["pull", "ring"]);
+        eventually("all turn", || count_in_ring(&mut sockets, 0) == Some((0, 3)));
+        assert_eq!(count_in_ring(&mut sockets, 1), None);
+        service.done(&["plug", "ring"]);
+        eventually("it is whole", || count_in_ring(&mut sockets, 0) == Some((1, 3)));
+        // The MainDevice's own end goes down: the last device loses its link.
+        let link = |state: &str| {
+            let arguments = ["-n", "isct-ring", "link", "set", "isct-ring-2", state];
+            let done = Command::new("ip").args(arguments).status().expect("ip starts");
+            assert!(done.success());
+        };
+        link("down");
+        let mut first = [open("isct-ring"), open("isct-ring")];
+        eventually("all turn", || matches!(count_in_ring(&mut first, 0), Some((_, 3))));
+        link("up");
+        let mut sockets = [open("isct-ring"), open("isct-ring-2")];
+        eventually("it is whole", || count_in_ring(&mut sockets, 0) == Some((1, 3)));
+        service.done(&["stop"]);
+        let (rest, code) = service.finish();
+        assert_eq!(code, Some(0));
+        for event in ["interface down", "interface up"] {
+            assert!(rest.contains(event), "{event}: {rest}");
+        }
     }
 }
 
@@ -268,7 +342,7 @@ fn a_signal_ends_it_cleanly() {
         output.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
     assert_eq!(lines[0]["event"], "session began");
     let summary = lines.last().expect("a summary");
-    assert_eq!(summary["format"], "isocat-serve-summary/4");
+    assert_eq!(summary["format"], "isocat-serve-summary/5");
     assert_eq!((&summary["frames"], &summary["answered"]), (&1.into(), &1.into()));
     assert!(!Path::new("/run/netns/isct-sig").exists(), "the namespace is gone");
 }

@@ -294,7 +294,7 @@ fn frames_faster_than_the_wire_wait_for_it() {
             Answer::Back { hold: None, .. } => {
                 assert!(number < 12, "frame {number}: 1 ms of lead is about 8 full frames")
             }
-            Answer::Back { hold: Some(due), last_bit } => {
+            Answer::Back { hold: Some(due), last_bit, .. } => {
                 assert_eq!(due, last_bit, "no earlier than its last bit");
                 assert!(number > 5 && due >= last, "frame {number}");
                 last = due;

@@ -304,6 +304,9 @@ pub struct Ring {
     /// either side differ, and the two ports are apart in giving frames to the program; short enough that what there is
     /// comes within the cycle. `None`: a quarter of the cycle.
     pub patience: Option<Nanos>,
+    /// How much longer a frame takes from the secondary port to the last SubDevice than from the primary one to the first.
+    /// The plan counts with it behind a cut. Default 0, cables of one length; nobody measures it.
+    pub longer: Nanos,
 }
 
 /// When a SubDevice that left OP by itself, its AL status showing an error as a rule, is acknowledged and brought

@@ -227,6 +227,7 @@ pub(crate) fn demands(
         pulses: device.pulses,
         every: device.every,
         frame_spread: Nanos::ZERO,
+        ring_spread: Nanos::ZERO,
         delay: Nanos::ZERO,
         outputs_arrival: None,
         inputs_fetched: None,

@@ -19,6 +19,7 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
         send: Nanos::ZERO,
         jitter: config.host_jitter + way_jitter(segment, config),
         hop_jitter: way_jitter(segment, config),
+        ring_way: ring_detour(segment, config, Nanos::ZERO).0,
         clock_error_origin: match config.clock_error {
             Some(_) => Origin::Intent,
             None => Origin::Computed,
@@ -50,6 +51,7 @@ pub(crate) fn plan(segment: &Segment, config: &Config) -> Result<Timing, Cause> 
                 true => hot_connect::detour(segment, device.position),
                 false => Nanos::ZERO,
             };
+            demands.ring_spread = detour + early;
             let detour = detour + absent;
             demands.delay = delay;
             let (outputs, inputs) = (device.outputs.length > 0, device.inputs.length > 0);
@@ -144,15 +146,17 @@ fn demands_of(config: &Config, device: &SubDevice, reference: ClockRange) -> bud
     budget::Device { clock_deviation_ppb, ..demands }
 }
 
-/// By how much later and earlier than by its delay frames may come to a SubDevice of a ring that is cut: from the other
-/// end against the order of all, and from the first on back again; or from the other end to it alone.
+/// By how much later and earlier than by its delay frames may come to a SubDevice of a ring that is cut, or whole again:
+/// from the other end against the order of all, and from the first on back again; or from the other end to it alone.
 fn ring_detour(segment: &Segment, config: &Config, delay: Nanos) -> (Nanos, Nanos) {
-    if config.ring.is_none() {
-        return (Nanos::ZERO, Nanos::ZERO);
-    }
+    let Some(ring) = config.ring else { return (Nanos::ZERO, Nanos::ZERO) };
     let whole = segment.devices.iter().filter_map(|device| device.delay).max();
     let whole = whole.unwrap_or(Nanos::ZERO);
-    (whole, (delay - (whole - delay)).max(Nanos::ZERO))
+    let early = delay - (whole - delay) - ring.longer;
+    // Behind a cut at the first cable frames come to the reference clock later by this, or sooner. The host follows, so
+    // that once the ring is whole again they are off by it the other way; on its way it goes beyond by less.
+    let step = Nanos((whole + ring.longer).0.abs());
+    (step, early.max(step))
 }
 
 #[cfg(test)]
@@ -164,8 +168,8 @@ mod tests {
     use isocat_sync::budget::Check;
     use isocat_sync::{Pulses, SyncMode};
 
-    /// Three in a ring: behind a cut at the first cable, the last one is reached past all and back; the middle one
-    /// hardly earlier than on a line behind a cut before it.
+    /// Three in a ring: behind a cut at the first cable, each is reached past all and back, and the host, which has followed,
+    /// is too early by as much when the ring is whole again.
     #[test]
     fn frames_in_a_ring_may_go_the_long_way() {
         let devices =
@@ -177,8 +181,19 @@ mod tests {
         };
         assert_eq!(detours(&config), [(Nanos::ZERO, Nanos::ZERO); 4]);
         config.ring = Some(crate::Ring::default());
-        let expected = [(700, 0), (700, 0), (700, 20), (700, 700)];
+        let expected = [(700, 700); 4];
         assert_eq!(detours(&config), expected.map(|(late, early)| (Nanos(late), Nanos(early))));
+        // The cable at the secondary port is longer than the one at the primary port, or shorter.
+        let with = |longer| Config {
+            ring: Some(crate::Ring { longer: Nanos(longer), ..Default::default() }),
+            ..Config::new(Nanos::millis(1))
+        };
+        let expected = [(790, 790); 4];
+        let expected = expected.map(|(late, early)| (Nanos(late), Nanos(early)));
+        assert_eq!(detours(&with(90)), expected);
+        let expected = [(610, 610), (610, 610), (610, 610), (610, 790)];
+        let expected = expected.map(|(late, early)| (Nanos(late), Nanos(early)));
+        assert_eq!(detours(&with(-90)), expected);
     }
 
     fn planned(device: SubDevice, config: &Config) -> Result<Timing, Cause> {

@@ -6,6 +6,7 @@ use isocat_maindevice::segment::{
     SyncObject,
 };
 use isocat_maindevice::{Segment, SubDevice};
+use isocat_sim::{Cable, Direction};
 use isocat_subdevice::description::Description;
 use isocat_sync::object::{INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER};
 use isocat_sync::way::{Cabled, Way, propagation};
@@ -36,6 +37,16 @@ pub fn segment(described: &[segment_file::SubDevice]) -> Segment {
 /// What is known of one of these devices without asking it.
 pub fn known(described: &[segment_file::SubDevice], position: usize) -> SubDevice {
     segment(described).devices.swap_remove(position)
+}
+
+/// How long a frame takes in a ring from each port of the MainDevice to the device there: the cable and the device's PHY.
+pub fn ends(devices: &[segment_file::SubDevice], ring: segment_file::Ring) -> [Picos; 2] {
+    let phy = |device: usize, port| devices[device].profile.esc().port_delay(port);
+    let first = &devices[0];
+    let out =
+        first.cable.0 * first.cable_delay.0 / 1_000 + Picos::from(first.cable_asymmetry).0 / 2;
+    let closing = Cable::of_length(ring.cable.0 as u64).delay(Direction::Back);
+    [phy(0, first.place.port) + Picos(out), phy(ring.device, ring.port) + closing]
 }
 
 /// What the cables and chips make of the propagation delays.

@@ -7,7 +7,8 @@ use isocat_maindevice::{
 };
 use isocat_sim::random::Stream;
 use isocat_sim::{
-    Cable, ClockModel, Connection, CpuModel, DeviceSetup, Expectation, HostModel, Run, Setup,
+    Cable, ClockModel, Closing, Connection, CpuModel, DeviceSetup, Expectation, HostModel, Run,
+    Setup,
 };
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
@@ -16,7 +17,7 @@ use isocat_sync::budget::Limits;
 use isocat_wire::time::{Nanos, Time};
 
 use crate::profile::{self, ApplicationKind, CLOCK_TOLERANCE, Profile};
-use crate::segment_file::{Clock, Faults, Operation, SegmentFile, SubDevice};
+use crate::segment_file::{Clock, Faults, Operation, Ring, SegmentFile, SubDevice};
 use crate::{chips, offline};
 
 mod laid_out;
@@ -59,6 +60,8 @@ pub struct Scenario {
     pub hop_jitter: bool,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
+    /// What makes a ring of the segment; `None`: it hangs on one port.
+    pub ring: Option<Ring>,
     /// What goes wrong while it runs.
     pub faults: Faults,
     /// What is expected of it.
@@ -94,6 +97,7 @@ impl From<SegmentFile> for Scenario {
             watchdog: file.watchdog,
             hop_jitter: file.hop_jitter,
             operation: file.operation,
+            ring: file.ring,
             faults: file.faults,
             expectations: file.expectations,
             force: false,
@@ -108,8 +112,10 @@ impl Scenario {
     pub fn run(&self) -> Run {
         let segment = self.devices.iter().enumerate().map(|(i, d)| self.connection(i, d)).collect();
         let setup = Setup::new(self.seed, self.config(), self.host, segment);
+        let ring = self.ring.map(closing);
+        let (faults, spares) = (self.faults.planned.clone(), self.spares());
         Run {
-            setup: Setup { faults: self.faults.planned.clone(), spares: self.spares(), ..setup },
+            setup: Setup { ring, faults, spares, ..setup },
             duration: self.duration,
             sync0_limit: self.sync0_limit,
             expectations: self.expectations.clone(),
@@ -133,6 +139,7 @@ impl Scenario {
         config.tolerate = self.tolerate;
         config.quality = self.operation.quality;
         config.delay_watch = self.operation.delay_watch;
+        config.ring = self.ring.map(|ring| self.ring_config(ring));
         config.recovery = self.operation.recovery;
         config.direction = self.operation.direction;
         config.measure_times = self.operation.measure_times.then(MeasureTimes::default);
@@ -142,6 +149,12 @@ impl Scenario {
             config.devices[position].hot_connect = Some(Box::new(known));
         }
         config
+    }
+
+    /// How the MainDevice runs the ring: it knows how much longer the one cable is than the other, as it knows the delays.
+    fn ring_config(&self, ring: Ring) -> isocat_maindevice::Ring {
+        let [first, last] = offline::ends(&self.devices, ring);
+        isocat_maindevice::Ring { longer: Nanos((last - first).0 / 1_000), ..Default::default() }
     }
 
     /// The devices that come in the place of others. They are new: their counters begin at 0.
@@ -195,6 +208,12 @@ pub fn device(profile: &'static Profile) -> DeviceSetup {
         clock: ClockModel::constant(0),
         local_time: Time::ZERO,
     }
+}
+
+/// The cable that closes the ring; a signal takes as long on it as is usual.
+fn closing(ring: Ring) -> Closing {
+    let cable = Cable::of_length(ring.cable.0 as u64);
+    Closing { device: ring.device, port: ring.port, cable }
 }
 
 /// Four months in ns.

@@ -68,6 +68,7 @@ mod fault;
 mod keys;
 mod misbehave;
 mod operation;
+mod ring;
 mod subdevice;
 #[cfg(test)]
 mod tests;
@@ -80,6 +81,8 @@ pub use keys::FILE;
 pub(crate) use misbehave::misbehaviour;
 pub use misbehave::vocabulary;
 pub use operation::Operation;
+pub(crate) use ring::NAME as RING_NAME;
+pub use ring::Ring;
 pub use tree::Place;
 
 use keys::MOST_DEVICES;
@@ -113,6 +116,8 @@ pub struct SegmentFile {
     pub hop_jitter: bool,
     /// What the MainDevice does beside the exchange while the segment runs.
     pub operation: Operation,
+    /// What makes a ring of the segment. Key `ring`; `None`: nothing, it hangs on one port.
+    pub ring: Option<Ring>,
     /// What goes wrong. Tables `[[fault]]`.
     pub faults: Faults,
     /// What is expected of a run. Tables `[[expect]]`.
@@ -227,7 +232,8 @@ impl SegmentFile {
             devices.add(table, device)?;
         }
         let subdevices = tree::sort(devices.subdevices);
-        let faults = fault::faults(&root, &subdevices)?;
+        let ring = ring::ring(&root, &subdevices, &operation)?;
+        let faults = fault::faults(&root, &subdevices, ring)?;
         let expectations = expect::expectations(&root, &subdevices)?;
         let path = path.to_owned();
         Ok(Self {
@@ -242,6 +248,7 @@ impl SegmentFile {
             watchdog,
             hop_jitter,
             operation,
+            ring,
             faults,
             expectations,
             host,

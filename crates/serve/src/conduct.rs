@@ -2,7 +2,7 @@
 //! cycle, where in the cycle its frames come.
 
 use isocat_sim::Statistics;
-use isocat_wire::datagram::{Layout, Layouts};
+use isocat_wire::datagram::{Header, Layout, Layouts, datagrams};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 use isocat_wire::{AlState, Command, frame, register};
 
@@ -37,6 +37,8 @@ pub struct Conduct {
     pub last: Time<True>,
     /// Frames.
     pub frames: u64,
+    /// Frames at the secondary port of a ring, which tell nothing new.
+    pub second_port_frames: u64,
     /// Who sent them; one, if all is well. More than there is room for are not told apart.
     sources: [Source; 4],
     deeds: [Option<Done>; Deed::ALL.len()],
@@ -99,6 +101,7 @@ impl Conduct {
             began: at,
             last: at,
             frames: 0,
+            second_port_frames: 0,
             sources: [Source { address: [0; 6], frames: 0 }; 4],
             deeds: [None; Deed::ALL.len()],
             sync_activated: false,
@@ -125,6 +128,15 @@ impl Conduct {
             self.cycle.drift(at);
         }
         seen
+    }
+
+    /// A frame at the secondary port, as it came back: what it has in it the primary port says too. Tells whether it carried
+    /// process data.
+    pub fn second_port(&mut self, bytes: &[u8]) -> bool {
+        self.second_port_frames += 1;
+        let Ok(payload) = frame::payload(bytes) else { return false };
+        let is_logical = |header: &Header| header.command().is_ok_and(Command::is_logical);
+        datagrams(payload).map_while(Result::ok).any(|datagram| is_logical(&datagram.header))
     }
 
     fn datagram(&mut self, at: Time<True>, payload: &[u8], layout: &Layout, seen: &mut Seen) {

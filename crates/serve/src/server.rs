@@ -6,9 +6,9 @@ use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::{Event as Told, Status};
 use isocat_segment::fault::Order;
 use isocat_segment::scenario;
-use isocat_sim::fault::{Happened, Moment};
+use isocat_sim::fault::{Happened, Moment, RING_CABLE};
 use isocat_sim::observation::Observed;
-use isocat_sim::{Connection, Fault, Passage, Served, Timeline};
+use isocat_sim::{Connection, Fault, MainPort, Passage, Served, Timeline};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
@@ -22,8 +22,9 @@ use crate::status::{self, INTERVAL, INTERVALS, MOST_EVENTS};
 
 /// A virtual segment for frames from outside.
 ///
-/// - For every frame: [`frame`](Self::frame) gives its [`Answer`]; when that is on its way,
-///   [`after`](Self::after).
+/// - For every frame: [`frame`](Self::frame) gives its [`Answer`] ([`frame_at`](Self::frame_at) with two ports); when that is
+///   on its way, [`after`](Self::after).
+/// - Ports of a ring: [`has_two_ports`](Self::has_two_ports), [`link`](Self::link).
 /// - While nothing comes: [`idle`](Self::idle), at [`next_timeout`](Self::next_timeout) at the latest.
 /// - Process data: [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs).
 /// - What happened: [`poll_event`](Self::poll_event); all of it at the end: [`sessions`](Self::sessions) after
@@ -48,6 +49,9 @@ pub struct Server {
     /// The SubDevice whose time was distributed last.
     reference: Option<(Reference, usize)>,
     counts: Counts,
+    ring: bool,
+    /// Since when frames come from the secondary port alone.
+    secondary_alone: Option<Time<True>>,
     /// State of each SubDevice as of the last observation.
     states: Vec<AlState>,
     /// The last events, for who asks what happened.
@@ -61,6 +65,8 @@ pub struct Server {
 pub enum Answer {
     /// It goes back.
     Back {
+        /// At which port of the MainDevice: in a whole ring not at the one that it left.
+        port: MainPort,
         /// When its last bit is back at the MainDevice's port, if the wire is all that takes time; a delay that was asked for is in it.
         /// Never earlier than true time: rounded up to the ns.
         last_bit: Time<Host>,
@@ -204,6 +210,9 @@ const PAUSE_DOWN: Nanos = Nanos::millis(50);
 const PAUSE: Nanos = Nanos::millis(250);
 /// Who sent a frame this long ago is still there.
 const STILL_THERE: Nanos = Nanos::millis(1_000);
+/// Frames from the secondary port are copies, or what else a MainDevice does for its ring, unless the primary port has been
+/// silent for this long.
+const ALONE: Picos = Picos(100_000_000_000);
 /// Refusals that are remembered.
 const MOST_REFUSED: usize = 32;
 /// Stretches of operation that are remembered.
@@ -216,7 +225,7 @@ impl Server {
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
         let setup: Setup = setup.into();
         let Setup { sync0_limit, outputs_spread, shows_process_data, .. } = setup;
-        let Setup { mut segment, names, seed, faults, spares, .. } = setup;
+        let Setup { mut segment, ring, names, seed, faults, spares, .. } = setup;
         let planned = faults.into_iter().filter(|planned| !planned.fault.is_of_the_host());
         let timeline = Timeline::new(planned.collect(), seed).with_spares(spares);
         let outputs = |connection: &Connection| connection.device.description.outputs.max_length;
@@ -232,7 +241,9 @@ impl Server {
             states: vec![AlState::Init; segment.len()],
             told: VecDeque::new(),
             onlooker: None,
-            served: Served::new(segment, seed, now).with_faults(timeline),
+            served: Served::new(segment, seed, now).in_ring(ring).with_faults(timeline),
+            ring: ring.is_some(),
+            secondary_alone: None,
             names,
             sync0_limit,
             outputs_spread,
@@ -250,10 +261,15 @@ impl Server {
 
     /// A frame that came in at `arrived`. If it goes back, `bytes` hold the answer.
     pub fn frame(&mut self, arrived: Time<Host>, bytes: &mut [u8]) -> Answer {
+        self.frame_at(MainPort::Primary, arrived, bytes)
+    }
+
+    /// The same of a frame that came in from one of the ports of a MainDevice with two.
+    pub fn frame_at(&mut self, from: MainPort, arrived: Time<Host>, bytes: &mut [u8]) -> Answer {
         self.counts.frames += 1;
         self.last_frame = arrived.max(self.last_frame);
         self.source = bytes.get(6..12).and_then(|s| s.first_chunk()).copied().unwrap_or_default();
-        let passage = self.served.frame(arrived, bytes);
+        let passage = self.served.frame_at(from, arrived, bytes);
         self.passage = Some(passage);
         let back = match passage.fate {
             Ok(back) if back.good => back,
@@ -273,13 +289,34 @@ impl Server {
             (false, late) => Some(arrived + late),
             (true, _) => Some(last_bit),
         };
-        Answer::Back { last_bit, hold }
+        Answer::Back { port: back.port, last_bit, hold }
+    }
+
+    /// Whether the segment is a ring, between two ports of the MainDevice.
+    pub fn has_two_ports(&self) -> bool {
+        self.ring
+    }
+
+    /// The link at a port of the MainDevice went away as of `now`, or came: of a ring the device there notices, as with a cable
+    /// that is pulled, so that frames from the other port turn at it.
+    pub fn link(&mut self, now: Time<Host>, port: MainPort, up: bool) {
+        self.served.advance(now);
+        self.settle();
+        self.served.link(port, up);
     }
 
     /// What follows from the frame that [`frame`](Self::frame) took last, once its answer is on its way.
     pub fn after(&mut self, bytes: &[u8]) {
         let Some(passage) = self.passage.take() else { return };
         let source = self.source;
+        if !self.leads(&passage) {
+            if let Some(session) = &mut self.session
+                && session.conduct.second_port(bytes)
+            {
+                self.served.carried_process_data(&passage, bytes.len());
+            }
+            return self.settle();
+        }
         if self.session.as_mut().is_some_and(|session| session.is_over(passage.start, bytes)) {
             self.end_session();
         }
@@ -307,6 +344,22 @@ impl Server {
             self.take_reference(reference);
         }
         self.follow(seen, passage.start);
+    }
+
+    /// Whether a frame says what the MainDevice does: one of the primary port. A MainDevice with a ring sends its copies, or
+    /// frames that only try the way, at the secondary port; it would seem to do all things twice. Where the primary port is
+    /// silent, the secondary one says it.
+    fn leads(&mut self, passage: &Passage) -> bool {
+        match passage.from {
+            MainPort::Primary => {
+                self.secondary_alone = None;
+                true
+            }
+            MainPort::Secondary => {
+                let since = *self.secondary_alone.get_or_insert(passage.start);
+                passage.start - since >= ALONE
+            }
+        }
     }
 
     /// Time has passed and no frame came.
@@ -339,6 +392,9 @@ impl Server {
     /// Injects a fault as of `now`; tells what is wrong with it.
     pub fn inject(&mut self, now: Time<Host>, order: Order) -> Result<(), String> {
         let Order { fault, lasts, spare } = order;
+        if !self.ring && fault.cable() == Some(RING_CABLE) {
+            return Err("ring is the cable that closes a ring, and this segment is none".into());
+        }
         if fault.is_of_the_host() {
             return Err(format!(
                 "{fault}: that happens to the machine of the MainDevice, which is not simulated here"
@@ -356,10 +412,11 @@ impl Server {
         Ok(())
     }
 
-    /// Takes an answer beside that of the last frame, of one that was doubled on its way, and when its last bit is back.
-    pub fn take_copy(&mut self) -> Option<(Time<Host>, Vec<u8>)> {
-        let (last_bit, bytes) = self.served.take_copy()?;
-        Some((self.served.host_time(last_bit + Picos(999)), bytes))
+    /// Takes an answer beside that of the last frame, of one that was doubled on its way: at which port, and when its last bit
+    /// is back.
+    pub fn take_copy(&mut self) -> Option<(MainPort, Time<Host>, Vec<u8>)> {
+        let (port, last_bit, bytes) = self.served.take_copy()?;
+        Some((port, self.served.host_time(last_bit + Picos(999)), bytes))
     }
 
     /// Tells which faults have begun or ended.

@@ -1,11 +1,12 @@
-//! Frames from the interface to the segment and back, until somebody ends it.
+//! Frames from one interface, or the two of a ring, to the segment and back, until somebody ends it.
 
 use std::collections::VecDeque;
 use std::io::{self, Read};
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
-use isocat_host::{LinkError, RawSocket, clock};
+use isocat_host::{LinkError, RawSocket, Received, clock};
+use isocat_sim::MainPort;
 use isocat_wire::time::{Host, Nanos, Time};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
@@ -26,8 +27,8 @@ pub trait Audience {
     fn event(&mut self, server: &Server, event: Event);
     /// A request came in; the answer is one line.
     fn request(&mut self, server: &mut Server, request: &str) -> Reply;
-    /// The interface went down, or is up again with a signal on its cable.
-    fn link(&mut self, server: &Server, up: bool);
+    /// An interface went down, or is up again with a signal on its cable.
+    fn link(&mut self, server: &Server, interface: &str, up: bool);
     /// Called about once a second.
     fn tick(&mut self, server: &Server);
 }
@@ -41,12 +42,20 @@ pub struct Reply {
     pub stop: bool,
 }
 
-/// Serves until a signal or a request ends it, or the interface has gone. One that goes down is waited for: what
-/// comes meanwhile is lost, as with a cable that is pulled. `wake` becomes readable when a signal or a request has
-/// come.
+/// Where frames come in: one interface for each port of the MainDevice.
+pub struct Interfaces {
+    /// The one that every MainDevice has.
+    pub primary: RawSocket,
+    /// The other end of a ring.
+    pub secondary: Option<RawSocket>,
+}
+
+/// Serves until a signal or a request ends it, or an interface has gone. One that goes down is waited for: what
+/// comes meanwhile is lost, as with a cable that is pulled; in a ring the device there loses its link. `wake` becomes
+/// readable when a signal or a request has come.
 pub fn run(
     server: &mut Server,
-    mut socket: RawSocket,
+    interfaces: Interfaces,
     wake: &mut UnixStream,
     requests: &Requests,
     style: Style,
@@ -55,40 +64,10 @@ pub fn run(
     let failed =
         |error: io::Error| LinkError::Os { what: "waiting on", name: "signals".into(), error };
     wake.set_nonblocking(true).map_err(failed)?;
-    let mut service = Service {
-        buffer: [0; BUFFER],
-        held: VecDeque::new(),
-        last_frame: clock::now(),
-        distance: Nanos(i64::MAX),
-        caught_up: true,
-        next_tick: clock::now(),
-        spins: 0,
-        looked: clock::now(),
-        down: None,
-    };
+    let mut service = Service::new(interfaces);
     loop {
-        let turned = service.turn(server, &mut socket, wake, style);
-        let frames = match turned {
-            Ok(frames) => frames,
-            Err(LinkError::Down(_)) if socket.is_there() => {
-                if service.down.is_none() {
-                    audience.link(server, false);
-                }
-                service.down = Some(clock::now() + LOOK_AGAIN);
-                false
-            }
-            Err(error) => return Err(error),
-        };
-        if service.down.is_some_and(|look| look <= clock::now()) {
-            service.down = Some(clock::now() + LOOK_AGAIN);
-            if !socket.is_there() {
-                return Err(LinkError::Down(socket.interface().to_owned()));
-            }
-            if socket.has_carrier() == Some(true) {
-                service.down = None;
-                audience.link(server, true);
-            }
-        }
+        let frames = service.turn(server, wake, style)?;
+        service.look_at_links(server, audience)?;
         while let Some(event) = server.poll_event() {
             audience.event(server, event);
         }
@@ -114,10 +93,55 @@ pub fn run(
     }
 }
 
-struct Service {
+/// An interface, and what came in there.
+struct Port {
+    socket: RawSocket,
     buffer: [u8; BUFFER],
-    /// Answers that are to leave later, in the order of their frames.
-    held: VecDeque<(Time<Host>, Vec<u8>)>,
+    /// The frame in the buffer, if one waits there.
+    waiting: Option<Received>,
+    /// The link is there.
+    up: bool,
+    /// Something said that it is not.
+    failed: bool,
+}
+
+impl Port {
+    fn new(socket: RawSocket) -> Self {
+        Self { socket, buffer: [0; BUFFER], waiting: None, up: true, failed: false }
+    }
+
+    /// Takes the next frame off the interface, if none waits already.
+    fn receive(&mut self) -> Result<(), LinkError> {
+        if self.waiting.is_none() {
+            let received = self.socket.receive(&mut self.buffer);
+            self.waiting = self.unless_down(received)?.flatten();
+        }
+        Ok(())
+    }
+
+    fn send(&mut self, frame: &[u8]) -> Result<(), LinkError> {
+        let sent = self.socket.send(frame);
+        self.unless_down(sent).map(|_| ())
+    }
+
+    /// Nothing, and a note, where the interface is down; it is looked at later.
+    fn unless_down<T>(&mut self, result: Result<T, LinkError>) -> Result<Option<T>, LinkError> {
+        match result {
+            Ok(value) => Ok(Some(value)),
+            Err(LinkError::Down(_)) => {
+                self.failed = true;
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
+    }
+}
+
+struct Service {
+    /// That of the primary port, and in a ring that of the secondary one.
+    ports: Vec<Port>,
+    /// Answers that are to leave later, and at which port, in the order of their frames.
+    held: VecDeque<(Time<Host>, usize, Vec<u8>)>,
     last_frame: Time<Host>,
     /// From the last frame but one to the last.
     distance: Nanos,
@@ -127,10 +151,11 @@ struct Service {
     spins: u32,
     /// While spinning: when the SubDevices' own work was done last.
     looked: Time<Host>,
-    /// While the interface is down: when to look at it again.
-    down: Option<Time<Host>>,
+    /// When to look at the links again.
+    next_look: Option<Time<Host>>,
 }
 
+const PORTS: [MainPort; 2] = [MainPort::Primary, MainPort::Secondary];
 /// Longer than any frame: what fills it was cut.
 const BUFFER: usize = 2048;
 /// While spinning, SubDevices are kept this far behind the clock: a frame with a stamp earlier than that would be
@@ -150,39 +175,69 @@ const MOST_HELD: usize = 8_192;
 const HIDE: std::ops::Range<Nanos> = Nanos::micros(150)..Nanos::millis(50);
 
 impl Service {
+    fn new(interfaces: Interfaces) -> Self {
+        let sockets = [Some(interfaces.primary), interfaces.secondary];
+        let mut service = Self {
+            ports: sockets.into_iter().flatten().map(Port::new).collect(),
+            held: VecDeque::new(),
+            last_frame: clock::now(),
+            distance: Nanos(i64::MAX),
+            caught_up: true,
+            next_tick: clock::now(),
+            spins: 0,
+            looked: clock::now(),
+            next_look: None,
+        };
+        service.next_look = service.is_ring().then(clock::now);
+        service
+    }
+
+    fn is_ring(&self) -> bool {
+        self.ports.len() > 1
+    }
+
     /// Waits for a frame, and answers it; sends what is due.
     fn turn(
         &mut self,
         server: &mut Server,
-        socket: &mut RawSocket,
         wake: &UnixStream,
         style: Style,
     ) -> Result<bool, LinkError> {
         let frames = match style.busy {
-            true => self.spin(server, socket)?,
-            false => self.sleep(server, socket, wake)? && self.take(server, socket)?,
+            true => self.spin(server)?,
+            false => self.sleep(server, wake)? && self.take(server)?,
         };
-        self.release(server, socket)?;
+        self.release()?;
         Ok(frames)
     }
 
-    /// Takes a frame if one is there, and answers it.
-    fn take(&mut self, server: &mut Server, socket: &mut RawSocket) -> Result<bool, LinkError> {
-        let Some(received) = socket.receive(&mut self.buffer)? else { return Ok(false) };
-        let Some(frame) = self.buffer.get_mut(..received.len) else { return Ok(true) };
-        match server.frame(received.at, frame) {
-            Answer::Back { hold: None, .. } => socket.send(frame)?,
-            Answer::Back { hold: Some(due), .. } if self.held.len() < MOST_HELD => {
-                let place = self.held.partition_point(|(other, _)| *other <= due);
-                self.held.insert(place, (due, frame.to_vec()));
-            }
-            Answer::Back { .. } | Answer::Lost => {}
+    /// Takes the frame that came first, if one is there, and answers it.
+    fn take(&mut self, server: &mut Server) -> Result<bool, LinkError> {
+        for port in &mut self.ports {
+            port.receive()?;
         }
-        while let Some((due, copy)) = server.take_copy() {
-            let place = self.held.partition_point(|(other, _)| *other <= due);
-            if self.held.len() < MOST_HELD {
-                self.held.insert(place, (due, copy));
+        let came = |at: &usize| self.ports[*at].waiting.map(|received| received.at);
+        let first = (0..self.ports.len()).filter(|at| came(at).is_some()).min_by_key(came);
+        let Some(at) = first else { return Ok(false) };
+        let port = &mut self.ports[at];
+        let Some(received) = port.waiting.take() else { return Ok(false) };
+        if received.len > BUFFER {
+            return Ok(true);
+        }
+        // The answer may leave at the other port, so it does not stay in this one's buffer.
+        let mut buffer = port.buffer;
+        let frame = &mut buffer[..received.len];
+        match server.frame_at(PORTS[at], received.at, frame) {
+            Answer::Back { port, hold: None, .. } => {
+                if let Some(port) = self.ports.get_mut(port as usize) {
+                    port.send(frame)?;
+                }
             }
+            Answer::Back { port, hold: Some(due), .. } => self.hold(due, port, frame.to_vec()),
+            Answer::Lost => {}
+        }
+        while let Some((port, due, copy)) = server.take_copy() {
+            self.hold(due, port, copy);
         }
         server.after(frame);
         self.distance = received.at - self.last_frame;
@@ -191,24 +246,69 @@ impl Service {
         Ok(true)
     }
 
-    /// Sleeps until something comes, or the SubDevices want to be looked at; tells whether it is a frame.
-    fn sleep(
+    fn hold(&mut self, due: Time<Host>, port: MainPort, frame: Vec<u8>) {
+        let port = port as usize;
+        if self.held.len() < MOST_HELD && port < self.ports.len() {
+            let place = self.held.partition_point(|(other, ..)| *other <= due);
+            self.held.insert(place, (due, port, frame));
+        }
+    }
+
+    /// Looks at interfaces that failed, and in a ring now and then at all of them: whether their links are there.
+    fn look_at_links(
         &mut self,
         server: &mut Server,
-        socket: &RawSocket,
-        wake: &UnixStream,
-    ) -> Result<bool, LinkError> {
+        audience: &mut dyn Audience,
+    ) -> Result<(), LinkError> {
+        let fails = self.ports.iter().any(|port| port.failed && port.up);
+        let now = clock::now();
+        if !fails && self.next_look.is_none_or(|look| look > now) {
+            return Ok(());
+        }
+        let is_ring = self.is_ring();
+        for (at, port) in self.ports.iter_mut().enumerate() {
+            if !port.socket.is_there() {
+                return Err(LinkError::Down(port.socket.interface().to_owned()));
+            }
+            let failed = std::mem::take(&mut port.failed);
+            let up = match port.up && !failed && !is_ring {
+                true => true,
+                false => port.socket.has_carrier().unwrap_or(port.up && !failed),
+            };
+            if up != port.up {
+                port.up = up;
+                if is_ring {
+                    server.link(now, PORTS[at], up);
+                }
+                audience.link(server, port.socket.interface(), up);
+            }
+        }
+        let looks = is_ring || self.ports.iter().any(|port| !port.up);
+        self.next_look = looks.then_some(now + LOOK_AGAIN);
+        Ok(())
+    }
+
+    /// Sleeps until something comes, or the SubDevices want to be looked at; tells whether it is a frame.
+    fn sleep(&mut self, server: &mut Server, wake: &UnixStream) -> Result<bool, LinkError> {
+        if self.ports.iter().any(|port| port.waiting.is_some()) {
+            return Ok(true);
+        }
         let now = clock::now();
         // The SubDevices' own work waits for the next frame, or is done in the pause before it: then the
         // answer to that frame does not wait for it.
         let hide = (!self.caught_up && HIDE.contains(&self.distance))
             .then(|| self.last_frame + Nanos(self.distance.0 / 4 * 3));
-        let held = self.held.front().map(|(due, _)| *due);
-        let until = [server.next_timeout(now), hide, held, self.down].into_iter().flatten().min();
+        let held = self.held.front().map(|(due, ..)| *due);
+        let until = [server.next_timeout(now), hide, held, self.next_look];
+        let until = until.into_iter().flatten().min();
         // What is over already waits for nothing.
         let timeout = until.map(|until| Duration::from_nanos((until - now).0.max(0) as u64));
         let timeout = timeout.and_then(|timeout| Timespec::try_from(timeout).ok());
-        let mut fds = [PollFd::new(socket, PollFlags::IN), PollFd::new(wake, PollFlags::IN)];
+        let primary = &self.ports[0].socket;
+        // On a line the one interface stands there twice.
+        let secondary = self.ports.get(1).map_or(primary, |port| &port.socket);
+        let [first, second] = [primary, secondary].map(|socket| PollFd::new(socket, PollFlags::IN));
+        let mut fds = [first, second, PollFd::new(wake, PollFlags::IN)];
         match poll(&mut fds, timeout.as_ref()) {
             Ok(0) => {
                 let now = clock::now();
@@ -220,19 +320,19 @@ impl Service {
                 }
                 Ok(false)
             }
-            Ok(_) => Ok(!fds[0].revents().is_empty()),
+            Ok(_) => Ok(fds[..2].iter().any(|fd| !fd.revents().is_empty())),
             Err(Errno::INTR) => Ok(false),
             Err(error) => {
-                let name = socket.interface().to_owned();
+                let name = primary.interface().to_owned();
                 Err(LinkError::Os { what: "waiting on", name, error: error.into() })
             }
         }
     }
 
     /// One turn of spinning.
-    fn spin(&mut self, server: &mut Server, socket: &mut RawSocket) -> Result<bool, LinkError> {
+    fn spin(&mut self, server: &mut Server) -> Result<bool, LinkError> {
         self.spins += 1;
-        if self.take(server, socket)? {
+        if self.take(server)? {
             return Ok(true);
         }
         let now = clock::now();
@@ -250,13 +350,13 @@ impl Service {
     }
 
     /// Sends what has waited long enough.
-    fn release(&mut self, _server: &Server, socket: &RawSocket) -> Result<(), LinkError> {
-        while let Some((due, _)) = self.held.front() {
+    fn release(&mut self) -> Result<(), LinkError> {
+        while let Some((due, ..)) = self.held.front() {
             if *due > clock::now() {
                 break;
             }
-            if let Some((_, frame)) = self.held.pop_front() {
-                socket.send(&frame)?;
+            if let Some((_, port, frame)) = self.held.pop_front() {
+                self.ports[port].send(&frame)?;
             }
         }
         Ok(())

@@ -1,7 +1,7 @@
 //! What is served: the devices, the seed, and the limits that the judges go by.
 
 use isocat_segment::Scenario;
-use isocat_sim::{Connection, DeviceSetup, Planned};
+use isocat_sim::{Closing, Connection, DeviceSetup, Planned};
 use isocat_subdevice::Application;
 use isocat_wire::time::Picos;
 
@@ -12,6 +12,8 @@ use isocat_wire::time::Picos;
 pub struct Setup {
     /// The SubDevices. Parents stand before their children.
     pub segment: Vec<Connection>,
+    /// What makes a ring of them; `None`: they hang on one port.
+    pub ring: Option<Closing>,
     /// Their names, in the same order.
     pub names: Vec<String>,
     /// The seed of all randomness.
@@ -34,6 +36,7 @@ impl From<&Scenario> for Setup {
         let setup = scenario.run().setup;
         Self {
             segment: setup.segment,
+            ring: setup.ring,
             names: scenario.devices.iter().map(|device| device.name.clone()).collect(),
             seed: setup.seed,
             faults: setup.faults,

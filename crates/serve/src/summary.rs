@@ -17,7 +17,7 @@ use super::server::{End, Server, Session};
 use super::verdict::{Judged, JudgedDevice};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-serve-summary/4";
+pub const FORMAT: &str = "isocat-serve-summary/5";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -77,8 +77,10 @@ pub struct SessionSummary {
     pub ended_ns: i64,
     /// Whether its frames stopped while SubDevices were still asked to be in SAFEOP or OP.
     pub abrupt: bool,
-    /// Frames.
+    /// Frames; in a ring those at the primary port.
     pub frames: u64,
+    /// In a ring, frames at the secondary port: copies of the others, and what else the MainDevice sends to see the ring.
+    pub second_port_frames: u64,
     /// Source addresses of its frames, most frames first. More than one: there were several MainDevices.
     pub sources: Vec<String>,
     /// What it did, in the order in which it first did it.
@@ -275,6 +277,7 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
         ended_ns: ns(conduct.last - Time::ZERO),
         abrupt: session.end == End::Abrupt,
         frames: conduct.frames,
+        second_port_frames: conduct.second_port_frames,
         sources: conduct.sources().iter().map(|source| mac(source.address)).collect(),
         steps: steps(session),
         refused: refused.collect(),

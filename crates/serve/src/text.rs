@@ -78,13 +78,17 @@ impl Summary {
 impl SessionSummary {
     fn write(&self, out: &mut String, number: u64) -> fmt::Result {
         let from = self.sources.first().map_or("?", String::as_str);
-        writeln!(
+        write!(
             out,
             "\nSession {number}: MainDevice {from}, {} to {}, {} frames",
             ns(self.began_ns),
             ns(self.ended_ns),
             self.frames
         )?;
+        match self.second_port_frames {
+            0 => writeln!(out)?,
+            more => writeln!(out, ", {more} more at its second port")?,
+        }
         match &self.judged {
             None => writeln!(out, " {BAD}no SubDevice came to operation{BAD:#}")?,
             Some(judged) => judged.write_verdict(out)?,

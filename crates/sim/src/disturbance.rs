@@ -43,6 +43,8 @@ pub(crate) enum Cause {
     Pulled,
     /// A wire of this line is broken.
     Broken,
+    /// The port of the MainDevice at its end is down.
+    NoPort,
     /// The SubDevice at one of its ends has no power.
     NoPower(usize),
 }

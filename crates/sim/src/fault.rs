@@ -27,7 +27,8 @@ pub use timeline::{Happened, Timeline};
 pub enum Fault {
     /// Frames are harmed.
     Frames(FrameFault),
-    /// A cable is pulled; that of a SubDevice's number is the one that leads to it.
+    /// A cable is pulled; that of a SubDevice's number is the one that leads to it, [`RING_CABLE`] the one that closes a
+    /// ring.
     Pull {
         /// The cable.
         cable: usize,
@@ -134,6 +135,10 @@ pub enum Fault {
     /// All that is in force ends.
     Heal,
 }
+
+/// Stands for the cable that closes a ring wherever a fault names a cable by its number: faults are told before it is
+/// known how many SubDevices, and so how many other cables, there are.
+pub const RING_CABLE: usize = usize::MAX;
 
 /// What happens to which frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -330,6 +335,20 @@ impl Fault {
             ClockJump { .. } | Stall | LateWakeUps(_) | SlowSends(_) | SecondMaster { .. }
         );
         own || matches!(self, Clock { whose: Whose::Host, .. })
+    }
+
+    /// The cable that it is about, if it is about one.
+    pub fn cable(&self) -> Option<usize> {
+        use Fault::*;
+        match self {
+            Pull { cable }
+            | Plug { cable }
+            | BreakWay { cable, .. }
+            | Flap { cable, .. }
+            | Recable { cable, .. } => Some(*cable),
+            Frames(frames) => frames.cable,
+            _ => None,
+        }
     }
 
     /// Whether it can be in force for a time and end.

@@ -56,7 +56,7 @@ pub use finding::{Finding, Judged, Kind, Place};
 pub use host::HostModel;
 pub use oscillator::ClockModel;
 pub use run::{Outcome, Run};
-pub use segment::{Connection, Lost, Returned, Segment};
+pub use segment::{Closing, Connection, Lost, Returned, Segment};
 pub use served::{Passage, Served};
 pub use statistics::Statistics;
 pub use wiring::MainPort;

@@ -11,6 +11,7 @@ use crate::audience::{self, Audience, Item};
 use crate::cable::{Cable, Direction, Phy};
 use crate::device::{Device, DeviceSetup};
 use crate::disturbance::{BitError, Cause, Change, Disturbances, Notice, lines};
+use crate::fault::RING_CABLE;
 use crate::flight::{Flight, duration};
 use crate::jitter::{self, Edges};
 use crate::next_frame::NextFrame;
@@ -48,6 +49,17 @@ impl Connection {
         let (port, power_on) = (PortNumber::P0, Time::ZERO);
         Self { parent, port, cable, phys: None, hop_jitter: true, device, power_on }
     }
+}
+
+/// The cable that makes a ring of a segment: it leads from a SubDevice to the MainDevice's secondary port.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Closing {
+    /// The SubDevice, by its index in the list: the last one that frames from the primary port pass, as a rule.
+    pub device: usize,
+    /// Its port; it must be free.
+    pub port: PortNumber,
+    /// The cable.
+    pub cable: Cable,
 }
 
 /// All SubDevices behind one MainDevice port, or in a ring between two.
@@ -198,6 +210,18 @@ impl Segment {
         Ok(number)
     }
 
+    /// Lays the cable that closes the ring, if there is one. Panics where it can't be plugged in.
+    pub fn in_ring(mut self, closing: Option<Closing>) -> Self {
+        if let Some(Closing { device, port, cable }) = closing
+            && let Err(PortTaken(end)) = self.close_ring(device, port, cable)
+        {
+            panic!(
+                "the ring is closed at port {port} of SubDevice {device}, but {end:?} has a cable already"
+            );
+        }
+        self
+    }
+
     /// Has frames kept as they enter and leave a SubDevice that processes them; without effect if there is none.
     pub fn probe(&mut self, device: usize) {
         if device < self.devices.len() {
@@ -208,6 +232,20 @@ impl Segment {
     /// What the probes have seen since the last look.
     pub(crate) fn take_probed(&mut self) -> impl Iterator<Item = Probed> + '_ {
         self.probes.take()
+    }
+
+    /// The number of the cable that a fault means: [`RING_CABLE`](crate::fault::RING_CABLE) is the one that closes the ring.
+    /// Panics where that is meant and there is none.
+    pub(crate) fn cable_number(&self, meant: usize) -> usize {
+        match meant {
+            RING_CABLE => {
+                let closing = self.wiring.hop(End::Main(MainPort::Secondary));
+                closing
+                    .expect("a fault of the cable that closes a ring, where there is no ring")
+                    .cable
+            }
+            number => number,
+        }
     }
 
     /// The SubDevices, in the order of the connections.
@@ -261,6 +299,20 @@ impl Segment {
     /// Mends one way of a cable again. Panics as [`unplug`](Self::unplug) does.
     pub fn mend_way(&mut self, cable: usize, direction: Direction, at: Time<True>) {
         self.disturbances.restore(&self.wiring, (cable, direction), at, Cause::Broken);
+    }
+
+    /// The MainDevice's port at the end of a cable goes away: the cable is cut as if it was pulled, whatever else is done to it.
+    pub(crate) fn take_link(&mut self, cable: usize, at: Time<True>) {
+        for line in lines(cable) {
+            self.disturbances.cut(&self.wiring, line, at, Cause::NoPort);
+        }
+    }
+
+    /// The port is there again.
+    pub(crate) fn restore_link(&mut self, cable: usize, at: Time<True>) {
+        for line in lines(cable) {
+            self.disturbances.restore(&self.wiring, line, at, Cause::NoPort);
+        }
     }
 
     /// Puts another cable in the place of one, so fast that no link is lost. Takes effect with the next frame.

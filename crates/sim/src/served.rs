@@ -21,12 +21,12 @@ use crate::fault::happen::Scene;
 use crate::fault::{Fault, Happened, Timeline};
 use crate::judge::Grid;
 use crate::observation::{Observation, Observed};
-use crate::segment::{Connection, Lost, Returned, Segment};
+use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
 
 /// A segment that anybody's frames may pass.
 ///
-/// - Input: [`frame`](Self::frame) for every frame; [`advance`](Self::advance) now and then, so that what
+/// - Input: [`frame`](Self::frame) for every frame, [`frame_at`](Self::frame_at) in a ring; [`advance`](Self::advance) now and then, so that what
 ///   SubDevices do by themselves is not seen late.
 /// - What happened: [`settle`](Self::settle), best once an answer is on its way.
 /// - Judging: [`begin_judging`](Self::begin_judging), then [`bench`](Self::bench).
@@ -38,26 +38,28 @@ pub struct Served {
     origin: Time<Host>,
     /// Nothing happens before this any more.
     now: Time<True>,
-    /// When the last bit of the last frame, and the gap behind it, have left the MainDevice.
-    wire_free: Time<True>,
+    /// By port: when the last bit of the last frame, and the gap behind it, have left the MainDevice.
+    wire_free: [Time<True>; 2],
     observations: Vec<Observation>,
     /// Whether all that happens is kept for who settles, not only what judges look at.
     everything: bool,
-    /// The frames with process data that passed last: first bit and last bit at the MainDevice's port.
-    passed: [(Time<True>, Time<True>); KEPT],
+    /// The frames with process data that passed last: first bit and last bit at the MainDevice's port, and which that is.
+    passed: [(Time<True>, Time<True>, MainPort); KEPT],
     passed_next: usize,
     /// SYNC0 edges of each SubDevice while process data passed it.
     clashes: Vec<u64>,
     timeline: Timeline,
     /// What happens to frames at the port.
     port_faults: FrameFaults,
-    /// Answers beside those of the frames that came in, and when their last bit is back.
-    copies: Vec<(Time<True>, Vec<u8>)>,
+    /// Answers beside those of the frames that came in, where, and when their last bit is back.
+    copies: Vec<(MainPort, Time<True>, Vec<u8>)>,
 }
 
 /// What became of a frame.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Passage {
+    /// The port of the MainDevice that it left.
+    pub from: MainPort,
     /// When its first bit left the MainDevice.
     pub start: Time<True>,
     /// Whether and when it comes back.
@@ -81,10 +83,10 @@ impl Served {
             segment,
             origin,
             now: Time::ZERO,
-            wire_free: Time::ZERO,
+            wire_free: [Time::ZERO; 2],
             observations: Vec::with_capacity(1024),
             everything: false,
-            passed: [(Time::ZERO, Time::ZERO); KEPT],
+            passed: [(Time::ZERO, Time::ZERO, MainPort::Primary); KEPT],
             passed_next: 0,
             clashes: vec![0; devices],
             timeline: Timeline::new(Vec::new(), seed),
@@ -97,6 +99,11 @@ impl Served {
     pub fn with_faults(mut self, timeline: Timeline) -> Self {
         self.timeline = timeline;
         self
+    }
+
+    /// The same in a ring, if there is a cable that makes one. Panics where it can't be plugged in.
+    pub fn in_ring(self, closing: Option<Closing>) -> Self {
+        Self { segment: self.segment.in_ring(closing), ..self }
     }
 
     /// What goes wrong: planned, in force, happened.
@@ -121,13 +128,24 @@ impl Served {
         self.let_faults_happen(self.now);
     }
 
+    /// The link at a port of the MainDevice goes away now, or comes, at its own end of the cable.
+    pub fn link(&mut self, port: MainPort, up: bool) {
+        let Some(Hop { cable, .. }) = self.segment.wiring().hop(End::Main(port)) else { return };
+        let at = self.now.max(self.segment.disturbances.latest_change());
+        match up {
+            true => self.segment.restore_link(cable, at),
+            false => self.segment.take_link(cable, at),
+        }
+    }
+
     /// What began or ended since the last call.
     pub fn take_news(&mut self) -> Vec<Happened> {
         self.timeline.take_news()
     }
 
-    /// Takes an answer beside that of the last frame: one of a frame that was doubled, and when its last bit is back.
-    pub fn take_copy(&mut self) -> Option<(Time<True>, Vec<u8>)> {
+    /// Takes an answer beside that of the last frame: one of a frame that was doubled, at which port and when its last bit is
+    /// back.
+    pub fn take_copy(&mut self) -> Option<(MainPort, Time<True>, Vec<u8>)> {
         self.copies.pop()
     }
 
@@ -161,28 +179,33 @@ impl Served {
 
     /// A frame that came in at `arrived` passes the segment; the SubDevices answer in place.
     pub fn frame(&mut self, arrived: Time<Host>, bytes: &mut [u8]) -> Passage {
-        let start = self.true_time(arrived).max(self.now).max(self.wire_free);
+        self.frame_at(MainPort::Primary, arrived, bytes)
+    }
+
+    /// The same of a frame that left one of the ports of a ring. Those of the secondary port are harmed on cables alone.
+    pub fn frame_at(&mut self, from: MainPort, arrived: Time<Host>, bytes: &mut [u8]) -> Passage {
+        let start = self.true_time(arrived).max(self.now).max(self.wire_free[from as usize]);
         self.let_faults_happen(start);
-        let [out, back] = match self.port_faults.are_any() {
+        let [out, back] = match from == MainPort::Primary && self.port_faults.are_any() {
             true => self.port_faults.at_port(),
             false => Default::default(),
         };
         let start = start + Picos::from(out.late);
         let on_wire = bytes.len().max(frame::MIN_LEN) + frame::WIRE_OVERHEAD;
-        self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
+        let on_wire = Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
+        self.wire_free[from as usize] = start + on_wire;
         self.now = start;
         let late = out.late + back.late;
         if out.lost {
-            return Passage { start, fate: Err(Lost::AtThePort), late };
+            return Passage { from, start, fate: Err(Lost::AtThePort), late };
         }
         if out.damaged
-            && let Some(Hop { cable, direction, .. }) =
-                self.segment.wiring().hop(End::Main(MainPort::Primary))
+            && let Some(Hop { cable, direction, .. }) = self.segment.wiring().hop(End::Main(from))
         {
             self.segment.disturb(BitError { cable, direction, at: start, bit: DAMAGED_BIT });
         }
         let copy = out.doubled.then(|| bytes.to_vec());
-        let fate = self.pass(bytes, start, start);
+        let fate = self.pass(from, bytes, start, start);
         let hurt = |fate: Result<Returned, Lost>| match fate {
             _ if back.lost => Err(Lost::AtThePort),
             Ok(returned) => Ok(Returned {
@@ -194,24 +217,25 @@ impl Served {
             lost => lost,
         };
         let fate = hurt(fate);
-        if let (true, Ok(Returned { last_bit, good: true, .. })) = (back.doubled, fate) {
-            self.copies.push((last_bit, bytes.to_vec()));
+        if let (true, Ok(Returned { port, last_bit, good: true, .. })) = (back.doubled, fate) {
+            self.copies.push((port, last_bit, bytes.to_vec()));
         }
         if let Some(mut copy) = copy {
-            let (first, start) = (start, start.max(self.wire_free));
-            self.wire_free = start + Picos(on_wire as i64 * frame::BYTE_TIME_NS as i64 * 1000);
+            let (first, start) = (start, start.max(self.wire_free[from as usize]));
+            self.wire_free[from as usize] = start + on_wire;
             self.now = start;
-            let again = self.pass(&mut copy, first, start);
-            if let Ok(Returned { last_bit, good: true, .. }) = hurt(again) {
-                self.copies.push((last_bit, copy));
+            let again = self.pass(from, &mut copy, first, start);
+            if let Ok(Returned { port, last_bit, good: true, .. }) = hurt(again) {
+                self.copies.push((port, last_bit, copy));
             }
         }
-        Passage { start, fate, late }
+        Passage { from, start, fate, late }
     }
 
     /// A frame passes, or a copy of the one that left `first`.
     fn pass(
         &mut self,
+        from: MainPort,
         bytes: &mut [u8],
         first: Time<True>,
         start: Time<True>,
@@ -219,13 +243,13 @@ impl Served {
         let observations = &mut self.observations;
         let everything = self.everything;
         let watch = &mut |o| note(observations, everything, o);
-        self.segment.pass_copy(MainPort::Primary, bytes, (first, start), watch)
+        self.segment.pass_copy(from, bytes, (first, start), watch)
     }
 
     /// The frame that passed last carried process data: SYNC0 ought to stay clear of it.
     pub fn carried_process_data(&mut self, passage: &Passage, len: usize) {
         let end = passage.start + Picos(frame::duration_ns(len) as i64 * 1000);
-        self.passed[self.passed_next] = (passage.start, end);
+        self.passed[self.passed_next] = (passage.start, end, passage.from);
         self.passed_next = (self.passed_next + 1) % KEPT;
     }
 
@@ -341,14 +365,18 @@ impl Served {
     }
 
     fn look_for_clash(&mut self, edge: &Observation) {
-        let entries = &self.segment.path().entries;
-        // Most segments are lines, where places are positions.
-        let entry = entries.get(edge.device).filter(|entry| entry.device == edge.device);
-        let entry = entry.or_else(|| entries.iter().find(|entry| entry.device == edge.device));
-        let Some(entry) = entry else { return };
+        // How long frames from each port take to it, if they come to it.
+        let after = [MainPort::Primary, MainPort::Secondary].map(|port| {
+            let entries = &self.segment.path_from(port).entries;
+            // Most segments are lines, where places are positions.
+            let entry = entries.get(edge.device).filter(|entry| entry.device == edge.device);
+            let entry = entry.or_else(|| entries.iter().find(|entry| entry.device == edge.device));
+            entry.map(|entry| entry.after)
+        });
         let at = self.segment.devices()[edge.device].oscillator().when(edge.device_at);
-        let meets = |(start, end): &(Time<True>, Time<True>)| {
-            *end > Time::ZERO && *start + entry.after <= at && at <= *end + entry.after
+        let meets = |(start, end, from): &(Time<True>, Time<True>, MainPort)| {
+            let Some(after) = after[*from as usize] else { return false };
+            *end > Time::ZERO && *start + after <= at && at <= *end + after
         };
         self.clashes[edge.device] += u64::from(self.passed.iter().any(meets));
     }

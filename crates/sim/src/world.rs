@@ -15,7 +15,7 @@ use crate::fault::happen::Scene;
 use crate::fault::{Fault, Foreign, Happened, Moment, Planned, Timeline};
 use crate::host::{HostMachine, HostModel};
 use crate::observation::Observation;
-use crate::segment::{Connection, Lost, Returned, Segment};
+use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
 
 /// What a run is made of.
@@ -28,6 +28,8 @@ pub struct Setup {
     pub host: HostModel,
     /// The segment. Parents stand before their children.
     pub segment: Vec<Connection>,
+    /// What makes a ring of it; `None`: the secondary port has no cable.
+    pub ring: Option<Closing>,
     /// What goes wrong.
     pub faults: Vec<Planned>,
     /// SubDevices that may be put in the place of others ([`Fault::Replace`]).
@@ -37,7 +39,8 @@ pub struct Setup {
 impl Setup {
     /// A segment in which nothing goes wrong.
     pub const fn new(seed: u64, config: Config, host: HostModel, segment: Vec<Connection>) -> Self {
-        Self { seed, config, host, segment, faults: Vec::new(), spares: Vec::new() }
+        let ring = None;
+        Self { seed, config, host, segment, ring, faults: Vec::new(), spares: Vec::new() }
     }
 }
 
@@ -130,10 +133,10 @@ struct Returning {
 }
 
 impl<A: Application, T: Tap> World<A, T> {
-    /// Everything switched on at true time zero.
+    /// Everything switched on at true time zero. Panics if cables do not go together, see [`Segment::new`].
     pub fn new(setup: Setup, application: A, tap: Option<T>) -> Self {
         let host = HostMachine::new(setup.host, setup.seed);
-        let mut segment = Segment::new(setup.segment, setup.seed);
+        let mut segment = Segment::new(setup.segment, setup.seed).in_ring(setup.ring);
         for position in tap.iter().flat_map(Tap::probes) {
             segment.probe(position);
         }

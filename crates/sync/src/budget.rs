@@ -43,6 +43,8 @@ pub struct Cycle {
     pub jitter: Nanos,
     /// The part of [`Cycle::jitter`] that the hops make; the host makes the rest.
     pub hop_jitter: Nanos,
+    /// In a ring: a frame that goes the longest way comes to the reference clock later than planned by this much. 0 on a line.
+    pub ring_way: Nanos,
     /// Two clocks of the segment may differ by this much.
     pub clock_error: Nanos,
     /// Where the clock error comes from.
@@ -84,6 +86,9 @@ pub struct Device {
     pub every: u32,
     /// By how much the frames with its process data are earlier where those of other groups do not go before them.
     pub frame_spread: Nanos,
+    /// In a ring: by how much its frames are earlier on the shortest way than on the longest, which is the one that counts in
+    /// the arrivals. 0 on a line.
+    pub ring_spread: Nanos,
     /// Propagation delay from the reference clock: the part of both arrivals that is no frame's.
     pub delay: Nanos,
     /// From the frame at the reference clock until the last output byte is stored here, in the fullest cycle; `None` if

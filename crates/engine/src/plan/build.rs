@@ -11,6 +11,7 @@ use isocat_wire::time::Nanos;
 
 use super::report::*;
 use super::{Plan, warnings};
+use crate::report::Ring;
 
 impl Plan {
     /// The plan as a document.
@@ -31,6 +32,7 @@ impl Plan {
             warnings: warnings::all(self, scenario),
             segment: Segment {
                 cycle_ns: timing.cycle.cycle.0,
+                ring: Ring::of(scenario),
                 reference: self.segment.reference,
                 send_phase_ns: timing.cycle.send.0,
                 send_jitter_ns: timing.cycle.jitter.0,

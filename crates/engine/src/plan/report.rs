@@ -6,10 +6,10 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 pub use crate::report::Note;
-use crate::report::typed;
+use crate::report::{Ring, typed};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-plan/2";
+pub const FORMAT: &str = "isocat-plan/3";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -54,6 +54,8 @@ pub struct PlanReport {
 pub struct Segment {
     /// Bus cycle.
     pub cycle_ns: i64,
+    /// What makes a ring of it: the plan counts with frames that go the long way behind a cut. Null if it hangs on one port.
+    pub ring: Option<Ring>,
     /// Position of the SubDevice whose clock leads; null without clocks.
     pub reference: Option<usize>,
     /// Phase of the frame in the system-time cycle.

@@ -34,7 +34,9 @@ impl PlanReport {
         let segment = &self.segment;
         let (cycle, jitter) = (Nanos(segment.cycle_ns), Nanos(segment.send_jitter_ns));
         let clocks = Nanos(segment.clock_error_ns);
-        let settings = format!(": cycle {cycle}, send jitter {jitter}, clocks within {clocks}");
+        let ring = if segment.ring.is_some() { ", in a ring" } else { "" };
+        let settings =
+            format!(": cycle {cycle}, send jitter {jitter}, clocks within {clocks}{ring}");
         let file = cut_front(&self.segment_file, WIDTH - settings.chars().count());
         writeln!(out, "{QUIET}{file}{settings}{QUIET:#}")?;
         self.write_frames(out)?;

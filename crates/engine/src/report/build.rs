@@ -37,7 +37,7 @@ impl Report {
             services: services::notes(&outcome.world.main().segment().devices),
             cycle_ns: scenario.cycle.0,
             judged_ns: if outcome.began.is_some() { scenario.duration.0 } else { 0 },
-            segment: segment(outcome),
+            segment: segment(scenario, outcome),
             quality: quality::Quality::new(outcome.world.main(), scenario.operation.quality)
                 .map(|quality| quality.with_alarms(&outcome.alarms)),
             devices,
@@ -131,13 +131,15 @@ fn told(scenario: &Scenario, all: &[isocat_sim::Finding]) -> Vec<Finding> {
     all.iter().map(|finding| Finding::new(finding, name, Family::Virtual)).collect()
 }
 
-fn segment<T: Tap>(outcome: &Outcome<T>) -> Segment {
+fn segment<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Segment {
     let main = outcome.world.main();
     let counts = main.statistics();
     let uncertainty = main.phase_uncertainty();
     let timing = main.segment().timing.as_ref();
     let bench = &outcome.bench;
     Segment {
+        ring: Ring::of(scenario),
+        copies_lost: counts.copies_lost,
         true_time: SegmentTrueTime {
             time_to_synchronization_ns: time_to_synchronization(outcome),
             host_phase_error: bench.host_phase().and_then(|judge| spread(judge.statistics())),

@@ -5,14 +5,14 @@ use std::fmt::{self, Write};
 
 use anstyle::{AnsiColor, Style};
 use isocat_descriptions::columns::{WIDTH, cut, cut_front, wrap};
-use isocat_descriptions::quantity::Ppb;
+use isocat_descriptions::quantity::{Length, Ppb};
 use isocat_sync::SyncMode;
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
 
 use super::age::{self, DataAge};
 use super::expected;
-use super::{Counters, Device, DeviceRegisters, Finding, Report, Span, Spread};
+use super::{Counters, Device, DeviceRegisters, Finding, Report, Ring, Span, Spread};
 
 /// Findings and SubDevices that a reader wants to see before the rest.
 const MOST_FINDINGS: usize = 12;
@@ -127,6 +127,13 @@ impl Report {
             format!("{}, {}", counted.frames_sent, counted.frames_lost),
             "m",
         )?;
+        if let Some(Ring { position, port, cable_mm }) = self.segment.ring {
+            let cable = Length(cable_mm);
+            let figure =
+                format!("closed by {cable} of cable from port {port} of SubDevice {position}");
+            line("ring", figure, "p")?;
+            line("copies of frames lost in the ring", self.segment.copies_lost.to_string(), "m")?;
+        }
         if let Some(spread) = seen.outputs_valid_spread {
             line("outputs valid, first to last device", range(&spread), "t")?;
         }

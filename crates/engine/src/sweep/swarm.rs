@@ -22,6 +22,8 @@ struct Draw {
     chance: Stream,
     /// What the SubDevices are, by position.
     devices: Vec<String>,
+    /// Whether a last cable makes a ring of them.
+    is_ring: bool,
     /// How long the run is, ns.
     duration: i64,
     /// ns.
@@ -37,6 +39,7 @@ impl Draw {
         Self {
             chance: Stream::new(seed, "swarm", 0),
             devices: devices(table),
+            is_ring: table.get("ring").is_some_and(|ring| ring.as_bool() != Some(false)),
             duration: time("for", 10_000_000_000),
             cycle: time("cycle", 1_000_000),
         }
@@ -60,45 +63,45 @@ impl Draw {
     }
 
     fn of_frames(&mut self) -> String {
-        let (count, device) = (1 + self.below(5), self.device());
+        let (count, cable) = (1 + self.below(5), self.cable());
         match self.below(6) {
             0 => format!("drop {count}"),
-            1 => format!("drop {count} at {device}"),
+            1 => format!("drop {count} at {cable}"),
             2 => {
                 let (share, burst) = (1 + self.below(30), 1 + self.below(4));
                 format!("loss {share}% burst {burst} for {}", self.share(5, 200))
             }
-            3 => format!("damage {count} at {device}"),
+            3 => format!("damage {count} at {cable}"),
             4 => format!("delay 0 {} for {}", self.cycles(10, 1_500), self.share(5, 200)),
             _ => format!("double {count}"),
         }
     }
 
     fn of_the_wire(&mut self) -> String {
-        let device = self.device();
+        let cable = self.cable();
         match self.below(7) {
-            0 => format!("pull {device} for {}", self.share(1, 200)),
+            0 => format!("pull {cable} for {}", self.share(1, 200)),
             // Too short for the ends of the cable to notice.
-            1 => format!("pull {device} for {}ns", 10_000 + self.below(5_000)),
+            1 => format!("pull {cable} for {}ns", 10_000 + self.below(5_000)),
             2 => {
                 let way = if self.below(2) == 0 { "out" } else { "back" };
-                format!("break {device} {way} for {}", self.share(1, 200))
+                format!("break {cable} {way} for {}", self.share(1, 200))
             }
             3 => {
                 let (off, on) = (self.share(1, 50), self.share(1, 200));
-                format!("flap {device} {off} {on} for {}", self.share(50, 300))
+                format!("flap {cable} {off} {on} for {}", self.share(50, 300))
             }
-            4 => format!("power-cycle {device} {}", self.share(1, 200)),
+            4 => format!("power-cycle {} {}", self.device(), self.share(1, 200)),
             5 => {
                 let takes = match self.below(2) {
                     0 => "0".to_owned(),
                     _ => self.share(1, 200),
                 };
-                format!("recable {device} {}m {takes}", 1 + self.below(100))
+                format!("recable {cable} {}m {takes}", 1 + self.below(100))
             }
             _ => {
                 // The same again, with other counters and another clock.
-                let takes = self.share(1, 200);
+                let (device, takes) = (self.device(), self.share(1, 200));
                 match self.devices.get(device as usize) {
                     Some(kind) if built_in(kind).is_some() => {
                         format!("replace {device} {kind} {takes}")
@@ -160,6 +163,16 @@ impl Draw {
 
     fn device(&mut self) -> u64 {
         self.below(self.devices.len() as u64)
+    }
+
+    /// The cable that leads to a SubDevice, or the one that closes a ring.
+    fn cable(&mut self) -> String {
+        let device = self.device();
+        let cables = self.devices.len() as u64 + 1;
+        match self.is_ring && self.below(cables) + 1 == cables {
+            true => "ring".to_owned(),
+            false => device.to_string(),
+        }
     }
 
     fn below(&mut self, count: u64) -> u64 {

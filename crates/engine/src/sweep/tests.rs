@@ -1,3 +1,5 @@
+use isocat_sim::fault::RING_CABLE;
+
 use super::*;
 
 const SEGMENT: &str = "cycle = \"1ms\"\nfor = \"100ms\"\n[host]\njitter = \"5us\"\n\
@@ -95,6 +97,25 @@ fn swarms_differ_by_seed_and_are_files_that_can_be_read() {
     let words: std::collections::BTreeSet<String> =
         texts.iter().flat_map(|text| words(text)).collect();
     assert!(words.len() >= 12, "{words:?}");
+}
+
+/// In a ring, the cable that closes it is one of those that faults come over.
+#[test]
+fn swarms_in_a_ring_know_its_cable() {
+    let drawn = |text: &str| {
+        let mut sweep = Sweep::new("ring.toml", text).unwrap();
+        sweep.seeds(5, 200);
+        sweep.swarm();
+        let texts = (0..200).map(|number| sweep.case(number).unwrap().text);
+        let planned =
+            texts.flat_map(|text| SegmentFile::parse("r.toml", &text).unwrap().faults.planned);
+        let cables: Vec<_> = planned.filter_map(|planned| planned.fault.cable()).collect();
+        [0, 1, RING_CABLE].map(|cable| cables.iter().filter(|other| **other == cable).count())
+    };
+    let [first, second, ring] = drawn(&format!("ring = true\n{SEGMENT}"));
+    assert!(first.min(second).min(ring) > 20, "{first}, {second}, {ring}");
+    assert_eq!(drawn(SEGMENT)[2], 0);
+    assert_eq!(drawn(&format!("ring = false\n{SEGMENT}")), drawn(SEGMENT));
 }
 
 /// A run with four faults of which one matters, and three devices of which two do not.

@@ -123,7 +123,8 @@ impl Room {
                 _ => shift,
             };
             let period = device.exchange(&timing.cycle).0;
-            Nanos((arrival - device.frame_spread - pulse).0.rem_euclid(period)) - error
+            let earliest = arrival - device.frame_spread - device.ring_spread;
+            Nanos((earliest - pulse).0.rem_euclid(period)) - error
         });
         let early = [slack(&[Check::InputsBeforeFrame]), overwritten].into_iter().flatten().min();
         let side = |safe: Option<Nanos>| Side {

@@ -85,6 +85,7 @@ impl Arguments {
         let mut scenario = Scenario::from(file);
         scenario.seed = self.seed.unwrap_or(scenario.seed);
         scenario.drift_law = self.drift_law.or(scenario.drift_law);
+        super::note_ring(&scenario, "calibrate");
         let place = scenario.source.clone();
         self.calibrate(&place, &mut VirtualWire::new(scenario), &stop)
     }

@@ -141,6 +141,9 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
         Ok(scenario) => scenario,
         Err(error) => return fail(&error.to_string()),
     };
+    if let Some(message) = super::refused_ring(&scenario, interface) {
+        return fail(&message);
+    }
     if !(scenario.faults.planned.is_empty() && scenario.expectations.is_empty()) {
         eprintln!(
             "isocat: the [[fault]] and [[expect]] tables of {} are for a virtual run; on an interface they are left out",

@@ -48,6 +48,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     };
     let mut scenario = Scenario::from(file);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
+    super::note_ring(&scenario, "scan");
     let bar = progress_bar(scenario.duration);
     let scan = Scan::of(&scenario, !arguments.quick, &mut |stage| bar.set_message(stage.name()));
     bar.finish_and_clear();

@@ -1,17 +1,18 @@
 //! `isocat serve`.
 
 use std::cell::Cell;
+use std::fmt;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::mpsc::{SyncSender, sync_channel};
 
 use clap::Args;
 use isocat_esc::DriftLaw;
-use isocat_host::{RawSocket, Veth, clock};
+use isocat_host::{LinkError, RawSocket, Veth, clock};
 use isocat_segment::Scenario;
 use isocat_serve::control::{self, Requests};
 use isocat_serve::server::{Event, Server};
-use isocat_serve::service::{self, Audience, Reply, Style};
+use isocat_serve::service::{self, Audience, Interfaces, Reply, Style};
 use isocat_serve::{Order, Setup, Summary};
 use isocat_wire::AlState;
 use isocat_wire::time::{Host, Time};
@@ -27,10 +28,13 @@ pub struct Arguments {
     /// Network interface to serve on
     #[arg(long, value_name = "IF", required_unless_present = "setup_veth")]
     interface: Option<String>,
+    /// Network interface of the other end of a ring, for a segment file with `ring`
+    #[arg(long, value_name = "IF", requires = "interface", conflicts_with = "setup_veth")]
+    secondary: Option<String>,
     /// Network namespace of the interface, as `ip netns` names it
     #[arg(long, value_name = "NAME", requires = "interface", conflicts_with = "setup_veth")]
     netns: Option<String>,
-    /// Make a network namespace NAME with a veth pair in it, serve there, and remove it at the end
+    /// Make a network namespace NAME with a veth pair in it, two for a ring, serve there, and remove it at the end
     #[arg(long, value_name = "NAME", conflicts_with = "interface")]
     setup_veth: Option<String>,
     /// Spin instead of sleeping: answers within microseconds, but takes a processor for itself
@@ -68,13 +72,12 @@ pub fn run(arguments: &Arguments) -> u8 {
         return fail(&error.to_string());
     }
     scenario.drift_law = arguments.drift_law.or(scenario.drift_law);
-    let (interface, path) = match (&arguments.setup_veth, &arguments.interface) {
-        (Some(name), _) => {
-            (Veth::segment_end_of(name), control::path_of(&Veth::segment_end_of(name)))
-        }
-        (None, Some(interface)) => (interface.clone(), control::path_of(interface)),
-        (None, None) => return fail("expected --interface or --setup-veth"),
+    let ends = match arguments.ends(&scenario) {
+        Ok(ends) => ends,
+        Err(message) => return fail(&message),
     };
+    let interface = &ends.primary;
+    let path = control::path_of(interface);
     if let Some(path) = &arguments.report
         && let Err(error) = super::output::probe(path)
     {
@@ -84,13 +87,14 @@ pub fn run(arguments: &Arguments) -> u8 {
         return fail(&format!("another isocat serves on {interface} already ({})", path.display()));
     }
     // Removed when this returns; whoever serves there already was asked before.
-    let veth = match arguments.setup_veth.as_deref().map(Veth::create).transpose() {
+    let create = if ends.secondary.is_some() { Veth::create_ring } else { Veth::create };
+    let veth = match arguments.setup_veth.as_deref().map(create).transpose() {
         Ok(veth) => veth,
         Err(error) => return fail(&error.to_string()),
     };
     let namespace = veth.as_ref().map(Veth::namespace).or(arguments.netns.as_deref());
-    let socket = match RawSocket::open(&interface, namespace) {
-        Ok(socket) => socket,
+    let interfaces = match ends.open(namespace) {
+        Ok(interfaces) => interfaces,
         Err(error) => return fail(&error.to_string()),
     };
     let (requests, mut wake) = match Requests::listen(&path) {
@@ -104,20 +108,69 @@ pub fn run(arguments: &Arguments) -> u8 {
     let began = clock::now();
     let mut server = Server::new(Setup::from(&scenario).without_process_data(), began);
     let mut teller = Teller::new(arguments.json, began, scenario.source.clone());
-    teller.greet(&scenario, &interface, veth.as_ref());
+    teller.greet(&scenario, &ends, veth.as_ref());
     let style = Style { busy: arguments.busy };
-    let result = service::run(&mut server, socket, &mut wake, &requests, style, &mut teller);
+    let result = service::run(&mut server, interfaces, &mut wake, &requests, style, &mut teller);
     server.finish(clock::now());
     while let Some(event) = server.poll_event() {
         teller.event(&server, event);
     }
     teller.end();
     let served = clock::now() - began;
-    let summary = Summary::new(&server, &scenario.source, &interface, served);
+    let summary = Summary::new(&server, &scenario.source, &ends.to_string(), served);
     let code = finish(arguments, &summary);
     match result {
         Ok(()) => code,
         Err(error) => fail(&error.to_string()),
+    }
+}
+
+/// Names of the interfaces.
+struct Ends {
+    primary: String,
+    /// Of a ring.
+    secondary: Option<String>,
+}
+
+impl Ends {
+    fn open(&self, namespace: Option<&str>) -> Result<Interfaces, LinkError> {
+        let open = |interface: &str| RawSocket::open(interface, namespace);
+        let secondary = self.secondary.as_deref().map(open).transpose()?;
+        Ok(Interfaces { primary: open(&self.primary)?, secondary })
+    }
+}
+
+/// `eth1`, or `eth1 and eth2`.
+impl fmt::Display for Ends {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.primary)?;
+        self.secondary.iter().try_for_each(|secondary| write!(f, " and {secondary}"))
+    }
+}
+
+impl Arguments {
+    /// Where to serve; what is wrong with it for this segment.
+    fn ends(&self, scenario: &Scenario) -> Result<Ends, String> {
+        let (source, is_ring) = (&scenario.source, scenario.ring.is_some());
+        if let Some(name) = &self.setup_veth {
+            let secondary = is_ring.then(|| Veth::second_segment_end_of(name));
+            return Ok(Ends { primary: Veth::segment_end_of(name), secondary });
+        }
+        let Some(primary) = &self.interface else {
+            return Err("expected --interface or --setup-veth".into());
+        };
+        match (&self.secondary, is_ring) {
+            (None, true) => Err(format!(
+                "{source} is a ring, which has two ends; expected --secondary IF beside --interface {primary}"
+            )),
+            (Some(secondary), false) => Err(format!(
+                "--secondary {secondary} is given, but {source} is no ring; expected ring = true in it, or one interface"
+            )),
+            (Some(secondary), true) if secondary == primary => Err(format!(
+                "--secondary {secondary} is --interface too; expected another interface for the other end of the ring"
+            )),
+            (secondary, _) => Ok(Ends { primary: primary.clone(), secondary: secondary.clone() }),
+        }
     }
 }
 
@@ -185,21 +238,26 @@ impl Teller {
         }
     }
 
-    fn greet(&self, scenario: &Scenario, interface: &str, veth: Option<&Veth>) {
+    fn greet(&self, scenario: &Scenario, ends: &Ends, veth: Option<&Veth>) {
         let count = scenario.devices.len();
+        let is_ring = ends.secondary.is_some();
+        let second_main_end = veth.filter(|_| is_ring).map(Veth::second_main_end);
         if self.json {
             let namespace = veth.map(Veth::namespace);
             let line = json!({ "event": "serving", "segment_file": scenario.source, "subdevices": count,
-                "interface": interface, "namespace": namespace, "main_end": veth.map(Veth::main_end) });
+                "interface": ends.primary, "secondary": ends.secondary, "namespace": namespace,
+                "main_end": veth.map(Veth::main_end), "second_main_end": second_main_end });
             return self.say(line.to_string());
         }
         self.say(format!(
-            "Serving {} ({count} SubDevices) on {interface}; Ctrl-C ends it.",
-            scenario.source
+            "Serving {} ({count} SubDevices{}) on {ends}; Ctrl-C ends it.",
+            scenario.source,
+            if is_ring { " in a ring" } else { "" }
         ));
         if let Some(veth) = veth {
             let (namespace, main) = (veth.namespace(), veth.main_end());
-            self.say(format!("Your MainDevice: ip netns exec {namespace} PROGRAM {main}"));
+            let second = second_main_end.map(|end| format!(" {end}")).unwrap_or_default();
+            self.say(format!("Your MainDevice: ip netns exec {namespace} PROGRAM {main}{second}"));
         }
     }
 
@@ -274,17 +332,18 @@ impl Audience for Teller {
         }
     }
 
-    fn link(&mut self, _server: &Server, up: bool) {
+    fn link(&mut self, _server: &Server, interface: &str, up: bool) {
         let now = (clock::now() - self.began).0;
         if self.json {
             let event = if up { "interface up" } else { "interface down" };
-            return self.say(json!({ "event": event, "at_ns": now }).to_string());
+            let line = json!({ "event": event, "at_ns": now, "interface": interface });
+            return self.say(line.to_string());
         }
         let what = match up {
-            true => "the interface is up again",
-            false => "the interface is down: frames are lost until it is up again",
+            true => "is up again",
+            false => "is down: frames are lost until it is up again",
         };
-        self.say(format!("{:>10.3} s  {what}", now as f64 / 1e9));
+        self.say(format!("{:>10.3} s  the interface {interface} {what}", now as f64 / 1e9));
     }
 
     fn tick(&mut self, server: &Server) {
@@ -389,7 +448,7 @@ pub struct ControlArguments {
 
 /// Runs `control`; gives the exit code.
 pub fn control(arguments: &ControlArguments) -> u8 {
-    let path = control::find(&arguments.interface);
+    let path = control::find_served(&arguments.interface);
     let answer = match control::request(&path, &arguments.command.join(" ")) {
         Ok(answer) => answer,
         Err(error) => {

@@ -296,6 +296,9 @@ impl Arguments {
             preflight: false,
         };
         options.check(*any)?;
+        if let Some(message) = super::refused_ring(scenario, interface) {
+            return Err(message);
+        }
         let config = super::interface::config(&options, scenario);
         let socket = options.open(interface).map_err(|error| error.to_string())?;
         let board = super::interface::board(&config, scenario, &options);

@@ -6,6 +6,7 @@ mod docs;
 mod frames;
 mod host;
 mod onlooker;
+mod ring;
 mod wires;
 
 use isocat::fault::WORDS;
@@ -18,6 +19,7 @@ fn every_word_is_tried() {
         include_str!("devices.rs"),
         include_str!("frames.rs"),
         include_str!("host.rs"),
+        include_str!("ring.rs"),
         include_str!("wires.rs"),
     ];
     for word in &WORDS {

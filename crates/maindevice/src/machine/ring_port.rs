@@ -128,11 +128,12 @@ impl MainDevice {
         }
         ring.known = known;
         let number = cycle.number();
+        let mut leads = None;
         let told = match view {
             View::Unknown => return,
             View::Whole | View::Reverse => {
                 (ring.copies.leader, ring.split) = (None, None);
-                Told::Whole
+                Some(Told::Whole)
             }
             View::Cut { near, far } => {
                 let (near, far) = (usize::from(near), usize::from(far));
@@ -149,25 +150,22 @@ impl MainDevice {
                 let split = leader.map(|device| device.position);
                 let split = split.filter(|position| segment.reference != Some(*position));
                 if split != ring.split {
-                    ring.split = split;
-                    if let Some(position) = split {
-                        shared.board.report(Event::ClocksSplit { position, cycle: number });
-                    }
-                }
-                if near + far > count {
-                    return;
+                    (ring.split, leads) = (split, split);
                 }
                 let before = near.checked_sub(1).and_then(position);
-                Told::Cut((before, position(count - far)))
+                (near + far <= count).then(|| Told::Cut((before, position(count - far))))
             }
         };
-        if told == ring.told {
-            return;
+        // The cut comes before what follows from it.
+        if let Some(told) = told.filter(|told| *told != ring.told) {
+            ring.told = told;
+            shared.board.report(match told {
+                Told::Cut(between) => Event::RingCut { cycle: number, between },
+                _ => Event::RingHealed { cycle: number },
+            });
         }
-        ring.told = told;
-        shared.board.report(match told {
-            Told::Cut(between) => Event::RingCut { cycle: number, between },
-            _ => Event::RingHealed { cycle: number },
-        });
+        if let Some(position) = leads {
+            shared.board.report(Event::ClocksSplit { position, cycle: number });
+        }
     }
 }

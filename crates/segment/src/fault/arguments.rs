@@ -4,14 +4,14 @@ use std::str::FromStr;
 
 use isocat_descriptions::quantity::{self, Length, Ppb, QuantityError};
 use isocat_sim::Direction;
-use isocat_sim::fault::{Harm, LateHost, MILLION, Which};
+use isocat_sim::fault::{Harm, LateHost, MILLION, RING_CABLE, Which};
 use isocat_subdevice::Misbehaviour;
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::Nanos;
 
 use super::Wrong;
 use crate::profile::{self, Profile};
-use crate::segment_file;
+use crate::segment_file::{self, RING_NAME};
 
 /// The words of a line, and who is meant by names.
 pub struct Arguments<'a> {
@@ -73,6 +73,15 @@ impl<'a> Arguments<'a> {
                     "no SubDevice \"{found}\": a name, or a position from 0 to {last}"
                 )))
             }
+        }
+    }
+
+    /// A cable: the one that leads to a SubDevice, or `ring` for the one that closes a ring.
+    pub fn cable(&mut self) -> Result<usize, Wrong> {
+        match self.device() {
+            // A SubDevice may have that name where there is no ring.
+            Err(_) if self.take(RING_NAME) => Ok(RING_CABLE),
+            cable => cable,
         }
     }
 
@@ -193,10 +202,10 @@ impl<'a> Arguments<'a> {
         self.some_way().ok_or_else(|| Wrong(format!("\"{found}\" is neither out nor back")))
     }
 
-    /// Which frames of which place: `[out|back] [at DEVICE]`.
+    /// Which frames of which place: `[out|back] [at CABLE]`.
     pub fn place(&mut self) -> Result<(Option<Direction>, Option<usize>), Wrong> {
         let way = self.some_way();
-        let cable = self.take("at").then(|| self.device()).transpose()?;
+        let cable = self.take("at").then(|| self.cable()).transpose()?;
         Ok((way.or_else(|| self.some_way()), cable))
     }
 

@@ -1,5 +1,5 @@
 use isocat_sim::Direction;
-use isocat_sim::fault::{ClockChange, FrameFault, Harm, MILLION, Which, Whose};
+use isocat_sim::fault::{ClockChange, FrameFault, Harm, MILLION, RING_CABLE, Which, Whose};
 use isocat_subdevice::Misbehaviour;
 
 use super::*;
@@ -34,6 +34,7 @@ fn lines_are_read() {
     assert_eq!(fault("pull axis 2"), (Fault::Pull { cable: 1 }, None));
     assert_eq!(fault("pull axis 2 for 20ms"), (Fault::Pull { cable: 1 }, ms(20)));
     assert_eq!(fault("pull for for 20ms"), (Fault::Pull { cable: 2 }, ms(20)));
+    assert_eq!(fault("pull ring for 20ms"), (Fault::Pull { cable: RING_CABLE }, ms(20)));
     assert_eq!(fault("plug 0"), (Fault::Plug { cable: 0 }, None));
     let off = Fault::PowerOff { device: 0 };
     assert_eq!(fault("power-cycle axis 1 20ms"), (off.clone(), ms(20)));
@@ -43,6 +44,8 @@ fn lines_are_read() {
     let here = FrameFault { way: Some(Direction::Out), cable: Some(1), ..lost(chance(10_000, 4)) };
     assert_eq!(fault("loss 1% burst 4 out at axis 2 for 1s"), (Fault::Frames(here), ms(1_000)));
     assert_eq!(fault("loss 1% burst 4 at axis 2 out").0, Fault::Frames(here));
+    let at_ring = FrameFault { cable: Some(RING_CABLE), ..here };
+    assert_eq!(fault("loss 1% burst 4 out at ring").0, Fault::Frames(at_ring));
     let late = |least, most, which| {
         let harm = Harm::Late { least: Nanos::micros(least), most: Nanos::micros(most) };
         Fault::Frames(FrameFault { harm, which, way: Some(Direction::Back), cable: None })
@@ -70,7 +73,9 @@ fn mistakes_say_what_is_expected() {
     for (text, expected) in [
         ("pull axis 3", "no SubDevice \"axis 3\""),
         ("pull 3", "from 0 to 2"),
-        ("pull", "expected \"pull DEVICE\""),
+        ("pull", "expected \"pull CABLE\""),
+        ("power-off ring", "no SubDevice \"ring\""),
+        ("pull ring 1", "\"1\" is too much"),
         ("pull 1 2", "\"2\" is too much"),
         ("plug 1 for 1s", "does not last"),
         ("drop many", "no number of frames"),

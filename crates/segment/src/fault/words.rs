@@ -24,28 +24,28 @@ pub struct Word {
 pub static WORDS: [Word; 27] = [
     Word {
         name: "drop",
-        form: "N|SHARE% [burst N] [out|back] [at DEVICE]",
+        form: "N|SHARE% [burst N] [out|back] [at CABLE]",
         example: "drop 3",
-        means: "The next N frames are lost, or a share of all by chance: at the MainDevice's port, or on the cable that leads to a device.",
+        means: "The next N frames are lost, or a share of all by chance: at the MainDevice's port, or on a cable.",
         read: |a| frames(a, Harm::Lost),
     },
     Word {
         name: "loss",
-        form: "SHARE% [burst N] [out|back] [at DEVICE]",
+        form: "SHARE% [burst N] [out|back] [at CABLE]",
         example: "loss 0.5% burst 3",
         means: "A share of all frames is lost by chance; 0% ends it.",
         read: |a| frames(a, Harm::Lost),
     },
     Word {
         name: "damage",
-        form: "N|SHARE% [burst N] [out|back] [at DEVICE]",
+        form: "N|SHARE% [burst N] [out|back] [at CABLE]",
         example: "damage 1% at 1",
         means: "A bit of frames tips over: ESCs behind count it (0x0300), and the program never sees the frame.",
         read: |a| frames(a, Harm::Damaged),
     },
     Word {
         name: "delay",
-        form: "LEAST [MOST] [N|SHARE%] [out|back] [at DEVICE]",
+        form: "LEAST [MOST] [N|SHARE%] [out|back] [at CABLE]",
         example: "delay 100us 300us",
         means: "Frames come later, on their way back unless said otherwise: all of them, the next N, or a share; 0 ends it.",
         read: |a| {
@@ -64,39 +64,39 @@ pub static WORDS: [Word; 27] = [
     },
     Word {
         name: "pull",
-        form: "DEVICE",
+        form: "CABLE",
         example: "pull 1 for 500ms",
-        means: "The cable that leads to a device is pulled.",
-        read: |a| Ok(Fault::Pull { cable: a.device()? }.into()),
+        means: "A cable is pulled: the one that leads to a device, or the one that closes a ring.",
+        read: |a| Ok(Fault::Pull { cable: a.cable()? }.into()),
     },
     Word {
         name: "plug",
-        form: "DEVICE",
+        form: "CABLE",
         example: "plug 1",
         means: "It is plugged in again, and whatever of it was broken is mended.",
-        read: |a| Ok(Fault::Plug { cable: a.device()? }.into()),
+        read: |a| Ok(Fault::Plug { cable: a.cable()? }.into()),
     },
     Word {
         name: "break",
-        form: "DEVICE out|back",
+        form: "CABLE out|back",
         example: "break 1 back for 1s",
         means: "One way of that cable is broken: whose listener loses its link, while the other end sends into nothing.",
-        read: |a| Ok(Fault::BreakWay { cable: a.device()?, way: a.way()? }.into()),
+        read: |a| Ok(Fault::BreakWay { cable: a.cable()?, way: a.way()? }.into()),
     },
     Word {
         name: "flap",
-        form: "DEVICE OFF ON",
+        form: "CABLE OFF ON",
         example: "flap 1 20ms 400ms for 3s",
-        means: "The link to a device comes and goes: so long without it, so long with it.",
-        read: |a| Ok(Fault::Flap { cable: a.device()?, off: a.pause()?, on: a.pause()? }.into()),
+        means: "The link over a cable comes and goes: so long without it, so long with it.",
+        read: |a| Ok(Fault::Flap { cable: a.cable()?, off: a.pause()?, on: a.pause()? }.into()),
     },
     Word {
         name: "recable",
-        form: "DEVICE LENGTH [TIME]",
+        form: "CABLE LENGTH [TIME]",
         example: "recable 1 80m 2s",
-        means: "The cable that leads to a device is taken out, and after a time (1 s) one of another length is there; below 15 us no link is lost.",
+        means: "A cable is taken out, and after a time (1 s) one of another length is there; below 15 us no link is lost.",
         read: |a| {
-            let (cable, millimetres) = (a.device()?, a.length()?);
+            let (cable, millimetres) = (a.cable()?, a.length()?);
             let takes = a.some_time()?.unwrap_or(REPLACED);
             Ok(Fault::Recable { cable, millimetres, takes }.into())
         },

@@ -6,10 +6,10 @@ use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Value};
 use isocat_descriptions::quantity::parse_duration;
 use isocat_sim::Fault;
-use isocat_sim::fault::{MILLION, Moment, Planned, When};
+use isocat_sim::fault::{MILLION, Moment, Planned, RING_CABLE, When};
 use isocat_wire::time::Nanos;
 
-use super::SubDevice;
+use super::{Ring, SubDevice};
 use crate::fault::Order;
 use crate::profile::Profile;
 
@@ -22,7 +22,11 @@ pub struct Faults {
     pub spares: Vec<&'static Profile>,
 }
 
-pub(super) fn faults(root: &Keys<'_>, devices: &[SubDevice]) -> Result<Faults, FileError> {
+pub(super) fn faults(
+    root: &Keys<'_>,
+    devices: &[SubDevice],
+    ring: Option<Ring>,
+) -> Result<Faults, FileError> {
     let tables = root.tables("fault")?;
     let mut faults = Faults::default();
     if tables.is_empty() {
@@ -33,10 +37,14 @@ pub(super) fn faults(root: &Keys<'_>, devices: &[SubDevice]) -> Result<Faults, F
         let what = keys.required("what")?;
         let mut order =
             Order::parse(what.name("a fault")?, &names).map_err(|message| what.error(message))?;
+        if ring.is_none() && order.fault.cable() == Some(RING_CABLE) {
+            return Err(what
+                .error("ring is the cable that closes a ring; expected ring = true in this file"));
+        }
         if let (Fault::Replace { device, spare, .. }, Some(profile)) =
             (&mut order.fault, order.spare)
         {
-            fits(profile, devices, *device).map_err(|message| what.error(message))?;
+            fits(profile, devices, *device, ring).map_err(|message| what.error(message))?;
             *spare = faults.spares.len();
             faults.spares.push(profile);
         }
@@ -62,12 +70,18 @@ pub(super) fn faults(root: &Keys<'_>, devices: &[SubDevice]) -> Result<Faults, F
 }
 
 /// A device that comes in the place of another one has the ports at which there are cables.
-fn fits(profile: &Profile, devices: &[SubDevice], position: usize) -> Result<(), String> {
+fn fits(
+    profile: &Profile,
+    devices: &[SubDevice],
+    position: usize,
+    ring: Option<Ring>,
+) -> Result<(), String> {
     let place = devices[position].place;
     let behind = devices.iter().filter_map(|device| device.place.upstream);
     let ports = behind.filter(|(above, _)| *above == position).map(|(_, port)| port);
     let old = devices[position].profile.esc();
-    for port in ports.chain([place.port]) {
+    let closing = ring.filter(|ring| ring.device == position).map(|ring| ring.port);
+    for port in ports.chain([place.port]).chain(closing) {
         let (has, had) = (profile.esc().port(port), old.port(port));
         if has != had {
             return Err(format!(

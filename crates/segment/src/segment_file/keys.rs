@@ -129,6 +129,16 @@ pub static FILE: Section = Section {
             goes: "the segment",
             example: r#"[{ device = "kollmorgen_akd2g" }]"#,
         },
+        Key {
+            name: "ring",
+            kind: Kind::Either(&[Kind::Boolean, CABLE_LENGTH]),
+            need: Need::Default("false"),
+            means: "Whether a cable leads from the last device to a second port of the MainDevice, so that one broken \
+                    cable stops no device: `true`, or the length of that cable, 10 m unless it is said. Faults call it \
+                    `ring`. docs/ring.md says what does not go with it.",
+            goes: "Config::ring; the simulated cable",
+            example: "true",
+        },
         operation::QUALITY_KEY,
         operation::DELAY_WATCH_KEY,
         operation::RECOVERY_KEY,
@@ -139,6 +149,10 @@ pub static FILE: Section = Section {
     ],
     rules: &[],
 };
+
+/// Copper and fibre.
+pub(super) const CABLE_LENGTH: Kind = Kind::Length { least: 10, most: 2_000_000 };
+pub(super) const RING_EXPECTED: &str = "true, false, or the length of a cable such as \"20m\"";
 
 const FILTER_DEPTH: Kind = Kind::Integer { least: 0, most: 15 };
 
@@ -339,7 +353,7 @@ static SUBDEVICE: Section = Section {
         },
         Key {
             name: "cable",
-            kind: Kind::Length { least: 10, most: 2_000_000 },
+            kind: CABLE_LENGTH,
             need: Need::Default(r#""10m""#),
             means: "Length of the cable that leads to the device. A device that is joined by EBUS \
                     has none.",

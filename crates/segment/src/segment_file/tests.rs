@@ -11,6 +11,7 @@ mod operation;
 mod optional;
 mod physics;
 mod ports;
+mod ring;
 
 /// The error of a text, as `line:column message` and hint.
 fn refused(text: &str) -> (String, Option<String>) {
@@ -190,7 +191,7 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(message, "1:1 unknown key \"cylce\" in the top level");
     assert_eq!(
         hint.unwrap(),
-        "did you mean \"cycle\"? expected one of: cycle, for, seed, drift_law, drift_phase, drift_gain, shift, sync0_limit, outputs_spread, watchdog, clocks, host, hop_jitter, subdevice, quality, delay_watch, recovery, direction, measure_times, fault, expect"
+        "did you mean \"cycle\"? expected one of: cycle, for, seed, drift_law, drift_phase, drift_gain, shift, sync0_limit, outputs_spread, watchdog, clocks, host, hop_jitter, subdevice, ring, quality, delay_watch, recovery, direction, measure_times, fault, expect"
     );
 
     let (message, hint) = refused(&one("cabel = \"1m\""));

@@ -4,8 +4,9 @@
 
 use std::collections::VecDeque;
 
-use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
+use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice, Port};
 use isocat_serve::{Answer, Server, Setup};
+use isocat_sim::MainPort;
 use isocat_sim::bench::is_cyclic;
 use isocat_wire::time::{Host, Nanos, Time};
 
@@ -16,8 +17,8 @@ pub struct Line {
     pub now: Time<Host>,
     /// The cyclic frame that was sent last.
     pub cyclic: Vec<u8>,
-    /// Answers under way: when their last bit is back.
-    back: VecDeque<(Time<Host>, Vec<u8>)>,
+    /// Answers under way: when their last bit is back, and where.
+    back: VecDeque<(Time<Host>, Port, Vec<u8>)>,
 }
 
 impl Line {
@@ -38,17 +39,14 @@ impl Line {
         loop {
             let mut buffer = [0; FRAME_LEN];
             while let Some(len) = self.main.poll_transmit(self.now, &mut buffer) {
-                let mut bytes = buffer[..len].to_vec();
+                let bytes = buffer[..len].to_vec();
                 if is_cyclic(&bytes) {
                     self.cyclic.clone_from(&bytes);
                 }
-                if let Answer::Back { last_bit, .. } = self.server.frame(self.now, &mut bytes) {
-                    assert!(last_bit > self.now, "no wire is faster than light");
-                    let behind = self.back.back().is_none_or(|(before, _)| *before < last_bit);
-                    assert!(behind, "answers come back in the order of their frames");
-                    self.back.push_back((last_bit, bytes.clone()));
+                self.send(MainPort::Primary, bytes);
+                while let Some(len) = self.main.poll_secondary(&mut buffer) {
+                    self.send(MainPort::Secondary, buffer[..len].to_vec());
                 }
-                self.server.after(&bytes);
             }
             while let Some(event) = self.main.poll_event() {
                 if done(&event) {
@@ -57,10 +55,10 @@ impl Line {
             }
             let wanted = self.main.next_timeout().unwrap_or(Time::NEVER);
             match self.back.front() {
-                Some((at, _)) if *at <= wanted => {
-                    let (at, bytes) = self.back.pop_front().expect("it is there");
+                Some((at, ..)) if *at <= wanted => {
+                    let (at, port, bytes) = self.back.pop_front().expect("it is there");
                     self.now = self.now.max(at);
-                    self.main.handle_frame(self.now, &bytes);
+                    self.main.handle_frame_at(port, self.now, &bytes);
                 }
                 _ if wanted > end => {
                     self.now = end;
@@ -73,6 +71,23 @@ impl Line {
                 }
             }
         }
+    }
+
+    fn send(&mut self, from: MainPort, mut bytes: Vec<u8>) {
+        let answer = self.server.frame_at(from, self.now, &mut bytes);
+        if let Answer::Back { port, last_bit, .. } = answer {
+            assert!(last_bit > self.now, "no wire is faster than light");
+            let port = match port {
+                MainPort::Primary => Port::Primary,
+                MainPort::Secondary => Port::Secondary,
+            };
+            // Those at the two ports of a ring overtake each other.
+            let place = self.back.partition_point(|(other, ..)| *other <= last_bit);
+            let overtaken = self.back.iter().skip(place).all(|(_, other, _)| *other != port);
+            assert!(overtaken, "answers come back in the order of their frames");
+            self.back.insert(place, (last_bit, port, bytes.clone()));
+        }
+        self.server.after(&bytes);
     }
 
     pub fn bring_up(&mut self) {

@@ -67,28 +67,32 @@ impl Timeline {
         match fault {
             Fault::Frames(frames) => {
                 let seed = self.seed;
-                scene.frames(&frames).begin(id, frames, seed);
+                let cable = frames.cable.map(|cable| segment.cable_number(cable));
+                scene.frames(&frames).begin(id, FrameFault { cable, ..frames }, seed);
             }
-            Fault::Pull { cable } => segment.unplug(cable, wired),
+            Fault::Pull { cable } => segment.unplug(segment.cable_number(cable), wired),
             Fault::Plug { cable } => {
                 self.mend(cable, wired, segment);
                 self.note(at, fault, true);
                 return;
             }
-            Fault::BreakWay { cable, way } => segment.break_way(cable, way, wired),
+            Fault::BreakWay { cable, way } => {
+                segment.break_way(segment.cable_number(cable), way, wired);
+            }
             Fault::Flap { cable, off, .. } => {
-                segment.unplug(cable, wired);
+                segment.unplug(segment.cable_number(cable), wired);
                 undo = Undo::Pulled(true);
                 self.push(at + Picos::from(off), Action::Again(id));
             }
             Fault::Recable { cable, millimetres, takes } => {
                 let takes = Picos::from(takes);
-                if takes >= segment.wiring().cable(cable).0.link_loss {
-                    segment.unplug(cable, wired);
+                let number = segment.cable_number(cable);
+                if takes >= segment.wiring().cable(number).0.link_loss {
+                    segment.unplug(number, wired);
                     let back = Action::Begin { fault: Fault::Plug { cable }, lasts: None };
                     self.push(at + takes, back);
                 }
-                self.push(at + Picos(takes.0 / 2), Action::Lay { cable, millimetres });
+                self.push(at + Picos(takes.0 / 2), Action::Lay { cable: number, millimetres });
             }
             Fault::PowerOff { device } => segment.power_off(device, wired),
             Fault::PowerOn { device } => {
@@ -177,9 +181,11 @@ impl Timeline {
         match (&fault, undo) {
             (Fault::Frames(frames), _) => scene.frames(frames).end(id),
             (Fault::Pull { cable }, _) | (Fault::Flap { cable, .. }, Undo::Pulled(true)) => {
-                segment.plug(*cable, wired);
+                segment.plug(segment.cable_number(*cable), wired);
             }
-            (Fault::BreakWay { cable, way }, _) => segment.mend_way(*cable, *way, wired),
+            (Fault::BreakWay { cable, way }, _) => {
+                segment.mend_way(segment.cable_number(*cable), *way, wired);
+            }
             (Fault::PowerOff { device }, _) => segment.power_on(*device, wired),
             (Fault::DeadEeprom { device }, _) => {
                 segment.device_mut(*device).set_eeprom_dead(false);
@@ -226,9 +232,10 @@ impl Timeline {
         let Some(active) = self.active.iter_mut().find(|active| active.id == id) else { return };
         let next = match (&active.fault, &mut active.undo) {
             (Fault::Flap { cable, off, on }, Undo::Pulled(pulled)) => {
+                let cable = scene.segment.cable_number(*cable);
                 match *pulled {
-                    true => scene.segment.plug(*cable, wired),
-                    false => scene.segment.unplug(*cable, wired),
+                    true => scene.segment.plug(cable, wired),
+                    false => scene.segment.unplug(cable, wired),
                 }
                 *pulled = !*pulled;
                 if *pulled { *off } else { *on }
@@ -263,9 +270,10 @@ impl Timeline {
 
     /// Whatever is broken of a cable is whole again.
     fn mend(&mut self, cable: usize, at: Time<True>, segment: &mut Segment) {
-        segment.plug(cable, at);
+        let number = segment.cable_number(cable);
+        segment.plug(number, at);
         for way in [crate::Direction::Out, crate::Direction::Back] {
-            segment.mend_way(cable, way, at);
+            segment.mend_way(number, way, at);
         }
         self.active.retain(|active| match active.fault {
             Fault::Pull { cable: other }

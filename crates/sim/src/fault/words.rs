@@ -2,15 +2,25 @@
 
 use std::fmt;
 
-use super::{ClockChange, Fault, Foreign, FrameFault, Happened, Harm, LateHost, Which, Whose};
+use super::{
+    ClockChange, Fault, Foreign, FrameFault, Happened, Harm, LateHost, RING_CABLE, Which, Whose,
+};
 use crate::cable::Direction;
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Frames(frames) => frames.fmt(f),
-            Self::Pull { cable } => write!(f, "the cable to SubDevice {cable} is pulled"),
-            Self::Plug { cable } => write!(f, "the cable to SubDevice {cable} is plugged in"),
+            Self::Pull { cable } => write!(f, "{} is pulled", CableName(*cable)),
+            Self::Plug { cable } => write!(f, "{} is plugged in", CableName(*cable)),
+            Self::BreakWay { cable: RING_CABLE, way } => {
+                let way = match way {
+                    Direction::Out => "to",
+                    Direction::Back => "from",
+                };
+                let cable = CableName(RING_CABLE);
+                write!(f, "{cable} is broken on the way {way} the secondary port")
+            }
             Self::BreakWay { cable, way } => {
                 let way = match way {
                     Direction::Out => "to",
@@ -18,12 +28,15 @@ impl fmt::Display for Fault {
                 };
                 write!(f, "the cable at SubDevice {cable} is broken on the way {way} it")
             }
+            Self::Flap { cable: RING_CABLE, off, on } => {
+                write!(f, "the link that closes the ring flaps: {off} off, {on} on")
+            }
             Self::Flap { cable, off, on } => {
                 write!(f, "the link to SubDevice {cable} flaps: {off} off, {on} on")
             }
             Self::Recable { cable, millimetres, takes } => {
                 let metres = *millimetres as f64 / 1_000.0;
-                write!(f, "the cable to SubDevice {cable} becomes one of {metres} m, in {takes}")
+                write!(f, "{} becomes one of {metres} m, in {takes}", CableName(*cable))
             }
             Self::PowerOff { device } => write!(f, "SubDevice {device} is off"),
             Self::PowerOn { device } => write!(f, "SubDevice {device} is on"),
@@ -54,6 +67,18 @@ impl fmt::Display for Fault {
                 write!(f, "a second MainDevice asks all for INIT every {every}")
             }
             Self::Heal => f.write_str("all faults end"),
+        }
+    }
+}
+
+/// What a fault calls a cable.
+struct CableName(usize);
+
+impl fmt::Display for CableName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            RING_CABLE => f.write_str("the cable that closes the ring"),
+            device => write!(f, "the cable to SubDevice {device}"),
         }
     }
 }
@@ -92,7 +117,7 @@ impl fmt::Display for FrameFault {
             None => {}
         }
         match self.cable {
-            Some(cable) => write!(f, " on the cable to SubDevice {cable}"),
+            Some(cable) => write!(f, " on {}", CableName(cable)),
             None => Ok(()),
         }
     }

@@ -145,6 +145,7 @@ mod tests {
             send: Nanos::ZERO,
             jitter: Nanos::ZERO,
             hop_jitter: Nanos::ZERO,
+            ring_way: Nanos::ZERO,
             clock_error: Nanos(200),
             clock_error_origin: super::super::Origin::Computed,
             clock_deviation_ppb: USUAL_DEVIATION_PPB,

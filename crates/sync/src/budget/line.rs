@@ -119,6 +119,7 @@ pub(super) fn frames_in_cycle(cycle: &Cycle, wire: Nanos) -> Demand {
             .and(Quantity::Frames, wire, Origin::Wire)
             .and(Quantity::Acyclic, ACYCLIC, Origin::Wire)
             .and_frame_jitter(cycle)
+            .if_any(Quantity::RingWay, cycle.ring_way, Origin::Wire)
             .if_any(Quantity::ClockError, cycle.clock_error, cycle.clock_error_origin)
             // The wire's time is not the reference clock's.
             .and_speed(cycle, cycle.clock_deviation_ppb, cycle.cycle),
@@ -213,6 +214,7 @@ fn minimum_cycle(cycle: &Cycle, device: &Device) -> (Sum, Sum) {
                 .and(Quantity::SendJitter, cycle.jitter - cycle.hop_jitter, Origin::Intent)
                 .if_any(Quantity::HopJitter, cycle.hop_jitter, Origin::Chip)
                 .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
+                .if_any(Quantity::RingWay, device.ring_spread, Origin::Wire)
                 .and_own_minimum(cycle, device, device.exchange(cycle)),
             own_cycle(available, cycle, device),
         ),
@@ -241,6 +243,7 @@ fn within_watchdog(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
     let needed = own_cycle(Sum::default(), cycle, device)
         .and_frame_jitter(cycle)
         .if_any(Quantity::OtherGroups, device.frame_spread, Origin::Wire)
+        .if_any(Quantity::RingWay, device.ring_spread, Origin::Wire)
         .and_speed(cycle, device.clock_deviation_ppb, watchdog);
     Some((needed, Sum::default().and(Quantity::Watchdog, watchdog, origin)))
 }

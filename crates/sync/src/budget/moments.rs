@@ -67,7 +67,7 @@ impl Moments {
 /// The events with the acting pulse at `shift`. In Free Run nothing has a place in the bus cycle but the frames.
 pub fn moments(cycle: &Cycle, shift: Nanos, device: &Device) -> Moments {
     let Cycle { send, jitter, clock_error, .. } = *cycle;
-    let (period, spread) = (device.exchange(cycle), device.frame_spread);
+    let (period, spread) = (device.exchange(cycle), device.frame_spread + device.ring_spread);
     let at = |phase: Nanos| Span { earliest: phase - clock_error, latest: phase + clock_error };
     let frame = |after: Nanos| at(send + after).after(Nanos::ZERO, jitter);
     let stored = device.outputs_arrival.map(|end| frame(end).after(-spread, Nanos::ZERO));

@@ -145,6 +145,8 @@ pub enum Quantity {
     OwnCycle,
     /// Frames of other groups that go before its own in some cycles.
     OtherGroups,
+    /// Another way through the ring, as it is whole or cut.
+    RingWay,
     /// SYNC0 cycle.
     Sync0Cycle,
     /// Minimum cycle time.
@@ -201,6 +203,7 @@ impl Quantity {
             Self::Cycle => "cycle",
             Self::OwnCycle => "its own cycle",
             Self::OtherGroups => "frames of other groups before it",
+            Self::RingWay => "another way through the ring",
             Self::Sync0Cycle => "SYNC0 cycle",
             Self::MinimumCycle => "minimum cycle",
             Self::ActingPulse => "acting pulse",

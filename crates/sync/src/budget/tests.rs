@@ -6,6 +6,7 @@ const CYCLE: Cycle = Cycle {
     send: Nanos(0),
     jitter: Nanos(20_000),
     hop_jitter: Nanos::ZERO,
+    ring_way: Nanos::ZERO,
     clock_error: Nanos(100),
     clock_error_origin: Origin::Computed,
     clock_deviation_ppb: USUAL_DEVIATION_PPB,
@@ -18,6 +19,7 @@ fn drive() -> Device {
         pulses: Pulses { sync0_cycle: Nanos(1_000_000), ..Pulses::default() },
         every: 1,
         frame_spread: Nanos(0),
+        ring_spread: Nanos(0),
         outputs_arrival: Some(Nanos(12_345)),
         inputs_fetched: Some(Nanos(1_000)),
         inputs_read: Some(Nanos(12_345)),
@@ -198,6 +200,29 @@ fn inputs_by_timer_stand_before_the_next_frame() {
 fn frames_fill_the_cycle_to_the_nanosecond() {
     assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_790 - 6_720)).slack(), Nanos(0));
     assert_eq!(frames_in_cycle(&CYCLE, Nanos(979_791 - 6_720)).slack(), Nanos(-1));
+}
+
+/// In a ring, frames that go the longest way end later, and they come so much sooner on another way: for a device that
+/// starts with them, two of them are so much nearer to each other.
+#[test]
+fn ways_through_a_ring_are_counted_to_the_nanosecond() {
+    let cycle = Cycle { ring_way: Nanos(700), ..CYCLE };
+    let least = 979_790 - 6_720 - 700;
+    assert_eq!(frames_in_cycle(&cycle, Nanos(least)).slack(), Nanos(0));
+    assert_eq!(frames_in_cycle(&cycle, Nanos(least + 1)).slack(), Nanos(-1));
+    for mode in [SyncMode::SmSynchronous, SyncMode::DcSync0] {
+        let line = Device { mode, watchdog: Some(Nanos::millis(100)), ..drive() };
+        let ring = Device { ring_spread: Nanos(700), ..line };
+        let slack = |device, check| slack(&CYCLE, 500_000, device, check);
+        let nearer = if mode == SyncMode::SmSynchronous { 700 } else { 0 };
+        let check = Check::MinimumCycle;
+        assert_eq!(slack(&line, check) - slack(&ring, check), nearer, "{mode}");
+        let check = Check::OutputsBeforeWatchdog;
+        assert_eq!(slack(&line, check) - slack(&ring, check), 700, "{mode}");
+        let stored = |device| moments(&CYCLE, Nanos(500_000), device).outputs_stored.unwrap();
+        let (line, ring) = (stored(&line), stored(&ring));
+        assert_eq!((line.earliest - ring.earliest, line.latest), (Nanos(700), ring.latest));
+    }
 }
 
 /// Without outputs the read of the inputs must not lie on both sides of the pulse that counts it.

@@ -5,11 +5,12 @@ use isocat_sync::budget::Check;
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::what_if::WhatIf;
 pub use crate::report::Note;
 use crate::report::typed;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-plan/2";
+pub const FORMAT: &str = "isocat-plan/3";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -46,6 +47,8 @@ pub struct PlanReport {
     pub suggestion: Option<Suggestion>,
     /// What a run showed; null unless it was asked for.
     pub proof: Option<ProofSummary>,
+    /// What becomes of the segment when a cable or a SubDevice goes; null unless it was asked for.
+    pub what_if: Option<WhatIf>,
 }
 
 /// Figures of the segment.

@@ -62,7 +62,7 @@ function decode(text) {
 function toHash(all) {
   const order = [...keys.map(key => key.name), 'at', 'show'];
   const names = Object.keys(all).sort((a, b) => order.indexOf(a) - order.indexOf(b));
-  const plain = text => encodeURIComponent(text).replaceAll('%2B', '+').replaceAll('%20', '+');
+  const plain = text => encodeURIComponent(text).replaceAll('%2B', '+');
   return '#' + names.map(name => `${plain(name)}=${plain(all[name])}`).join('&');
 }
 
@@ -162,6 +162,11 @@ function field(key) {
     for (const [word, words] of key.kind.choices) select.append(new Option(words, word));
     select.addEventListener('change', () => set(key.name, select.value, 'end'));
     box.append(select);
+  } else if (key.kind.kind === 'lines') {
+    const area = element('textarea', '', { id, rows: 3, spellcheck: 'false', placeholder: key.kind.example, ...described });
+    area.addEventListener('input', () => set(key.name, area.value, 'go on'));
+    area.addEventListener('change', () => set(key.name, area.value, 'end'));
+    box.append(area);
   } else {
     const row = element('div', '', { class: 'number' });
     const stops = stopsOf(key);
@@ -294,6 +299,17 @@ function list(id, items) {
   $(id).replaceChildren(...items.map(item => element('li', item)));
 }
 
+// What went wrong on purpose: each leads to its cycle.
+function incidents(faults) {
+  $('incidents').replaceChildren(...faults.map(({ at: cycle, what }) => {
+    const item = document.createElement('li');
+    const button = element('button', what, { type: 'button' });
+    button.addEventListener('click', async () => { stop(); await look(cycle); write('replace'); $('play').scrollIntoView(); });
+    item.append(button);
+    return item;
+  }));
+}
+
 function tell(answer, took) {
   for (const problem of document.querySelectorAll('.field .problem')) problem.textContent = '';
   for (const control of document.querySelectorAll('[aria-invalid]')) control.removeAttribute('aria-invalid');
@@ -310,11 +326,13 @@ function tell(answer, took) {
   if (wrong) {
     stop();
     list('findings', []);
+    incidents([]);
     $('took').textContent = '';
     return verdict(answer.problems.length === 1 ? 'One setting can\'t be:' : 'Some settings can\'t be:', 'bad');
   }
   verdict(answer.verdict, answer.good ? 'good' : 'bad');
   // What the verdict says already is not said again.
+  incidents(answer.faults);
   list('findings', answer.findings.filter(finding => !answer.verdict.includes(finding)).slice(0, 8));
   $('took').textContent = `Simulated in ${Math.max(1, Math.round(took))} ms, here in the browser.`;
   draw(answer);
@@ -450,7 +468,8 @@ document.addEventListener('keydown', event => {
 $('preset').addEventListener('change', () => {
   const preset = presets.find(preset => preset.id === $('preset').value);
   texts = preset ? stateOf(preset) : texts;
-  [at, show] = [0, 0];
+  // Where there is something to see.
+  [at, show] = [Number(/(?:^|&)at=(-?\d+)/.exec(preset?.state)?.[1] ?? 0), 0];
   write('push');
   fill();
   work();

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use isocat::picture::Picture;
 use isocat::quantity::time;
 use isocat::recording::cycle::Origin;
+use isocat::report::FaultNote;
 use isocat::timeline::Moment;
 use isocat_wire::time::{Nanos, Picos};
 use serde::Serialize;
@@ -28,6 +29,8 @@ pub struct Answer {
     pub good: bool,
     /// What is wrong beside it.
     pub findings: Vec<String>,
+    /// What went wrong on purpose, and its end.
+    pub faults: Vec<Incident>,
     /// The cycle that is looked at, and between which it can be.
     pub at: [i64; 3],
     /// Pictures, by name.
@@ -49,6 +52,15 @@ pub struct Drawn {
     pub title: String,
     /// The element.
     pub svg: String,
+}
+
+/// Something that went wrong on purpose.
+#[derive(Clone, Debug, Serialize)]
+pub struct Incident {
+    /// The cycle in which it began or ended, below zero on the way up.
+    pub at: i64,
+    /// When and what.
+    pub what: String,
 }
 
 /// What is known of one device.
@@ -202,12 +214,26 @@ fn of_run(ran: &Ran, at: i64, show: usize, only_play: bool) -> Answer {
         verdict: report.verdict.clone(),
         good: report.in_sync,
         findings: report.findings.iter().map(|finding| finding.sentence()).collect(),
+        faults: report
+            .faults
+            .iter()
+            .take(MOST_INCIDENTS)
+            .map(|fault| incident(ran, fault))
+            .collect(),
         at: [at, least, most],
         pictures: all,
         devices: (0..report.devices.len()).map(|position| figures(ran, position)).collect(),
         file: ran.file.clone(),
         ..Answer::default()
     }
+}
+
+/// Incidents that are listed.
+const MOST_INCIDENTS: usize = 24;
+
+fn incident(ran: &Ran, fault: &FaultNote) -> Incident {
+    let at = fault.at_ns.div_euclid(ran.cycle.0.max(1));
+    Incident { at, what: format!("{}: {}", Nanos(fault.at_ns), fault.what) }
 }
 
 /// As the command has it.

@@ -71,6 +71,11 @@ pub enum Kind {
         /// Most.
         most: i64,
     },
+    /// Lines, each of a language of its own; none is nothing.
+    Lines {
+        /// One that could stand there.
+        example: &'static str,
+    },
 }
 
 /// The word for a value that nobody asks for.
@@ -97,6 +102,7 @@ pub static KEYS: LazyLock<Vec<Key>> = LazyLock::new(|| {
     keys.extend(under("Synchronization", synchronization()));
     keys.extend(under("Devices", devices()));
     keys.extend(under("Clocks and host", clocks_and_host()));
+    keys.extend(under("What goes wrong", what_goes_wrong()));
     keys.extend(under("Synchronization", pulses()));
     keys
 });
@@ -188,6 +194,31 @@ fn clocks_and_host() -> Vec<Key> {
             RUN,
         ),
         of_file("seed", "seed", "Seed").between(0, 1_000_000),
+    ]
+}
+
+/// The key of a segment file for what goes wrong, by its line.
+pub const FAULTS: &str = "faults";
+/// Pauses with which devices are brought back again and again: short, as a run of the page is.
+pub const AGAIN: &str = "{ first = \"20ms\", longest = \"100ms\" }";
+
+fn what_goes_wrong() -> Vec<Key> {
+    vec![
+        page(
+            FAULTS,
+            "Faults",
+            "One a line: when, a colon, what. After the power-on (0.5s), after so many cycles (cycle 500), or once all are in \
+             OP (in-operation + 50ms). Words as in segment files: drop 5, delay 200us for 10ms, pull 1 for 20ms, \
+             power-cycle 2, clock 1 +50ppm, stall 5ms, sync-off 1, al-error 1 0x8000 …",
+            Kind::Lines { example: "in-operation + 50ms: pull 1 for 20ms" },
+            "",
+            RUN,
+        ),
+        of_file("recovery", "recovery", "Devices that leave OP").choices(&[
+            ("never", "stay out"),
+            ("once", "are brought back once"),
+            ("again", "are brought back again and again"),
+        ]),
     ]
 }
 

@@ -16,7 +16,7 @@ pub struct Preset {
 }
 
 /// All of them, in the order of the page.
-pub const PRESETS: [Preset; 15] = [
+pub const PRESETS: [Preset; 16] = [
     Preset {
         id: "sync",
         title: "Three devices in sync",
@@ -46,6 +46,12 @@ pub const PRESETS: [Preset; 15] = [
         title: "No drift compensation",
         shows: "Clocks that nobody leads: SYNC0 edges run apart, 50 ns in each cycle of 1 ms for 50 ppm.",
         state: "drift-compensation=off&cycles=400",
+    },
+    Preset {
+        id: "cut",
+        title: "A cable is pulled",
+        shows: "Behind the cut, devices miss their outputs at SYNC0, leave OP by themselves and come back with the link.",
+        state: "recovery=again&cycles=1500&at=52&faults=in-operation + 50ms: pull 1 for 20ms",
     },
     Preset {
         id: "sm-jitter",

@@ -12,7 +12,7 @@ use isocat_sim::{Segment, Tap};
 use isocat_wire::time::{Picos, Time, True};
 use std::fmt::Write;
 
-use crate::keys::{KEYS, Kind, in_file};
+use crate::keys::{AGAIN, FAULTS, KEYS, Kind, in_file};
 use crate::state::{Problem, State};
 
 /// A run that is over.
@@ -40,7 +40,7 @@ pub struct Ran {
 
 /// Runs it. What the file can't be is told by key.
 pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
-    let file = segment_file(state);
+    let file = segment_file(state)?;
     let parsed = SegmentFile::parse(FILE, &file).map_err(|error| {
         let key = key_in_line(&file, error.line).unwrap_or_default();
         let mut message = error.message;
@@ -91,8 +91,8 @@ const MOST_PULSES: usize = 8;
 /// Which share of the deviation each device has, in percent: neighbours are apart.
 const SHARES: [i64; 8] = [20, -100, 100, -40, 70, -80, 50, -10];
 
-/// The state as a segment file.
-pub fn segment_file(state: &State) -> String {
+/// The state as a segment file. What a line of faults lacks to stand in one is told.
+pub fn segment_file(state: &State) -> Result<String, Vec<Problem>> {
     let time = |key: &str| state.time(key).map(quoted);
     let mut text = format!(
         "# From the playground.\ncycle = {}\n",
@@ -104,6 +104,15 @@ pub fn segment_file(state: &State) -> String {
         write!(text, "for = {}\nseed = {}\n", quoted(length), state.number("seed").unwrap_or(1));
     if let Some(phase) = time("phase") {
         let _ = writeln!(text, "shift = {phase}");
+    }
+    match state.word("recovery") {
+        "never" => {}
+        "again" => {
+            let _ = writeln!(text, "recovery = {AGAIN}");
+        }
+        once => {
+            let _ = writeln!(text, "recovery = \"{once}\"");
+        }
     }
     let clock = Ppb(state.number("host-clock").unwrap_or(0));
     let jitter = state.time("host-jitter").unwrap_or_default();
@@ -136,7 +145,24 @@ pub fn segment_file(state: &State) -> String {
             }
         }
     }
-    text
+    for line in state.lines(FAULTS) {
+        text += &fault(line)?;
+    }
+    Ok(text)
+}
+
+/// A line as a table: `in-operation + 50ms: pull 1`.
+fn fault(line: &str) -> Result<String, Vec<Problem>> {
+    let Some((at, what)) = line.split_once(':') else {
+        let message = format!(
+            "{FAULTS}: {line:?} has no colon; expected when and what, such as \"in-operation + 50ms: pull 1 for 20ms\""
+        );
+        return Err(vec![Problem { key: FAULTS.to_owned(), message }]);
+    };
+    // What JSON writes as a text, TOML reads as one, but for this character.
+    let json = |words: &str| serde_json::Value::from(words.trim()).to_string();
+    let text = |words: &str| json(words).replace('\u{7f}', "\\u007F");
+    Ok(format!("\n[[fault]]\nat = {}\nwhat = {}\n", text(at), text(what)))
 }
 
 fn quoted(time: Nanos) -> String {
@@ -152,7 +178,11 @@ fn key_in_line(file: &str, line: usize) -> Option<String> {
     let text = file.lines().nth(line.checked_sub(1)?)?;
     let name = text.split('=').next()?.trim();
     let heads = file.lines().take(line).filter(|line| line.starts_with('['));
-    let path = match heads.last().map(|head| head.trim_matches(['[', ']'])) {
+    let table = heads.last().map(|head| head.trim_matches(['[', ']']));
+    if table == Some("fault") {
+        return Some(FAULTS.to_owned());
+    }
+    let path = match table {
         Some(table) => format!("{table}.{name}"),
         None => name.to_owned(),
     };
@@ -179,6 +209,19 @@ const MOST_EVENTS: usize = 400_000;
 const NEAR: i128 = 200_000_000;
 
 impl Onlooker {
+    /// A SubDevice that no frame reaches is looked at late, behind cycles that knew nothing of it yet.
+    fn missed(&mut self, at: Picos, device: usize, value: u16) {
+        let behind = self.counters.partition_point(|(of, _)| *of <= at);
+        let Some(mut now) = behind.checked_sub(1).map(|last| self.counters[last].1.clone()) else {
+            return;
+        };
+        now[device] = value;
+        for (_, later) in &mut self.counters[behind..] {
+            later[device] = value;
+        }
+        self.counters.insert(behind, (at, now));
+    }
+
     fn way_up(&self, reference: Option<usize>, clocks: &[bool]) -> Vec<(Picos, Vec<Option<i64>>)> {
         let Some(reference) = reference else { return Vec::new() };
         let mut way = Vec::new();
@@ -235,6 +278,9 @@ impl Tap for Onlooker {
     }
 
     fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
+        if let (Observed::SmEventMissed(value), Some(began)) = (observation.event, self.began) {
+            self.missed(at - began, observation.device, value);
+        }
         if let Some(began) = self.began.filter(|_| self.events.len() < MOST_EVENTS) {
             self.events.push((at - began, observation.device, observation.event));
         }

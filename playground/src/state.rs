@@ -29,6 +29,7 @@ pub struct State(BTreeMap<&'static str, Value>);
 enum Value {
     Word(&'static str),
     Number(i64),
+    Lines(String),
     Own,
 }
 
@@ -69,6 +70,15 @@ impl State {
         }
     }
 
+    /// The lines of a key that has lines, without those that are empty.
+    pub fn lines(&self, key: &str) -> impl Iterator<Item = &str> {
+        let text = match self.0.get(key) {
+            Some(Value::Lines(text)) => text.as_str(),
+            _ => "",
+        };
+        text.lines().map(str::trim).filter(|line| !line.is_empty())
+    }
+
     /// The number of a key in the smallest unit of its kind; `None` if nothing is asked for.
     pub fn number(&self, key: &str) -> Option<i64> {
         match self.0.get(key) {
@@ -105,6 +115,7 @@ impl Key {
                     format!("{name} = \"{text}\"; expected one of {}", words.join(", "))
                 })
             }
+            Kind::Lines { .. } => Ok(Value::Lines(text.to_owned())),
             Kind::Duration { own: Some(_), .. } if text == OWN => Ok(Value::Own),
             Kind::Duration { least, most, .. } => {
                 let time = parse_duration(text).map_err(|error| format!("{name}: {error}"))?;

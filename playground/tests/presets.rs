@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use isocat_playground::answer::{Answer, of};
 use isocat_playground::presets::PRESETS;
+use isocat_playground::run::run;
+use isocat_playground::state::State;
 
 fn texts(state: &str) -> BTreeMap<String, String> {
     let pairs = state.split('&').filter_map(|pair| pair.split_once('='));
@@ -47,7 +49,7 @@ fn all_have_pictures_and_a_verdict() {
         let answer = answer(preset.state);
         assert!(!answer.verdict.is_empty(), "{}", preset.id);
         assert!(!answer.pictures.is_empty(), "{}", preset.id);
-        let bad = ["slack-1", "slack-jitter", "no-drift"].contains(&preset.id);
+        let bad = ["slack-1", "slack-jitter", "no-drift", "cut"].contains(&preset.id);
         assert_eq!(answer.good, !bad, "{}: {}", preset.id, answer.verdict);
         for picture in &answer.pictures {
             assert!(picture.svg.starts_with("<svg"), "{}", preset.id);
@@ -167,4 +169,54 @@ fn what_the_plan_refuses_is_told_and_drawn() {
         "{}",
         answer.verdict
     );
+}
+
+/// The first device does not notice; those behind the cut leave OP, and the link that comes again brings them back.
+#[test]
+fn a_pulled_cable_is_seen_in_its_cycle() {
+    let cut = preset("cut");
+    assert!(!cut.good);
+    let at: Vec<i64> = cut.faults.iter().map(|incident| incident.at).collect();
+    assert_eq!(at, [50, 70], "{:?}", cut.faults);
+    assert!(cut.faults[1].what.starts_with("70 ms: over: "), "{:?}", cut.faults);
+    assert!(cut.devices.iter().all(|device| device.state == "OP"), "{:?}", cut.devices);
+    assert!(cut.devices[0].counters[0] == "0", "{:?}", cut.devices[0]);
+    let about = |position: usize| {
+        let name = format!("SubDevice {position} (");
+        cut.findings.iter().any(|finding| finding.starts_with(&name))
+    };
+    assert_eq!([0, 1, 2].map(about), [false, true, true], "{:#?}", cut.findings);
+    // The signals of the device behind the cut: outputs come, and no more in the cycle behind.
+    let outputs = |cycle: &str, device: &str| {
+        let mut of = texts(state("cut"));
+        of.extend([("at".into(), cycle.into()), ("show".into(), device.into())]);
+        pictures(&isocat_playground::answer::of(&of), "waves")[0].to_owned()
+    };
+    let seen = ["48", "52"].map(|cycle| outputs(cycle, "1").matches("SM2").count());
+    assert!(seen[0] > seen[1], "{seen:?}");
+}
+
+/// A device that no frame reaches counts when it misses its outputs, not when it is looked at again.
+#[test]
+fn what_is_missed_behind_a_cut_is_counted_in_its_cycle() {
+    let state = State::read(&texts(state("cut").replace("&at=52", "").as_str())).expect("a state");
+    let ran = run(&state).expect("it runs");
+    let first = ran.counters.iter().find(|(_, values)| values[1] > 0).expect("it counts");
+    assert!((50_000_000_000..54_000_000_000).contains(&first.0.0), "{first:?}");
+    assert!(ran.counters.is_sorted_by_key(|(at, _)| *at));
+    assert!(ran.counters.iter().all(|(_, values)| values[0] == 0));
+    assert_eq!(ran.counters.last().map(|(_, values)| values.clone()), Some(vec![0, 0, 0]));
+}
+
+/// The file on the page has the faults, and the command runs it with them.
+#[test]
+fn faults_and_recovery_stand_in_the_file() {
+    for (recovery, written) in [("never", 0), ("once", 1), ("again", 1)] {
+        let state =
+            [("recovery", recovery), ("faults", "cycle 700: drop 5\n in-operation: sync-off 1 ")];
+        let answer = of(&state.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect());
+        let file = isocat::SegmentFile::parse("page.toml", &answer.file).expect("it is right");
+        assert_eq!(file.faults.planned.len(), 2, "{}", answer.file);
+        assert_eq!(answer.file.matches("\nrecovery = ").count(), written, "{}", answer.file);
+    }
 }

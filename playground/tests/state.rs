@@ -37,6 +37,25 @@ fn what_is_wrong_with_a_key_is_said_with_its_name() {
     }
 }
 
+/// Lines of faults are refused by the parser of segment files, in its words.
+#[test]
+fn a_fault_that_can_t_be_is_told_with_what_is_expected() {
+    for (line, words) in [
+        ("pull 1", "has no colon; expected when and what"),
+        ("soon: pull 1", "soon"),
+        ("in-operation + 5ms: pul 1", "did you mean"),
+        ("in-operation + 5ms: pull 3", "0 to 2"),
+        ("in-operation + 5ms: pull 1 for 5", "has no unit"),
+        ("0.1s: heal\n\n  in-operation: power-on 1 for 5ms", "power-on"),
+        ("1s: misbehave 1 \"\u{7f}", "misbehave"),
+    ] {
+        let found = problems("faults", line);
+        assert_eq!(found.len(), 1, "{line}: {found:?}");
+        assert_eq!(found[0].0, "faults", "{line}: {}", found[0].1);
+        assert!(found[0].1.contains(words), "{line}: {}", found[0].1);
+    }
+}
+
 /// What the segment file refuses is told by the key of the page.
 #[test]
 fn what_the_devices_can_t_do_is_told_by_key_too() {
@@ -127,5 +146,5 @@ fn keys_keep_within_those_of_the_file() {
             (kind, declared) => panic!("{path}: {kind:?} for {declared:?}"),
         }
     }
-    assert_eq!(keys, 18);
+    assert_eq!(keys, 19);
 }

@@ -138,6 +138,30 @@ await check('the last nanosecond: the counter begins to count', async open => {
   assert.equal(await page.locator('#miss svg').count(), 1);
 });
 
+await check('a fault is written, refused in the words of its parser, seen in its cycle', async open => {
+  const page = await open('#cycles=900&recovery=again');
+  assert.match(await verdict(page), /^In sync/);
+  await page.fill('#key-faults', 'in-operation + 50ms: pul 1');
+  await done(page);
+  assert.match(await page.textContent('#key-faults-problem'), /pul/);
+  assert.equal(await page.getAttribute('#key-faults', 'aria-invalid'), 'true');
+  await page.fill('#key-faults', 'in-operation + 50ms: pull 1 for 20ms\ncycle 3: drop 1');
+  await done(page);
+  assert.equal(await page.textContent('#problems'), '');
+  assert.match(await verdict(page), /^Not in sync: SubDevice 1/);
+  assert.match(await hash(page), /faults=in-operation \+ 50ms: pull/);
+  const before = await svg(page, 'waves');
+  await page.getByRole('button', { name: /cable to SubDevice 1 is pulled/ }).first().click();
+  await done(page);
+  assert.equal(await page.textContent('#at-words'), 'cycle 50');
+  assert.notEqual(await svg(page, 'waves'), before);
+  assert.match(await page.textContent('#file'), /\[\[fault\]\]/);
+  await page.reload();
+  await done(page);
+  assert.match(await page.inputValue('#key-faults'), /for 20ms\ncycle 3: drop 1$/);
+  assert.match(await verdict(page), /^Not in sync: SubDevice 1/);
+});
+
 await check('who points at something is told its nanoseconds', async open => {
   const page = await open();
   await pointAt(page, '#cycle svg rect[class="outputs"]');
@@ -222,7 +246,7 @@ await check('who wants little motion gets one step in a second', async open => {
 });
 
 if (shots) {
-  const states = { run: '', shift: '#mode=dc-shift-sync1&sync1=250us&at=-60', slack: '#devices=2&phase=300us&copy-time=276us&force=on&host-jitter=40us&at=40', pulses: '#view=pulses&sync1=250us', bad: '#cycle=1lightyear&mod=sm' };
+  const states = { run: '', shift: '#mode=dc-shift-sync1&sync1=250us&at=-60', slack: '#devices=2&phase=300us&copy-time=276us&force=on&host-jitter=40us&at=40', pulses: '#view=pulses&sync1=250us', bad: '#cycle=1lightyear&mod=sm', cut: '#recovery=again&cycles=1500&faults=in-operation%20+%2050ms:%20pull%201%20for%2020ms&at=52&show=1' };
   for (const [name, state] of Object.entries(states))
     for (const colorScheme of ['light', 'dark'])
       for (const [size, width] of [['desk', 1400], ['phone', 390]]) {

@@ -3,8 +3,9 @@
 //! [`Plan::of`] makes of a scenario the segment that a MainDevice would find, as far as profiles and cables
 //! tell it, and lets the MainDevice's own planner decide: modes, process image, frames, phases, and each demand
 //! on the cycle as a line. [`Plan::report`] is that as a document; [`proof`] runs the segment with the worst
-//! jitter that was planned with and puts what really happened next to each line; [`suggest`] looks for the
-//! phase with the most even slack and the smallest cycle.
+//! jitter that was planned with and puts what really happened next to each line; [`what_if`] runs it once for
+//! each cable and SubDevice that may go; [`suggest`] looks for the phase with the most even slack and the
+//! smallest cycle.
 
 use isocat_maindevice::segment::Timing;
 use isocat_maindevice::{Config, Error, Segment};
@@ -18,9 +19,11 @@ mod start_up;
 pub mod suggest;
 mod text;
 mod warnings;
+pub mod what_if;
 
 pub use proof::Proof;
 pub use report::PlanReport;
+pub use what_if::WhatIf;
 
 /// A segment with everything decided.
 #[derive(Clone, Debug)]

@@ -64,6 +64,7 @@ Examples:
                                       what on this machine harms punctuality
   isocat plan my.toml --suggest       does it fit, with how much slack, and what would fit better
   isocat plan my.toml --prove         ... and what really happens, next to each line of the plan
+  isocat plan my.toml --what-if       each cable pulled, each device without power: what becomes of the others
   isocat scan --interface eth0        what is on a wire: tree, delays, clocks, ESCs, objects, doubts
   isocat calibrate --interface eth0   what no data sheet tells: law of the drift loops, crystals, hops, times
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)

@@ -445,6 +445,8 @@ fn the_plan_says_by_its_exit_code_whether_it_fits() {
         (vec!["plan", late.to_str().unwrap()], 1, "Does not fit, because SubDevice 1"),
         (vec!["plan", late.to_str().unwrap(), "--prove"], 1, "Not proven"),
         (vec!["plan", "--start-up"], 0, "Start-up of built-in segment"),
+        (vec!["plan", "--what-if=1", "--gone", "50ms"], 0, "\n cable to 1 "),
+        (vec!["plan", late.to_str().unwrap(), "--what-if=0"], 1, "the way up failed: OP"),
     ] {
         let output = isocat(&arguments);
         assert_eq!(output.status.code(), Some(code), "{arguments:?} {}", text(&output.stderr));
@@ -458,4 +460,18 @@ fn the_plan_says_by_its_exit_code_whether_it_fits() {
     let output = isocat(&["plan", wrong.to_str().unwrap()]);
     assert_eq!((output.status.code(), text(&output.stdout).as_str()), (Some(2), ""));
     assert!(text(&output.stderr).contains("[[subdevice]]"), "{}", text(&output.stderr));
+    for (arguments, words) in [
+        (
+            &["plan", "--what-if=0,nobody"][..],
+            "no SubDevice \"nobody\"; expected names or positions",
+        ),
+        (&["plan", "--what-if=99"], "no SubDevice \"99\""),
+        (&["plan", "--what-if", "--gone=60.000001s"], "expected 60 s at most"),
+        (&["plan", "--gone=1s"], "--what-if"),
+        (&["plan", "--seed=1"], "--prove|--what-if"),
+    ] {
+        let output = isocat(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(words), "{arguments:?} {}", text(&output.stderr));
+    }
 }

@@ -2,6 +2,7 @@
 
 use isocat::diagnosis::diagnose;
 use isocat::html::run::{self, Run};
+use isocat::plan::what_if::{self, Settings};
 use isocat::plan::{Plan, proof};
 use isocat::recording::{Recorded, Recording};
 use isocat::{Nanos, Report, Scenario, SegmentFile, html};
@@ -202,11 +203,22 @@ fn plans_have_pages_too() {
     let plan = Plan::of(&scenario).expect("it can be planned");
     let mut report = plan.report(&scenario);
     let bare = html::plan::page(&plan, &report, "isocat plan").render();
-    assert!(!bare.contains("The proof"));
+    assert!(!bare.contains("The proof") && !bare.contains("what-if"));
     proof::prove(&plan, &scenario).fill(&mut report);
     let page = html::plan::page(&plan, &report, "isocat plan --prove").render();
     is_alone(&page);
     assert!(page.contains(&report.verdict.replace('<', "&lt;").replace('>', "&gt;")));
     assert!(page.contains("It holds") && page.contains("slack seen [t]"));
     assert_eq!(json(&page)["format"], report.format);
+
+    let settings = Settings { gone: Nanos::millis(50), devices: vec![1], threads: 1 };
+    let found = what_if::what_if(&plan, &scenario, &settings, &mut |_| {});
+    report.what_if = Some(found.clone());
+    let page = html::plan::page(&plan, &report, "isocat plan --what-if=1").render();
+    is_alone(&page);
+    for case in &found.cases {
+        assert!(page.contains(&found.goes(case)));
+        assert!(found.rows(case).iter().all(|row| page.contains(&row.what)));
+    }
+    assert_eq!(json(&page)["what_if"]["cases"].as_array().map(Vec::len), Some(2));
 }

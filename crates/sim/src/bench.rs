@@ -16,7 +16,7 @@ use crate::wiring::MainPort;
 /// What the judges are told about the intent of a run: never how it was planned.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Intent {
-    /// The SubDevice whose clock leads.
+    /// The SubDevice whose clock leads; where that changes, the judges are told ([`Bench::led_by`]).
     pub reference: usize,
     /// When cyclic frames are to find the reference clock.
     pub send: Grid,
@@ -40,6 +40,8 @@ pub struct Intent {
 #[derive(Clone, Debug)]
 pub struct Bench {
     intent: Option<Intent>,
+    /// A clock leads. Without one there is no grid that anything could be off.
+    led: bool,
     devices: Vec<DeviceBench>,
     outputs_valid: OutputsValid,
     host_phase: Option<HostPhase>,
@@ -115,6 +117,7 @@ impl Bench {
     pub fn new(devices: usize) -> Self {
         Self {
             intent: None,
+            led: true,
             devices: vec![DeviceBench::default(); devices],
             outputs_valid: OutputsValid::new(0),
             host_phase: None,
@@ -136,7 +139,15 @@ impl Bench {
         let synchronized = intent.sync0.iter().flatten().count();
         self.outputs_valid = OutputsValid::new(synchronized);
         self.host_phase = Some(HostPhase::new(intent.send));
-        self.intent = Some(intent);
+        (self.intent, self.led) = (Some(intent), true);
+    }
+
+    /// Another clock leads from now on, or none: the time is that of the clock that leads.
+    pub fn led_by(&mut self, reference: Option<usize>) {
+        self.led = reference.is_some();
+        if let (Some(intent), Some(reference)) = (&mut self.intent, reference) {
+            intent.reference = reference;
+        }
     }
 
     /// The intent that is judged by; `None` before the judging begins.
@@ -159,7 +170,7 @@ impl Bench {
     /// A frame has passed the segment whose first bit left the MainDevice at `start`.
     pub fn frame(&mut self, segment: &Segment, bytes: &[u8], start: Time<True>) {
         let (Some(intent), Some(judge)) = (&self.intent, &mut self.host_phase) else { return };
-        if !is_cyclic(bytes) {
+        if !is_cyclic(bytes) || !leads(self.led, intent, segment) {
             return;
         }
         let entry = segment.path().entries.iter().find(|entry| entry.device == intent.reference);
@@ -193,11 +204,15 @@ impl Bench {
             Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
             Observed::Sync0 | Observed::Sync1 => {
                 let at = true_time();
-                let reference = segment.devices()[intent.reference].system_time_ps(at);
+                let leads = leads(self.led, intent, segment);
+                let reference =
+                    leads.then(|| segment.devices()[intent.reference].system_time_ps(at));
                 if event == Observed::Sync0 {
                     device.margin.sync0(device_at);
                 }
-                if let (Observed::Sync0, Some(judge)) = (event, &mut device.sync0) {
+                if let (Observed::Sync0, Some(judge), Some(reference)) =
+                    (event, &mut device.sync0, reference)
+                {
                     measured.sync0_error = Some(judge.edge(at, reference));
                 }
                 let chain = segment.devices()[index].stack.sync().chain();
@@ -210,7 +225,8 @@ impl Bench {
                 if event == acting(&chain) {
                     measured.margin = device.margin.acts(device_at);
                     device.outputs_delay.sync0(at);
-                    device.cycle = intent.acting[index].map(|grid| grid.index(reference));
+                    let number = |grid: Grid| Some(grid.index(reference?));
+                    device.cycle = intent.acting[index].and_then(number);
                 }
             }
             Observed::Began(Step::OutputsValid) => {
@@ -330,6 +346,11 @@ fn fetched(
         latched: (content.latched, oscillator.when(content.latched)),
         arrive: oscillator.when(device_at) + way,
     })
+}
+
+/// Whether there is a clock that leads: one that has lost its power shows a time without meaning.
+fn leads(led: bool, intent: &Intent, segment: &Segment) -> bool {
+    led && segment.devices()[intent.reference].is_powered()
 }
 
 /// The pulse whose first occasion outputs are for: with subordinated cycles each SYNC0, if the

@@ -261,8 +261,11 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Takes the next event of the MainDevice.
     pub fn poll_event(&mut self) -> Option<Event> {
         let event = self.runner.poll_event()?;
-        if matches!(event, Event::InOperation { .. }) {
-            self.timeline.reached(Moment::InOperation, self.now);
+        match event {
+            Event::InOperation { .. } => self.timeline.reached(Moment::InOperation, self.now),
+            Event::ReferenceLost { .. } => self.bench.led_by(None),
+            Event::ReferenceElected { position, .. } => self.bench.led_by(Some(position)),
+            _ => {}
         }
         if let Some(tap) = &mut self.tap {
             tap.event(self.now, &event);

@@ -47,6 +47,7 @@ impl Plan {
             devices: (0..timing.devices.len()).map(|at| self.device(scenario, at)).collect(),
             suggestion: None,
             proof: None,
+            what_if: None,
         }
     }
 

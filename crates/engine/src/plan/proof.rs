@@ -34,15 +34,21 @@ pub struct Proof {
 
 /// Runs the segment for the scenario's duration with the phase of the plan.
 pub fn prove(plan: &Plan, scenario: &Scenario) -> Proof {
-    let mut scenario = scenario.clone();
-    scenario.host = HostModel { extremes: true, ..scenario.host };
-    scenario.shift = plan.timing().sync0;
-    scenario.force = true;
+    let scenario = as_planned(plan, scenario);
     let onlooker = Rc::new(RefCell::new(Onlooker::new(plan, scenario.duration)));
     let outcome = scenario.run().execute(Some(Shared(onlooker.clone())), &mut |_| {});
     let run = Report::new(&scenario, &outcome);
     let watches = onlooker.borrow_mut().finish();
     Proof { watches, run }
+}
+
+/// The scenario with the phase of the plan, and with the worst host that was planned with.
+pub(super) fn as_planned(plan: &Plan, scenario: &Scenario) -> Scenario {
+    let mut scenario = scenario.clone();
+    scenario.host = HostModel { extremes: true, ..scenario.host };
+    scenario.shift = plan.timing().sync0;
+    scenario.force = true;
+    scenario
 }
 
 impl Proof {

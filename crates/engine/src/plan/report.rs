@@ -5,6 +5,7 @@ use isocat_sync::budget::Check;
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::what_if::WhatIf;
 pub use crate::report::Note;
 use crate::report::{Ring, typed};
 
@@ -46,6 +47,8 @@ pub struct PlanReport {
     pub suggestion: Option<Suggestion>,
     /// What a run showed; null unless it was asked for.
     pub proof: Option<ProofSummary>,
+    /// What becomes of the segment when a cable or a SubDevice goes; null unless it was asked for.
+    pub what_if: Option<WhatIf>,
 }
 
 /// Figures of the segment.

@@ -50,6 +50,9 @@ impl PlanReport {
             self.write_tightest(out)?;
         }
         self.write_suggestion(out)?;
+        if let Some(what_if) = &self.what_if {
+            what_if.write(out)?;
+        }
         self.write_descriptions(out)?;
         let warnings: Vec<String> = self
             .warnings

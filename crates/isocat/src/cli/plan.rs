@@ -1,10 +1,12 @@
 //! `isocat plan`.
 
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{ArgGroup, Args};
+use indicatif::{ProgressBar, ProgressStyle};
 use isocat_descriptions::eni;
-use isocat_engine::plan::{Plan, proof, suggest};
+use isocat_engine::plan::{Plan, PlanReport, proof, suggest, what_if};
 use isocat_esc::DriftLaw;
 use isocat_segment::Scenario;
 use isocat_wire::Nanos;
@@ -15,6 +17,7 @@ use crate::html;
 
 /// Arguments of `plan`.
 #[derive(Args, Debug)]
+#[command(group = ArgGroup::new("runs").args(["prove", "what_if"]).multiple(true))]
 pub struct Arguments {
     /// Segment file; without one, the built-in segment is planned
     segment: Option<String>,
@@ -25,11 +28,11 @@ pub struct Arguments {
     /// How long the proof runs once all devices are in OP; default as the segment file says
     #[arg(long = "for", value_name = "DURATION", value_parser = duration, requires = "prove")]
     duration: Option<Nanos>,
-    /// Seed of the proof's run
-    #[arg(long, requires = "prove")]
+    /// Seed of the runs
+    #[arg(long, requires = "runs")]
     seed: Option<u64>,
     /// Law of all drift loops, in the place of what the file says: hold, block or proportional
-    #[arg(long, value_name = "NAME", requires = "prove")]
+    #[arg(long, value_name = "NAME", requires = "runs")]
     drift_law: Option<DriftLaw>,
     /// What `isocat calibrate --chips` measured on a real segment, for the chips of the virtual one
     #[arg(long, value_name = "FILE")]
@@ -37,8 +40,16 @@ pub struct Arguments {
     /// Look for the phase with the most even slack and for the smallest cycle that fits
     #[arg(long)]
     suggest: bool,
+    /// Run the segment once for each cable that is pulled and each SubDevice that loses its power, and show which
+    /// SubDevices stay in sync, whose outputs go safe, and when all are in sync again; for all, or for those named by
+    /// position or name (--what-if=3,5)
+    #[arg(long, value_name = "DEVICES", num_args = 0..=1, require_equals = true, default_missing_value = "all")]
+    what_if: Option<String>,
+    /// How long the cable or the power is gone; default 500ms, 60s at most
+    #[arg(long, value_name = "DURATION", value_parser = gone, requires = "what_if")]
+    gone: Option<Nanos>,
     /// Print instead what the way up will write, per device and transition, and the frames of a cycle
-    #[arg(long, conflicts_with_all = ["prove", "suggest"])]
+    #[arg(long, conflicts_with_all = ["prove", "suggest", "what_if"])]
     start_up: bool,
     /// Also write the start-up list to this file, as ENI
     #[arg(long, value_name = "FILE")]
@@ -90,6 +101,9 @@ pub fn run(arguments: &Arguments) -> u8 {
         bar.finish_and_clear();
         proof.fill(&mut report);
     }
+    if let Err(message) = arguments.try_what_if(&plan, &scenario, &mut report) {
+        return fail(&message);
+    }
     let page = is_page(arguments.report.as_deref())
         .then(|| html::plan::page(&plan, &report, &arguments.command(&scenario)));
     let (path, text) = (arguments.report.as_deref(), report.text());
@@ -98,7 +112,8 @@ pub fn run(arguments: &Arguments) -> u8 {
     }
     let proven = report.proof.as_ref().is_none_or(|proof| proof.holds);
     let code = print(&if arguments.json { json(&report) } else { text });
-    match report.fits && proven {
+    let comes_up = report.what_if.as_ref().is_none_or(|found| found.failure.is_none());
+    match report.fits && proven && comes_up {
         _ if code == BAD_INPUT => BAD_INPUT,
         true => IN_SYNC,
         false => NOT_IN_SYNC,
@@ -106,6 +121,27 @@ pub fn run(arguments: &Arguments) -> u8 {
 }
 
 impl Arguments {
+    fn try_what_if(
+        &self,
+        plan: &Plan,
+        scenario: &Scenario,
+        report: &mut PlanReport,
+    ) -> Result<(), String> {
+        let Some(devices) = &self.what_if else { return Ok(()) };
+        let settings = what_if::Settings {
+            gone: self.gone.unwrap_or(what_if::GONE),
+            devices: positions(devices, scenario)?,
+            threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        };
+        let bar = cases_bar(2 * settings.devices.len());
+        let found = what_if::what_if(plan, scenario, &settings, &mut |done| {
+            bar.set_position(done as u64);
+        });
+        bar.finish_and_clear();
+        report.what_if = Some(found);
+        Ok(())
+    }
+
     /// The command that repeats it.
     fn command(&self, scenario: &Scenario) -> String {
         let (seed, duration) = (scenario.seed.to_string(), argument(scenario.duration));
@@ -114,12 +150,61 @@ impl Arguments {
         words.extend(self.chips.as_deref().into_iter().flat_map(|file| ["--chips", file]));
         words.extend(self.suggest.then_some("--suggest"));
         if self.prove {
-            words.extend(["--prove", "--for", &duration, "--seed", &seed]);
+            words.extend(["--prove", "--for", &duration]);
         }
+        if self.prove || self.what_if.is_some() {
+            words.extend(["--seed", &seed]);
+        }
+        let gone = self.gone.map(argument);
+        let devices = self.what_if.as_ref().map(|devices| match devices.as_str() {
+            "all" => "--what-if".to_owned(),
+            devices => format!("--what-if={devices}"),
+        });
+        words.extend(devices.as_deref());
+        words.extend(gone.iter().flat_map(|gone| ["--gone", gone]));
         let law = self.drift_law.map(|law| law.to_string());
         words.extend(law.iter().flat_map(|law| ["--drift-law", law]));
         command(&words)
     }
+}
+
+/// A time for which something is gone.
+fn gone(text: &str) -> Result<Nanos, String> {
+    let time = duration(text)?;
+    match time <= what_if::LONGEST {
+        true => Ok(time),
+        false => Err(format!("expected {} at most, found {text}", what_if::LONGEST)),
+    }
+}
+
+/// SubDevices by position or name, in a list; or all.
+fn positions(list: &str, scenario: &Scenario) -> Result<Vec<usize>, String> {
+    let devices = &scenario.devices;
+    if list == "all" {
+        return Ok((0..devices.len()).collect());
+    }
+    let position = |word: &str| {
+        let named = devices.iter().position(|device| device.name == word);
+        let numbered = || word.parse().ok().filter(|at| *at < devices.len());
+        named.or_else(numbered).ok_or_else(|| {
+            let last = devices.len() - 1;
+            format!(
+                "--what-if: no SubDevice {word:?}; expected names or positions, 0 to {last}, or all"
+            )
+        })
+    };
+    list.split(',').map(|word| position(word.trim())).collect()
+}
+
+/// Cases that are over.
+fn cases_bar(cases: usize) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{bar:40} {pos} of {len} cases, {eta} left");
+    let bar = ProgressBar::new(cases as u64);
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar
 }
 
 /// An error with the place of its device in the segment file.

@@ -6,7 +6,7 @@ use isocat_engine::plan::report::{Device, Line, PlanReport, Term};
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
-use super::parts::{figure, note, notes, slack, table, tile};
+use super::parts::{figure, note, notes, origin, slack, table, tile};
 use super::{Page, compact};
 use crate::picture::cycle::Cycle;
 
@@ -35,6 +35,7 @@ pub fn page(plan: &Plan, report: &PlanReport, command: &str) -> Page {
         (notes("What the field falls into with such a segment", &warnings))
         (proof(report))
         (suggestion(report))
+        (what_if(report))
         section #frames {
             h2 { "Frames of the fullest cycle" }
             (table(&["frame", "bytes", "from", "to", "datagrams"], html! {
@@ -163,6 +164,35 @@ fn proof(report: &PlanReport) -> Markup {
                 " lines are not tight within a factor of " (proof.factor) "."
             }
             ul { @for finding in &proof.findings { li { (finding) } } }
+        }
+    }
+}
+
+/// One row for those SubDevices of a case of which the same became.
+fn what_if(report: &PlanReport) -> Markup {
+    let Some(found) = &report.what_if else { return html! {} };
+    html! {
+        section #what-if {
+            h2 { "What if a cable or a SubDevice goes" }
+            p { "Each is " (found.head()) " " (origin("t")) "." }
+            @if let Some(failure) = &found.failure { p.bad { (failure) } }
+            (table(&["goes", "SubDevices", "what becomes of them", "in sync again"], html! {
+                @for case in &found.cases {
+                    @let rows = found.rows(case);
+                    @for (at, row) in rows.iter().enumerate() {
+                        tr {
+                            @if at == 0 {
+                                td rowspan=(rows.len()) {
+                                    (found.goes(case))
+                                    @if let Some(clocks) = found.clocks(case) { div.quiet { (clocks) } }
+                                }
+                            }
+                            td { (row.devices) } td { (row.what) } td.bad[row.stay_out] { (row.again) }
+                        }
+                    }
+                }
+            }))
+            ul { @for note in found.notes() { li { (note) } } }
         }
     }
 }

@@ -1,6 +1,7 @@
 //! `[[fault]]`: from its keys to what a simulation is told.
 
 use std::str::FromStr;
+use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Value};
@@ -19,7 +20,7 @@ pub struct Faults {
     /// What, and when. SubDevices are meant by their position.
     pub planned: Vec<Planned>,
     /// Devices that come in the place of others, by the number in [`Fault::Replace`].
-    pub spares: Vec<&'static Profile>,
+    pub spares: Vec<Arc<Profile>>,
 }
 
 pub(super) fn faults(root: &Keys<'_>, devices: &[SubDevice]) -> Result<Faults, FileError> {
@@ -34,9 +35,9 @@ pub(super) fn faults(root: &Keys<'_>, devices: &[SubDevice]) -> Result<Faults, F
         let mut order =
             Order::parse(what.name("a fault")?, &names).map_err(|message| what.error(message))?;
         if let (Fault::Replace { device, spare, .. }, Some(profile)) =
-            (&mut order.fault, order.spare)
+            (&mut order.fault, order.spare.clone())
         {
-            fits(profile, devices, *device).map_err(|message| what.error(message))?;
+            fits(&profile, devices, *device).map_err(|message| what.error(message))?;
             *spare = faults.spares.len();
             faults.spares.push(profile);
         }

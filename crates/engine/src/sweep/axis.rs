@@ -1,5 +1,6 @@
 //! What is varied: a key of the segment file, and its values.
 
+use isocat_descriptions::quantity::parse_duration;
 use isocat_sim::random::Stream;
 use toml::{Table, Value};
 
@@ -55,6 +56,65 @@ impl Axis {
             Values::List(list) => list.len() as u64,
             Values::Drawn { .. } => 1,
         }
+    }
+
+    /// The values that make points of the grid; `None` where they are drawn.
+    pub fn list(&self) -> Option<&[String]> {
+        match &self.values {
+            Values::List(list) => Some(list),
+            Values::Drawn { .. } => None,
+        }
+    }
+
+    /// How large the values of a list are, to put them in order: durations, or numbers of one unit. `None` where they are
+    /// neither.
+    pub fn sizes(&self) -> Option<Vec<f64>> {
+        let list = self.list()?;
+        let duration = |text: &String| parse_duration(text).ok().map(|time| time.0 as f64);
+        let durations: Option<Vec<f64>> = list.iter().map(duration).collect();
+        durations.or_else(|| {
+            let numbers: Vec<(i64, String)> =
+                list.iter().map(|text| quantity(text).ok()).collect::<Option<_>>()?;
+            let unit = &numbers.first()?.1;
+            let same = numbers.iter().all(|(_, other)| other == unit);
+            same.then(|| numbers.iter().map(|(number, _)| *number as f64).collect())
+        })
+    }
+
+    /// Whether all values are whole numbers without a unit.
+    pub fn is_whole(&self) -> bool {
+        self.list().is_some_and(|list| list.iter().all(|text| text.parse::<i64>().is_ok()))
+    }
+
+    /// The ends of a range, in thousandths of its unit.
+    pub(super) fn ends(&self) -> Option<(i64, i64)> {
+        match &self.values {
+            Values::List(_) => None,
+            Values::Drawn { least, most, .. } => Some((*least, *most)),
+        }
+    }
+
+    /// The smallest step within a range that a key takes, in thousandths of its unit: nanoseconds, and numbers without a unit
+    /// whose ends are whole, are whole.
+    pub(super) fn step(&self) -> i64 {
+        match &self.values {
+            Values::Drawn { least, most, unit } => {
+                let whole =
+                    unit == "ns" || unit.is_empty() && least % 1_000 == 0 && most % 1_000 == 0;
+                if whole { 1_000 } else { 1 }
+            }
+            Values::List(_) => 1,
+        }
+    }
+
+    /// The same key with one value of its range, in thousandths of its unit.
+    pub(super) fn at(&self, size: i64) -> Self {
+        let unit = match &self.values {
+            Values::Drawn { unit, .. } => unit.as_str(),
+            Values::List(_) => "",
+        };
+        let values = Values::List(vec![format!("{}{unit}", thousandths(size))]);
+        Self { key: self.key.clone(), path: self.path.clone(), values }
     }
 
     /// Writes the value into a file; gives it as rows tell it.

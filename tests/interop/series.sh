@@ -75,7 +75,7 @@ for = "10ms"
 device = "simple_io16"
 TOML
 for ending in csv parquet; do
-  "$ISOCAT" sweep "$folder/sweep.toml" --vary difference_filter=2,4 --vary host.jitter=5us,499us --vary sync0_limit=100ns..1us \
+  "$ISOCAT" sweep "$folder/sweep.toml" --vary host.difference_filter=2,4 --vary host.jitter=5us,499us --vary sync0_limit=100ns..1us \
     --faults swarm --seeds 3000 --rows "$folder/sweep.$ending" > "$folder/sweep.txt" || [ $? = 1 ]
 done
 "$folder/venv/bin/python" - "$folder" <<'PYTHON'
@@ -91,7 +91,7 @@ for name in table.column_names:
     assert table[name].combine_chunks().equals(read[name].combine_chunks()), name
 assert file.num_row_groups == 2 and table.num_rows == 12_000, (file.num_row_groups, table.num_rows)
 types = {field.name: str(field.type) for field in table.schema}
-assert types["number"] == types["worst_sync0_ps"] == types["difference_filter"] == "int64" and types["as_expected"] == "bool", types
+assert types["number"] == types["worst_sync0_ps"] == types["host.difference_filter"] == "int64" and types["as_expected"] == "bool", types
 assert types["host.jitter"] == types["verdict"] == "string", types
 assert table["number"].to_pylist() == list(range(12_000))
 assert 0 < table["finding"].null_count < 12_000 and table["verdict"].null_count == 0

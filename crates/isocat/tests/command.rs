@@ -103,8 +103,8 @@ fn a_run_ends_by_what_is_expected_of_it() {
 /// The grid of a sweep: a frontier in words and as a page, rows for other programs, and the edge of a value.
 #[test]
 fn a_sweep_tells_its_grid_as_a_page_and_its_rows_as_parquet() {
-    let segment = "cycle = \"1ms\"\nfor = \"50ms\"\n[[subdevice]]\ndevice = \"simple_io16\"\n\
-                   [[expect]]\nworst_sync0 = \"1ms\"\n";
+    let segment = "cycle = \"1ms\"\nfor = \"50ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+                   count = 2\n[[expect]]\nworst_sync0 = \"1ms\"\n";
     let path = scratch("page.toml", segment);
     let path = path.to_str().expect("a name in UTF-8");
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sweep-page");
@@ -135,7 +135,7 @@ fn a_sweep_tells_its_grid_as_a_page_and_its_rows_as_parquet() {
         let found: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
         (output.status.code(), found["edges"].as_array().expect("a list").len())
     };
-    assert_eq!(edge("expect[0].worst_sync0=0ns..10us"), (Some(1), 1));
+    assert_eq!(edge("expect[0].worst_sync0=1ns..10us"), (Some(1), 1));
     assert_eq!(edge("expect[0].worst_sync0=500us..1000us"), (Some(0), 0));
 }
 

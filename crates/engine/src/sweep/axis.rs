@@ -94,14 +94,14 @@ impl Axis {
         }
     }
 
-    /// The smallest step within a range that a key takes, in thousandths of its unit: nanoseconds, and numbers without a unit
-    /// whose ends are whole, are whole.
+    /// The smallest step within a range that a key takes, in thousandths of its unit: the smallest units are whole, and so are
+    /// numbers without a unit whose ends are.
     pub(super) fn step(&self) -> i64 {
         match &self.values {
             Values::Drawn { least, most, unit } => {
-                let whole =
-                    unit == "ns" || unit.is_empty() && least % 1_000 == 0 && most % 1_000 == 0;
-                if whole { 1_000 } else { 1 }
+                let smallest = ["ns", "mm", "ppb"].contains(&unit.as_str());
+                let are_whole = unit.is_empty() && least % 1_000 == 0 && most % 1_000 == 0;
+                if smallest || are_whole { 1_000 } else { 1 }
             }
             Values::List(_) => 1,
         }
@@ -130,7 +130,8 @@ impl Axis {
             let text = match &self.values {
                 Values::List(list) => list[choice as usize].clone(),
                 Values::Drawn { least, most, unit } => {
-                    let drawn = least + chance.up_to((most - least).unsigned_abs()) as i64;
+                    let steps = (most - least).unsigned_abs() / self.step() as u64;
+                    let drawn = least + chance.up_to(steps) as i64 * self.step();
                     format!("{}{unit}", thousandths(drawn))
                 }
             };
@@ -217,7 +218,12 @@ fn scalar(text: &str) -> Value {
 }
 
 fn drawn(least: &str, most: &str) -> Result<Values, String> {
-    let ((low, unit), (high, other)) = (quantity(least)?, quantity(most)?);
+    let ((mut low, mut unit), (mut high, mut other)) = (quantity(least)?, quantity(most)?);
+    // Durations of two units are both in the smallest one.
+    if let (true, Ok(from), Ok(to)) = (unit != other, parse_duration(least), parse_duration(most)) {
+        (low, high) = (from.0.saturating_mul(1_000), to.0.saturating_mul(1_000));
+        (unit, other) = ("ns".to_owned(), "ns".to_owned());
+    }
     if unit != other || low > high {
         return Err(format!(
             "{least}..{most} is no range; expected the smaller end first and one unit, such as 1m..100m"

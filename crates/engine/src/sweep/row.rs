@@ -109,6 +109,16 @@ impl Outcome {
         }
     }
 
+    /// What speaks against the run, in a word: its first finding; of a run without any `expectation`, where only that did
+    /// not come true, else its verdict.
+    pub fn name(&self) -> &str {
+        match (&self.finding, self.verdict) {
+            (Some(finding), _) => finding,
+            (None, "in-sync") if !self.as_expected => "expectation",
+            (None, verdict) => verdict,
+        }
+    }
+
     /// Whether two runs came to the same kind of end.
     pub fn is_like(&self, other: &Self) -> bool {
         (self.verdict, self.as_expected, &self.finding)
@@ -213,9 +223,7 @@ impl Totals {
         self.as_expected += u64::from(good);
         *self.verdicts.entry(row.outcome.verdict).or_default() += 1;
         if !good {
-            let finding =
-                row.outcome.finding.clone().unwrap_or_else(|| row.outcome.verdict.to_owned());
-            *self.findings.entry(finding).or_default() += 1;
+            *self.findings.entry(row.outcome.name().to_owned()).or_default() += 1;
             if self.failed.len() < MOST_FAILED {
                 self.failed.push((row.number, row.seed));
             }

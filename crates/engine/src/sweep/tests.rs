@@ -128,6 +128,30 @@ fn words(text: &str) -> Vec<String> {
     faults.iter().map(word).collect()
 }
 
+/// Values of a range are such as the key takes: whole where the ends are, and durations of any unit.
+#[test]
+fn ranges_are_drawn_in_whole_steps() {
+    for (axis, unit) in [
+        ("host.jitter=1ns..9ns", "ns"),
+        ("host.jitter=100ns..2us", "ns"),
+        ("subdevice[0].clock=-3ppb..3ppb", "ppb"),
+        ("host.jitter=1us..2us", "us"),
+        ("host.difference_filter=0..8", ""),
+    ] {
+        let sweep = sweep(&[axis], 40);
+        let mut values: Vec<String> = Vec::new();
+        for number in 0..40 {
+            let case = sweep.case(number).unwrap();
+            SegmentFile::parse("case.toml", &case.text)
+                .unwrap_or_else(|error| panic!("{axis}: {error}"));
+            values.push(case.values[0].strip_suffix(unit).unwrap().to_owned());
+        }
+        values.sort();
+        values.dedup();
+        assert!(values.len() > 4, "{axis}: {values:?}");
+    }
+}
+
 /// Bins are as wide as needed and no wider, whatever the order.
 #[test]
 fn counts_widen_by_halves() {

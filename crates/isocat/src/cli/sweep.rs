@@ -197,7 +197,7 @@ impl Arguments {
             false => case.text,
             true => shrink::shrink(&case.text, |text| sweep.outcome(text).is_like(&row.outcome)),
         };
-        let finding = row.outcome.finding.as_deref().unwrap_or(row.outcome.verdict);
+        let finding = row.outcome.name();
         let path = folder.join(format!("run-{}.toml", row.number));
         let head = format!("# Run {} of a sweep, seed {}: {finding}.\n\n", row.number, row.seed);
         super::output::write(&path, head + &text)

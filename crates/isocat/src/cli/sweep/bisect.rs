@@ -84,8 +84,7 @@ fn outcome(tried: &Tried) -> String {
     match &tried.failed {
         None => "all".to_owned(),
         Some((seed, outcome)) => {
-            let finding = outcome.finding.as_deref().unwrap_or(outcome.verdict);
-            format!("not with seed {seed}: {finding}")
+            format!("not with seed {seed}: {}", outcome.name())
         }
     }
 }

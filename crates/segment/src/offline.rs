@@ -186,7 +186,7 @@ fn sync_object(description: &Description, index: u16) -> Option<SyncObject> {
             bits: entry.bits,
             access: entry.access,
         };
-        let mut value = entry.default.to_vec();
+        let mut value = description.power_on(entry).to_vec();
         value.resize(entry.len(), 0);
         let entry = SyncEntry {
             sub: entry.sub,

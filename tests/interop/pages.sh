@@ -36,4 +36,5 @@ cd "$folder"
 "$isocat" run late.toml --report late.html > late.txt && { echo "the late device was not found"; exit 1; }
 "$isocat" plan --prove --for 100ms --report plan.html > plan.txt
 "$isocat" conform simple_io16 --report conform.html > conform.txt
+"$isocat" sweep late.toml --vary shift=100us,200us,400us --vary 'subdevice[1].copy_time=50us,150us' --seeds 2 --page sweep.html > sweep.txt || [ $? = 1 ]
 node pages.mjs "$folder" "$pictures"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # A foreign witness for series: pyarrow reads a run's table as CSV and as Parquet. Both are equal, their types are as documented,
-# and the figures are those of the report of the same run. Needs python3 with venv and a package index.
+# and the figures are those of the report of the same run. The same for the rows of a sweep. Needs python3 with venv and a package index.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 folder=$(mktemp -d)
@@ -65,4 +65,35 @@ main = report["segment"]["main_device"]
 phase = table.filter(pc.equal(table["position"], 0))["host_phase_error_ns"].drop_null()
 assert abs(pc.mean(phase).as_py() - main["host_phase_error"]["mean_ns"]) < 20, (pc.mean(phase), main)
 assert pc.max(table["frames_lost"]).as_py() == main["frames_lost"] == 0
+PYTHON
+
+# Rows of a sweep: more than a row group has, cells that are empty, an axis of numbers and one of texts.
+cat > "$folder/sweep.toml" <<'TOML'
+cycle = "1ms"
+for = "10ms"
+[[subdevice]]
+device = "simple_io16"
+TOML
+for ending in csv parquet; do
+  "$ISOCAT" sweep "$folder/sweep.toml" --vary host.difference_filter=2,4 --vary host.jitter=5us,499us --vary sync0_limit=100ns..1us \
+    --faults swarm --seeds 3000 --rows "$folder/sweep.$ending" > "$folder/sweep.txt" || [ $? = 1 ]
+done
+"$folder/venv/bin/python" - "$folder" <<'PYTHON'
+import sys
+import pyarrow.csv, pyarrow.parquet
+folder = sys.argv[1]
+file = pyarrow.parquet.ParquetFile(f"{folder}/sweep.parquet")
+table = file.read()
+read = pyarrow.csv.read_csv(f"{folder}/sweep.csv", convert_options=pyarrow.csv.ConvertOptions(
+    column_types=table.schema, strings_can_be_null=True, null_values=[""]))
+assert table.column_names == read.column_names, (table.column_names, read.column_names)
+for name in table.column_names:
+    assert table[name].combine_chunks().equals(read[name].combine_chunks()), name
+assert file.num_row_groups == 2 and table.num_rows == 12_000, (file.num_row_groups, table.num_rows)
+types = {field.name: str(field.type) for field in table.schema}
+assert types["number"] == types["worst_sync0_ps"] == types["host.difference_filter"] == "int64" and types["as_expected"] == "bool", types
+assert types["host.jitter"] == types["verdict"] == "string", types
+assert table["number"].to_pylist() == list(range(12_000))
+assert 0 < table["finding"].null_count < 12_000 and table["verdict"].null_count == 0
+print(f"ok: {table.num_rows} rows of a sweep in CSV and Parquet ({file.num_row_groups} row groups), equal")
 PYTHON

@@ -36,7 +36,7 @@ use wire::Wire;
 impl Hints {
     /// What a segment file knows of a device. An error names a deviation of its profile whose rule there is not.
     pub fn of(device: &SubDevice) -> Result<Self, FileError> {
-        let profile = device.profile;
+        let profile = &device.profile;
         let known = || rules::all().map(|rule| rule.id);
         for deviation in &profile.deviations {
             let rule = &deviation.rule;
@@ -233,7 +233,7 @@ pub fn segment_of(device: &str) -> String {
 fn is_on_ebus(device: &str) -> bool {
     let of_file =
         || Profile::from_toml(device, &limits::read_text(device, limits::TOML).ok()?).ok();
-    profile::built_in(device).or_else(of_file).is_some_and(Profile::is_on_ebus)
+    profile::built_in(device).or_else(of_file).is_some_and(|profile| profile.is_on_ebus())
 }
 
 /// How many SubDevices there are.

@@ -2,7 +2,8 @@
 //!
 //! A [`Sweep`] is a segment file and what is to be varied in it. [`case`](Sweep::case) is one of its runs as a segment file of
 //! its own, which `isocat run` repeats; [`run`](Sweep::run) runs it and gives a [`Row`], [`run_all`](Sweep::run_all) does so for
-//! all, on several threads and in order. [`shrink`](mod@shrink) makes a run that fails small.
+//! all, on several threads and in order. [`summary`] is what many rows come to, in bounded memory; [`bisect`](Sweep::bisect) looks for
+//! the edge of a value; [`shrink`](mod@shrink) makes a run that fails small.
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,16 +15,20 @@ use isocat_segment::{Scenario, SegmentFile};
 use toml::{Table, Value};
 
 mod axis;
+mod bisect;
 mod row;
 pub mod shrink;
+pub mod summary;
 mod swarm;
 
 pub use axis::Axis;
+pub use bisect::{Bisection, Tried};
 pub use row::{Outcome, Row, Totals};
 
 use crate::NoTap;
 
 /// A segment file and what is varied in it.
+#[derive(Clone)]
 pub struct Sweep {
     path: String,
     base: Table,

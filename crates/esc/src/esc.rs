@@ -43,7 +43,7 @@ use crate::watchdog::Watchdog;
 /// **Time** is an argument everywhere and must not go back. Before anything is done at an instant,
 /// `step` has to be called with it until it returns `None`, so that what fell due before has happened.
 pub struct Esc<M> {
-    pub(crate) chip: &'static Chip,
+    pub(crate) chip: Chip,
     pub(crate) registers: Registers,
     pub(crate) shadow: Shadow,
     pub(crate) ram: M,
@@ -160,10 +160,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// Power-on at device time zero, with the local time at zero too. The configuration area is loaded
     /// from `eeprom`; `ram` is the process RAM from 0x1000 on (what the chip has beyond it does not
     /// exist, what `ram` has beyond the chip is not used).
-    pub fn new(chip: &'static Chip, eeprom: M, ram: M) -> Self {
+    pub fn new(chip: &Chip, eeprom: M, ram: M) -> Self {
         let mut registers = Registers::new();
         let mut esc = Self {
-            chip,
+            chip: *chip,
             sync_managers: SyncManagers::new(chip, &mut registers),
             registers,
             shadow: Shadow::new(),
@@ -214,7 +214,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// The same ESC with its local time at `local` at device time zero.
     pub fn with_local_time(mut self, local: Time<Local>) -> Self {
-        self.dc.restart(self.chip, local.count(), Time::ZERO);
+        self.dc.restart(&self.chip, local.count(), Time::ZERO);
         self
     }
 
@@ -236,7 +236,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
 
     /// Everything from the beginning, but links and RAM.
     fn start(&mut self, now: Time<Device>, local: u64) {
-        let chip = self.chip;
+        let chip = &{ self.chip };
         self.reach_version = self.reach_version.wrapping_add(1);
         self.registers = Registers::new();
         let registers = &mut self.registers;
@@ -301,7 +301,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             information |= PDI_INFORMATION_ACKNOWLEDGE_BY_WRITE;
         }
         registers.store(register::PDI_INFORMATION, information);
-        self.units = Units::new(self.chip, registers.load(register::ESC_CONFIGURATION));
+        self.units = Units::new(&self.chip, registers.load(register::ESC_CONFIGURATION));
         self.shadow.open(&self.units);
         self.al.set_emulation(registers);
     }
@@ -341,8 +341,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if self.ports.set_link(port, link, &self.registers) {
             count(&mut self.registers, 0x0310 + port.index() as u16);
         }
-        self.dl_changed |= self.ports.update(self.chip, &mut self.registers, 0);
-        self.mii.show(self.chip, self.ports.links(), &mut self.registers);
+        self.dl_changed |= self.ports.update(&self.chip, &mut self.registers, 0);
+        self.mii.show(&self.chip, self.ports.links(), &mut self.registers);
         self.reach_version = self.reach_version.wrapping_add(1);
     }
 
@@ -351,7 +351,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     pub fn hear_frame(&mut self, port: PortNumber) -> bool {
         let waits = self.ports.waits_for_frame(port, &self.registers);
         if waits {
-            self.dl_changed |= self.ports.update(self.chip, &mut self.registers, 1 << port.index());
+            self.dl_changed |=
+                self.ports.update(&self.chip, &mut self.registers, 1 << port.index());
             self.reach_version = self.reach_version.wrapping_add(1);
         }
         waits
@@ -479,8 +480,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// What kind of ESC it is.
-    pub fn chip(&self) -> &'static Chip {
-        self.chip
+    pub fn chip(&self) -> &Chip {
+        &self.chip
     }
 
     /// Registers and user RAM, 0x0000-0x0FFF, as they are in force; see [`Self::register`].
@@ -633,7 +634,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 let image = &mut self.image;
                 if self.eeprom_is_dead {
                     self.eeprom.get_no_acknowledge();
-                } else if self.eeprom.finish(image, self.chip, &mut self.registers) {
+                } else if self.eeprom.finish(image, &self.chip, &mut self.registers) {
                     self.load_configuration();
                 }
                 self.eeprom.show(&mut self.registers);
@@ -641,13 +642,13 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             }
             Due::Mii => {
                 let links = self.ports.links();
-                self.mii.finish(self.chip, links, &mut self.registers);
-                self.mii.show(self.chip, links, &mut self.registers);
+                self.mii.finish(&self.chip, links, &mut self.registers);
+                self.mii.show(&self.chip, links, &mut self.registers);
                 None
             }
             Due::Loops => {
                 self.ports.end_temporary(&mut self.registers);
-                let changed = self.ports.update(self.chip, &mut self.registers, ALL_PORTS);
+                let changed = self.ports.update(&self.chip, &mut self.registers, ALL_PORTS);
                 self.dl_changed |= changed;
                 self.reach_version = self.reach_version.wrapping_add(1);
                 changed.then_some(EscEvent::Ports)

@@ -73,7 +73,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                     self.ports.control(loops_before, now, registers);
                 }
                 let reopen = if loops { ALL_PORTS } else { 0 };
-                if self.ports.update(self.chip, registers, reopen) {
+                if self.ports.update(&self.chip, registers, reopen) {
                     self.dl_changed = true;
                     self.overdue = Some((now, EscEvent::Ports));
                 }
@@ -112,7 +112,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 .map(|address| shadow.byte(address));
             if control != [None; 2] {
                 let control = u16::from_le_bytes(control.map(|byte| byte.unwrap_or(0)));
-                self.eeprom.command(Side::Ecat, control, now, self.chip);
+                self.eeprom.command(Side::Ecat, control, now, &self.chip);
             }
             self.eeprom.show(registers);
             if shadow.touches(MII) {
@@ -124,7 +124,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                     let control = u16::from_le_bytes(control.map(|byte| byte.unwrap_or(0)));
                     self.mii.command(Side::Ecat, control, now);
                 }
-                self.mii.show(self.chip, self.ports.links(), registers);
+                self.mii.show(&self.chip, self.ports.links(), registers);
             }
         }
         if shadow.touches_page(0x0600) {

@@ -176,7 +176,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 if take == 0 || Mii::may_take(&esc.registers) {
                     let kept = esc.registers.byte(address) & !1;
                     esc.registers.set_byte(address, kept | take);
-                    esc.mii.show(esc.chip, esc.ports.links(), &mut esc.registers);
+                    esc.mii.show(&esc.chip, esc.ports.links(), &mut esc.registers);
                 }
             }
             0x0800..0x0880 => {
@@ -247,7 +247,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
             if esc.eeprom.is_waiting() {
                 esc.eeprom.answer(control);
             } else {
-                esc.eeprom.command(Side::Pdi, control, self.now, esc.chip);
+                esc.eeprom.command(Side::Pdi, control, self.now, &esc.chip);
             }
             esc.eeprom.show(&mut esc.registers);
         }
@@ -256,7 +256,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
         }
         if let Some(control) = mii {
             esc.mii.command(Side::Pdi, control, self.now);
-            esc.mii.show(esc.chip, esc.ports.links(), &mut esc.registers);
+            esc.mii.show(&esc.chip, esc.ports.links(), &mut esc.registers);
         }
         if time[3].is_some() {
             esc.dc.follow_latch(self.now, time, &mut esc.registers);

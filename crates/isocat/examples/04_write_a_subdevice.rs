@@ -133,9 +133,9 @@ impl Application for Oven {
 
 fn main() {
     let device = DeviceSetup {
-        chip: &LAN9252,
+        chip: LAN9252,
         sii: sii().into(),
-        description: &DESCRIPTION,
+        description: DESCRIPTION.clone(),
         application: Box::new(Oven { set_point: 293_150.0, temperature: 293_150.0 }),
         cpu: CpuModel {
             copy_outputs: Nanos::micros(30),

@@ -1,7 +1,7 @@
 //! Reports as one HTML file each: no network, light and dark, for screen, phone and paper.
 //!
 //! A [`Page`] is the shell: style, script and the report as JSON are in the file itself. What a page says comes from
-//! [`run`], [`interface`], [`plan`], [`serve`] or [`conform`]; drawings from [`crate::picture`]. Without its script a page shows all
+//! [`run`], [`interface`], [`plan`], [`serve`], [`sweep`] or [`conform`]; drawings from [`crate::picture`]. Without its script a page shows all
 //! the same, it cannot be zoomed then.
 
 pub mod conform;
@@ -13,6 +13,8 @@ pub mod plan;
 pub mod run;
 #[cfg(target_os = "linux")]
 pub mod serve;
+#[cfg(not(target_family = "wasm"))]
+pub mod sweep;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Serialize;

@@ -100,6 +100,45 @@ fn a_run_ends_by_what_is_expected_of_it() {
     assert!(text(&output.stdout).contains("Expected: 2 of 2 came so."), "{}", text(&output.stdout));
 }
 
+/// The grid of a sweep: a frontier in words and as a page, rows for other programs, and the edge of a value.
+#[test]
+fn a_sweep_tells_its_grid_as_a_page_and_its_rows_as_parquet() {
+    let segment = "cycle = \"1ms\"\nfor = \"50ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\
+                   count = 2\n[[expect]]\nworst_sync0 = \"1ms\"\n";
+    let path = scratch("page.toml", segment);
+    let path = path.to_str().expect("a name in UTF-8");
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sweep-page");
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let file = |name: &str| folder.join(name).to_str().expect("UTF-8").to_owned();
+    let (rows, page) = (file("rows.parquet"), file("page.html"));
+    let limits = "expect[0].worst_sync0=1ns,1ms";
+    let grid = ["sweep", path, "--vary", limits, "--vary", "cycle=2ms,1ms", "--seeds", "3"];
+    let output = isocat(&[&grid[..], &["--rows", &rows, "--page", &page]].concat());
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let told = text(&output.stdout);
+    assert!(told.contains("cycle 1ms"), "values in their order: {told}");
+    assert!(told.contains("1ms and above"), "{told}");
+    let bytes = std::fs::read(&rows).expect("rows");
+    assert!(bytes.starts_with(b"PAR1") && bytes.ends_with(b"PAR1"));
+    let html = std::fs::read_to_string(&page).expect("a page");
+    assert!(html.contains("<td>1ms and above</td>") || html.contains(">1ms and above<"), "{html}");
+    assert_eq!(html.matches("3 of 3 runs").count(), 2, "points that hold");
+    assert_eq!(html.matches("0 of 3 runs").count(), 2, "points that do not");
+
+    let refused = isocat(&[&grid[..], &["--rows", &rows, "--resume"]].concat());
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("Parquet"), "{}", text(&refused.stderr));
+
+    let edge = |range: &str| {
+        let output = isocat(&["sweep", path, "--bisect", range, "--seeds", "2", "--json"]);
+        let found: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        (output.status.code(), found["edges"].as_array().expect("a list").len())
+    };
+    assert_eq!(edge("expect[0].worst_sync0=1ns..10us"), (Some(1), 1));
+    assert_eq!(edge("expect[0].worst_sync0=500us..1000us"), (Some(0), 0));
+}
+
 /// A sweep tells rows, totals and what failed; it goes on where it was cut off, and what it kept fails again.
 #[test]
 fn a_sweep_can_be_cut_off_and_what_fails_is_kept() {

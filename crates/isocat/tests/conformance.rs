@@ -195,7 +195,7 @@ fn a_deviation_names_a_rule_that_there_is() {
     let named = "\n[[deviation]]\nrule = \"OBJ-99\"\nplaces = [\"1C00\"]\nwhy = \"a test\"\n";
     let profile = profile::Profile::from_toml("some.toml", &format!("{text}{named}"));
     let mut file = SegmentFile::parse("a test", &conform::segment_of(TERMINAL)).expect("a segment");
-    file.subdevices[0].profile = Box::leak(Box::new(profile.expect("a profile")));
+    file.subdevices[0].profile = profile.expect("a profile");
     let error = Hints::of(&file.subdevices[0]).expect_err("refused").to_string();
     let line = text.lines().count() + 3;
     assert!(

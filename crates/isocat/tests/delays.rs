@@ -120,7 +120,7 @@ static JUNCTION: Chip =
 #[test]
 fn a_junction_without_receive_times() {
     let mut setup = scenario(FORK).run().setup;
-    setup.segment[1].device.chip = &JUNCTION;
+    setup.segment[1].device.chip = JUNCTION;
     let (world, events) = operating(setup);
     let truth = true_delays(&world);
     let segment = world.main().segment();
@@ -148,7 +148,7 @@ fn a_junction_without_receive_times() {
 fn the_report_says_which_delay_is_not_known_and_why() {
     let scenario = scenario(FORK);
     let mut run = scenario.run();
-    run.setup.segment[1].device.chip = &JUNCTION;
+    run.setup.segment[1].device.chip = JUNCTION;
     let outcome = run.execute(None::<NoTap>, &mut |_| {});
     let report = isocat::Report::new(&scenario, &outcome);
     let unknown = |device: &isocat::report::Device| device.registers.delay_unknown.clone();

@@ -1,5 +1,6 @@
 //! Import of device descriptions: what is read, what is doubted, what is refused, and how long that takes.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
@@ -111,7 +112,7 @@ fn the_dictionary_is_put_together() {
 fn the_virtual_device_is_what_the_file_says() {
     let file = import(BOX);
     let drive = Profile::from_esi(&file, &file.devices[0], Some(1)).unwrap();
-    assert!(std::ptr::eq(drive, Profile::from_esi(&file, &file.devices[0], Some(1)).unwrap()));
+    assert!(Arc::ptr_eq(&drive, &Profile::from_esi(&file, &file.devices[0], Some(1)).unwrap()));
     let header = sii::Header::parse(&drive.sii).unwrap();
     assert_eq!((header.vendor_id, header.product_code, header.revision), (0x0B0C, 0x101, 0x10000));
     assert_eq!((header.receive.start, header.send.length, header.protocols), (0x1000, 128, 4));
@@ -138,7 +139,7 @@ fn the_virtual_device_is_what_the_file_says() {
     assert!(item("InitCmd left out") && item("0x1C33:06") && item("ESC") && !item("0x1C32:06"));
 
     let terminal = Profile::from_esi(&file, &file.devices[2], None).unwrap();
-    let description = terminal.description;
+    let description = &terminal.description;
     assert_eq!((description.outputs.sync_manager, description.inputs.sync_manager), (0, 1));
     assert_eq!(description.outputs.max_length, 1);
     // Ports 0 and 2 are EBUS, port 3 is MII, port 1 is not there.
@@ -164,7 +165,7 @@ fn op_modes_become_modes() {
     let of = |device: usize, number, bus| {
         let device = &file.devices[device];
         let profile = Profile::from_esi(&file, device, Some(number)).unwrap();
-        RunAs::new(&file, device, Some(number), profile, Nanos(bus))
+        RunAs::new(&file, device, Some(number), &profile, Nanos(bus))
     };
     let mode = |device, number| of(device, number, 1_000_000).unwrap();
     assert_eq!(mode(0, 0).mode, SyncMode::SmSynchronous);

@@ -4,6 +4,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use isocat::esi::{EsiDevice, EsiFile, WarningKind};
 use isocat::profile::{Profile, RunAs};
@@ -102,7 +103,7 @@ struct Trial {
 }
 
 struct Ready {
-    profile: &'static Profile,
+    profile: Arc<Profile>,
     run_as: RunAs,
     /// All that the way up depends on: equal ones go up alike.
     key: String,
@@ -144,8 +145,8 @@ fn trial(number: usize, file: &EsiFile, device: &EsiDevice, op_mode: Option<usiz
             let cycles = [1, 2, 4, 10, 20, 100, 1_000].map(Nanos::millis);
             trial.cycle = cycles.into_iter().find(|cycle| *cycle >= least).unwrap_or(cycles[6]);
         }
-        let run_as = RunAs::new(file, device, op_mode, profile, trial.cycle)?;
-        let key = key(profile, &run_as, trial.cycle);
+        let run_as = RunAs::new(file, device, op_mode, &profile, trial.cycle)?;
+        let key = key(&profile, &run_as, trial.cycle);
         Ok(Ready { profile, run_as, key })
     });
     trial.result = ready.map_err(|error| {
@@ -156,7 +157,7 @@ fn trial(number: usize, file: &EsiFile, device: &EsiDevice, op_mode: Option<usiz
 }
 
 fn key(profile: &Profile, run_as: &RunAs, cycle: Nanos) -> String {
-    let description = profile.description;
+    let description = &profile.description;
     let objects = description.objects.iter().filter(|object| {
         matches!(object.index, 0x1C00 | 0x1C12 | 0x1C13 | 0x1C32 | 0x1C33 | 0x10F1)
             || profile.assignment.outputs.contains(&object.index)
@@ -202,7 +203,7 @@ fn scenario(devices: &[(&Ready, usize)], cycle: Nanos) -> Scenario {
     let template = scenario.devices.remove(0);
     for (position, (ready, number)) in devices.iter().enumerate() {
         let mut device = SubDevice { name: format!("trial {number}"), ..template.clone() };
-        device.profile = ready.profile;
+        device.profile = ready.profile.clone();
         device.mode = Some(ready.run_as.mode);
         device.sync1 = ready.run_as.sync1;
         device.sync0_cycle = ready.run_as.sync0_cycle;

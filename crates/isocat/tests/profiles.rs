@@ -41,20 +41,20 @@ fn each_published_object_is_answered_as_published() {
     for table in published() {
         let id = table["id"].as_str().expect("an id");
         let profile = profile::built_in(id).unwrap_or_else(|| panic!("{id} has no profile"));
-        let mut bench = Bench::new(profile);
+        let mut bench = Bench::new(&profile);
         for (index, object) in table["objects"].as_object().expect("objects") {
             let index = u16::from_str_radix(index, 16).expect("an index");
             if object.is_null() {
-                let there = is_assumed(profile, &format!("0x{index:04X}"));
+                let there = is_assumed(&profile, &format!("0x{index:04X}"));
                 let answer = bench.read(index, 0, false);
                 assert_eq!(answer.is_ok(), there, "{id} {index:04X}: {answer:?}");
                 assert!(there || answer == Err(AbortCode::NO_OBJECT), "{id} {index:04X}");
                 continue;
             }
-            compared += compare(&mut bench, profile, index, object);
+            compared += compare(&mut bench, &profile, index, object);
         }
         for index in [0x1C12u16, 0x1C13] {
-            compared += assignment(&mut bench, profile, index, &table["pdo_assign"]);
+            compared += assignment(&mut bench, &profile, index, &table["pdo_assign"]);
         }
     }
     println!("{compared} entries compared");

@@ -32,8 +32,8 @@ fn built_in() -> (Vec<u8>, Vec<Told>) {
     let segment = SegmentFile::built_in();
     let told = segment.subdevices.iter().map(|device| Told {
         name: device.name.clone(),
-        chip: device.profile.esc(),
-        sii: device.profile.sii.clone(),
+        chip: *device.profile.esc(),
+        sii: device.profile.sii.to_vec(),
     });
     let told = told.collect();
     (file_of(segment), told)

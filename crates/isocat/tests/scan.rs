@@ -147,7 +147,7 @@ fn delays_that_cannot_be_known_are_said_to_be() {
     static JUNCTION: Chip =
         Chip { features: ET1100.features & !(features::DC | features::DC_64_BIT), ..ET1100 };
     let mut setup = setup(&scenario(FORK));
-    setup.segment[1].device.chip = &JUNCTION;
+    setup.segment[1].device.chip = JUNCTION;
     let scan = Scan::of_setup(setup, &mut |_| {});
     let report = report(&scan);
     assert!(report.consistent, "{:?}", report.findings);

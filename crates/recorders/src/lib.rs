@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod capture;
+pub mod parquet;
 pub mod reading;
 pub mod series;
 pub mod trace;

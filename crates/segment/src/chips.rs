@@ -1,8 +1,6 @@
 //! What devices of one kind of ESC may have different: the law of the drift loop, the sign of its
 //! difference, times of EEPROM and ports.
 
-use std::sync::{Mutex, PoisonError};
-
 use isocat_descriptions::document::FileError;
 use isocat_descriptions::document::section::{Choice, Key, Keys, Kind, Limit, Need, Word};
 use isocat_esc::DriftLaw;
@@ -141,11 +139,8 @@ pub(crate) fn asked_law(keys: &Keys<'_>, usual: DriftLaw) -> Result<Option<Drift
 }
 
 /// A chip with what these keys say of its drift loop, its EEPROM and its ports.
-pub(crate) fn measured(
-    mut chip: &'static Chip,
-    keys: &Keys<'_>,
-) -> Result<&'static Chip, FileError> {
-    chip = with_law(chip, asked_law(keys, chip.drift_law)?);
+pub(crate) fn measured(chip: &Chip, keys: &Keys<'_>) -> Result<Chip, FileError> {
+    let chip = with_law(chip, asked_law(keys, chip.drift_law)?);
     let polarity = keys.find_choice("difference_polarity", &POLARITIES)?;
     let difference_polarity = polarity.unwrap_or(chip.difference_polarity);
     let eeprom_read_time = keys.find::<Nanos>("eeprom_read")?.unwrap_or(chip.eeprom_read_time);
@@ -156,26 +151,10 @@ pub(crate) fn measured(
             _ => rx_fifo.mii_period = jitter.into(),
         }
     }
-    let measured = Chip { difference_polarity, eeprom_read_time, rx_fifo, ..*chip };
-    Ok(if measured == *chip { chip } else { interned(measured) })
-}
-
-/// One and the same reference for equal chips, so that no more of them are kept than differ.
-pub(crate) fn interned(chip: Chip) -> &'static Chip {
-    static KNOWN: Mutex<Vec<&'static Chip>> = Mutex::new(Vec::new());
-    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(same) = known.iter().find(|known| ***known == chip) {
-        return same;
-    }
-    let chip: &'static Chip = Box::leak(Box::new(chip));
-    known.push(chip);
-    chip
+    Ok(Chip { difference_polarity, eeprom_read_time, rx_fifo, ..chip })
 }
 
 /// The same chip with another law of its drift loop.
-pub(crate) fn with_law(chip: &'static Chip, law: Option<DriftLaw>) -> &'static Chip {
-    match law {
-        Some(law) if law != chip.drift_law => interned(Chip { drift_law: law, ..*chip }),
-        _ => chip,
-    }
+pub(crate) fn with_law(chip: &Chip, law: Option<DriftLaw>) -> Chip {
+    Chip { drift_law: law.unwrap_or(chip.drift_law), ..*chip }
 }

@@ -4,6 +4,7 @@
 //! `loss 0.5% burst 3 back`, `misbehave 3 missed-copy 7 for 2s`. A SubDevice is named by its name or its position.
 
 use std::fmt;
+use std::sync::Arc;
 
 use isocat_descriptions::document::name_hint;
 use isocat_sim::Fault;
@@ -26,7 +27,7 @@ pub struct Order {
     /// How long; `None`: until something else ends it.
     pub lasts: Option<Nanos>,
     /// The device that comes in the place of another one.
-    pub spare: Option<&'static Profile>,
+    pub spare: Option<Arc<Profile>>,
 }
 
 impl Order {

@@ -51,7 +51,9 @@ pub fn ends(devices: &[segment_file::SubDevice], ring: segment_file::Ring) -> [P
 
 /// What the cables and chips make of the propagation delays.
 pub fn ways(devices: &[segment_file::SubDevice]) -> Vec<Way> {
-    let chip = |device: &segment_file::SubDevice| device.profile.esc();
+    fn chip(device: &segment_file::SubDevice) -> &Chip {
+        device.profile.esc()
+    }
     let cabled: Vec<Cabled> = devices
         .iter()
         .map(|device| {
@@ -78,11 +80,11 @@ pub fn ways(devices: &[segment_file::SubDevice]) -> Vec<Way> {
 }
 
 fn subdevice(position: usize, file: &segment_file::SubDevice) -> SubDevice {
-    let profile = file.profile;
+    let profile = &file.profile;
     let chip = profile.esc();
     let station = StationAddress(FIRST_STATION.wrapping_add(position as u16));
     let header = sii::Header::parse(&profile.sii).unwrap_or_default();
-    let description = profile.description;
+    let description = &profile.description;
     let mut device = SubDevice::new(position, station);
     device.name.clone_from(&file.name);
     device.esc = EscInformation {
@@ -195,7 +197,7 @@ fn sync_object(description: &Description, index: u16) -> Option<SyncObject> {
             bits: entry.bits,
             access: entry.access,
         };
-        let mut value = entry.default.to_vec();
+        let mut value = description.power_on(entry).to_vec();
         value.resize(entry.len(), 0);
         let entry = SyncEntry {
             sub: entry.sub,

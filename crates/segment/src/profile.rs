@@ -75,13 +75,13 @@
 //! [`Profile::assumptions`] with its reason, and reports print it.
 
 use std::collections::HashMap;
-use std::sync::{LazyLock, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::section::Words;
 use isocat_descriptions::quantity::Ppb;
 use isocat_esc::chip::{Chip, PortKind};
 use isocat_sim::Unevenness;
-use isocat_subdevice::{Description, Misbehaviour};
+use isocat_subdevice::{Description, Misbehaviours};
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
 use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
@@ -105,9 +105,10 @@ pub(crate) use keys::MODES;
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.
 ///
-/// Profiles live as long as the program: the stack's [`Description`] is static data, so that it runs
-/// without allocation on a microcontroller, and a profile is interned by its text, so that ten
-/// thousand devices of one kind share one. What leaks is one profile per distinct text.
+/// Profiles are shared: ten thousand devices of one kind have one. Their objects are static data, so that the stack runs without
+/// allocation on a microcontroller: those of each profile text, or device of a description, are made once and stay for as long
+/// as the program runs. What a segment file says differently of a device ([`Overrides`]) is in the profile by value, and goes
+/// with it.
 #[derive(Clone, Debug)]
 pub struct Profile {
     /// Name in segment files: the file's `id`.
@@ -119,9 +120,9 @@ pub struct Profile {
     /// Object 0x1018.
     pub identity: Identity,
     /// Dictionary, mailbox, process data areas and behaviour for the SubDevice stack.
-    pub description: &'static Description,
+    pub description: Description,
     /// EEPROM image, as long as the EEPROM; unused bytes are 0xFF.
-    pub sii: Vec<u8>,
+    pub sii: Arc<[u8]>,
     /// Which ESC it has: a name that `[esc] chip` takes; the ports and the memory of an imported device are its own.
     pub chip: &'static str,
     /// What its CPU really needs.
@@ -148,7 +149,7 @@ pub struct Profile {
     pub origin: Origin,
     /// The file gives the time itself, so it does not follow 0x1C32:06.
     calc_and_copy_given: bool,
-    esc: &'static Chip,
+    esc: Chip,
 }
 
 /// What a profile was made from.
@@ -283,7 +284,7 @@ pub struct Assumption {
 }
 
 /// What a segment file may say differently for one of its devices.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Overrides {
     /// What the device states in 0x1C32:06.
     pub stated_calc_and_copy: Option<Nanos>,
@@ -296,16 +297,16 @@ pub struct Overrides {
     /// [`Chip::eeprom_burn_time`].
     pub eeprom_burn_time: Option<Nanos>,
     /// What the device does wrong.
-    pub misbehaviour: &'static [Misbehaviour],
+    pub misbehaviour: Misbehaviours,
 }
 
 impl Profile {
     /// Reads a profile; `path` names the file in errors. Equal texts give the same profile.
-    pub fn from_toml(path: &str, text: &str) -> Result<&'static Profile, FileError> {
-        static INTERNED: LazyLock<Mutex<HashMap<String, &'static Profile>>> =
+    pub fn from_toml(path: &str, text: &str) -> Result<Arc<Profile>, FileError> {
+        static INTERNED: LazyLock<Mutex<HashMap<String, Arc<Profile>>>> =
             LazyLock::new(Mutex::default);
         // A panic in another thread can't leave the map half changed.
-        let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(text).copied();
+        let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(text).cloned();
         if let Some(profile) = known {
             return Ok(profile);
         }
@@ -315,33 +316,23 @@ impl Profile {
         check::check(&draft)?;
         let profile = draft.finish()?;
         let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(interned.entry(text.to_owned()).or_insert_with(|| Box::leak(Box::new(profile))))
+        Ok(interned.entry(text.to_owned()).or_insert_with(|| Arc::new(profile)).clone())
     }
 
     /// This device with other times. Fails with the entry that it would have to state but does not
-    /// have. Equal overrides give the same profile.
-    pub fn with(&'static self, overrides: Overrides) -> Result<&'static Profile, ObjectAddress> {
-        type Key = (usize, Overrides);
-        static INTERNED: LazyLock<Mutex<HashMap<Key, &'static Profile>>> =
-            LazyLock::new(Mutex::default);
+    /// have. Without any it is the same profile.
+    pub fn with(self: &Arc<Self>, overrides: Overrides) -> Result<Arc<Profile>, ObjectAddress> {
         if overrides == Overrides::default() {
-            return Ok(self);
+            return Ok(self.clone());
         }
-        // Profiles are never freed, so the address identifies this one.
-        let key = (std::ptr::from_ref(self) as usize, overrides);
-        let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(profile) = interned.get(&key) {
-            return Ok(profile);
-        }
-        let mut profile = self.clone();
+        let mut profile = Self::clone(self);
         for (sub, stated) in [
             (object::sub::CALC_AND_COPY_TIME, overrides.stated_calc_and_copy),
             (object::sub::DELAY_TIME, overrides.stated_delay),
         ] {
             let Some(time) = stated else { continue };
             let entry = ObjectAddress::new(object::OUTPUT_PARAMETER, sub);
-            profile.description =
-                dictionary::with_value(profile.description, entry, time).ok_or(entry)?;
+            dictionary::preset(&mut profile.description, entry, time).ok_or(entry)?;
             profile.assumptions.retain(|assumption| assumption.item != entry.to_string());
         }
         if let Some(stated) = overrides.stated_calc_and_copy
@@ -356,40 +347,25 @@ impl Profile {
             profile.times.jitter = jitter;
         }
         if let Some(eeprom_burn_time) = overrides.eeprom_burn_time {
-            profile.esc = Box::leak(Box::new(Chip { eeprom_burn_time, ..*profile.esc }));
+            profile.esc.eeprom_burn_time = eeprom_burn_time;
         }
-        if !overrides.misbehaviour.is_empty() {
-            let mut description = profile.description.clone();
-            description.behaviour.misbehaviour = overrides.misbehaviour;
-            profile.description = Box::leak(Box::new(description));
+        if overrides.misbehaviour != Misbehaviours::NONE {
+            profile.description.behaviour.misbehaviour = overrides.misbehaviour;
         }
-        let profile = Box::leak(Box::new(profile));
-        interned.insert(key, profile);
-        Ok(profile)
+        Ok(Arc::new(profile))
     }
 
-    /// This device with another ESC of the same kind. Equal ones give the same profile.
-    pub(crate) fn with_chip(&'static self, chip: &'static Chip) -> &'static Profile {
-        type Kept = (usize, &'static Chip, &'static Profile);
-        static INTERNED: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
-        if *chip == *self.esc {
-            return self;
+    /// This device with another ESC of the same kind.
+    pub(crate) fn with_chip(self: &Arc<Self>, chip: Chip) -> Arc<Profile> {
+        match chip == self.esc {
+            true => self.clone(),
+            false => Arc::new(Profile { esc: chip, ..Self::clone(self) }),
         }
-        // Profiles are never freed, so the address identifies this one.
-        let own = std::ptr::from_ref(self) as usize;
-        let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = interned.iter().find(|(profile, esc, _)| *profile == own && **esc == *chip);
-        if let Some((_, _, profile)) = known {
-            return profile;
-        }
-        let profile: &'static Profile = Box::leak(Box::new(Profile { esc: chip, ..self.clone() }));
-        interned.push((own, chip, profile));
-        profile
     }
 
     /// The ESC named by [`Profile::chip`].
-    pub fn esc(&self) -> &'static Chip {
-        self.esc
+    pub fn esc(&self) -> &Chip {
+        &self.esc
     }
 
     /// Whether its port 0, the one that leads upstream, is EBUS, as that of a terminal.
@@ -406,7 +382,8 @@ impl Profile {
             return None;
         }
         let mut bytes = [0; 8];
-        bytes[..entry.default.len()].copy_from_slice(entry.default);
+        let value = self.description.power_on(entry);
+        bytes[..value.len()].copy_from_slice(value);
         Some(u64::from_le_bytes(bytes))
     }
 
@@ -463,7 +440,7 @@ impl Profile {
 }
 
 /// The built-in profile with this id.
-pub fn built_in(id: &str) -> Option<&'static Profile> {
+pub fn built_in(id: &str) -> Option<Arc<Profile>> {
     let (name, text) = BUILT_IN.iter().find(|(name, _)| *name == id)?;
     let profile = Profile::from_toml(&format!("built-in profile {name}"), text);
     Some(profile.unwrap_or_else(|error| panic!("a test reads every built-in profile: {error}")))

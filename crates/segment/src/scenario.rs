@@ -1,6 +1,8 @@
 //! From a segment file to a run: devices with ESC, stack and application, a host, and the intent that
 //! the MainDevice is given.
 
+use std::sync::Arc;
+
 use isocat_esc::DriftLaw;
 use isocat_maindevice::{
     AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, MeasureTimes, StartupDownload,
@@ -160,7 +162,7 @@ impl Scenario {
     /// The devices that come in the place of others. They are new: their counters begin at 0.
     fn spares(&self) -> Vec<DeviceSetup> {
         let spares = self.faults.spares.iter().enumerate();
-        let spare = |(number, profile): (usize, &&'static Profile)| {
+        let spare = |(number, profile): (usize, &Arc<Profile>)| {
             let within = profile.clock_tolerance.unwrap_or(CLOCK_TOLERANCE);
             let place = self.devices.len() + number;
             let deviation_ppb = Clock::DrawnWithin(within).deviation(self.seed, place).0;
@@ -169,12 +171,12 @@ impl Scenario {
         spares.map(spare).collect()
     }
 
-    fn device(&self, profile: &'static Profile) -> DeviceSetup {
+    fn device(&self, profile: &Profile) -> DeviceSetup {
         DeviceSetup { chip: chips::with_law(profile.esc(), self.drift_law), ..device(profile) }
     }
 
     fn connection(&self, position: usize, device: &SubDevice) -> Connection {
-        let profile = device.profile;
+        let profile = &device.profile;
         // Counters start anywhere, as devices that were switched on at different times have them.
         let local_time = Stream::new(self.seed, "power-on", position as u64).up_to(MOST_LOCAL_TIME);
         Connection {
@@ -198,11 +200,11 @@ impl Scenario {
 }
 
 /// A device of a profile, with a perfect clock that begins at 0.
-pub fn device(profile: &'static Profile) -> DeviceSetup {
+pub fn device(profile: &Profile) -> DeviceSetup {
     DeviceSetup {
-        chip: profile.esc(),
-        sii: profile.sii.clone().into(),
-        description: profile.description,
+        chip: *profile.esc(),
+        sii: profile.sii.clone(),
+        description: profile.description.clone(),
         application: application(profile),
         cpu: cpu(profile),
         clock: ClockModel::constant(0),
@@ -220,7 +222,7 @@ fn closing(ring: Ring) -> Closing {
 const MOST_LOCAL_TIME: u64 = 10_000_000_000_000_000;
 
 fn device_config(device: &SubDevice) -> DeviceConfig {
-    let profile = device.profile;
+    let profile = &device.profile;
     let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
     // A device without mailbox states nothing over the wire: the user's file speaks for it.
     let silent = (!profile.has_mailbox()).then_some(profile);

@@ -45,6 +45,7 @@
 //! known name.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{Source, Table};
@@ -155,7 +156,7 @@ pub struct SubDevice {
     /// `type`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
     /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU),
     /// `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it does wrong, by name).
-    pub profile: &'static Profile,
+    pub profile: Arc<Profile>,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
     /// Where it hangs. Keys `connect` and `port`.
@@ -317,7 +318,7 @@ impl Devices {
                 keys.error_at("count", format!("{all} devices; expected at most {MOST_DEVICES}"))
             );
         }
-        let port = tree::own_port(keys, device.profile)?;
+        let port = tree::own_port(keys, &device.profile)?;
         for number in 0..count {
             let name = match keys.value("name") {
                 Some(_) if count > 1 => format!("{} {number}", device.name),
@@ -333,7 +334,7 @@ impl Devices {
             }
             // Only the first can hang elsewhere.
             let connect = keys.value("connect").filter(|_| number == 0);
-            let plug = tree::Plug { name: &name, profile: device.profile, port };
+            let plug = tree::Plug { name: &name, profile: &device.profile, port };
             let earlier = tree::Earlier { devices: &self.subdevices, names: &self.names };
             let place = self.ports.place(keys, plug, connect, earlier)?;
             may_be_absent(keys, &device, place, &self.subdevices)?;

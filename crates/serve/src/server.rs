@@ -400,9 +400,9 @@ impl Server {
                 "{fault}: that happens to the machine of the MainDevice, which is not simulated here"
             ));
         }
-        let spare = spare.map(scenario::device);
+        let spare = spare.as_deref().map(scenario::device);
         if let (Fault::Replace { device, .. }, Some(setup)) = (&fault, &spare) {
-            let fits = self.served.segment().takes(*device, setup.chip);
+            let fits = self.served.segment().takes(*device, &setup.chip);
             fits.map_err(|port| format!("the other device has no such port {port} as is wired"))?;
         }
         self.served.advance(now);

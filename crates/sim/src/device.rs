@@ -11,7 +11,6 @@ use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
 use crate::cpu::{Action, Cpu, CpuModel};
-use crate::fault::misbehaving;
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::random::Stream;
@@ -20,11 +19,11 @@ use crate::storage::Storage;
 /// Everything a SubDevice of a run is made of.
 pub struct DeviceSetup {
     /// Its ESC.
-    pub chip: &'static Chip,
+    pub chip: Chip,
     /// Image of its EEPROM: one for all devices of a kind, copied when a device writes to its own.
     pub sii: Arc<[u8]>,
     /// What its stack must know.
-    pub description: &'static Description,
+    pub description: Description,
     /// Its application.
     pub application: Box<dyn Application + Send>,
     /// How fast its CPU is.
@@ -49,8 +48,6 @@ pub struct Device {
     oscillator: Oscillator,
     cpu: Cpu,
     position: usize,
-    /// As it was built.
-    description: &'static Description,
     state: (isocat_wire::AlState, isocat_wire::AlStatusCode),
     /// The frame that passed last.
     frame: Time<True>,
@@ -66,13 +63,13 @@ pub struct Device {
 impl Device {
     /// Switches a SubDevice on at true time zero.
     pub fn new(position: usize, setup: DeviceSetup, seed: u64) -> Self {
-        let esc = Esc::new(setup.chip, Storage::shared(setup.sii), Storage::empty())
+        let esc = Esc::new(&setup.chip, Storage::shared(setup.sii), Storage::empty())
             .with_growing_ram(Storage::grow)
             .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
         let application =
             BoxedApplication { application: setup.application, mapped: false, acted: false };
-        let stack = SubDevice::new(setup.description, store, application);
+        let stack = SubDevice::new(&setup.description, store, application);
         let mut cpu = Cpu::new(setup.cpu, Stream::new(seed, "cpu", position as u64));
         cpu.wake(Time::ZERO);
         let state = (stack.state(), stack.status_code());
@@ -87,7 +84,6 @@ impl Device {
             oscillator,
             cpu,
             position,
-            description: setup.description,
             state,
             frame: Time::ZERO,
             fetched: Time::ZERO,
@@ -135,10 +131,12 @@ impl Device {
     /// Does something wrong from now on, or no longer.
     pub(crate) fn misbehave(&mut self, at: Time<DeviceClock>, how: Misbehaviour, begins: bool) {
         let at = self.behind_frame(at);
-        let known = self.stack.description().behaviour.misbehaviour;
-        let others = known.iter().filter(|known| **known != how).copied();
-        let all: Vec<_> = others.chain(begins.then_some(how)).collect();
-        self.stack.describe_anew(misbehaving(self.description, &all));
+        let all = self.stack.misbehaviour_mut();
+        if begins {
+            all.begin(how)
+        } else {
+            all.end(how)
+        }
         if self.powered {
             // What it did not look at may wait for it.
             self.cpu.wake(at);
@@ -332,14 +330,15 @@ impl Device {
         match event {
             EscEvent::FrameEnd { al_events } => {
                 let description = self.stack.description();
-                let sm = |area: &ProcessDataArea| al_event::sync_manager(area.sync_manager.into());
-                let (outputs, inputs) = (sm(&description.outputs), sm(&description.inputs));
+                let sm = |area: ProcessDataArea| al_event::sync_manager(area.sync_manager.into());
+                let (outputs, input_area) = (sm(description.outputs), description.inputs);
+                let inputs = sm(input_area);
                 let content = Content { frame: self.frame, ..Content::default() };
                 if al_events & outputs != 0 {
                     self.event(at, Event::Sm2, (Observed::Sm2, content), watch);
                 }
                 if al_events & inputs != 0 {
-                    let latched = Time::new(self.esc.label(description.inputs.sync_manager));
+                    let latched = Time::new(self.esc.label(input_area.sync_manager));
                     let content = Content { latched, ..content };
                     self.event(at, Event::Sm3, (Observed::Sm3, content), watch);
                 }

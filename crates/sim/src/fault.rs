@@ -19,7 +19,6 @@ pub(crate) mod happen;
 pub mod timeline;
 mod words;
 
-pub(crate) use happen::misbehaving;
 pub use timeline::{Happened, Timeline};
 
 /// Something that goes wrong, or is put right.

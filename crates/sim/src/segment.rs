@@ -361,11 +361,11 @@ impl Segment {
     /// the ports at which there are cables. Panics otherwise.
     pub(crate) fn replace_device(&mut self, position: usize, setup: DeviceSetup, seed: u64) {
         assert!(!self.devices[position].is_powered(), "SubDevice {position} has its power still");
-        if let Err(port) = self.takes(position, setup.chip) {
+        if let Err(port) = self.takes(position, &setup.chip) {
             panic!("the other SubDevice {position} has no such port {port}");
         }
-        self.wiring.replace_stay(position, setup.chip);
-        self.next_frame.note_chip(setup.chip);
+        self.wiring.replace_stay(position, &setup.chip);
+        self.next_frame.note_chip(&setup.chip);
         let mut device = Device::new(position, setup, seed);
         device.power_off(Time::ZERO, &mut |_| {});
         self.devices[position] = device;
@@ -914,7 +914,7 @@ pub fn processing_order(links: &[(Option<(usize, PortNumber)>, PortNumber)]) -> 
 
 fn wire(connections: &[Connection]) -> Wiring {
     let stay = |connection: &Connection| {
-        let stay = Stay::of(connection.device.chip);
+        let stay = Stay::of(&connection.device.chip);
         let phys = connection.phys.unwrap_or(stay.phys);
         Stay { phys, hop_jitter: connection.hop_jitter, ..stay }
     };

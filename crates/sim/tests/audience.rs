@@ -41,9 +41,9 @@ fn segment() -> Segment {
     let connection = |position: usize| {
         let parent = position.checked_sub(1).map(|parent| (parent, PortNumber::P1));
         let device = DeviceSetup {
-            chip: CHIPS[position % CHIPS.len()],
+            chip: *CHIPS[position % CHIPS.len()],
             sii: sii().into(),
-            description: &DESCRIPTION,
+            description: DESCRIPTION.clone(),
             application: Box::new(()),
             // So slow that no CPU does anything during the test: the other side has none.
             cpu: CpuModel { reaction: isocat_wire::Nanos(1 << 50), ..CpuModel::default() },

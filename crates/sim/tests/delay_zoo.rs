@@ -38,7 +38,7 @@ impl Case {
         Self { name: name.to_owned(), segment, from: MainPort::Primary, links }
     }
 
-    fn chip(&self, device: usize) -> &'static Chip {
+    fn chip(&self, device: usize) -> &Chip {
         self.segment.devices()[device].esc.chip()
     }
 

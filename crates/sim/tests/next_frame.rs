@@ -136,7 +136,7 @@ fn latch_while_it_runs(chip: &'static Chip) -> (u64, i64) {
     let mut segment = line::connections(LINE);
     // What is left over is the chip's.
     segment.iter_mut().for_each(|connection| connection.hop_jitter = false);
-    segment[0].device.chip = chip;
+    segment[0].device.chip = *chip;
     // Not a multiple of the cycle, so that latches are asked for at any phase of it.
     let watch = DelayWatch { every: Nanos(4_300_000), latches: 16, rewrite: false };
     let world = line::world_of(segment, |config| config.delay_watch = Some(watch));

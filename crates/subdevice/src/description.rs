@@ -7,7 +7,7 @@ use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AlStatusCode, ObjectAddress};
 
-use crate::misbehaviour::Misbehaviour;
+use crate::misbehaviour::{Misbehaviour, Misbehaviours};
 
 /// Everything the stack must know about the device it runs in.
 #[derive(Clone, Debug)]
@@ -36,6 +36,13 @@ impl Description {
     /// The entry at this address, gaps included.
     pub fn entry(&self, address: ObjectAddress) -> Option<&'static Entry> {
         self.object(address.index)?.entry(address.sub)
+    }
+
+    /// The value of an entry after power-on; empty means zeros.
+    pub fn power_on(&self, entry: &Entry) -> &[u8] {
+        let preset =
+            self.behaviour.presets.iter().flatten().find(|preset| preset.store == entry.store);
+        preset.filter(|_| entry.bits == 32).map_or(entry.default, |preset| &preset.value)
     }
 
     /// Bytes that the value store of the dictionary needs.
@@ -114,7 +121,7 @@ pub struct Entry {
     pub access: Access,
     /// Byte at which the stack's value store has it; `bits` rounded up to bytes are its own.
     pub store: u16,
-    /// Value after power-on, `bits` rounded up to bytes; empty means zeros.
+    /// Value after power-on, `bits` rounded up to bytes; empty means zeros. [`Description::power_on`] knows the device's own.
     pub default: &'static [u8],
 }
 
@@ -182,8 +189,20 @@ pub struct Behaviour {
     pub shift_inputs: bool,
     /// Device has its own identification value (AL control bit 5).
     pub identification: u16,
+    /// Values at power-on that differ from those of the objects: devices of one kind that state other times share its
+    /// objects, which are static.
+    pub presets: [Option<Preset>; 2],
     /// What it does wrong; empty for a device that behaves. Without the feature `misbehaviour` every device does.
-    pub misbehaviour: &'static [Misbehaviour],
+    pub misbehaviour: Misbehaviours,
+}
+
+/// What an entry of 32 bits has at power-on in the place of [`Entry::default`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Preset {
+    /// The entry, by its place in the store ([`Entry::store`]), which is its own.
+    pub store: u16,
+    /// The value, in the order of the wire.
+    pub value: [u8; 4],
 }
 
 /// How missed SM events are counted in 0x1C32:0B.
@@ -277,12 +296,13 @@ impl Behaviour {
         shift_outputs: false,
         shift_inputs: false,
         identification: 0,
-        misbehaviour: &[],
+        presets: [None; 2],
+        misbehaviour: Misbehaviours::NONE,
     };
 
     /// What it does wrong.
-    pub(crate) const fn faults(&self) -> &'static [Misbehaviour] {
-        if cfg!(feature = "misbehaviour") { self.misbehaviour } else { &[] }
+    pub(crate) const fn faults(&self) -> &[Misbehaviour] {
+        if cfg!(feature = "misbehaviour") { self.misbehaviour.all() } else { &[] }
     }
 }
 

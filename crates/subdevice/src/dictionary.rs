@@ -3,16 +3,17 @@
 use isocat_wire::ObjectAddress;
 
 use crate::description::{Description, Entry, Object};
+use crate::misbehaviour::Misbehaviours;
 
 /// The dictionary: what the description says, and the store with the present values.
 pub(crate) struct Dictionary<S> {
-    description: &'static Description,
+    description: Description,
     store: S,
 }
 
 impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
     /// A dictionary with the values after power-on.
-    pub fn new(description: &'static Description, store: S) -> Self {
+    pub fn new(description: &Description, store: S) -> Self {
         assert!(
             store.as_ref().len() >= description.store_len(),
             "the value store must have {} bytes, it has {}",
@@ -23,35 +24,33 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
             description.objects.is_sorted_by_key(|object| object.index),
             "objects must stand in ascending order: they are searched by halves"
         );
-        let mut dictionary = Self { description, store };
+        let mut dictionary = Self { description: description.clone(), store };
         for object in description.objects {
             assert!(
                 object.entries.is_sorted_by_key(|entry| entry.sub),
                 "entries of 0x{:04X} must stand in ascending order",
                 object.index
             );
-            for entry in object.entries {
-                dictionary.reset(entry);
-            }
         }
+        dictionary.reset();
         dictionary
     }
 
-    /// Takes another description of the same objects; panics if they are not.
-    pub fn describe_anew(&mut self, description: &'static Description) {
-        assert!(
-            core::ptr::eq(self.description.objects, description.objects),
-            "the other description is one of other objects"
-        );
-        self.description = description;
+    /// Gives all entries their values after power-on.
+    pub fn reset(&mut self) {
+        for entry in self.description.objects.iter().flat_map(|object| object.entries) {
+            let default = self.description.power_on(entry);
+            let start = usize::from(entry.store);
+            let value = &mut self.store.as_mut()[start..start + entry.len()];
+            let given = default.len().min(value.len());
+            value[..given].copy_from_slice(&default[..given]);
+            value[given..].fill(0);
+        }
     }
 
-    /// Gives an entry its value after power-on.
-    pub fn reset(&mut self, entry: &Entry) {
-        let value = self.bytes_mut(entry);
-        let given = entry.default.len().min(value.len());
-        value[..given].copy_from_slice(&entry.default[..given]);
-        value[given..].fill(0);
+    /// What the device does wrong.
+    pub fn misbehaviour_mut(&mut self) -> &mut Misbehaviours {
+        &mut self.description.behaviour.misbehaviour
     }
 
     /// The bytes of an entry.
@@ -92,8 +91,8 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
     }
 
     /// What is fixed about the device.
-    pub fn description(&self) -> &'static Description {
-        self.description
+    pub fn description(&self) -> &Description {
+        &self.description
     }
 
     fn value_entry(&self, index: u16, sub: u8) -> Option<&'static Entry> {

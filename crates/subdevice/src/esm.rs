@@ -252,7 +252,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// What the device does wrong.
-    fn faults(&self) -> &'static Faults {
+    fn faults(&self) -> &Faults {
         self.description().behaviour.faults()
     }
 

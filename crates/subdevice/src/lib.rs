@@ -50,7 +50,7 @@ pub use drive::Drive;
 pub use io::Io;
 pub use isocat_sync::{Chain, Event, Step, SyncMode};
 pub use mailbox::{MAX_MAILBOX, MIN_MAILBOX};
-pub use misbehaviour::{BadAnswer, Misbehaviour};
+pub use misbehaviour::{BadAnswer, Misbehaviour, Misbehaviours};
 pub use objects::MAX_TRANSFER;
 pub use process_data::MAX_PROCESS_DATA;
 pub use stack::SubDevice;

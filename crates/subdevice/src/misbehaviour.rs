@@ -131,6 +131,68 @@ impl BadAnswer {
     ];
 }
 
+/// What a device does wrong, all in all: [`MOST`](Self::MOST) things. It is kept by value, so that a device can begin and end to
+/// misbehave without memory of its own for it.
+#[derive(Clone, Copy, Debug)]
+pub struct Misbehaviours {
+    /// Those behind `count` mean nothing.
+    things: [Misbehaviour; Self::MOST],
+    count: u8,
+}
+
+impl Misbehaviours {
+    /// Most things that a device does wrong at a time. Without the feature `misbehaviour` it does none.
+    pub const MOST: usize = if cfg!(feature = "misbehaviour") { 32 } else { 0 };
+    /// It behaves.
+    pub const NONE: Self = Self { things: [Misbehaviour::KeepsCounters; Self::MOST], count: 0 };
+
+    /// These things; `None` if they are more than [`MOST`](Self::MOST).
+    pub fn of(things: &[Misbehaviour]) -> Option<Self> {
+        let mut all = Self::NONE;
+        all.things.get_mut(..things.len())?.copy_from_slice(things);
+        all.count = things.len() as u8;
+        Some(all)
+    }
+
+    /// All of them, in the order in which they began.
+    pub const fn all(&self) -> &[Misbehaviour] {
+        self.things.split_at(self.count as usize).0
+    }
+
+    /// Begins to do something wrong; what is done already is the last from then on. Where there are [`MOST`](Self::MOST), the
+    /// first one ends.
+    pub fn begin(&mut self, how: Misbehaviour) {
+        self.end(how);
+        if self.all().len() == Self::MOST {
+            let Some(first) = self.all().first() else { return };
+            self.end(*first);
+        }
+        self.things[usize::from(self.count)] = how;
+        self.count += 1;
+    }
+
+    /// Ends to do something wrong.
+    pub fn end(&mut self, how: Misbehaviour) {
+        let Some(place) = self.all().iter().position(|thing| *thing == how) else { return };
+        self.things.copy_within(place + 1..usize::from(self.count), place);
+        self.count -= 1;
+    }
+}
+
+impl Default for Misbehaviours {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+impl PartialEq for Misbehaviours {
+    fn eq(&self, other: &Self) -> bool {
+        self.all() == other.all()
+    }
+}
+
+impl Eq for Misbehaviours {}
+
 use Misbehaviour::*;
 
 /// What a device does wrong. Empty for a device that behaves.
@@ -185,4 +247,37 @@ pub(crate) fn bad_information(faults: &Faults) -> Option<BadAnswer> {
 /// The first number that `of` finds.
 pub(crate) fn number<T>(faults: &Faults, of: impl Fn(&Misbehaviour) -> Option<T>) -> Option<T> {
     faults.iter().find_map(of)
+}
+
+#[cfg(all(test, feature = "misbehaviour"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_things_as_fit() {
+        let things: [_; Misbehaviours::MOST + 1] =
+            core::array::from_fn(|n| Misbehaviour::WrongLimit(n as u16));
+        assert!(Misbehaviours::of(&things).is_none());
+        let mut all = Misbehaviours::of(&things[..Misbehaviours::MOST]).expect("as many as fit");
+        assert_eq!(all.all(), &things[..Misbehaviours::MOST]);
+        // One more: the first gives way. The same again: it is there once, as the last.
+        all.begin(things[Misbehaviours::MOST]);
+        assert_eq!(all.all(), &things[1..]);
+        all.begin(things[1]);
+        assert_eq!((all.all().len(), all.all().last()), (Misbehaviours::MOST, Some(&things[1])));
+        assert_eq!(all.all()[0], things[2]);
+    }
+
+    #[test]
+    fn what_ends_is_gone() {
+        let mut all = Misbehaviours::NONE;
+        let (one, other) = (Misbehaviour::DeadSync0, Misbehaviour::KeepsCounters);
+        all.begin(one);
+        all.begin(other);
+        all.end(one);
+        all.end(one);
+        assert_eq!(all.all(), [other]);
+        all.end(other);
+        assert_eq!(all, Misbehaviours::NONE);
+    }
 }

@@ -182,7 +182,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
     }
 
     /// What the device does wrong.
-    pub fn faults(&self) -> &'static Faults {
+    pub fn faults(&self) -> &Faults {
         self.dictionary.description().behaviour.faults()
     }
 
@@ -309,7 +309,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> Objects<'_, A, S> {
             sub::DELAY_TIME => measured.delay,
             _ => false,
         };
-        let stated = entry.default.iter().any(|&byte| byte != 0);
+        let stated = self.dictionary.description().power_on(entry).iter().any(|&byte| byte != 0);
         let written = address.sub == sub::CYCLE_TIME && self.chosen.cycle;
         if able && !stated && !written { self.sync.measured(address) } else { None }
     }

@@ -12,7 +12,7 @@ use crate::description::Description;
 use crate::dictionary::Dictionary;
 use crate::esm::Esm;
 use crate::mailbox::Mailbox;
-use crate::misbehaviour::{self, Misbehaviour};
+use crate::misbehaviour::{self, Misbehaviour, Misbehaviours};
 use crate::objects::Objects;
 use crate::process_data::ProcessData;
 use crate::steps::Steps;
@@ -55,8 +55,8 @@ pub struct SubDevice<A, S> {
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// A SubDevice after power-on. The values of the dictionary are put into `store`, which is the
-    /// device's own and must be long enough.
-    pub fn new(description: &'static Description, store: S, application: A) -> Self {
+    /// device's own and must be long enough. The description is copied, but for its objects.
+    pub fn new(description: &Description, store: S, application: A) -> Self {
         let dictionary = Dictionary::new(description, store);
         let mut sync = SyncEngine::new();
         sync.load_settings(&dictionary);
@@ -79,11 +79,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// The device is switched off: nothing is left but what [`new`](Self::new) would give it. Once it
     /// has power again, the main loop goes on from there.
     pub fn power_off(&mut self) {
-        let description = self.description();
         self.application.power_off();
-        for entry in description.objects.iter().flat_map(|object| object.entries) {
-            self.dictionary.reset(entry);
-        }
+        self.dictionary.reset();
         self.esm = Esm::new();
         self.mailbox.stop();
         self.coe.reset();
@@ -97,10 +94,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.sm2_events = 0;
     }
 
-    /// Goes by another description from now on: that of the same device, but for what it does wrong
-    /// ([`Behaviour::misbehaviour`](crate::description::Behaviour::misbehaviour)). Panics if its objects are not the same.
-    pub fn describe_anew(&mut self, description: &'static Description) {
-        self.dictionary.describe_anew(description);
+    /// What the device does wrong from now on. Without the feature `misbehaviour` it behaves.
+    pub fn misbehaviour_mut(&mut self) -> &mut Misbehaviours {
+        self.dictionary.misbehaviour_mut()
     }
 
     /// The application can't go on: from OP the device goes to SAFEOP, from there or below it stays, and it shows the error
@@ -295,7 +291,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// What is fixed about the device.
-    pub fn description(&self) -> &'static Description {
+    pub fn description(&self) -> &Description {
         self.dictionary.description()
     }
 

@@ -88,7 +88,7 @@ impl Plan {
             }
             let device = &scenario.devices[position];
             for term in demand.needed.terms().chain(demand.available.terms()) {
-                let Some(why) = assumed(&term, device.profile) else { continue };
+                let Some(why) = assumed(&term, &device.profile) else { continue };
                 let (what, value) = (term.quantity.words(), term.value);
                 let text = format!("SubDevice {position} ({}): {what} {value}: {why}", device.name);
                 if !all[first..].contains(&text) {
@@ -158,7 +158,7 @@ impl Plan {
                 .filter_map(|check| {
                     let demand = timing.demand(position, check)?;
                     let sign = demand.sign(planned.mode).to_string();
-                    Some(Line { sign, ..line(&demand, Some(file.profile)) })
+                    Some(Line { sign, ..line(&demand, Some(&file.profile)) })
                 })
                 .collect(),
         }

@@ -21,7 +21,7 @@ use super::Plan;
 impl Plan {
     /// What the way up will write to a SubDevice.
     pub fn writes(&self, scenario: &Scenario, position: usize) -> Writes {
-        let profile = scenario.devices[position].profile;
+        let profile = &scenario.devices[position].profile;
         let assigned = [OUTPUT_ASSIGNMENT, INPUT_ASSIGNMENT]
             .map(|index| offline::list(profile, index).into_iter().map(|pdo| pdo as u16).collect());
         let [outputs, inputs]: [Vec<u16>; 2] = assigned;

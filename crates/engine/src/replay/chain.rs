@@ -148,9 +148,7 @@ fn step(esc: &mut Esc<Vec<u8>>, at: u64) {
 }
 
 fn esc(device: &Device, build: Build, goes_on: bool) -> Esc<Vec<u8>> {
-    // Built for the life of the program, as chips are static; a few hundred bytes for each
-    // SubDevice of a capture.
-    let chip: &'static Chip = Box::leak(Box::new(build.chip));
+    let chip = &build.chip;
     let long = device.eeprom_bits & isocat_wire::eeprom::EepromStatus::TWO_ADDRESS_BYTES != 0;
     let words = device.words.keys().next_back().map_or(0, |last| *last as usize + 1);
     let least = if long { 4096 } else { 128 };

@@ -36,7 +36,7 @@ pub struct Told {
     /// Its name in the file.
     pub name: String,
     /// Its ESC.
-    pub chip: &'static Chip,
+    pub chip: Chip,
     /// Its EEPROM.
     pub sii: Vec<u8>,
 }
@@ -59,7 +59,7 @@ pub(crate) fn builds(evidence: &Evidence, told: Option<&[Told]>) -> Vec<Build> {
             let option = &options[chosen];
             let told = told.map(|told| &told[position]);
             Build {
-                chip: chip(device, option.chip),
+                chip: chip(device, &option.chip),
                 configuration: configuration(device, option.esc_configuration, told),
                 loads: device.eeprom_bits & EepromStatus::NOT_LOADED == 0,
                 guessed: told.is_none()
@@ -73,7 +73,7 @@ pub(crate) fn builds(evidence: &Evidence, told: Option<&[Told]>) -> Vec<Build> {
 /// One chip with one choice of units, and how much of its own evidence it contradicts.
 #[derive(Clone, Copy)]
 struct Candidate {
-    chip: &'static Chip,
+    chip: Chip,
     esc_configuration: u8,
     cost: u32,
 }
@@ -84,8 +84,8 @@ fn options(
     told: Option<&Told>,
     answers: &mut Answers,
 ) -> Vec<Candidate> {
-    let chips: Vec<&'static Chip> = match told {
-        Some(told) => vec![told.chip],
+    let chips: Vec<&Chip> = match told {
+        Some(told) => vec![&told.chip],
         None => CANDIDATES.to_vec(),
     };
     let known = known_configuration(device, told).map(|[_, high]| high);
@@ -107,7 +107,7 @@ fn options(
                 let answered = answers.to(chip, esc_configuration, *access).count > 0;
                 cost += if answered == *counted { 0 } else { STRONG };
             }
-            options.push(Candidate { chip, esc_configuration, cost });
+            options.push(Candidate { chip: *chip, esc_configuration, cost });
         }
     }
     options
@@ -187,8 +187,8 @@ fn total(
         let mut count = 0;
         let mut type_or = 0;
         for (options, chosen) in options.iter().zip(chosen) {
-            let Candidate { chip, esc_configuration, .. } = options[*chosen];
-            let answer = answers.to(chip, esc_configuration, *access);
+            let Candidate { chip, esc_configuration, .. } = &options[*chosen];
+            let answer = answers.to(chip, *esc_configuration, *access);
             count += answer.count;
             type_or |= if access.address == 0 { chip.kind } else { 0 };
         }
@@ -211,14 +211,14 @@ struct Answer {
 }
 
 impl Answers {
-    fn to(&mut self, chip: &'static Chip, esc_configuration: u8, access: Access) -> Answer {
+    fn to(&mut self, chip: &Chip, esc_configuration: u8, access: Access) -> Answer {
         let key = (chip.name, esc_configuration, access);
         *self.0.entry(key).or_insert_with(|| ask(chip, esc_configuration, access))
     }
 }
 
 /// What a new ESC counts for a broadcast with zeros.
-fn ask(chip: &'static Chip, esc_configuration: u8, access: Access) -> Answer {
+fn ask(chip: &Chip, esc_configuration: u8, access: Access) -> Answer {
     let mut configuration = [0; 14];
     configuration[1] = esc_configuration;
     let mut esc = Esc::new(chip, image(&configuration, true, 128), Vec::new());

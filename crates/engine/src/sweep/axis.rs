@@ -1,5 +1,6 @@
 //! What is varied: a key of the segment file, and its values.
 
+use isocat_descriptions::quantity::parse_duration;
 use isocat_sim::random::Stream;
 use toml::{Table, Value};
 
@@ -57,6 +58,65 @@ impl Axis {
         }
     }
 
+    /// The values that make points of the grid; `None` where they are drawn.
+    pub fn list(&self) -> Option<&[String]> {
+        match &self.values {
+            Values::List(list) => Some(list),
+            Values::Drawn { .. } => None,
+        }
+    }
+
+    /// How large the values of a list are, to put them in order: durations, or numbers of one unit. `None` where they are
+    /// neither.
+    pub fn sizes(&self) -> Option<Vec<f64>> {
+        let list = self.list()?;
+        let duration = |text: &String| parse_duration(text).ok().map(|time| time.0 as f64);
+        let durations: Option<Vec<f64>> = list.iter().map(duration).collect();
+        durations.or_else(|| {
+            let numbers: Vec<(i64, String)> =
+                list.iter().map(|text| quantity(text).ok()).collect::<Option<_>>()?;
+            let unit = &numbers.first()?.1;
+            let same = numbers.iter().all(|(_, other)| other == unit);
+            same.then(|| numbers.iter().map(|(number, _)| *number as f64).collect())
+        })
+    }
+
+    /// Whether all values are whole numbers without a unit.
+    pub fn is_whole(&self) -> bool {
+        self.list().is_some_and(|list| list.iter().all(|text| text.parse::<i64>().is_ok()))
+    }
+
+    /// The ends of a range, in thousandths of its unit.
+    pub(super) fn ends(&self) -> Option<(i64, i64)> {
+        match &self.values {
+            Values::List(_) => None,
+            Values::Drawn { least, most, .. } => Some((*least, *most)),
+        }
+    }
+
+    /// The smallest step within a range that a key takes, in thousandths of its unit: the smallest units are whole, and so are
+    /// numbers without a unit whose ends are.
+    pub(super) fn step(&self) -> i64 {
+        match &self.values {
+            Values::Drawn { least, most, unit } => {
+                let smallest = ["ns", "mm", "ppb"].contains(&unit.as_str());
+                let are_whole = unit.is_empty() && least % 1_000 == 0 && most % 1_000 == 0;
+                if smallest || are_whole { 1_000 } else { 1 }
+            }
+            Values::List(_) => 1,
+        }
+    }
+
+    /// The same key with one value of its range, in thousandths of its unit.
+    pub(super) fn at(&self, size: i64) -> Self {
+        let unit = match &self.values {
+            Values::Drawn { unit, .. } => unit.as_str(),
+            Values::List(_) => "",
+        };
+        let values = Values::List(vec![format!("{}{unit}", thousandths(size))]);
+        Self { key: self.key.clone(), path: self.path.clone(), values }
+    }
+
     /// Writes the value into a file; gives it as rows tell it.
     pub(super) fn apply(
         &self,
@@ -70,7 +130,8 @@ impl Axis {
             let text = match &self.values {
                 Values::List(list) => list[choice as usize].clone(),
                 Values::Drawn { least, most, unit } => {
-                    let drawn = least + chance.up_to((most - least).unsigned_abs()) as i64;
+                    let steps = (most - least).unsigned_abs() / self.step() as u64;
+                    let drawn = least + chance.up_to(steps) as i64 * self.step();
                     format!("{}{unit}", thousandths(drawn))
                 }
             };
@@ -157,7 +218,12 @@ fn scalar(text: &str) -> Value {
 }
 
 fn drawn(least: &str, most: &str) -> Result<Values, String> {
-    let ((low, unit), (high, other)) = (quantity(least)?, quantity(most)?);
+    let ((mut low, mut unit), (mut high, mut other)) = (quantity(least)?, quantity(most)?);
+    // Durations of two units are both in the smallest one.
+    if let (true, Ok(from), Ok(to)) = (unit != other, parse_duration(least), parse_duration(most)) {
+        (low, high) = (from.0.saturating_mul(1_000), to.0.saturating_mul(1_000));
+        (unit, other) = ("ns".to_owned(), "ns".to_owned());
+    }
     if unit != other || low > high {
         return Err(format!(
             "{least}..{most} is no range; expected the smaller end first and one unit, such as 1m..100m"

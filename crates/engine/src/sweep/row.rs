@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use isocat_recorders::parquet::{Cell, Kind};
 use isocat_segment::Scenario;
 use isocat_sim::Tap;
 
-use super::Case;
+use super::{Axis, Case};
 
 /// What became of a run.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -108,6 +109,16 @@ impl Outcome {
         }
     }
 
+    /// What speaks against the run, in a word: its first finding; of a run without any `expectation`, where only that did
+    /// not come true, else its verdict.
+    pub fn name(&self) -> &str {
+        match (&self.finding, self.verdict) {
+            (Some(finding), _) => finding,
+            (None, "in-sync") if !self.as_expected => "expectation",
+            (None, verdict) => verdict,
+        }
+    }
+
     /// Whether two runs came to the same kind of end.
     pub fn is_like(&self, other: &Self) -> bool {
         (self.verdict, self.as_expected, &self.finding)
@@ -133,39 +144,39 @@ impl Row {
         Self { number, seed: case.seed, values: case.values.clone(), outcome }
     }
 
-    /// The columns behind those of the axes.
-    pub const COLUMNS: [&'static str; 12] = [
-        "verdict",
-        "as_expected",
-        "finding",
-        "device",
-        "in_operation_ns",
-        "worst_sync0_ps",
-        "least_margin_ns",
-        "outputs_age_ns",
-        "stretches",
-        "out_of_sync_ns",
-        "lost_at_end",
-        "why",
+    /// The columns behind those of the axes: name, kind, and whether a cell may be empty.
+    pub const COLUMNS: [(&'static str, Kind, bool); 12] = [
+        ("verdict", Kind::Text, false),
+        ("as_expected", Kind::Flag, false),
+        ("finding", Kind::Text, true),
+        ("device", Kind::Integer, true),
+        ("in_operation_ns", Kind::Integer, true),
+        ("worst_sync0_ps", Kind::Integer, true),
+        ("least_margin_ns", Kind::Integer, true),
+        ("outputs_age_ns", Kind::Integer, true),
+        ("stretches", Kind::Integer, false),
+        ("out_of_sync_ns", Kind::Integer, false),
+        ("lost_at_end", Kind::Integer, false),
+        ("why", Kind::Text, true),
     ];
 
-    /// The cells of those columns; empty where there is nothing.
-    pub fn cells(&self) -> [String; 12] {
-        let number = |value: Option<i64>| value.map_or(String::new(), |value| value.to_string());
+    /// The cells of those columns.
+    pub fn cells(&self) -> [Cell<'_>; 12] {
+        let number = |value: Option<i64>| value.map_or(Cell::Null, Cell::Integer);
         let of = &self.outcome;
         [
-            of.verdict.to_owned(),
-            of.as_expected.to_string(),
-            of.finding.clone().unwrap_or_default(),
-            of.device.map_or(String::new(), |device| device.to_string()),
+            Cell::Text(of.verdict),
+            Cell::Flag(of.as_expected),
+            of.finding.as_deref().map_or(Cell::Null, Cell::Text),
+            number(of.device.map(|device| device as i64)),
             number(of.in_operation_ns),
             number(of.worst_sync0_ps),
             number(of.least_margin_ns),
             number(of.outputs_age_ns),
-            of.stretches.to_string(),
-            of.out_of_sync_ns.to_string(),
-            of.lost_at_end.to_string(),
-            of.why.clone(),
+            Cell::Integer(of.stretches as i64),
+            Cell::Integer(of.out_of_sync_ns),
+            Cell::Integer(of.lost_at_end as i64),
+            if of.why.is_empty() { Cell::Null } else { Cell::Text(&of.why) },
         ]
     }
 }
@@ -193,6 +204,18 @@ const MOST_FAILED: usize = 10;
 const MOST_VALUES: usize = 1_000;
 
 impl Totals {
+    /// The values of an axis of the grid in their order, with runs and those as expected.
+    pub fn of_axis<'a>(
+        &'a self,
+        number: usize,
+        axis: &'a Axis,
+    ) -> impl Iterator<Item = (&'a str, &'a (u64, u64))> {
+        let counts = move |value: &'a String| {
+            Some((value.as_str(), self.values.get(&(number, value.clone()))?))
+        };
+        axis.list().unwrap_or_default().iter().filter_map(counts)
+    }
+
     /// Counts a row.
     pub fn add(&mut self, row: &Row) {
         let good = row.outcome.as_expected;
@@ -200,9 +223,7 @@ impl Totals {
         self.as_expected += u64::from(good);
         *self.verdicts.entry(row.outcome.verdict).or_default() += 1;
         if !good {
-            let finding =
-                row.outcome.finding.clone().unwrap_or_else(|| row.outcome.verdict.to_owned());
-            *self.findings.entry(finding).or_default() += 1;
+            *self.findings.entry(row.outcome.name().to_owned()).or_default() += 1;
             if self.failed.len() < MOST_FAILED {
                 self.failed.push((row.number, row.seed));
             }

@@ -148,3 +148,101 @@ fn words(text: &str) -> Vec<String> {
         |fault: &Value| fault["what"].as_str().unwrap().split(' ').next().unwrap().to_owned();
     faults.iter().map(word).collect()
 }
+
+/// Values of a range are such as the key takes: whole where the ends are, and durations of any unit.
+#[test]
+fn ranges_are_drawn_in_whole_steps() {
+    for (axis, unit) in [
+        ("host.jitter=1ns..9ns", "ns"),
+        ("host.jitter=100ns..2us", "ns"),
+        ("subdevice[0].clock=-3ppb..3ppb", "ppb"),
+        ("host.jitter=1us..2us", "us"),
+        ("host.difference_filter=0..8", ""),
+    ] {
+        let sweep = sweep(&[axis], 40);
+        let mut values: Vec<String> = Vec::new();
+        for number in 0..40 {
+            let case = sweep.case(number).unwrap();
+            SegmentFile::parse("case.toml", &case.text)
+                .unwrap_or_else(|error| panic!("{axis}: {error}"));
+            values.push(case.values[0].strip_suffix(unit).unwrap().to_owned());
+        }
+        values.sort();
+        values.dedup();
+        assert!(values.len() > 4, "{axis}: {values:?}");
+    }
+}
+
+/// Bins are as wide as needed and no wider, whatever the order.
+#[test]
+fn counts_widen_by_halves() {
+    let bins = |values: &[i64]| {
+        let mut counts = summary::Counts::default();
+        values.iter().for_each(|value| counts.add(*value));
+        assert_eq!(counts.count() as usize, values.len());
+        counts.bins().collect::<Vec<_>>()
+    };
+    assert_eq!(bins(&[63, 0]), [(0, 1, 1), (63, 64, 1)]);
+    assert_eq!(bins(&[0, 64, 1]), [(0, 2, 2), (64, 66, 1)]);
+    assert_eq!(bins(&[64, 1, 0]), bins(&[0, 64, 1]));
+    assert_eq!(bins(&[-1, 0]), [(-1, 0, 1), (0, 1, 1)]);
+    let wide = bins(&[i64::MIN, 0, 5, i64::MAX]);
+    assert_eq!(wide.iter().map(|(_, _, count)| count).sum::<u64>(), 4);
+    assert!(wide.len() <= 64);
+}
+
+#[test]
+fn a_frontier_is_in_the_order_of_size_and_says_where_it_holds() {
+    use summary::{Holds, Summary};
+    let sweep = sweep(&["cycle=2ms,500us,1ms", "subdevice[0].name=a,b", "host.jitter=5us,50us"], 2);
+    let mut summary = Summary::new(&sweep);
+    let blank = sweep.outcome("");
+    for number in 0..sweep.runs() {
+        let case = sweep.case(number).unwrap();
+        // "a" holds from 1 ms on; "b" holds but with one run of the middle value.
+        let as_expected = match (&*case.values[1], &*case.values[0]) {
+            ("a", cycle) => cycle != "500us",
+            (_, cycle) => cycle != "1ms" || number != 10,
+        };
+        summary.add(&Row::new(number, &case, Outcome { as_expected, ..blank.clone() }));
+    }
+    let mut frontier = summary.frontier.unwrap();
+    assert_eq!(frontier.sought.values, ["500us", "1ms", "2ms"]);
+    assert_eq!(frontier.given.values, ["a", "b"]);
+    assert_eq!(frontier.holds(0), Holds::From(1));
+    assert_eq!(frontier.holds(1), Holds::ExceptAt(vec![1]));
+    // The third axis is not told apart: two of its values with two seeds each.
+    assert_eq!(frontier.at(1, 1), (4, 3));
+    // Values without an order have no "and above".
+    frontier.sought.is_ordered = false;
+    assert_eq!(frontier.holds(0), Holds::ExceptAt(vec![0]));
+}
+
+/// The edge of a limit is the figure that is held against it.
+#[test]
+fn bisection_finds_the_edge_from_both_sides() {
+    let text = format!("{SEGMENT}[[expect]]\nworst_sync0 = \"1ms\"\n");
+    let sweep = Sweep::new("edge.toml", &text).unwrap();
+    let worst = sweep.run(0).outcome.worst_sync0_ps.unwrap();
+    assert!((2_000..9_000_000).contains(&worst), "{worst} ps");
+    let bisect = |range: &str| {
+        let mut told = 0;
+        let found = sweep.bisect(range, 2, &AtomicBool::new(false), |_| told += 1);
+        found.inspect(|found| assert_eq!(found.tried.len(), told))
+    };
+    let found = bisect("expect[0].worst_sync0=1ns..10001ns").unwrap();
+    let [(low, high)] = found.edges()[..] else { panic!("one edge: {found:?}") };
+    let ps = |place: usize| {
+        let value = found.tried[place].value.strip_suffix("ns").unwrap();
+        value.parse::<i64>().unwrap() * 1_000
+    };
+    assert!(ps(low) < worst && worst <= ps(high), "{} {worst} {}", ps(low), ps(high));
+    assert!(ps(high) - ps(low) <= 10_000);
+    assert_eq!(found.tried[low].failed.as_ref().map(|(seed, _)| *seed), Some(1));
+    assert!(found.tried[high].failed.is_none());
+
+    assert!(bisect("expect[0].worst_sync0=10us..20us").unwrap().edges().is_empty());
+    assert!(bisect("expect[0].worst_sync0=10us,20us").unwrap_err().contains("is no range"));
+    let error = bisect("host.jitter=5us..900us").unwrap_err();
+    assert!(error.contains("no value of the key"), "{error}");
+}

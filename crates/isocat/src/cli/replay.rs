@@ -80,8 +80,8 @@ pub fn run(arguments: &Arguments) -> u8 {
 fn told(file: &SegmentFile) -> Vec<Told> {
     let told = file.subdevices.iter().map(|device| Told {
         name: device.name.clone(),
-        chip: device.profile.esc(),
-        sii: device.profile.sii.clone(),
+        chip: *device.profile.esc(),
+        sii: device.profile.sii.to_vec(),
     });
     told.collect()
 }

@@ -1,21 +1,26 @@
 //! `isocat sweep`: many runs of one segment, each a row.
 
-use std::fmt::Write as _;
-use std::fs::OpenOptions;
-use std::io::{BufRead, BufReader, IsTerminal, Read, Seek, Write};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use isocat_descriptions::columns::cut;
 use isocat_descriptions::limits;
+use isocat_engine::sweep::summary::Summary;
 use isocat_engine::sweep::{Row, Sweep, Totals, shrink};
 use isocat_segment::SegmentFile;
 
 use super::run::unwritable;
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
+use crate::html;
+
+mod bisect;
+mod rows;
+mod text;
+
+use rows::Rows;
 
 /// Shown below the help of `sweep`.
 pub(crate) const EXAMPLES: &str = "\
@@ -25,6 +30,8 @@ Examples:
   isocat sweep my.toml --vary 'subdevice[*].cable=1m..100m' --seeds 200 --rows out.csv
   isocat sweep my.toml --faults swarm --seeds 10000 --rows out.csv --failed failed --shrink
   isocat sweep my.toml --faults swarm --seeds 10000 --rows out.csv --resume
+  isocat sweep my.toml --vary cycle=250us,500us,1ms --vary host.jitter=5us,50us --seeds 50 --page out.html
+  isocat sweep my.toml --bisect 'subdevice[*].copy_time=10us..900us' --seeds 20
 
 Exit code: 0 every run was as expected (in sync, where the file expects nothing else), 1 one was not, 2 bad input.
 docs/sweep.md says what is in a row.";
@@ -50,12 +57,18 @@ pub struct Arguments {
     /// Threads; default one for each processor
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: Option<u16>,
-    /// Write a row for each run to this CSV file
+    /// Write a row for each run to this file: Parquet if it ends in .parquet, else CSV
     #[arg(long, value_name = "FILE")]
     rows: Option<PathBuf>,
-    /// Go on with the file of --rows behind its last row
+    /// Go on with the CSV file of --rows behind its last row
     #[arg(long, requires = "rows")]
     resume: bool,
+    /// Write a page with totals, histograms and the frontier of the grid's first two axes
+    #[arg(long, value_name = "FILE.html", conflicts_with = "resume")]
+    page: Option<PathBuf>,
+    /// Look for the value of a key at which runs stop being as expected, over all seeds (host.jitter=5us..500us)
+    #[arg(long, value_name = "KEY=LEAST..MOST", conflicts_with_all = ["rows", "failed", "page"])]
+    bisect: Option<String>,
     /// Write the segment file of each run that was not as expected into this folder, 100 at most
     #[arg(long, value_name = "FOLDER")]
     failed: Option<PathBuf>,
@@ -85,7 +98,7 @@ impl Arguments {
                 let text = limits::read_text(path, limits::TOML).map_err(|e| e.to_string())?;
                 (path, text)
             }
-            None => ("built-in segment", SegmentFile::built_in_text().to_owned()),
+            None => (path_of(None), SegmentFile::built_in_text().to_owned()),
         };
         let mut sweep = Sweep::new(path, &text).map_err(|error| error.to_string())?;
         for axis in &self.vary {
@@ -99,19 +112,24 @@ impl Arguments {
             std::fs::create_dir_all(folder)
                 .map_err(|error| unwritable("folder", Some(folder), &error))?;
         }
-        let mut rows = self.rows.as_deref().map(|path| Rows::open(path, &sweep, self.resume));
-        let mut rows = rows.take().transpose()?;
-        let from = rows.as_ref().map_or(0, |rows| rows.next);
+        if let Some(page) = &self.page {
+            super::output::probe(page).map_err(|error| unwritable("page", Some(page), &error))?;
+        }
         let stop = stop_on_signals()?;
-        let threads = self.jobs.map_or_else(
-            || std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
-            usize::from,
-        );
+        let threads = self.threads();
+        if let Some(range) = &self.bisect {
+            return bisect::run(&sweep, range, threads, &stop, self.json);
+        }
+        let rows = self.rows.as_deref().map(|path| Rows::open(path, &sweep, self.resume));
+        let mut rows = rows.transpose()?;
+        let from = rows.as_ref().map_or(0, Rows::next);
         let bar = progress(sweep.runs(), from);
         let mut totals = Totals::default();
+        let mut summary = Summary::new(&sweep);
         let mut kept = 0;
         let done = sweep.run_all(from, threads, &stop, |row| {
             totals.add(&row);
+            summary.add(&row);
             bar.inc(1);
             bar.set_message(format!("{} not as expected", totals.runs - totals.as_expected));
             if let Some(rows) = &mut rows {
@@ -127,16 +145,49 @@ impl Arguments {
         });
         bar.finish_and_clear();
         done?;
+        rows.as_mut().map_or(Ok(()), Rows::finish)?;
         let stopped = stop.load(Ordering::Relaxed).then_some(from + totals.runs);
         let text = match self.json {
-            true => super::run::json(&document(&sweep, &totals)),
-            false => table(&sweep, &totals, stopped),
+            true => super::run::json(&text::document(&sweep, &totals, &summary)),
+            false => text::table(&sweep, &totals, &summary, stopped),
         };
+        if let Some(path) = &self.page {
+            let json = text::document(&sweep, &totals, &summary).to_string();
+            let page = html::sweep::Sweep {
+                source: path_of(self.segment.as_deref()),
+                sweep: &sweep,
+                totals: &totals,
+                summary: &summary,
+                stopped,
+                command: self.command(),
+                json,
+            };
+            super::output::write(path, page.page().render())
+                .map_err(|error| unwritable("page", Some(path), &error))?;
+        }
         Ok(match print(&text) {
             IN_SYNC if totals.as_expected == totals.runs && stopped.is_none() => IN_SYNC,
             BAD_INPUT => BAD_INPUT,
             _ => NOT_IN_SYNC,
         })
+    }
+
+    fn threads(&self) -> usize {
+        self.jobs.map_or_else(
+            || std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+            usize::from,
+        )
+    }
+
+    /// What gives the same totals again.
+    fn command(&self) -> String {
+        let mut words = vec!["isocat".to_owned(), "sweep".to_owned()];
+        words.extend(self.segment.clone());
+        words.extend(self.vary.iter().flat_map(|vary| ["--vary".to_owned(), vary.clone()]));
+        words.extend(["--seeds".to_owned(), self.seeds.to_string()]);
+        words.extend(["--first-seed".to_owned(), self.first_seed.to_string()]);
+        words.extend(self.faults.iter().flat_map(|how| ["--faults".to_owned(), how.clone()]));
+        super::run::command(&words.iter().map(String::as_str).collect::<Vec<_>>())
     }
 
     /// Writes the segment file of a failed run.
@@ -146,7 +197,7 @@ impl Arguments {
             false => case.text,
             true => shrink::shrink(&case.text, |text| sweep.outcome(text).is_like(&row.outcome)),
         };
-        let finding = row.outcome.finding.as_deref().unwrap_or(row.outcome.verdict);
+        let finding = row.outcome.name();
         let path = folder.join(format!("run-{}.toml", row.number));
         let head = format!("# Run {} of a sweep, seed {}: {finding}.\n\n", row.number, row.seed);
         super::output::write(&path, head + &text)
@@ -154,105 +205,9 @@ impl Arguments {
     }
 }
 
-/// The file with a row for each run.
-struct Rows {
-    file: std::fs::File,
-    path: PathBuf,
-    /// The run whose row comes next.
-    next: u64,
-}
-
-impl Rows {
-    /// Begins a file, or goes on with one.
-    fn open(path: &Path, sweep: &Sweep, resume: bool) -> Result<Self, String> {
-        let wrong = |error: &std::io::Error| unwritable("rows", Some(path), error);
-        if !resume && path.exists() {
-            return Err(format!(
-                "{} is there already; expected another name, or --resume to go on with it",
-                path.display()
-            ));
-        }
-        let mut options = OpenOptions::new();
-        let file = options.read(true).write(true).create(true).truncate(false).open(path);
-        let mut file = file.map_err(|error| wrong(&error))?;
-        let head = head(sweep);
-        let (next, whole) = last_row(&mut file, &head, path)?;
-        // A row that was cut off is written again.
-        file.set_len(whole)
-            .and_then(|()| file.seek(std::io::SeekFrom::End(0)))
-            .map_err(|e| wrong(&e))?;
-        if whole == 0 {
-            file.write_all(head.as_bytes()).map_err(|error| wrong(&error))?;
-        }
-        Ok(Self { file, path: path.to_owned(), next })
-    }
-
-    fn write(&mut self, row: &Row) -> Result<(), String> {
-        let mut line = format!("{},{}", row.number, row.seed);
-        for value in row.values.iter().chain(&row.cells()) {
-            line.push(',');
-            line += &cell(value);
-        }
-        line.push('\n');
-        let written = self.file.write_all(line.as_bytes());
-        written.map_err(|error| unwritable("rows", Some(&self.path), &error))
-    }
-}
-
-fn head(sweep: &Sweep) -> String {
-    let mut head = "number,seed".to_owned();
-    let keys = sweep.axes().iter().map(|axis| axis.key.as_str());
-    for name in keys.chain(Row::COLUMNS) {
-        head.push(',');
-        head += &cell(name);
-    }
-    head + "\n"
-}
-
-/// The number of the next row of a file, and how many of its bytes are whole rows.
-fn last_row(file: &mut std::fs::File, head: &str, path: &Path) -> Result<(u64, u64), String> {
-    let unreadable = |error: std::io::Error| format!("{} can't be read: {error}", path.display());
-    let mut reader = BufReader::new(file);
-    let (mut line, mut whole, mut next) = (String::new(), 0, 0);
-    loop {
-        line.clear();
-        let read = reader.by_ref().take(LONGEST_ROW).read_line(&mut line).map_err(unreadable)?;
-        if read == 0 || !line.ends_with('\n') {
-            return Ok((next, whole));
-        }
-        if whole == 0 {
-            if line != head {
-                return Err(format!(
-                    "{} is of another sweep: its columns are {}; expected {}",
-                    path.display(),
-                    cut(line.trim_end(), 60),
-                    cut(head.trim_end(), 60)
-                ));
-            }
-        } else {
-            let number = line.split(',').next().and_then(|number| number.parse::<u64>().ok());
-            if number != Some(next) {
-                return Err(format!(
-                    "{}: its row {next} has the number {number:?}; expected {next}",
-                    path.display()
-                ));
-            }
-            next += 1;
-        }
-        whole += read as u64;
-    }
-}
-
-/// A row is some 200 bytes.
-const LONGEST_ROW: u64 = 1 << 20;
-
-/// A cell of a CSV file, in one line.
-fn cell(text: &str) -> String {
-    let text = text.replace(['\n', '\r'], " ");
-    match text.contains([',', '"']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text,
-    }
+/// How a segment is called in what is told.
+fn path_of(segment: Option<&str>) -> &str {
+    segment.unwrap_or("built-in segment")
 }
 
 fn progress(runs: u64, from: u64) -> ProgressBar {
@@ -276,71 +231,4 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>, String> {
 #[cfg(not(target_os = "linux"))]
 fn stop_on_signals() -> Result<Arc<AtomicBool>, String> {
     Ok(Arc::default())
-}
-
-/// The totals for people.
-fn table(sweep: &Sweep, totals: &Totals, stopped: Option<u64>) -> String {
-    let mut out = String::new();
-    let share = |good: u64, all: u64| 100.0 * good as f64 / all.max(1) as f64;
-    let (runs, good) = (totals.runs, totals.as_expected);
-    let _ = writeln!(out, "As expected: {good} of {runs} runs ({:.2} %).", share(good, runs));
-    if let Some(next) = stopped {
-        let _ =
-            writeln!(out, "Stopped before run {next} of {}; --resume goes on there.", sweep.runs());
-    }
-    let verdicts: Vec<_> =
-        totals.verdicts.iter().map(|(name, count)| format!("{count} {name}")).collect();
-    let _ = writeln!(out, "{}\n", verdicts.join(", "));
-    for (number, axis) in sweep.axes().iter().enumerate() {
-        let values: Vec<_> =
-            totals.values.iter().filter(|((axis, _), _)| *axis == number).collect();
-        if axis.values() == 1 {
-            continue;
-        }
-        let _ = writeln!(out, " {:<40} {:>10} {:>12}", cut(&axis.key, 40), "runs", "as expected");
-        for ((_, value), (runs, good)) in values {
-            let _ = writeln!(
-                out,
-                "   {:<38} {runs:>10} {:>10.2} %",
-                cut(value, 38),
-                share(*good, *runs)
-            );
-        }
-        out.push('\n');
-    }
-    if !totals.findings.is_empty() {
-        let _ = writeln!(out, " {:<40} {:>10}", "first finding, where not as expected", "runs");
-        let mut findings: Vec<_> = totals.findings.iter().collect();
-        findings.sort_by_key(|(name, count)| (std::cmp::Reverse(**count), name.as_str()));
-        for (name, count) in findings {
-            let _ = writeln!(out, "   {name:<38} {count:>10}");
-        }
-        let first: Vec<_> =
-            totals.failed.iter().map(|(number, seed)| format!("{number} (seed {seed})")).collect();
-        let _ = writeln!(out, "\n runs that were not as expected: {}", first.join(", "));
-    }
-    out
-}
-
-/// The totals for programs.
-fn document(sweep: &Sweep, totals: &Totals) -> serde_json::Value {
-    let value = |((axis, value), (runs, good)): (&(usize, String), &(u64, u64))| {
-        serde_json::json!({
-            "key": sweep.axes()[*axis].key,
-            "value": value,
-            "runs": runs,
-            "as_expected": good,
-        })
-    };
-    let grid = |entry: &(&(usize, String), &(u64, u64))| sweep.axes()[entry.0.0].values() > 1;
-    serde_json::json!({
-        "format": "isocat-sweep/1",
-        "runs": totals.runs,
-        "planned": sweep.runs(),
-        "as_expected": totals.as_expected,
-        "verdicts": totals.verdicts,
-        "findings": totals.findings,
-        "values": totals.values.iter().filter(grid).map(value).collect::<Vec<_>>(),
-        "failed": totals.failed.iter().map(|(number, seed)| serde_json::json!({ "number": number, "seed": seed })).collect::<Vec<_>>(),
-    })
 }

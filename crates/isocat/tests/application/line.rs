@@ -75,9 +75,9 @@ pub fn config(cycle: Nanos, count: usize, slow: usize, every: i64) -> Config {
 pub fn connections(count: usize) -> Vec<Connection> {
     let sii: Arc<[u8]> = sii().into();
     let device = |position: usize| DeviceSetup {
-        chip: &LAN9252,
+        chip: LAN9252,
         sii: sii.clone(),
-        description: &DESCRIPTION,
+        description: DESCRIPTION.clone(),
         application: Box::new(Counter::default()),
         cpu: CpuModel::default(),
         clock: ClockModel::constant(((position as i64 * 7919 + 20) % 41 - 20) * 1000),

@@ -25,13 +25,13 @@ pub struct Bench {
 }
 
 impl Bench {
-    pub fn new(profile: &'static Profile) -> Self {
+    pub fn new(profile: &Profile) -> Self {
         let mailbox = profile.description.mailbox.expect("a mailbox");
         let ram = vec![0; usize::from(profile.esc().ram_kib) * 1024];
         let store = vec![0; profile.description.store_len()];
         let mut bench = Self {
-            esc: Esc::new(profile.esc(), profile.sii.clone(), ram),
-            device: SubDevice::new(profile.description, store, ()),
+            esc: Esc::new(profile.esc(), profile.sii.to_vec(), ram),
+            device: SubDevice::new(&profile.description, store, ()),
             receive: mailbox.receive,
             send: mailbox.send,
             now: Time::new(10_000_000),

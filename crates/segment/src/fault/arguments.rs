@@ -1,6 +1,7 @@
 //! What stands behind a word, read from left to right.
 
 use std::str::FromStr;
+use std::sync::Arc;
 
 use isocat_descriptions::quantity::{self, Length, Ppb, QuantityError};
 use isocat_sim::Direction;
@@ -240,7 +241,7 @@ impl<'a> Arguments<'a> {
     }
 
     /// A built-in device.
-    pub fn profile(&mut self) -> Result<&'static Profile, Wrong> {
+    pub fn profile(&mut self) -> Result<Arc<Profile>, Wrong> {
         let word = self.next().unwrap_or_default();
         profile::built_in(word).ok_or_else(|| Wrong(format!("no built-in device \"{word}\"")))
     }

@@ -65,7 +65,7 @@ fn lines_are_read() {
     );
     assert_eq!(fault("stall 20ms"), (Fault::Stall, ms(20)));
     let replaced = parse("replace 1 simple_io16").expect("it reads");
-    assert_eq!(replaced.spare.map(|profile| &*profile.id), Some("simple_io16"));
+    assert_eq!(replaced.spare.map(|profile| profile.id.clone()).as_deref(), Some("simple_io16"));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The object dictionary: objects that follow from short fields, then the static form of all.
 
 use isocat_descriptions::document::FileError;
-use isocat_subdevice::description::{Behaviour, Measured, ProcessDataArea};
+use isocat_subdevice::description::{Behaviour, Measured, Preset, ProcessDataArea};
 use isocat_subdevice::{Description, Entry, Object};
 use isocat_sync::SupportedTypes;
 use isocat_sync::object::{self, ShiftBy};
@@ -85,20 +85,17 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     draft.objects.sort_by_key(|object| object.index);
 }
 
-/// The same dictionary with another time as default of one entry of 32 bits; `None` if there is none.
-pub(super) fn with_value(
-    description: &'static Description,
+/// Gives one entry of 32 bits another time at power-on; `None` if there is none, or no room for another preset.
+pub(super) fn preset(
+    description: &mut Description,
     address: ObjectAddress,
     time: Nanos,
-) -> Option<&'static Description> {
-    let bytes = time.to_u32()?.to_le_bytes();
-    let mut objects = description.objects.to_vec();
-    let object = objects.iter_mut().find(|object| object.index == address.index)?;
-    let mut entries = object.entries.to_vec();
-    let entry = entries.iter_mut().find(|entry| entry.sub == address.sub && entry.bits == 32)?;
-    entry.default = leak(bytes.to_vec());
-    object.entries = leak(entries);
-    Some(Box::leak(Box::new(Description { objects: leak(objects), ..description.clone() })))
+) -> Option<()> {
+    let value = time.to_u32()?.to_le_bytes();
+    let store = description.entry(address).filter(|entry| entry.bits == 32)?.store;
+    let own = |preset: &&mut Option<Preset>| preset.is_none_or(|preset| preset.store == store);
+    *description.behaviour.presets.iter_mut().find(own)? = Some(Preset { store, value });
+    Some(())
 }
 
 impl Draft<'_> {
@@ -174,8 +171,8 @@ impl Draft<'_> {
         };
         Ok(Profile {
             identity: self.identity,
-            description: Box::leak(Box::new(description)),
-            sii,
+            description,
+            sii: sii.into(),
             chip: self.esc.chip.0,
             esc: self.esc.chip.1,
             clock_tolerance: self.esc.clock_tolerance,

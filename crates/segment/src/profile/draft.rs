@@ -81,7 +81,7 @@ pub(super) struct Placed<T> {
 #[derive(Debug)]
 pub(super) struct Esc {
     pub at: usize,
-    pub chip: (&'static str, &'static Chip),
+    pub chip: (&'static str, Chip),
     pub sync_unit: bool,
     pub pulse: Nanos,
     pub alias: u16,

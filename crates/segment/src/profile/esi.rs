@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 use std::fmt;
-use std::sync::{LazyLock, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::{FileError, Source};
 use isocat_descriptions::esi::{
@@ -26,7 +26,6 @@ use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Times
 use super::{
     ApplicationKind, DriveLayout, Identity, OpMode, Origin, Profile, check, dictionary, ports,
 };
-use crate::chips;
 
 mod eeprom;
 mod objects;
@@ -102,12 +101,12 @@ impl Profile {
         file: &EsiFile,
         device: &EsiDevice,
         op_mode: Option<usize>,
-    ) -> Result<&'static Profile, NotSimulated> {
+    ) -> Result<Arc<Profile>, NotSimulated> {
         type Key = (String, u64, usize, Option<usize>);
-        static INTERNED: LazyLock<Mutex<HashMap<Key, &'static Profile>>> =
+        static INTERNED: LazyLock<Mutex<HashMap<Key, Arc<Profile>>>> =
             LazyLock::new(Mutex::default);
         let key = (file.path.clone(), file.fingerprint(), device.at, op_mode);
-        let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(&key).copied();
+        let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
         if let Some(profile) = known {
             return Ok(profile);
         }
@@ -119,7 +118,7 @@ impl Profile {
         };
         let profile = import.profile()?;
         let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(interned.entry(key).or_insert_with(|| Box::leak(Box::new(profile))))
+        Ok(interned.entry(key).or_insert_with(|| Arc::new(profile)).clone())
     }
 }
 
@@ -439,7 +438,7 @@ impl Import<'_> {
     }
 
     /// An ESC with the ports of `Physics` and memory for all areas.
-    fn chip(&mut self, mailbox: Option<Mailbox>, areas: [&Option<Area>; 2]) -> &'static Chip {
+    fn chip(&mut self, mailbox: Option<Mailbox>, areas: [&Option<Area>; 2]) -> Chip {
         let ports = match ports::descriptor(self.device.physics.as_deref().unwrap_or_default()) {
             0 => ports::descriptor("YY"),
             ports => ports,
@@ -468,7 +467,7 @@ impl Import<'_> {
         };
         let why = "the description names no chip; its ports and its memory are the description's";
         self.assume("ESC", "ET1100", why);
-        chips::interned(chip)
+        chip
     }
 }
 

@@ -75,7 +75,7 @@ fn esc(keys: &Keys<'_>) -> Result<Esc, FileError> {
 
 /// The chip, on a board with the ports that the file names, with a drift loop, an EEPROM and jitter
 /// as the file has them.
-fn chip(keys: &Keys<'_>) -> Result<(&'static str, &'static Chip), FileError> {
+fn chip(keys: &Keys<'_>) -> Result<(&'static str, Chip), FileError> {
     let (name, chip) = keys.choice("chip", &keys::CHIPS)?;
     let Some(value) = keys.value("ports") else { return Ok((name, chips::measured(chip, keys)?)) };
     let letters: String = keys.get("ports")?;
@@ -95,8 +95,8 @@ fn chip(keys: &Keys<'_>) -> Result<(&'static str, &'static Chip), FileError> {
             format!("ports = \"{letters}\" has EBUS, which {name} can't have; expected Y");
         return Err(value.error(message));
     }
-    let chip = chips::interned(chip.with_ports(ports::descriptor(&letters)));
-    Ok((name, chips::measured(chip, keys)?))
+    let chip = chip.with_ports(ports::descriptor(&letters));
+    Ok((name, chips::measured(&chip, keys)?))
 }
 
 fn mailbox(keys: &Keys<'_>) -> Result<Placed<Mailbox>, FileError> {

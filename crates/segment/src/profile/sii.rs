@@ -89,7 +89,7 @@ fn general(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
     if writable {
         data[0x05] |= COE_ASSIGNMENT;
     }
-    data[0x10..0x12].copy_from_slice(&ports::in_sii(draft.esc.chip.1).to_le_bytes());
+    data[0x10..0x12].copy_from_slice(&ports::in_sii(&draft.esc.chip.1).to_le_bytes());
     if let Some(eeprom) = &draft.eeprom {
         data[0x02] = strings.number(&eeprom.order);
         data[0x05] = eeprom.coe_details;

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value, name_hint};
@@ -18,7 +19,7 @@ pub(super) struct Files(HashMap<String, EsiFile>);
 
 /// A device of a description.
 pub(super) struct Imported {
-    pub profile: &'static Profile,
+    pub profile: Arc<Profile>,
     pub run_as: RunAs,
 }
 
@@ -57,7 +58,7 @@ pub(super) fn device(
     let device = choice.device;
     let told = |error: crate::profile::NotSimulated| error.error;
     let profile = Profile::from_esi(file, device, op_mode).map_err(told)?;
-    let mut run_as = RunAs::new(file, device, op_mode, profile, cycle).map_err(told)?;
+    let mut run_as = RunAs::new(file, device, op_mode, &profile, cycle).map_err(told)?;
     notes.append(&mut run_as.notes);
     for warning in &device.warnings {
         // What was said of this OpMode at this cycle is more than what the file alone tells.

@@ -1,6 +1,7 @@
 //! `[[fault]]`: from its keys to what a simulation is told.
 
 use std::str::FromStr;
+use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Value};
@@ -19,7 +20,7 @@ pub struct Faults {
     /// What, and when. SubDevices are meant by their position.
     pub planned: Vec<Planned>,
     /// Devices that come in the place of others, by the number in [`Fault::Replace`].
-    pub spares: Vec<&'static Profile>,
+    pub spares: Vec<Arc<Profile>>,
 }
 
 pub(super) fn faults(
@@ -42,9 +43,9 @@ pub(super) fn faults(
                 .error("ring is the cable that closes a ring; expected ring = true in this file"));
         }
         if let (Fault::Replace { device, spare, .. }, Some(profile)) =
-            (&mut order.fault, order.spare)
+            (&mut order.fault, order.spare.clone())
         {
-            fits(profile, devices, *device, ring).map_err(|message| what.error(message))?;
+            fits(&profile, devices, *device, ring).map_err(|message| what.error(message))?;
             *spare = faults.spares.len();
             faults.spares.push(profile);
         }

@@ -3,7 +3,7 @@
 use isocat_descriptions::document::section::{Keys, Words};
 use isocat_descriptions::document::{FileError, Value, name_hint};
 use isocat_descriptions::quantity;
-use isocat_subdevice::{BadAnswer, Misbehaviour};
+use isocat_subdevice::{BadAnswer, Misbehaviour, Misbehaviours};
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, AlState, AlStatusCode, ObjectAddress};
 
@@ -86,13 +86,10 @@ fn means(word: &str) -> &'static str {
 }
 
 /// Reads the key: a list of texts, each a word and what it needs.
-pub(super) fn misbehave(
-    keys: &Keys<'_>,
-    profile: &Profile,
-) -> Result<&'static [Misbehaviour], FileError> {
+pub(super) fn misbehave(keys: &Keys<'_>, profile: &Profile) -> Result<Misbehaviours, FileError> {
     let texts = keys.list("misbehave", "faults, such as [\"dead-sync0\", \"missed-copy 3\"]")?;
     if texts.is_empty() {
-        return Ok(&[]);
+        return Ok(Misbehaviours::NONE);
     }
     let mut faults = Vec::new();
     for text in &texts {
@@ -102,8 +99,10 @@ pub(super) fn misbehave(
         }
         faults.push(fault);
     }
-    // It becomes part of a device's description, which lives as long as the program.
-    Ok(Vec::leak(faults))
+    Misbehaviours::of(&faults).ok_or_else(|| {
+        let (found, most) = (faults.len(), Misbehaviours::MOST);
+        keys.error_at("misbehave", format!("{found} faults; expected at most {most}"))
+    })
 }
 
 /// What a fault needs and the device does not have.

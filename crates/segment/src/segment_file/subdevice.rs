@@ -2,6 +2,7 @@
 //! do.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value, name_hint};
@@ -34,15 +35,16 @@ pub(super) fn subdevice(
     let Bus { cycle: bus, tolerance } = bus;
     let cycle = own_cycle(keys, bus)?;
     let (profile, run_as) = device(source, keys, cycle.unwrap_or(bus), files)?;
-    let profile = with_times(keys, profile)?;
-    let (mode, run_as) = mode(keys, profile, run_as, cycle, bus)?;
-    let (shift, input_shift) = shifts(keys, profile)?;
+    let profile = with_times(keys, &profile)?;
+    let (mode, run_as) = mode(keys, &profile, run_as, cycle, bus)?;
+    let (shift, input_shift) = shifts(keys, &profile)?;
     let pulses = pulses(keys, mode, bus)?;
     let (cable, cable_delay) = (keys.get("cable")?, keys.get("cable_delay")?);
     let optional = keys.get("optional")?;
     if let (Some(value), false) = (keys.value("arrives"), optional) {
         return Err(value.error("arrives is given without optional = true beside it"));
     }
+    let clock = clock::clock(keys, &profile, tolerance)?;
     Ok(SubDevice {
         // Without the key, only the device's position can tell.
         name: keys.find("name")?.unwrap_or_default(),
@@ -53,7 +55,7 @@ pub(super) fn subdevice(
         cable,
         cable_delay,
         cable_asymmetry: keys.by(twice(cable, cable_delay)).get("cable_asymmetry")?,
-        clock: clock::clock(keys, profile, tolerance)?,
+        clock,
         clock_shape: clock::shape(keys)?,
         cycle,
         shift,
@@ -88,7 +90,7 @@ fn device(
     keys: &Keys<'_>,
     cycle: Nanos,
     files: &mut esi::Files,
-) -> Result<(&'static Profile, Option<RunAs>), FileError> {
+) -> Result<(Arc<Profile>, Option<RunAs>), FileError> {
     if let Some(esi) = keys.value("esi") {
         if let Some(device) = keys.value("device") {
             return Err(device.error("device is given beside esi; expected one of them"));
@@ -106,7 +108,7 @@ fn device(
 
 /// A built-in profile by its id, or a profile file by its path: a name that ends in `.toml` or has
 /// a slash in it.
-fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Profile, FileError> {
+fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<Arc<Profile>, FileError> {
     let name = device.name("a profile's name, or the path of a profile file")?;
     if !name.ends_with(".toml") && !name.contains('/') {
         return profile::built_in(name).ok_or_else(|| {
@@ -127,7 +129,7 @@ fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<&'static Pro
 
 /// `calc_copy`, `delay`, `copy_time`, `jitter`, `eeprom_burn`, `misbehave`: the device with what it
 /// says and does differently.
-fn with_times(keys: &Keys<'_>, profile: &'static Profile) -> Result<&'static Profile, FileError> {
+fn with_times(keys: &Keys<'_>, profile: &Arc<Profile>) -> Result<Arc<Profile>, FileError> {
     let overrides = Overrides {
         stated_calc_and_copy: keys.find("calc_copy")?,
         stated_delay: keys.find("delay")?,

@@ -68,7 +68,7 @@ fn the_built_in_segment() {
     let places = segment.subdevices.iter().map(|device| device.place.upstream);
     let (line, behind) = ([None, Some((0, P1)), Some((1, P1))], [Some((2, P1)), Some((2, P2))]);
     assert!(places.eq(line.into_iter().chain(behind)));
-    assert!(std::ptr::eq(segment.subdevices[0].profile, segment.subdevices[1].profile));
+    assert!(Arc::ptr_eq(&segment.subdevices[0].profile, &segment.subdevices[1].profile));
 }
 
 #[test]
@@ -158,11 +158,16 @@ fn the_time_needed_follows_the_time_stated() {
 }
 
 #[test]
-fn devices_with_equal_times_share_one_profile() {
-    let one = subdevice("delay = \"1us\"").profile;
-    assert!(std::ptr::eq(one, subdevice("delay = \"1000ns\"").profile));
-    assert!(!std::ptr::eq(one, subdevice("delay = \"1001ns\"").profile));
-    assert!(std::ptr::eq(subdevice("").profile, profile::built_in("kollmorgen_akd2g").unwrap()));
+fn devices_with_other_times_share_the_objects_of_their_kind() {
+    let usual = profile::built_in("kollmorgen_akd2g").unwrap();
+    assert!(Arc::ptr_eq(&subdevice("").profile, &usual));
+    let own = subdevice("delay = \"1001ns\"\ncalc_copy = \"7us\"").profile;
+    assert!(std::ptr::eq(own.description.objects, usual.description.objects));
+    let stated = |profile: &profile::Profile, sub| {
+        profile.value(isocat_wire::ObjectAddress::new(0x1C32, sub))
+    };
+    assert_eq!((stated(&own, 9), stated(&own, 6)), (Some(1_001), Some(7_000)));
+    assert_ne!((stated(&usual, 9), stated(&usual, 6)), (Some(1_001), Some(7_000)));
 }
 
 #[test]

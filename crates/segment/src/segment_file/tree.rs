@@ -51,7 +51,7 @@ impl Earlier<'_> {
 #[derive(Clone, Copy)]
 pub(super) struct Plug<'a> {
     pub name: &'a str,
-    pub profile: &'static Profile,
+    pub profile: &'a Profile,
     pub port: PortNumber,
 }
 
@@ -112,8 +112,8 @@ impl Ports {
             };
             let device = &earlier[above];
             if !device.profile.esc().has_port(port) {
-                let (name, chip) = (&device.name, chip(device.profile));
-                let ports = ports(device.profile);
+                let (name, chip) = (&device.name, chip(&device.profile));
+                let ports = ports(&device.profile);
                 return Err(fail(format!(
                     "\"{name}\" ({chip}) has no port {port}; it has {ports}"
                 )));

@@ -51,9 +51,9 @@ static DESCRIPTION: Description = Description {
 pub fn connections(count: usize) -> Vec<Connection> {
     let sii: std::sync::Arc<[u8]> = sii().into();
     let device = |position: usize| DeviceSetup {
-        chip: &LAN9252,
+        chip: LAN9252,
         sii: sii.clone(),
-        description: &DESCRIPTION,
+        description: DESCRIPTION.clone(),
         application: Box::new(Io::default()),
         cpu: CpuModel::default(),
         // The first one leads, and nobody follows it here: true time.

@@ -56,9 +56,9 @@ static PLAIN: Description = Description {
 
 fn segment(reference_ppb: i64, seed: u64) -> Segment {
     let device = DeviceSetup {
-        chip: &XMC4800,
+        chip: XMC4800,
         sii: vec![0; 256].into(),
-        description: &PLAIN,
+        description: PLAIN.clone(),
         application: Box::new(()),
         cpu: CpuModel::default(),
         clock: ClockModel::constant(reference_ppb),

@@ -1,9 +1,5 @@
 //! How faults come over a segment and its host, and how they end.
 
-use std::collections::HashMap;
-use std::sync::Mutex;
-
-use isocat_subdevice::{Description, Misbehaviour};
 use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
@@ -305,29 +301,4 @@ impl Scene<'_> {
             (Whose::Host, None) => {}
         }
     }
-}
-
-/// Descriptions of devices that misbehave, each made once: a description lives as long as the program.
-static MISBEHAVING: Mutex<Option<Known>> = Mutex::new(None);
-type Known = HashMap<(usize, Vec<Misbehaviour>), &'static Description>;
-
-/// The description of the device with this one that does these things wrong instead of its own.
-pub(crate) fn misbehaving(
-    description: &'static Description,
-    faults: &[Misbehaviour],
-) -> &'static Description {
-    if description.behaviour.misbehaviour == faults {
-        return description;
-    }
-    let mut known = MISBEHAVING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    let known = known.get_or_insert_default();
-    let key = (std::ptr::from_ref(description) as usize, faults.to_vec());
-    let misbehaving = || {
-        let behaviour = isocat_subdevice::description::Behaviour {
-            misbehaviour: Vec::leak(faults.to_vec()),
-            ..description.behaviour
-        };
-        &*Box::leak(Box::new(Description { behaviour, ..description.clone() }))
-    };
-    known.entry(key).or_insert_with(misbehaving)
 }

@@ -39,9 +39,9 @@ pub type Link = (Option<(usize, PortNumber)>, PortNumber);
 
 pub fn device(chip: &'static Chip, clock: ClockModel, local_time: Time<Local>) -> DeviceSetup {
     DeviceSetup {
-        chip,
+        chip: *chip,
         sii: vec![0; 256].into(),
-        description: &DESCRIPTION,
+        description: DESCRIPTION.clone(),
         application: Box::new(()),
         cpu: CpuModel::default(),
         clock,

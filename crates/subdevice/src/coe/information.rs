@@ -22,7 +22,7 @@ pub(crate) struct List {
 /// Answers an information request; `request` and `reply` begin with the information header. Gives
 /// the bytes of the answer, and the rest of a list that did not fit.
 pub(crate) fn answer(
-    description: &'static Description,
+    description: &Description,
     request: &[u8],
     reply: &mut [u8],
 ) -> Result<(usize, Option<List>), ErrorDetail> {
@@ -57,11 +57,7 @@ pub(crate) fn answer(
 
 impl List {
     /// Puts the next fragment into `reply`; gives its bytes and what is left.
-    pub fn fragment(
-        self,
-        description: &'static Description,
-        reply: &mut [u8],
-    ) -> (usize, Option<List>) {
+    pub fn fragment(self, description: &Description, reply: &mut [u8]) -> (usize, Option<List>) {
         let room = (reply.len() - HEADER_LEN) / 2;
         // The list type stands before the first index, and only there.
         let slots = if self.sent == 0 { room - 1 } else { room };
@@ -90,7 +86,7 @@ impl List {
 }
 
 /// The objects of a list.
-fn members(description: &'static Description, kind: u16) -> impl Iterator<Item = &'static Object> {
+fn members(description: &Description, kind: u16) -> impl Iterator<Item = &'static Object> + use<> {
     let right = match kind {
         list_type::RX_MAPPABLE => Access::RX_MAPPABLE,
         list_type::TX_MAPPABLE => Access::TX_MAPPABLE,
@@ -103,7 +99,7 @@ fn members(description: &'static Description, kind: u16) -> impl Iterator<Item =
     description.objects.iter().filter(is_member)
 }
 
-fn lengths(description: &'static Description, reply: &mut [u8]) -> usize {
+fn lengths(description: &Description, reply: &mut [u8]) -> usize {
     let header =
         Header { opcode: Opcode::LIST_RESPONSE, incomplete: false, fragments_left: 0 }.emit();
     let kinds = list_type::ALL..=list_type::SETTINGS;
@@ -121,7 +117,7 @@ fn lengths(description: &'static Description, reply: &mut [u8]) -> usize {
     at
 }
 
-fn object(description: &'static Description, index: u16, reply: &mut [u8]) -> usize {
+fn object(description: &Description, index: u16, reply: &mut [u8]) -> usize {
     let Some(object) = description.object(index) else {
         return error(AbortCode::NO_OBJECT, reply);
     };
@@ -134,13 +130,7 @@ fn object(description: &'static Description, index: u16, reply: &mut [u8]) -> us
     write(Opcode::OBJECT_RESPONSE, &head.emit(), &[], object.name, reply)
 }
 
-fn entry(
-    description: &'static Description,
-    index: u16,
-    sub: u8,
-    wanted: u8,
-    reply: &mut [u8],
-) -> usize {
+fn entry(description: &Description, index: u16, sub: u8, wanted: u8, reply: &mut [u8]) -> usize {
     let Some(object) = description.object(index) else {
         return error(AbortCode::NO_OBJECT, reply);
     };
@@ -153,8 +143,9 @@ fn entry(
     let mut default = [0; MAX_DEFAULT];
     let with_default = wanted & DEFAULT_VALUE != 0 && !entry.is_gap() && entry.len() <= MAX_DEFAULT;
     let default_len = if with_default { entry.len() } else { 0 };
-    let given = entry.default.len().min(default_len);
-    default[..given].copy_from_slice(&entry.default[..given]);
+    let power_on = description.power_on(entry);
+    let given = power_on.len().min(default_len);
+    default[..given].copy_from_slice(&power_on[..given]);
     let head = EntryDescription {
         index,
         sub,

@@ -52,23 +52,23 @@ fn every_published_entry_is_in_the_profile() {
             let index = u16::from_str_radix(index, 16).unwrap();
             let entries = table["entries"].as_array().unwrap();
             for published in entries {
-                compare(profile, index, published);
+                compare(&profile, index, published);
                 compared += 1;
             }
             let known = |sub: u8| entries.iter().any(|entry| entry["si"] == sub);
-            for entry in object(profile, index).entries.iter().filter(|entry| !known(entry.sub)) {
+            for entry in object(&profile, index).entries.iter().filter(|entry| !known(entry.sub)) {
                 let address = ObjectAddress::new(index, entry.sub);
-                assert!(is_assumed(profile, address, ""), "{}: {address} is invented", profile.id);
+                assert!(is_assumed(&profile, address, ""), "{}: {address} is invented", profile.id);
             }
             if let Some(bits) = table["ca_bits"].as_u64() {
-                let last = object(profile, index).entries.last().unwrap();
+                let last = object(&profile, index).entries.last().unwrap();
                 let end = last.complete_access_offset + u32::from(last.bits);
                 assert_eq!(u64::from(end.next_multiple_of(8)), bits, "{} {index:04X}", profile.id);
             }
         }
-        compare_identity(profile, &published);
-        compare_assignment(profile, &published);
-        compare_op_modes(profile, &published);
+        compare_identity(&profile, &published);
+        compare_assignment(&profile, &published);
+        compare_op_modes(&profile, &published);
     }
     assert!(compared >= 20 * tables, "only {compared} entries of {tables} tables compared");
 }

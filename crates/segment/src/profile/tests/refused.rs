@@ -3,6 +3,8 @@
 use isocat_wire::ObjectAddress;
 use isocat_wire::sii::MailboxArea;
 
+use std::sync::Arc;
+
 use super::{lines, table};
 use crate::profile::Profile;
 
@@ -63,9 +65,9 @@ fn a_profile_by_hand_is_short() {
         profile.description.mailbox.unwrap().send,
         MailboxArea { start: 0x1080, length: 128 }
     );
-    assert_eq!(table(profile, 0x1C00).lines().last(), Some("04 UNSIGNED8 8 40 0007 0"));
+    assert_eq!(table(&profile, 0x1C00).lines().last(), Some("04 UNSIGNED8 8 40 0007 0"));
     assert_eq!(
-        table(profile, 0x7000),
+        table(&profile, 0x7000),
         lines("00 UNSIGNED8 8 0 0007 1\n01 UNSIGNED16 16 16 007F 0")
     );
     assert_eq!(profile.value(ObjectAddress::new(0x1600, 2)), Some(8));
@@ -85,7 +87,7 @@ fn the_profile_of_the_documentation_is_one() {
         .collect();
     let profile = Profile::from_toml("documentation", &text).unwrap();
     assert_eq!(profile.assumptions.len(), 2);
-    assert_eq!(table(profile, 0x1C32).lines().last(), Some("20 BOOLEAN 1 480 0087 0"),);
+    assert_eq!(table(&profile, 0x1C32).lines().last(), Some("20 BOOLEAN 1 480 0087 0"),);
 }
 
 /// The error of the minimal profile with `from` replaced, as `line:column message`.
@@ -348,7 +350,7 @@ fn damaged_files_are_no_panic() {
 }
 
 /// The minimal profile with another object behind its last one.
-fn with_object(text: &str) -> Result<&'static Profile, String> {
+fn with_object(text: &str) -> Result<Arc<Profile>, String> {
     let text = MINIMAL.replacen("[times]", &format!("[[object]]\n{text}\n\n[times]"), 1);
     Profile::from_toml("p.toml", &text)
         .map_err(|error| format!("{}:{} {}", error.line, error.column, error.message))
@@ -361,7 +363,7 @@ fn an_object_may_be_like_another() {
          \"1us\", \"Delay\"]]\nvalues = { 01 = 0x22, 05 = \"200us\" }",
     );
     assert_eq!(
-        table(profile.unwrap(), 0x1C33),
+        table(&profile.unwrap(), 0x1C33),
         lines(
             "00 UNSIGNED8 8 0 0007 32
             01 UNSIGNED16 16 16 000F 34
@@ -373,7 +375,7 @@ fn an_object_may_be_like_another() {
     let of_another =
         with_object("index = 0x10F1\nlike = \"hpmicro_ecat_cia402_ssc:10F1\"").unwrap();
     let drive = crate::profile::built_in("hpmicro_ecat_cia402_ssc").unwrap();
-    assert_eq!(table(of_another, 0x10F1), table(drive, 0x10F1));
+    assert_eq!(table(&of_another, 0x10F1), table(&drive, 0x10F1));
     let refused = |text: &str| with_object(text).unwrap_err();
     assert!(
         refused("index = 0x1C33\nlike = \"1C33\"")
@@ -420,10 +422,10 @@ fn short_forms_of_pdos_and_choices() {
         .replace("[identity]", "opmodes = [[\"DC\", \"\", 0x0300, 1, -4]]\n\n[identity]");
     let profile = Profile::from_toml("p.toml", &text).unwrap();
     assert_eq!(
-        table(profile, 0x1601),
+        table(&profile, 0x1601),
         lines("00 UNSIGNED8 8 0 0007 2\n01 UNSIGNED32 32 16 0007 64\n02 UNSIGNED32 32 48 0007 36")
     );
-    assert_eq!(table(profile, 0x1602), "00 UNSIGNED8 8 0 0007 0\n");
+    assert_eq!(table(&profile, 0x1602), "00 UNSIGNED8 8 0 0007 0\n");
     let mode = &profile.op_modes[0];
     assert_eq!((mode.name.as_str(), mode.assign_activate), ("DC", 0x0300));
     assert_eq!((mode.sync0_factor, mode.sync1_factor), (1, -4));

@@ -26,11 +26,11 @@ name = "Outputs"
 entries = [["7000:01", "UNSIGNED16", "Value"], { pad = 8 }]
 "#;
 
-fn category(profile: &'static Profile, kind: u16) -> &'static [u8] {
+fn category(profile: &Profile, kind: u16) -> &[u8] {
     sii::categories(&profile.sii).map(Result::unwrap).find(|c| c.kind == kind).unwrap().data
 }
 
-fn sync_managers(profile: &'static Profile) -> Vec<(u16, u16, u8, u8, u8)> {
+fn sync_managers(profile: &Profile) -> Vec<(u16, u16, u8, u8, u8)> {
     category(profile, category::SYNC_MANAGER)
         .chunks_exact(8)
         .map(|bytes| SmRecord::parse(bytes.try_into().unwrap()))
@@ -50,7 +50,7 @@ fn built_in_simple_devices_tell_all_in_their_sii() {
         assert_eq!(header.product_code, u32::from(bytes) << 16 | u32::from(bytes));
         // SM0 and SM1 are there, so that SM2 and SM3 have their places, and guard nothing.
         assert_eq!(
-            sync_managers(profile),
+            sync_managers(&profile),
             [
                 (0, 0, 0x26, 0, 0),
                 (0, 0, 0x22, 0, 0),
@@ -58,10 +58,10 @@ fn built_in_simple_devices_tell_all_in_their_sii() {
                 (inputs, bytes, 0x20, 1, 4)
             ]
         );
-        assert_eq!(category(profile, category::FMMU), [1, 2]);
-        assert_eq!(category(profile, category::GENERAL)[5], 0, "no CoE");
+        assert_eq!(category(&profile, category::FMMU), [1, 2]);
+        assert_eq!(category(&profile, category::GENERAL)[5], 0, "no CoE");
         for (kind, index, sm) in [(category::RX_PDO, 0x1600, 2), (category::TX_PDO, 0x1A00, 3)] {
-            let data = category(profile, kind);
+            let data = category(&profile, kind);
             let record = PdoRecord::parse(data[..8].try_into().unwrap());
             let (number, rest) = (u16::from(record.entries), &data[8..]);
             assert_eq!((record.index, record.sm, number), (index, sm, bytes), "{id}");
@@ -76,10 +76,10 @@ fn built_in_simple_devices_tell_all_in_their_sii() {
 #[test]
 fn a_simple_profile_by_hand_is_short() {
     let profile = Profile::from_toml("simple.toml", SIMPLE).unwrap();
-    let description = profile.description;
+    let description = &profile.description;
     assert_eq!((description.outputs.max_length, description.inputs.max_length), (3, 0));
     assert_eq!(description.behaviour.undeclared_types, SupportedTypes(0b010));
-    assert_eq!(sync_managers(profile)[2..], [(0x1000, 3, 0x64, 1, 3), (0, 0, 0x20, 0, 0)]);
+    assert_eq!(sync_managers(&profile)[2..], [(0x1000, 3, 0x64, 1, 3), (0, 0, 0x20, 0, 0)]);
     let listening = SIMPLE.replace("[\"sm\"]", "[\"dc-sync0\", \"sm\"]").replace("false", "true");
     let profile = Profile::from_toml("simple.toml", &listening).unwrap();
     assert_eq!(profile.modes().collect::<Vec<_>>(), [SyncMode::SmSynchronous, SyncMode::DcSync0]);

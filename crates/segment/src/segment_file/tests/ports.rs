@@ -165,7 +165,7 @@ fn built_in_devices_have_the_ports_of_their_makers() {
     };
     let mut terminals = 0;
     for profile in profile::built_in_ids().map(|id| profile::built_in(id).unwrap()) {
-        let found: String = kinds(profile).into_iter().collect();
+        let found: String = kinds(&profile).into_iter().collect();
         let is_terminal = ["EL", "EJ"].iter().any(|family| profile.name.starts_with(family));
         let expected = match profile.id.as_str() {
             COUPLER => "YKY",

@@ -43,7 +43,7 @@ impl Case {
     }
 
     fn has_clock(&self, device: usize) -> bool {
-        !std::ptr::eq(self.chip(device), &PLAIN)
+        *self.chip(device) != PLAIN
     }
 
     fn link(&self, device: usize) -> Link {

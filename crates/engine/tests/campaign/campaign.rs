@@ -58,9 +58,7 @@ pub fn run(seed: u64) -> Fate {
     if near_limit(&verdict) {
         wrong.retain(|(wrong, _)| *wrong != Wrong::FalseAlarm);
     }
-    if recovers && let Some(why) = no_recovery(&truth, bound) {
-        wrong.push((Wrong::NoRecovery, why));
-    }
+    wrong.extend(no_recovery(&truth, bound).filter(|_| recovers));
     let (lost, answer) = (!truth.losses.is_empty(), verdict.answer());
     Fate::Ran(Ran { faults, lost, answer, recovers, wrong })
 }

@@ -19,7 +19,9 @@ pub enum Wrong {
     FalseAlarm,
     /// A finding about a SubDevice that nothing happened to, where others lost something.
     WrongName,
-    /// Not in sync again within the time planned for it.
+    /// In sync again, but not within the time planned for it.
+    LateRecovery,
+    /// Not in sync again, however long it was waited for.
     NoRecovery,
 }
 
@@ -84,14 +86,14 @@ fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nan
 }
 
 /// Whether the segment did not come back in time, where it can.
-pub fn no_recovery(truth: &Truth, bound: Nanos) -> Option<String> {
+pub fn no_recovery(truth: &Truth, bound: Nanos) -> Option<(Wrong, String)> {
     let until = truth.last_fault()? + Picos::from(bound);
     let is_late = |stretch: &&Stretch| stretch.open || stretch.to > until;
     let late = truth.stretches.iter().filter(is_late).find(|stretch| !takes_longer(stretch, truth));
     late.filter(|_| until <= truth.ended).map(|stretch| {
         let took = (stretch.to - until).0 / 1_000_000_000;
-        let ended = if stretch.open { "not in all" } else { "after" };
-        format!("{ended} {took} ms more: {stretch:?}")
+        let kind = if stretch.open { Wrong::NoRecovery } else { Wrong::LateRecovery };
+        (kind, format!("{took} ms beyond it: {stretch:?}"))
     })
 }
 

@@ -145,6 +145,9 @@ fn the_verdict_of_a_wire_is_that_of_true_time() {
         let list = table.wrong(wrong);
         assert!(list.len() as u64 * 1_000 <= table.of("ran"), "{wrong:?}:\n{}", list.join("\n"));
     }
+    // Those that wait for SYNC on their way to OP when it goes away wait for as long as they are made to.
+    let late = table.wrong(Wrong::LateRecovery);
+    assert!(late.len() as u64 * 100 <= table.of("ran"), "late:\n{}", late.join("\n"));
     // A campaign without losses, or one in which nothing runs well, shows nothing.
     assert!(table.losses() * 10 >= seeds, "{} losses in {seeds} runs", table.losses());
     assert!(table.of("no loss: in sync") * 20 >= seeds);

@@ -8,7 +8,7 @@ use isocat_sim::{Setup, World};
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use crate::draw::{Drawn, draw};
-use crate::held::{Wrong, hold, near_limit, no_recovery};
+use crate::held::{Mistake, hold, near_limit, no_recovery};
 use crate::truth::{Truth, Witness};
 
 pub enum Fate {
@@ -26,7 +26,7 @@ pub struct Ran {
     pub answer: Answer,
     /// Whether it was to come back, and there was time.
     pub recovers: bool,
-    pub wrong: Vec<(Wrong, String)>,
+    pub wrong: Vec<(Mistake, String)>,
 }
 
 pub fn run(seed: u64) -> Fate {
@@ -56,7 +56,7 @@ pub fn run(seed: u64) -> Fate {
     let (verdict, truth) = field.end();
     let mut wrong = hold(&verdict, &truth, scenario.sync0_limit);
     if near_limit(&verdict) {
-        wrong.retain(|(wrong, _)| *wrong != Wrong::FalseAlarm);
+        wrong.retain(|(wrong, _)| *wrong != Mistake::FalseAlarm);
     }
     wrong.extend(no_recovery(&truth, bound).filter(|_| recovers));
     let (lost, answer) = (!truth.losses.is_empty(), verdict.answer());

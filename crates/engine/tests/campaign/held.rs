@@ -10,7 +10,7 @@ use crate::truth::{Truth, half};
 
 /// How a verdict can be wrong.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
-pub enum Wrong {
+pub enum Mistake {
     /// Something was lost and the answer is "in sync".
     UndetectedLoss,
     /// The same, and nothing on any wire could have shown it.
@@ -26,15 +26,16 @@ pub enum Wrong {
 }
 
 /// What is wrong with a verdict, and the finding or SubDevice that shows it.
-pub fn hold(verdict: &Verdict, truth: &Truth, limit: Nanos) -> Vec<(Wrong, String)> {
+pub fn hold(verdict: &Verdict, truth: &Truth, limit: Nanos) -> Vec<(Mistake, String)> {
     let mut wrong = Vec::new();
     if verdict.answer() == Answer::InSync && !truth.losses.is_empty() {
-        let kind = if truth.is_out_of_sight() { Wrong::OutOfSight } else { Wrong::UndetectedLoss };
+        let kind =
+            if truth.is_out_of_sight() { Mistake::OutOfSight } else { Mistake::UndetectedLoss };
         wrong.push((kind, format!("{:?}", truth.losses)));
     }
     for finding in verdict.findings.iter().filter(|found| !is_true(found, truth, limit)) {
         let named = finding.place.device.is_some() && !truth.losses.is_empty();
-        let kind = if named { Wrong::WrongName } else { Wrong::FalseAlarm };
+        let kind = if named { Mistake::WrongName } else { Mistake::FalseAlarm };
         wrong.push((kind, format!("{:?} {:?}", finding.place.device, finding.kind)));
     }
     wrong
@@ -86,13 +87,13 @@ fn is_true_judgement(kind: &Judged, finding: &Finding, truth: &Truth, limit: Nan
 }
 
 /// Whether the segment did not come back in time, where it can.
-pub fn no_recovery(truth: &Truth, bound: Nanos) -> Option<(Wrong, String)> {
+pub fn no_recovery(truth: &Truth, bound: Nanos) -> Option<(Mistake, String)> {
     let until = truth.last_fault()? + Picos::from(bound);
     let is_late = |stretch: &&Stretch| stretch.open || stretch.to > until;
     let late = truth.stretches.iter().filter(is_late).find(|stretch| !takes_longer(stretch, truth));
     late.filter(|_| until <= truth.ended).map(|stretch| {
         let took = (stretch.to - until).0 / 1_000_000_000;
-        let kind = if stretch.open { Wrong::NoRecovery } else { Wrong::LateRecovery };
+        let kind = if stretch.open { Mistake::NoRecovery } else { Mistake::LateRecovery };
         (kind, format!("{took} ms beyond it: {stretch:?}"))
     })
 }

@@ -12,10 +12,10 @@ mod truth;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use campaign::{Fate, Ran};
-use held::Wrong;
+use held::Mistake;
 use isocat_engine::verdict::Answer;
 
 /// What the runs came to.
@@ -24,7 +24,7 @@ struct Table {
     counts: BTreeMap<&'static str, u64>,
     /// By word of a fault: runs with it, with a loss, told.
     faults: BTreeMap<String, [u64; 3]>,
-    wrong: BTreeMap<Wrong, Vec<String>>,
+    wrong: BTreeMap<Mistake, Vec<String>>,
 }
 
 impl Table {
@@ -36,7 +36,7 @@ impl Table {
         self.counts.get(what).copied().unwrap_or(0)
     }
 
-    fn wrong(&self, wrong: Wrong) -> &[String] {
+    fn wrong(&self, wrong: Mistake) -> &[String] {
         self.wrong.get(&wrong).map_or(&[], |list| list)
     }
 
@@ -96,15 +96,12 @@ impl Table {
     }
 }
 
-fn try_all(seeds: std::ops::Range<u64>) -> Table {
-    let next = AtomicU64::new(seeds.start);
+fn try_all(seeds: &[u64]) -> Table {
+    let next = AtomicUsize::new(0);
     let table = Mutex::new(Table::default());
     let work = || {
         loop {
-            let seed = next.fetch_add(1, Ordering::Relaxed);
-            if seed >= seeds.end {
-                return;
-            }
+            let Some(&seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) else { return };
             // A run that panics is a result, and the worst one.
             let fate = catch_unwind(AssertUnwindSafe(|| campaign::run(seed)));
             let mut table = table.lock().expect("no thread panicked with it");
@@ -136,17 +133,21 @@ fn the_verdict_of_a_wire_is_that_of_true_time() {
     if seeds == 1 {
         println!("{}", draw::draw(from).text);
     }
-    let table = try_all(from..from + seeds);
+    let mut all: Vec<u64> = (from..from + seeds).collect();
+    if std::env::var_os("ISOCAT_SEEDS").is_none() {
+        all.extend(ONCE);
+    }
+    let table = try_all(&all);
     table.print();
     assert_eq!(table.of("panicked"), 0);
-    assert!(table.wrong(Wrong::UndetectedLoss).is_empty());
+    assert!(table.wrong(Mistake::UndetectedLoss).is_empty());
     // One of a thousand, and where few are tried none.
-    for wrong in [Wrong::FalseAlarm, Wrong::WrongName, Wrong::NoRecovery] {
+    for wrong in [Mistake::FalseAlarm, Mistake::WrongName, Mistake::NoRecovery] {
         let list = table.wrong(wrong);
         assert!(list.len() as u64 * 1_000 <= table.of("ran"), "{wrong:?}:\n{}", list.join("\n"));
     }
     // Those that wait for SYNC on their way to OP when it goes away wait for as long as they are made to.
-    let late = table.wrong(Wrong::LateRecovery);
+    let late = table.wrong(Mistake::LateRecovery);
     assert!(late.len() as u64 * 100 <= table.of("ran"), "late:\n{}", late.join("\n"));
     // A campaign without losses, or one in which nothing runs well, shows nothing.
     assert!(table.losses() * 10 >= seeds, "{} losses in {seeds} runs", table.losses());
@@ -155,3 +156,12 @@ fn the_verdict_of_a_wire_is_that_of_true_time() {
 
 /// Seeds that are tried where no other number is asked for.
 const FEW: u64 = 150;
+/// Those that showed a fault once, of a judge, of the simulation or of the MainDevice:
+///
+/// - 264: SYNC0 started anew was taken for a clock that ran away; 535: outputs of a doubled frame for late ones;
+/// - 307: a delay left out a SubDevice on the way that was not taken up; 4412: the way changed while a clock joined;
+///   1221: a detour was measured with what the clock was off anyway;
+/// - 428: a recovery undid a delay; 893: an old request took the answers of a new mailbox;
+/// - 636: a type that read as wanted was not written; 620: a reading of 0x092C showed the way and no clock;
+/// - 1015: a SubDevice was to be exchanged that another fault had given its power back.
+const ONCE: [u64; 10] = [264, 307, 428, 535, 620, 636, 893, 1015, 1221, 4412];

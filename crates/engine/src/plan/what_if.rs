@@ -1,8 +1,8 @@
 //! What becomes of a segment when one cable or the power of one SubDevice goes for a time.
 //!
-//! Nothing of it is computed: each case is a run of the segment in virtual time, as the proof's is ([`proof`](super::proof)),
+//! Nothing of it is computed: each case is a run of the segment in virtual time, as the proof's is ([`proof`](mod@super::proof)),
 //! with one fault. The cable that leads to a SubDevice is pulled, or the SubDevice loses its power; after a time it is
-//! back, and the run goes on until all are in sync again, or until nothing more comes. An [`onlooker`] and the course of
+//! back, and the run goes on until all are in sync again, or until nothing more comes. An onlooker and the course of
 //! the run ([`isocat_sim::course`]) take what became of each SubDevice, in true time.
 
 use std::collections::BTreeMap;

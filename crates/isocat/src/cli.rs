@@ -30,6 +30,8 @@ mod scan;
 #[cfg(target_os = "linux")]
 mod serve;
 mod sweep;
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+mod virtual_time;
 mod watch;
 
 use std::process::ExitCode;
@@ -121,6 +123,9 @@ enum Verb {
     /// Serve the virtual segment on a network interface, for anybody's MainDevice
     #[cfg(target_os = "linux")]
     Serve(Box<serve::Arguments>),
+    /// Run an unmodified MainDevice program on the virtual segment, in deterministic virtual time
+    #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+    Virtual(virtual_time::Arguments),
     /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),
@@ -163,6 +168,8 @@ pub fn main() -> ExitCode {
         Some(Verb::Conform(arguments)) => conform::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Serve(arguments)) => serve::run(&arguments),
+        #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+        Some(Verb::Virtual(arguments)) => virtual_time::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Control(arguments)) => serve::control(&arguments),
         Some(Verb::Watch(arguments)) => watch::run(&arguments),

@@ -52,7 +52,8 @@ pub struct Stall {
 }
 
 impl Delay {
-    fn draw(&self, chance: &mut Stream) -> Nanos {
+    /// Draws one.
+    pub fn draw(&self, chance: &mut Stream) -> Nanos {
         let usual = Nanos(chance.exponential(self.mean.0.max(0) as u64) as i64);
         let (least, most) = self.more;
         match self.one_of > 0 && chance.up_to(self.one_of - 1) == 0 {

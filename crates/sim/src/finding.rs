@@ -198,8 +198,8 @@ kinds! {
             /// By how much at most, with the worst clocks that the plan assumes.
             by: Nanos,
         },
-        /// Frames found the reference clock so early that inputs were not ready, or that outputs came before the pulse of
-        /// the cycle before.
+        /// Frames found the reference clock so early that inputs were not ready, that outputs came before the pulse of the
+        /// cycle before, or that they count as those of that cycle.
         FramesTooEarly = "frames-too-early" {
             /// Cycles.
             cycles: u64,

@@ -253,7 +253,7 @@ fn the_plan_names_it_and_its_smallest_cycle_leaves_the_time() {
     let mut report = plan.report(&scenario);
     report.suggestion = Some(isocat::plan::suggest::suggest(&plan));
     assert_eq!(report.devices[0].acknowledge_ns, Some(700_000));
-    assert!(report.text().contains("acknowledged 700 us behind the pulse"), "{}", report.text());
+    assert!(report.text().contains("acknowledged after 700 us"), "{}", report.text());
     let smallest = report.suggestion.and_then(|found| found.smallest_cycle_ns);
     assert_eq!(smallest, Some(700_000));
     let usual = ideal("1ms", "mode = \"dc-sync0\"");

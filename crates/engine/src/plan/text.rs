@@ -287,7 +287,7 @@ fn write_device(out: &mut String, device: &Device, proven: bool) -> fmt::Result 
         write!(out, ", 0x09A4 {}", Nanos(sync1))?;
     }
     if let Some(after) = device.acknowledge_ns {
-        write!(out, ", acknowledged {} behind the pulse", Nanos(after))?;
+        write!(out, ", acknowledged after {}", Nanos(after))?;
     }
     if device.every > 1 {
         write!(out, ", exchanged every {} cycles", device.every)?;

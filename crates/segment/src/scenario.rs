@@ -15,6 +15,7 @@ use isocat_sim::{
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
+use isocat_sync::SyncSignal;
 use isocat_sync::budget::Limits;
 use isocat_wire::time::{Nanos, Time};
 
@@ -239,6 +240,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         // Outputs that nothing delays act behind the application.
         outputs_delay: Some(times.application),
         outputs_spread: Some(outputs_spread(profile)),
+        sync_signal: sync_signal(profile),
         inputs_calc_and_copy: Some(copy_inputs),
         ..AssumedTimes::default()
     };
@@ -275,6 +277,14 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         clock: Some(clock_range(device)),
         startup: profile.startup.iter().map(startup).collect(),
         hot_connect: None,
+    }
+}
+
+/// How its SYNC signals fall again: by its EEPROM, or as soon as its program acknowledges them.
+fn sync_signal(profile: &Profile) -> SyncSignal {
+    match profile.pulse() {
+        Nanos::ZERO => SyncSignal::Acknowledged(profile.times.acknowledge),
+        length => SyncSignal::Pulse(length),
     }
 }
 
@@ -331,6 +341,7 @@ fn cpu(profile: &Profile) -> CpuModel {
         application: times.application,
         copy_inputs: times.input_copy,
         jitter: times.jitter,
+        acknowledge: times.acknowledge,
         unevenness: times.unevenness,
     }
 }

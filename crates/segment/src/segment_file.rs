@@ -154,8 +154,9 @@ pub struct SubDevice {
     pub name: String,
     /// The device, with what the file says differently already in it. Keys `device`, or `esi`,
     /// `type`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
-    /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU),
-    /// `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it does wrong, by name).
+    /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU), `pulse` and
+    /// `acknowledge` (how its SYNC signals fall again), `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it
+    /// does wrong, by name).
     pub profile: Arc<Profile>,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,

@@ -127,6 +127,7 @@ impl Course {
         match event {
             Observed::Sync0 => place.last_sync0 = at,
             Observed::SmEventMissed(_) => sign = Some(Sign::MissedEvent),
+            Observed::StillActive(_) if place.in_op => sign = Some(Sign::NoSync0),
             Observed::Sm2 if place.in_op => place.note_stored(at),
             Observed::State(state, _) => {
                 let was_in_op = std::mem::replace(&mut place.in_op, state == AlState::Op);

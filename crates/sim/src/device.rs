@@ -56,6 +56,8 @@ pub struct Device {
     fetched: Time<True>,
     mapped: Time<True>,
     missed: u64,
+    /// SYNC pulses of its ESC that made no edge.
+    without_edge: [u32; 2],
     ports_changed: bool,
     powered: bool,
 }
@@ -69,7 +71,10 @@ impl Device {
         let store = vec![0; setup.description.store_len()];
         let application =
             BoxedApplication { application: setup.application, mapped: false, acted: false };
-        let stack = SubDevice::new(&setup.description, store, application);
+        let mut description = setup.description;
+        // When it acknowledges SYNC is the CPU's.
+        description.behaviour.late_acknowledge = true;
+        let stack = SubDevice::new(&description, store, application);
         let mut cpu = Cpu::new(setup.cpu, Stream::new(seed, "cpu", position as u64));
         cpu.wake(Time::ZERO);
         let state = (stack.state(), stack.status_code());
@@ -89,6 +94,7 @@ impl Device {
             fetched: Time::ZERO,
             mapped: Time::ZERO,
             missed: 0,
+            without_edge: [0; 2],
             ports_changed: false,
             powered: true,
         }
@@ -106,6 +112,7 @@ impl Device {
         self.stack.power_off();
         self.cpu.power_off();
         self.missed = 0;
+        self.without_edge = [0; 2];
         self.look(at, watch);
         self.quiet_until = Time::NEVER;
     }
@@ -257,10 +264,26 @@ impl Device {
             // What ends at an instant has ended before SYNC0 of that instant looks.
             if cpu == at {
                 self.act(watch);
-            } else if let Some((at, event)) = if esc == at { self.esc.step(at) } else { None } {
+                continue;
+            }
+            let event = if esc == at { self.esc.step(at) } else { None };
+            self.look_for_lost_pulses(at, watch);
+            if let Some((at, event)) = event {
                 self.esc_event(at, event, watch);
             } else if self.timeout == at {
                 self.call_back(at, watch);
+            }
+        }
+    }
+
+    /// Looks whether SYNC pulses were due whose signal was still active. No event of the ESC tells: there is no edge.
+    fn look_for_lost_pulses(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        let now = self.esc.sync_pulses_without_edge();
+        let before = std::mem::replace(&mut self.without_edge, now);
+        for (signal, event) in [Event::Sync0, Event::Sync1].into_iter().enumerate() {
+            // After a reset it counts from 0.
+            if now[signal] > before[signal] {
+                self.report(at, Observed::StillActive(event), Content::default(), watch);
             }
         }
     }
@@ -279,6 +302,10 @@ impl Device {
                 let frame = self.finished(step);
                 let content = Content { frame, ..Content::default() };
                 self.report(at, Observed::Finished(step), content, watch);
+            }
+            Action::Acknowledge(pulse) => {
+                self.stack.acknowledge_sync(pulse, &mut self.esc.pdi(at));
+                self.report(at, Observed::Acknowledged(pulse), Content::default(), watch);
             }
             Action::Poll => {
                 self.stack.poll(at, &mut self.esc.pdi(at));
@@ -368,7 +395,8 @@ impl Device {
     ) {
         self.report(at, observed, content, watch);
         let steps = self.stack.handle_event(at, event, &mut self.esc.pdi(at));
-        self.cpu.start(at, &steps);
+        let pulse = self.stack.take_unacknowledged().then_some(event);
+        self.cpu.start(at, &steps, pulse);
         self.look(at, watch);
     }
 
@@ -376,7 +404,7 @@ impl Device {
         let mut pdi = self.esc.pdi(at);
         let steps = self.stack.handle_event(at, Event::Timer, &mut pdi);
         self.stack.poll(at, &mut pdi);
-        self.cpu.start(at, &steps);
+        self.cpu.start(at, &steps, None);
         self.look(at, watch);
     }
 

@@ -454,6 +454,9 @@ impl<T: Tap> Outcome<T> {
             let (state, code) = (AlStatus::new(change.state), change.code);
             findings.push((Some(change.at), Judged::LeftOp { state, code }));
         }
+        let esc = &self.world.segment().devices()[position].esc;
+        let lost = Judged::sync_still_active(&bench.lost_pulses, esc);
+        findings.extend(lost.map(|(at, kind)| (Some(at), kind)));
         if let Some(first) = bench.missed.first() {
             let outputs = self.world.segment().devices()[position].stack.sync().has_outputs();
             let count = bench.missed.count();

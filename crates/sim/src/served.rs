@@ -389,7 +389,8 @@ fn note(observations: &mut Vec<Observation>, everything: bool, observation: Obse
         || match observation.event {
             Began(step) => matches!(step, Step::MapOutputs | Step::OutputsValid),
             Finished(step) => step == Step::MapOutputs,
-            Sm2 | Sm3 | Sync0 | Sync1 | SmEventMissed(_) | State(..) => true,
+            Acknowledged(_) => false,
+            Sm2 | Sm3 | Sync0 | Sync1 | StillActive(_) | SmEventMissed(_) | State(..) => true,
         };
     if concerns {
         observations.push(observation);

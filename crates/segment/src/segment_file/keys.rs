@@ -464,6 +464,26 @@ static SUBDEVICE: Section = Section {
             example: r#""2us""#,
         },
         Key {
+            name: "pulse",
+            kind: profile::PULSE,
+            need: Need::Without("that of its profile, 10 us as a rule"),
+            means: "Length of its SYNC pulses. 0 ns is acknowledge mode: a pulse stays active until \
+                    the device's program has read register 0x098E (SYNC1: 0x098F), `acknowledge` \
+                    behind it. For a device with a SYNC unit.",
+            goes: "register 0x0982, by word 2 of the simulated EEPROM; the plan",
+            example: r#""0ns""#,
+        },
+        Key {
+            name: "acknowledge",
+            kind: Kind::duration(Nanos::ZERO, LONGEST_CYCLE),
+            need: Need::Without("that of its profile; without one at once, with the interrupt"),
+            means: "From a SYNC pulse until the device's program acknowledges it. It spreads by \
+                    `jitter`; pulses that are due before make no edge. Only in acknowledge mode, \
+                    `pulse = \"0ns\"`.",
+            goes: "the simulated CPU's read of register 0x098E and the plan",
+            example: r#""30us""#,
+        },
+        Key {
             name: "eeprom_burn",
             kind: Kind::duration(Nanos::ZERO, LONGEST_BURN),
             need: Need::Without("5 ms, the longest time that the usual parts state"),

@@ -11,6 +11,9 @@ pub fn file(place: &Place, line: Option<&str>) -> String {
         // What a MainDevice with EBUS has at its side.
         before = before.replace("simple_io4", "beckhoff_el2502-0010");
     }
+    if (head, name) == ("[times]", "acknowledge") {
+        before = before.replace("sync_unit = true", "sync_unit = true, pulse = \"0ns\"");
+    }
     let (without, with) = beside(head, name);
     let own = lines.iter().filter(|(key, _)| *key != name && !without.contains(key));
     let mut lines: Vec<String> = own.map(|(key, value)| format!("{key} = {value}")).collect();
@@ -38,6 +41,7 @@ fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'stati
         }
         ("[[subdevice]]", "sync1") => (&[], &["mode = \"dc-sync1\""]),
         ("[[subdevice]]", "sync0_cycle") => (&[], &["mode = \"dc-subordinated\""]),
+        ("[[subdevice]]", "acknowledge") => (&[], &["pulse = \"0ns\""]),
         ("[[subdevice]]", "arrives") => (&[], &["optional = true"]),
         ("[[expect]]", "device") => (&[], &["worst_sync0 = \"1us\""]),
         ("[[fault]]", "times") => (&[], &["every = \"200ms\""]),

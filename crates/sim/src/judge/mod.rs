@@ -5,6 +5,7 @@
 
 pub mod host_phase;
 pub mod inputs_cycle;
+pub mod lost_pulses;
 pub mod missed_events;
 mod opportunity;
 pub mod outputs_cycle;
@@ -15,6 +16,7 @@ pub mod sync_margin;
 
 pub use host_phase::HostPhase;
 pub use inputs_cycle::InputsCycle;
+pub use lost_pulses::LostPulses;
 pub use missed_events::MissedEvents;
 pub use opportunity::{Late, Opportunity};
 pub use outputs_cycle::OutputsCycle;

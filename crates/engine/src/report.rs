@@ -20,7 +20,7 @@ pub mod typed;
 pub mod words;
 
 pub use build::{span, spread};
-pub use expected::{Expected, FaultNote};
+pub use expected::{Expected, FaultNote, write_expected};
 use isocat_maindevice::Stage;
 use isocat_segment::profile::Doubt;
 use isocat_segment::{Scenario, segment_file};

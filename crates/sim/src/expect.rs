@@ -1,4 +1,7 @@
-//! What somebody expects of a run, and whether it came so.
+//! What is expected of a run, and whether it came so.
+//!
+//! A run of the simulation and a segment that is served to a foreign MainDevice hand in the same [`Evidence`], and every
+//! [`Expectation`] is judged here, once for both.
 
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
@@ -61,6 +64,12 @@ pub enum Found {
     RunEnded,
     /// The instant was before operation.
     BeforeOperation,
+    /// No SYNC0 edge was measured: there is nothing to judge.
+    NoEdge,
+    /// No fault that was planned can happen here: there is nothing to recover from.
+    NoFault,
+    /// What was found first is no longer remembered.
+    Forgotten,
 }
 
 /// An expectation and what became of it.
@@ -74,18 +83,30 @@ pub struct Judgement {
     pub found: Found,
 }
 
+impl Judgement {
+    /// Whether there was anything to judge by. Where there was not, it is not met either.
+    pub fn is_judged(&self) -> bool {
+        !matches!(self.found, Found::NoEdge | Found::NoFault | Found::Forgotten)
+    }
+}
+
 /// What expectations are held against.
-pub(crate) struct Evidence<'a> {
-    /// `None`: it never came into operation.
+pub struct Evidence<'a> {
+    /// The course of the run; `None`: it never came into operation.
     pub course: Option<&'a Course>,
     /// When the judged time ended.
     pub end: Time<True>,
+    /// What speaks against the run, in the order of time.
     pub findings: &'a [Finding],
+    /// The faults that began and ended by then.
     pub happened: Vec<&'a Happened>,
+    /// Whether a fault that was planned did not begin by then.
+    pub is_to_come: bool,
 }
 
 impl Expectation {
-    pub(crate) fn judge(self, evidence: &Evidence<'_>) -> Judgement {
+    /// Whether it came so.
+    pub fn judge(self, evidence: &Evidence<'_>) -> Judgement {
         let (met, found) = self.look(evidence);
         Judgement { expectation: self, met, found }
     }
@@ -135,11 +156,12 @@ fn in_sync_at(when: When, course: &Course, end: Time<True>) -> (bool, Found) {
 }
 
 fn worst_sync0(device: Option<usize>, limit: Nanos, course: &Course) -> (bool, Found) {
-    let worst = |device: usize| (course.worst_sync0(device), device);
-    let (error, device) = match device {
+    let worst = |device: usize| Some((course.measured_sync0(device)?, device));
+    let worst = match device {
         Some(device) => worst(device),
-        None => (0..course.devices()).map(worst).max().unwrap_or_default(),
+        None => (0..course.devices()).filter_map(worst).max(),
     };
+    let Some((error, device)) = worst else { return (false, Found::NoEdge) };
     (error <= Picos::from(limit), Found::Sync0 { device, error })
 }
 
@@ -152,7 +174,7 @@ fn recovers_within(limit: Nanos, course: &Course, evidence: &Evidence<'_>) -> (b
     if let Some(stretch) = late {
         return (false, Found::OutOfSync(*stretch));
     }
-    if course.left_out() > 0 || until > evidence.end {
+    if course.left_out() > 0 || until > evidence.end || evidence.is_to_come {
         return (false, Found::RunEnded);
     }
     let ends = course.stretches().iter().map(|stretch| stretch.to);
@@ -213,6 +235,7 @@ mod tests {
             end: Time::new(2_000 * MS),
             findings: &[],
             happened: happened.iter().collect(),
+            is_to_come: false,
         };
         expectation.judge(&evidence).met
     }

@@ -419,11 +419,14 @@ impl<T: Tap> Outcome<T> {
     fn hold_against(&mut self, expectations: &[Expectation]) {
         let timeline = self.world.timeline();
         let ended = self.ended.unwrap_or(self.world.now());
+        let (happened, later): (Vec<_>, Vec<_>) =
+            timeline.happened().partition(|happened| happened.at <= ended);
         let evidence = Evidence {
             course: self.world.course(),
             end: ended,
             findings: &self.findings,
-            happened: timeline.happened().filter(|happened| happened.at <= ended).collect(),
+            happened,
+            is_to_come: timeline.is_to_come() || later.iter().any(|happened| happened.begins),
         };
         let judge = |expectation: &Expectation| expectation.judge(&evidence);
         self.judgements = expectations.iter().map(judge).collect();

@@ -9,7 +9,8 @@ pub(super) const EXPECT_KEY: Key = Key {
     name: "expect",
     kind: Kind::Tables(&EXPECT),
     need: Need::Without("that the run is in sync"),
-    means: "What is expected of a simulated run. With it `isocat run` ends by this: exit code 0 if all of it came so.",
+    means: "What is expected of a simulated run, or of a segment that is served. With it `isocat run` and `isocat serve` end by \
+            this: exit code 0 if all of it came so.",
     goes: "the judges of the run, in true time",
     example: r#"[{ in_sync_at = "5s" }, { recovers_within = "1s" }]"#,
 };
@@ -34,7 +35,7 @@ static EXPECT: Section = Section {
             },
             need: Need::Without("it does not matter"),
             means: "All devices are in sync at this instant: in OP, SYNC0 on its grid, outputs in time. Times count from the \
-                    power-on of the segment.",
+                    power-on of the segment, which is the beginning of `serve`.",
             goes: "the course of the run",
             example: r#""5s""#,
         },

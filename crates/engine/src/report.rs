@@ -83,8 +83,7 @@ pub struct Report {
     pub segment: Segment,
     /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
     pub quality: Option<quality::Quality>,
-    /// What late outputs did to the machines of the segment file; left out where it has none.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// What late outputs did to the machines of the segment file; null where it has none.
     pub plants: Option<plant::Plants>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<Device>,

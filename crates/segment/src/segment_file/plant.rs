@@ -83,7 +83,15 @@ fn command(
 fn control(keys: &Keys<'_>, device: &SubDevice, cycle: Nanos) -> Result<Control, FileError> {
     let [per_increment, gain, speed_gain] =
         [keys.get("torque")?, keys.get("position_gain")?, keys.get("speed_gain")?];
-    if keys.choice("commands", &keys::COMMANDS)? {
+    let is_torque = keys.choice("commands", &keys::COMMANDS)?;
+    let of_the_other: &[_] = if is_torque { &["position_gain", "speed_gain"] } else { &["torque"] };
+    if let Some(key) = of_the_other.iter().find(|key| keys.value(key).is_some()) {
+        let expected = if is_torque { "position" } else { "torque" };
+        let message =
+            format!("{key} says nothing here; expected commands = \"{expected}\" beside it");
+        return Err(keys.error_at(key, message));
+    }
+    if is_torque {
         return Ok(Control::Torque { per_increment });
     }
     let mode = device.mode.or_else(|| device.profile.preferred_mode());

@@ -43,6 +43,7 @@ fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'stati
         ("[[output]]", "amplitude") => (&["value"], &["period = \"100ms\""]),
         ("[[output]]", "period") => (&["value"], &["amplitude = 5"]),
         ("[[output]]", "lasts") => (&["value"], &["amplitude = 5", "period = \"100ms\""]),
+        ("[[plant]]", "torque") => (&[], &["commands = \"torque\""]),
         ("", "plant") => (&[], &[TARGET]),
         ("[[fault]]", "times") => (&[], &["every = \"200ms\""]),
         ("", "modes") => (&["mailbox"], &[]),

@@ -148,6 +148,9 @@ fn plants_that_cannot_be() {
     assert!(
         with("command = \"0x6060\"").contains("nothing is written to the command of this plant")
     );
+    assert!(with("torque = \"1Nm\"").contains("expected commands = \"torque\" beside it"));
+    let torque = with("commands = \"torque\"\nspeed_gain = \"1/s\"");
+    assert!(torque.contains("expected commands = \"position\" beside it"), "{torque}");
     let twice = plant(&format!("{INERTIAS}\n[[plant]]\ndevice = \"0\"\n{INERTIAS}"));
     assert!(refused(&one(&twice)).0.contains("moves another plant already; expected one at most"));
     assert_eq!(

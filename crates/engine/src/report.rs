@@ -11,6 +11,7 @@ mod expected;
 #[cfg(target_os = "linux")]
 pub mod interface;
 mod note;
+pub mod plant;
 pub mod quality;
 pub mod scan;
 mod services;
@@ -82,6 +83,8 @@ pub struct Report {
     pub segment: Segment,
     /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
     pub quality: Option<quality::Quality>,
+    /// What late outputs did to the machines of the segment file; null where it has none.
+    pub plants: Option<plant::Plants>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<Device>,
 }

@@ -4,9 +4,11 @@
 use std::sync::Arc;
 
 use isocat_esc::DriftLaw;
+use isocat_maindevice::written::Output;
 use isocat_maindevice::{
     AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, MeasureTimes, StartupDownload,
 };
+use isocat_sim::plant::PlantSetup;
 use isocat_sim::random::Stream;
 use isocat_sim::{
     Cable, ClockModel, Closing, Connection, CpuModel, DeviceSetup, Expectation, HostModel, Run,
@@ -67,6 +69,10 @@ pub struct Scenario {
     pub ring: Option<Ring>,
     /// What goes wrong while it runs.
     pub faults: Faults,
+    /// What the MainDevice's application writes on a timeline.
+    pub outputs: Vec<Output>,
+    /// The machines behind devices.
+    pub plants: Vec<PlantSetup>,
     /// What is expected of it.
     pub expectations: Vec<Expectation>,
     /// Run although the plan says that it does not fit.
@@ -102,6 +108,8 @@ impl From<SegmentFile> for Scenario {
             operation: file.operation,
             ring: file.ring,
             faults: file.faults,
+            outputs: file.outputs,
+            plants: file.plants,
             expectations: file.expectations,
             force: false,
             tolerate: false,
@@ -121,6 +129,8 @@ impl Scenario {
             setup: Setup { ring, faults, spares, ..setup },
             duration: self.duration,
             sync0_limit: self.sync0_limit,
+            outputs: self.outputs.clone(),
+            plants: self.plants.clone(),
             expectations: self.expectations.clone(),
             follow_course: false,
         }

@@ -53,7 +53,9 @@ use isocat_descriptions::limits;
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_esc::DriftLaw;
 use isocat_esc::chip::PortKind;
+use isocat_maindevice::written::Output;
 use isocat_maindevice::{DriftFilters, MeasuredTimes};
+use isocat_sim::plant::PlantSetup;
 use isocat_sim::{ClockModel, Expectation};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
@@ -69,6 +71,8 @@ mod fault;
 mod keys;
 mod misbehave;
 mod operation;
+mod output;
+mod plant;
 mod ring;
 mod subdevice;
 #[cfg(test)]
@@ -121,6 +125,10 @@ pub struct SegmentFile {
     pub ring: Option<Ring>,
     /// What goes wrong. Tables `[[fault]]`.
     pub faults: Faults,
+    /// What the MainDevice's application writes on a timeline. Tables `[[output]]`.
+    pub outputs: Vec<Output>,
+    /// The machines behind devices. Tables `[[plant]]`.
+    pub plants: Vec<PlantSetup>,
     /// What is expected of a run. Tables `[[expect]]`.
     pub expectations: Vec<Expectation>,
     /// The MainDevice's machine.
@@ -236,7 +244,9 @@ impl SegmentFile {
         let subdevices = tree::sort(devices.subdevices);
         let ring = ring::ring(&root, &subdevices, &operation)?;
         let faults = fault::faults(&root, &subdevices, ring)?;
-        let expectations = expect::expectations(&root, &subdevices)?;
+        let outputs = output::outputs(&root, &subdevices)?;
+        let plants = plant::plants(&root, &subdevices, &outputs, cycle)?;
+        let expectations = expect::expectations(&root, &subdevices, &plants)?;
         let path = path.to_owned();
         Ok(Self {
             path,
@@ -252,6 +262,8 @@ impl SegmentFile {
             operation,
             ring,
             faults,
+            outputs,
+            plants,
             expectations,
             host,
             subdevices,

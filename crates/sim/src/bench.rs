@@ -153,6 +153,11 @@ impl Bench {
         }
     }
 
+    /// The SubDevice whose clock leads; `None` where none does, and before the judging begins.
+    pub fn leader(&self) -> Option<usize> {
+        self.intent.as_ref().filter(|_| self.led).map(|intent| intent.reference)
+    }
+
     /// The intent that is judged by; `None` before the judging begins.
     pub fn intent(&self) -> Option<&Intent> {
         self.intent.as_ref()

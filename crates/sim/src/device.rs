@@ -13,6 +13,7 @@ use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 use crate::cpu::{Action, Cpu, CpuModel};
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
+use crate::plant::{Acted, Plant, PlantSetup};
 use crate::random::Stream;
 use crate::storage::Storage;
 
@@ -69,8 +70,12 @@ impl Device {
             .with_growing_ram(Storage::grow)
             .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
-        let application =
-            BoxedApplication { application: setup.application, mapped: false, acted: false };
+        let application = BoxedApplication {
+            application: setup.application,
+            mapped: false,
+            acted: false,
+            plant: None,
+        };
         let mut description = setup.description;
         // When it acknowledges SYNC is the CPU's.
         description.behaviour.late_acknowledge = true;
@@ -100,6 +105,29 @@ impl Device {
         }
     }
 
+    /// A machine hangs on it from now on.
+    pub(crate) fn attach(&mut self, setup: PlantSetup) {
+        self.application().plant = Some(Plant::new(setup));
+    }
+
+    /// The machine that hangs on it, for the SubDevice that comes in its place.
+    pub(crate) fn hand_over_plant(&mut self, to: &mut Self) {
+        to.application().plant = self.application().plant.take();
+    }
+
+    /// What acted on its machine and was not taken yet, in order; nothing without one.
+    pub(crate) fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
+        self.application().plant.iter_mut().flat_map(Plant::take_acted)
+    }
+
+    /// What it does next to its machine, it does at this instant.
+    fn tell_time(&mut self, at: Time<DeviceClock>) {
+        if self.stack.application_mut().plant.is_some() {
+            let now = self.oscillator.when(at);
+            self.application().plant.iter_mut().for_each(|plant| plant.tell_time(now));
+        }
+    }
+
     /// Whether it has power. Without, ESC and stack show what they will begin with.
     pub fn is_powered(&self) -> bool {
         self.powered
@@ -108,6 +136,7 @@ impl Device {
     /// Switches it off. Everything but its EEPROM is lost; its oscillator goes on, unseen.
     pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         self.powered = false;
+        self.tell_time(at);
         self.esc.power_on(at, Time::ZERO);
         self.stack.power_off();
         self.cpu.power_off();
@@ -163,6 +192,7 @@ impl Device {
         }
         let at = self.behind_frame(at);
         self.advance(at, watch);
+        self.tell_time(at);
         self.stack.fail(code, &mut self.esc.pdi(at));
         self.look(at, watch);
         self.disturbed();
@@ -290,6 +320,7 @@ impl Device {
 
     fn act(&mut self, watch: &mut impl FnMut(Observation)) {
         let Some((at, action)) = self.cpu.pop() else { return };
+        self.tell_time(at);
         match action {
             Action::Begin(step) => {
                 self.stack.begin(at, step, &mut self.esc.pdi(at));
@@ -322,7 +353,11 @@ impl Device {
                 self.fetched = Time::new(label);
                 self.fetched
             }
-            Step::OutputsValid if self.application().take_acted() => self.mapped,
+            Step::OutputsValid if self.application().take_acted() => {
+                let frame = self.mapped;
+                self.application().plant.iter_mut().for_each(|plant| plant.brought_by(frame));
+                frame
+            }
             Step::LatchInputs => {
                 self.esc.label_pdi(at.count());
                 Time::ZERO
@@ -394,6 +429,7 @@ impl Device {
         watch: &mut impl FnMut(Observation),
     ) {
         self.report(at, observed, content, watch);
+        self.tell_time(at);
         let steps = self.stack.handle_event(at, event, &mut self.esc.pdi(at));
         let pulse = self.stack.take_unacknowledged().then_some(event);
         self.cpu.start(at, &steps, pulse);
@@ -401,6 +437,7 @@ impl Device {
     }
 
     fn call_back(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        self.tell_time(at);
         let mut pdi = self.esc.pdi(at);
         let steps = self.stack.handle_event(at, Event::Timer, &mut pdi);
         self.stack.poll(at, &mut pdi);
@@ -440,13 +477,15 @@ impl Device {
 }
 
 /// An application behind a pointer: devices of a segment have different ones. It notes what became
-/// of outputs, which only the stack decides.
+/// of outputs, which only the stack decides, and hands them to the machine that they move.
 pub struct BoxedApplication {
     application: Box<dyn Application + Send>,
     /// Outputs have come to it since the last look.
     mapped: bool,
     /// Its outputs have acted since the last look.
     acted: bool,
+    /// The machine that its outputs move.
+    plant: Option<Plant>,
 }
 
 impl BoxedApplication {
@@ -461,6 +500,7 @@ impl BoxedApplication {
 
 impl Application for BoxedApplication {
     fn power_off(&mut self) {
+        self.plant.iter_mut().for_each(Plant::release);
         self.application.power_off();
     }
     fn event(&mut self, event: Event) {
@@ -468,6 +508,7 @@ impl Application for BoxedApplication {
     }
     fn map_outputs(&mut self, outputs: &[u8]) {
         self.mapped = true;
+        self.plant.iter_mut().for_each(|plant| plant.map(outputs));
         self.application.map_outputs(outputs);
     }
     fn application(&mut self, cycle: isocat_wire::Nanos) {
@@ -475,15 +516,19 @@ impl Application for BoxedApplication {
     }
     fn outputs_valid(&mut self) {
         self.acted = true;
+        self.plant.iter_mut().for_each(Plant::act);
         self.application.outputs_valid();
     }
     fn latch_inputs(&mut self) {
+        self.plant.iter_mut().for_each(Plant::latch);
         self.application.latch_inputs();
     }
     fn map_inputs(&mut self, inputs: &mut [u8]) {
         self.application.map_inputs(inputs);
+        self.plant.iter().for_each(|plant| plant.show(inputs));
     }
     fn safe_outputs(&mut self) {
+        self.plant.iter_mut().for_each(Plant::release);
         self.application.safe_outputs();
     }
     fn read_object(

@@ -8,6 +8,8 @@ use isocat_wire::time::{Nanos, Picos, Time, True};
 use crate::course::{Course, Stretch};
 use crate::fault::{Happened, Moment, When};
 use crate::finding::Finding;
+use crate::judge::plant::PlantJudge;
+use crate::plant_bench::PlantBench;
 
 /// Something that is expected of a run, judged in true time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -22,6 +24,13 @@ pub enum Expectation {
         device: Option<usize>,
         /// The largest error.
         limit: Nanos,
+    },
+    /// No load of a plant is ever farther from where it would be with punctual outputs, of one SubDevice's plant or of all.
+    PlantDeviation {
+        /// Position; `None`: all.
+        device: Option<usize>,
+        /// The largest distance, nm.
+        limit_nm: u64,
     },
     /// All SubDevices are in sync again this long after the last fault ended (or began, if it has no end), and stay so.
     RecoversWithin(Nanos),
@@ -46,6 +55,13 @@ pub enum Found {
         device: usize,
         /// How far.
         error: Picos,
+    },
+    /// The load of a SubDevice's plant was this far from where it would have been.
+    Deviation {
+        /// Position.
+        device: usize,
+        /// How far, nm.
+        nm: u64,
     },
     /// All were in sync again after so long, counted from the last fault.
     Recovered(Picos),
@@ -94,6 +110,7 @@ impl Judgement {
 pub struct Evidence<'a> {
     /// The course of the run; `None`: it never came into operation.
     pub course: Option<&'a Course>,
+    pub plants: Option<&'a PlantBench>,
     /// When the judged time ended.
     pub end: Time<True>,
     /// What speaks against the run, in the order of time.
@@ -131,6 +148,9 @@ impl Expectation {
             Self::InSync(_) | Self::Blames(_) => unreachable!("looked at above"),
             Self::InSyncAt(when) => in_sync_at(when, course, evidence.end),
             Self::WorstSync0 { device, limit } => worst_sync0(device, limit, course),
+            Self::PlantDeviation { device, limit_nm } => {
+                plant_deviation(device, limit_nm, evidence.plants)
+            }
             Self::RecoversWithin(limit) => recovers_within(limit, course, evidence),
             Self::SafeWithin(limit) => safe_within(limit, course),
         }
@@ -163,6 +183,29 @@ fn worst_sync0(device: Option<usize>, limit: Nanos, course: &Course) -> (bool, F
     };
     let Some((error, device)) = worst else { return (false, Found::NoEdge) };
     (error <= Picos::from(limit), Found::Sync0 { device, error })
+}
+
+fn plant_deviation(
+    device: Option<usize>,
+    limit_nm: u64,
+    plants: Option<&PlantBench>,
+) -> (bool, Found) {
+    let judges = plants.iter().flat_map(|plants| plants.judges());
+    let meant = judges.filter(|judge| device.is_none_or(|device| judge.setup().device == device));
+    // Rounded up: what is 0 was never seen to deviate at all. What is no number is as far as can be.
+    let nm = |judge: &PlantJudge| match judge.figures().deviation.largest {
+        um if um.is_nan() => u64::MAX,
+        um => (um * 1_000.0).ceil() as u64,
+    };
+    let all: Vec<_> =
+        meant.map(|judge| (nm(judge), judge.setup().device, judge.figures().looks)).collect();
+    if all.iter().any(|(.., looks)| *looks == 0) {
+        return (false, Found::RunEnded);
+    }
+    match all.iter().max() {
+        Some(&(nm, device, _)) => (nm <= limit_nm, Found::Deviation { device, nm }),
+        None => (false, Found::RunEnded),
+    }
 }
 
 fn recovers_within(limit: Nanos, course: &Course, evidence: &Evidence<'_>) -> (bool, Found) {
@@ -232,6 +275,7 @@ mod tests {
             .collect();
         let evidence = Evidence {
             course: Some(course),
+            plants: None,
             end: Time::new(2_000 * MS),
             findings: &[],
             happened: happened.iter().collect(),

@@ -82,6 +82,11 @@ fn wanted(expectation: &Expectation, name: &impl Fn(usize) -> String) -> (&'stat
         Expectation::WorstSync0 { device: Some(device), limit } => {
             ("worst_sync0", format!("SYNC0 of {} never more than {limit} off", name(device)))
         }
+        Expectation::PlantDeviation { device, limit_nm } => {
+            let whose = device.map_or(String::new(), |device| format!(" of {}", name(device)));
+            let limit = micrometres(limit_nm);
+            ("plant_deviation", format!("load{whose} never more than {limit} off"))
+        }
         Expectation::RecoversWithin(limit) => {
             ("recovers_within", format!("in sync again within {limit} of the last fault"))
         }
@@ -108,6 +113,9 @@ fn found(found: &Found, zero: Time<True>, name: &impl Fn(usize) -> String) -> St
         Found::Findings(count) => format!("{count} findings"),
         Found::OutOfSync(stretch) => out_of_sync(&stretch, zero, name),
         Found::Sync0 { device, error } => format!("{} off at {}", nanos(error), name(device)),
+        Found::Deviation { device, nm } => {
+            format!("{} off at {}", micrometres(nm), name(device))
+        }
         Found::Recovered(Picos(0)) => "never out of sync since".to_owned(),
         Found::Recovered(took) => format!("after {}", nanos(took)),
         Found::Stale { device, age } => format!("{} at {}", nanos(age), name(device)),
@@ -146,6 +154,10 @@ fn out_of_sync(stretch: &Stretch, zero: Time<True>, name: &impl Fn(usize) -> Str
             format!("{device} out of sync from {from} to {to} into the run ({sign} first)")
         }
     }
+}
+
+fn micrometres(nm: u64) -> String {
+    format!("{} um", nm as f64 / 1_000.0)
 }
 
 /// Rounded as people read it: to a thousandth of what is told.

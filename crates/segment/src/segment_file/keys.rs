@@ -9,9 +9,13 @@ mod clock;
 mod expect;
 mod fault;
 mod operation;
+mod output;
+mod plant;
 
 pub(super) use clock::LONGEST_RUN;
 pub(super) use operation::{DIRECTIONS, MARGIN, RECOVERY};
+pub(super) use output::TYPES;
+pub(super) use plant::COMMANDS;
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Rule, Section, Word};
 use isocat_esc::chip::PortKind;
@@ -144,6 +148,8 @@ pub static FILE: Section = Section {
         operation::RECOVERY_KEY,
         operation::DIRECTION_KEY,
         operation::MEASURE_TIMES_KEY,
+        output::OUTPUTS_KEY,
+        plant::PLANTS_KEY,
         fault::FAULTS_KEY,
         expect::EXPECT_KEY,
     ],

@@ -11,6 +11,7 @@ mod opportunity;
 pub mod outputs_cycle;
 pub mod outputs_delay;
 pub mod outputs_valid;
+pub mod plant;
 pub mod sync0_error;
 pub mod sync_margin;
 

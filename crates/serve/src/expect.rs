@@ -127,6 +127,7 @@ impl Watch {
         let nothing_happens = self.has_host_faults && happened.is_empty() && !is_to_come;
         let [evidence, to_its_end] = [end, &whole].map(|end| Evidence {
             course: Some(&end.course),
+            plants: None,
             end: end.at,
             findings: &findings,
             happened: happened.clone(),

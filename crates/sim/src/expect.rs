@@ -82,6 +82,8 @@ pub enum Found {
     BeforeOperation,
     /// No SYNC0 edge was measured: there is nothing to judge.
     NoEdge,
+    /// There is no plant that could deviate.
+    NoPlant,
     /// No fault that was planned can happen here: there is nothing to recover from.
     NoFault,
     /// What was found first is no longer remembered.
@@ -102,7 +104,7 @@ pub struct Judgement {
 impl Judgement {
     /// Whether there was anything to judge by. Where there was not, it is not met either.
     pub fn is_judged(&self) -> bool {
-        !matches!(self.found, Found::NoEdge | Found::NoFault | Found::Forgotten)
+        !matches!(self.found, Found::NoEdge | Found::NoFault | Found::NoPlant | Found::Forgotten)
     }
 }
 
@@ -110,6 +112,7 @@ impl Judgement {
 pub struct Evidence<'a> {
     /// The course of the run; `None`: it never came into operation.
     pub course: Option<&'a Course>,
+    /// The judges of plants; `None`: there are no plants, as in a served segment.
     pub plants: Option<&'a PlantBench>,
     /// When the judged time ended.
     pub end: Time<True>,
@@ -190,7 +193,8 @@ fn plant_deviation(
     limit_nm: u64,
     plants: Option<&PlantBench>,
 ) -> (bool, Found) {
-    let judges = plants.iter().flat_map(|plants| plants.judges());
+    let Some(plants) = plants else { return (false, Found::NoPlant) };
+    let judges = plants.judges();
     let meant = judges.filter(|judge| device.is_none_or(|device| judge.setup().device == device));
     // Rounded up: what is 0 was never seen to deviate at all. What is no number is as far as can be.
     let nm = |judge: &PlantJudge| match judge.figures().deviation.largest {

@@ -125,6 +125,7 @@ fn found(found: &Found, zero: Time<True>, name: &impl Fn(usize) -> String) -> St
         Found::RunEnded => "the run ended before it could be seen".to_owned(),
         Found::BeforeOperation => "that was before operation began".to_owned(),
         Found::NoEdge => "no SYNC0 edge was measured".to_owned(),
+        Found::NoPlant => "there are no plants here".to_owned(),
         Found::NoFault => {
             "the faults of the file concern the MainDevice's machine, and none happened".to_owned()
         }

@@ -194,7 +194,7 @@ fn plant_deviation(
     plants: Option<&PlantBench>,
 ) -> (bool, Found) {
     let Some(plants) = plants else { return (false, Found::NoPlant) };
-    let judges = plants.judges();
+    let judges = plants.judges().iter();
     let meant = judges.filter(|judge| device.is_none_or(|device| judge.setup().device == device));
     // Rounded up: what is 0 was never seen to deviate at all. What is no number is as far as can be.
     let nm = |judge: &PlantJudge| match judge.figures().deviation.largest {

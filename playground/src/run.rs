@@ -121,7 +121,8 @@ pub fn segment_file(state: &State) -> Result<String, Vec<Problem>> {
         text += "drift_compensation = false\n";
     }
     let cable = Length(state.number("cable").unwrap_or(10_000));
-    let on_ebus = profile::built_in(state.word("device")).is_some_and(|profile| profile.is_on_ebus());
+    let on_ebus =
+        profile::built_in(state.word("device")).is_some_and(|profile| profile.is_on_ebus());
     if on_ebus {
         // Terminals stand at the side of the MainDevice and have no cable.
         text += "port = \"ebus\"\n";

@@ -69,7 +69,7 @@ impl VirtualWire {
 
     fn settle(&mut self) {
         let Self { served, seen, .. } = self;
-        served.settle(&mut |segment, observation| {
+        served.settle(&mut |segment, observation, _| {
             let device = &segment.devices()[observation.device];
             let at = device.oscillator().when(observation.device_at);
             // Who never asks must not gather them for ever.

@@ -352,6 +352,25 @@ impl<'a> Value<'a> {
         }
     }
 
+    /// A decimal number with a unit behind it, within a range.
+    pub fn decimal(&self, range: RangeInclusive<f64>, unit: &str) -> Result<f64, FileError> {
+        let (least, most) = (range.start(), range.end());
+        let expected = format!("a number with its unit from \"{least}{unit}\" to \"{most}{unit}\"");
+        let text = self.string(&expected)?;
+        let number = text.trim().strip_suffix(unit).map(str::trim).filter(|number| {
+            // Rust also reads "inf" and "1e3", which the schema does not have.
+            !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit() || b"+-.".contains(&b))
+        });
+        match number.and_then(|number| number.parse().ok()) {
+            Some(number) if range.contains(&number) => Ok(number),
+            Some(_) => Err(self.error(format!(
+                "{} = \"{text}\" is out of range; expected {least}{unit} to {most}{unit}",
+                self.name
+            ))),
+            None => Err(self.error(format!("{} = \"{text}\"; expected {expected}", self.name))),
+        }
+    }
+
     /// True or false.
     pub fn boolean(&self) -> Result<bool, FileError> {
         match self.value.get_ref() {

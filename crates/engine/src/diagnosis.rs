@@ -7,9 +7,9 @@ use isocat_descriptions::quantity::time;
 use isocat_maindevice::Segment;
 use isocat_maindevice::segment::Timing;
 use isocat_sim::{Judged, Kind};
-use isocat_sync::Moment;
 use isocat_sync::budget::{Check, Device, window};
 use isocat_sync::explain::al_codes;
+use isocat_sync::{Moment, SyncSignal};
 use isocat_wire::AlStatusCode;
 use isocat_wire::time::{Nanos, Picos};
 
@@ -63,6 +63,7 @@ pub fn diagnose(
             causes: Vec::new(),
             remedies: Vec::new(),
         };
+        case.lost_pulses();
         case.outputs();
         case.late();
         case.consequence();
@@ -130,6 +131,46 @@ struct Case<'a> {
 }
 
 impl Case<'_> {
+    /// SYNC pulses that made no edge.
+    fn lost_pulses(&mut self) {
+        let mut own = self.report.findings.iter().filter(|f| f.position == Some(self.position));
+        let Some(acknowledged) = own.find_map(|finding| match finding.kind {
+            Kind::Judged(Judged::SyncStillActive { acknowledged, .. }) => Some(acknowledged),
+            _ => None,
+        }) else {
+            return;
+        };
+        let check = Check::Sync0FallsInCycle;
+        let planned = self.timing.and_then(|timing| timing.demand(self.position, check));
+        let is_short = planned.is_some_and(|planned| planned.slack() < Nanos::ZERO);
+        let signal = self.device.map(|device| (device.sync_signal, device.pulses.sync0_cycle));
+        match signal {
+            Some((SyncSignal::Acknowledged(_), _)) if !is_short => self.causes.push(
+                "A pulse was not acknowledged, though its program has the time for it: it did not notice the pulse. The signal stays \
+                 active since, and no edge comes any more."
+                    .into(),
+            ),
+            Some((SyncSignal::Acknowledged(after), cycle)) => self.causes.push(format!(
+                "Its program acknowledges SYNC {after} behind the pulse, and later by its jitter: SYNC0 comes every {cycle}, and makes no \
+                 edge while it is still active."
+            )),
+            Some((SyncSignal::Pulse(length), cycle)) => self.causes.push(format!(
+                "Its pulses are {length} long, and SYNC0 comes every {cycle}: the signal does not fall between them."
+            )),
+            _ => {}
+        }
+        self.remedies.push(match (acknowledged, is_short) {
+            (true, true) => "Have its program read 0x098E (SYNC1: 0x098F) as soon as the interrupt comes, and not behind its work; or let \
+                             pulses end by themselves: word 2 of its EEPROM, in 10 ns (in a segment file pulse = \"10us\")."
+                .into(),
+            (true, false) => "Switch its SYNC unit off and program it again (0x0981), or switch the device off and on; pulses that end by \
+                              themselves (word 2 of its EEPROM) can't get stuck."
+                .into(),
+            (false, _) => "Make the pulse shorter: word 2 of its EEPROM, in 10 ns (in a segment file pulse = \"10us\").".into(),
+        });
+        self.causes.extend(self.short_line());
+    }
+
     /// Outputs that are not ready when their pulse comes.
     fn outputs(&mut self) {
         let (Some(timing), Some(device), Some(cycle)) =
@@ -183,7 +224,7 @@ impl Case<'_> {
             ));
         }
         self.later(cycle, device, timing, late);
-        if let Some(short) = self.short_line() {
+        if let Some(short) = self.short_line().filter(|short| !self.causes.contains(short)) {
             self.causes.push(short);
             self.remedies.push(
                 "isocat plan FILE --suggest tells the phase and the smallest cycle that fit."

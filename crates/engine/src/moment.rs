@@ -19,6 +19,8 @@ pub fn of(event: Observed) -> Option<Moment> {
         Observed::Began(Step::MapInputs) => Moment::InputsBegin,
         Observed::Finished(Step::MapInputs) => Moment::InputsAvailable,
         Observed::Finished(Step::OutputsValid | Step::LatchInputs)
+        | Observed::StillActive(_)
+        | Observed::Acknowledged(_)
         | Observed::SmEventMissed(_)
         | Observed::State(..) => return None,
     })

@@ -11,6 +11,7 @@ mod expected;
 #[cfg(target_os = "linux")]
 pub mod interface;
 mod note;
+pub mod plant;
 pub mod quality;
 pub mod scan;
 mod services;
@@ -20,7 +21,7 @@ pub mod typed;
 pub mod words;
 
 pub use build::{span, spread};
-pub use expected::{Expected, FaultNote};
+pub use expected::{Expected, FaultNote, write_expected};
 use isocat_maindevice::Stage;
 use isocat_segment::profile::Doubt;
 use isocat_segment::{Scenario, segment_file};
@@ -82,6 +83,8 @@ pub struct Report {
     pub segment: Segment,
     /// What was read in the background; null if the segment file does not ask for it, or operation was not reached.
     pub quality: Option<quality::Quality>,
+    /// What late outputs did to the machines of the segment file; null where it has none.
+    pub plants: Option<plant::Plants>,
     /// Figures of each SubDevice, by position.
     pub devices: Vec<Device>,
 }

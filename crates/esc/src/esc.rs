@@ -433,6 +433,12 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         EscPdi::new(self, now)
     }
 
+    /// SYNC0 and SYNC1 pulses since power-on or reset that made no edge, because the signal was still active from the
+    /// pulse before: not acknowledged yet (0x0982 is 0), or longer than its cycle. Wraps.
+    pub const fn sync_pulses_without_edge(&self) -> [u32; 2] {
+        self.dc.sync.without_edge()
+    }
+
     /// The AL event request (0x0220) at `now`.
     pub fn al_events(&self, now: Time<Device>) -> u32 {
         self.own_al_events()

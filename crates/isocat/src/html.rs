@@ -10,6 +10,7 @@ mod expected;
 pub mod interface;
 mod parts;
 pub mod plan;
+mod plant;
 pub mod run;
 #[cfg(target_os = "linux")]
 pub mod serve;

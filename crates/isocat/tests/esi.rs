@@ -159,6 +159,27 @@ fn the_virtual_device_is_what_the_file_says() {
     assert!(line.contains("Cover"), "{stopped}");
 }
 
+/// The EEPROM of a description says how SYNC pulses end; how soon its program acknowledges them, a segment file does.
+#[test]
+fn a_described_device_acknowledges_its_pulses() {
+    let acknowledged = BOX.replace("050E03ee1027", "050E03ee0000");
+    let of = |text: &str, keys: &str| {
+        let file = drive_segment(text, &format!("opmode = 1\n{keys}"))?;
+        let profile = file.subdevices[0].profile.clone();
+        let is_assumed = profile.assumptions.iter().any(|a| a.item == "times.acknowledge");
+        let found = (profile.pulse().0, profile.times.acknowledge.0, is_assumed);
+        let report = run(&Scenario::from(file));
+        assert!(report.in_sync, "{}", report.text());
+        Ok::<_, FileError>(found)
+    };
+    assert_eq!(of(BOX, "").unwrap(), (100_000, 0, false));
+    assert_eq!(of(&acknowledged, "").unwrap(), (0, 0, true));
+    assert_eq!(of(&acknowledged, "acknowledge = \"30us\"").unwrap(), (0, 30_000, false));
+    assert_eq!(of(&acknowledged, "pulse = \"20us\"").unwrap(), (20_000, 0, true));
+    let error = of(BOX, "acknowledge = \"30us\"").unwrap_err();
+    assert!(error.message.contains("pulses of 100 us end by themselves"), "{error}");
+}
+
 #[test]
 fn op_modes_become_modes() {
     let file = import(BOX);

@@ -222,3 +222,30 @@ fn plans_have_pages_too() {
     }
     assert_eq!(json(&page)["what_if"]["cases"].as_array().map(Vec::len), Some(2));
 }
+
+/// Lost pulses: the program is too slow, or it went deaf for a while.
+#[test]
+fn lost_sync_pulses_have_a_cause_each() {
+    const DEVICE: &str = "cycle = \"500us\"\nfor = \"200ms\"\n[[subdevice]]\ndevice = \"model_every_mode\"\nmode = \"dc-sync0\"\n";
+    for (keys, cause, remedy) in [
+        (
+            "# forced\npulse = \"0ns\"\nacknowledge = \"600us\"",
+            "acknowledges SYNC 600 us behind the pulse",
+            "read 0x098E (SYNC1: 0x098F) as soon as",
+        ),
+        (
+            "pulse = \"0ns\"\n[[fault]]\nat = \"in-operation + 50ms\"\nwhat = \"misbehave 0 dead-sync0 for 5ms\"",
+            "it did not notice the pulse",
+            "program it again (0x0981)",
+        ),
+    ] {
+        let (report, recorded, segment, page) = run(&format!("{DEVICE}{keys}\n"));
+        let all = diagnose(&report, &recorded, &segment, LIMIT);
+        let (causes, remedies) = (all[0].causes.join(" "), all[0].remedies.join(" "));
+        assert!(causes.contains(cause), "{keys}: {causes}");
+        assert!(remedies.contains(remedy), "{keys}: {remedies}");
+        let said = causes.contains("The plan had said so: 0x0982");
+        assert_eq!(said, keys.contains("forced"), "{causes}");
+        assert!(page.contains("made no edge"), "{keys}");
+    }
+}

@@ -5,7 +5,7 @@
 //! between plan and truth are ticks of 10 ns; the first run measures it, and the plan gets it as its clock error.
 
 use isocat::plan::{Plan, proof};
-use isocat::profile::Profile;
+use isocat::profile::{Overrides, Profile};
 use isocat::{Nanos, Scenario, SegmentFile};
 use isocat_sim::HostModel;
 use isocat_sync::budget::{Check, Sign};
@@ -294,6 +294,20 @@ fn outputs_valid_before_the_next_pulse() {
         scenario.devices[0].shift = Some(Nanos(1_000_000 + more));
         scenario
     });
+}
+
+/// A program that ends the pulse as late as the next one is due, and a tick later.
+#[test]
+fn sync0_acknowledged_before_the_next_pulse() {
+    for (keys, cycle) in [(SYNC0, 1_000_000), (SHIFT_SYNC1, 1_000_000), (SUBORDINATED, 500_000)] {
+        edge(Check::Sync0FallsInCycle, 10, |more| {
+            let mut scenario = scenario(keys, &[]);
+            let (pulse, acknowledge) = (Some(Nanos::ZERO), Some(Nanos(cycle + 10 * more)));
+            let signal = Overrides { pulse, acknowledge, ..Overrides::default() };
+            scenario.devices[0].profile = scenario.devices[0].profile.with(signal).unwrap();
+            scenario
+        });
+    }
 }
 
 /// All that it does takes what it states. With a host in time that is the whole cycle; else the cycle is longer by

@@ -211,7 +211,7 @@ fn a_ring_is_served_on_two_interfaces() {
         eventually("it is whole", || count_in_ring(&mut sockets, 0) == Some((1, 3)));
         service.done(&["stop"]);
         let (rest, code) = service.finish();
-        assert_eq!(code, Some(0));
+        assert_eq!(code, Some(1), "no MainDevice came to show what the file expects");
         for event in ["interface down", "interface up"] {
             assert!(rest.contains(event), "{event}: {rest}");
         }
@@ -343,7 +343,7 @@ fn a_signal_ends_it_cleanly() {
         output.lines().map(|line| serde_json::from_str(line).expect(line)).collect();
     assert_eq!(lines[0]["event"], "session began");
     let summary = lines.last().expect("a summary");
-    assert_eq!(summary["format"], "isocat-serve-summary/5");
+    assert_eq!(summary["format"], "isocat-serve-summary/6");
     assert_eq!((&summary["frames"], &summary["answered"]), (&1.into(), &1.into()));
     assert!(!Path::new("/run/netns/isct-sig").exists(), "the namespace is gone");
 }
@@ -357,4 +357,65 @@ fn the_schema_of_the_summary_is_committed() {
     }
     let committed = std::fs::read_to_string(&path).expect("the schema is committed");
     assert_eq!(now, committed, "the summary changed: run with UPDATE_SCHEMA=1 and raise FORMAT");
+}
+
+/// What is expected of a served segment ends in exit code, summary and JUnit: met, not met, and nothing to judge by.
+#[test]
+fn a_service_ends_by_what_is_expected_of_it() {
+    if !permitted() {
+        return;
+    }
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("serve-expect");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let [segment, junit] = ["machine.toml", "junit.xml"].map(|name| folder.join(name));
+    let [path, xml] = [&segment, &junit].map(|path| path.to_str().expect("UTF-8"));
+    let machine =
+        "cycle = \"4ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"axis\"\n";
+    for (expected, code, failures, errors) in [
+        ("in_sync_at = \"in-operation + 1ns\"", Some(0), "0", "0"),
+        ("in_sync_at = \"in-operation + 1h\"", Some(1), "1", "0"),
+        ("in_sync_at = \"in-operation + 1ns\"\nrecovers_within = \"0s\"", Some(3), "0", "1"),
+    ] {
+        let fault = "[[fault]]\nat = \"in-operation\"\nwhat = \"stall 5ms\"\n";
+        let text = format!("{machine}{fault}[[expect]]\n{expected}\n");
+        std::fs::write(&segment, text).expect("written");
+        let (summary, ended) = served_in_operation(path, xml);
+        assert_eq!(ended, code, "{:#}", summary["expected"]);
+        let met = |key: &str| {
+            let all = summary["expected"].as_array().expect("a list");
+            all.iter().find(|one| one["key"] == key).map(|one| one["met"].clone())
+        };
+        assert_eq!(met("in_sync_at"), Some((code != Some(1)).into()));
+        assert_eq!(met("recovers_within"), (code == Some(3)).then_some(serde_json::Value::Null));
+        let document = std::fs::read_to_string(&junit).expect("it was written");
+        let document = roxmltree::Document::parse(&document).expect("XML");
+        let suite = document.descendants().find(|node| node.has_tag_name("testsuite"));
+        let suite = suite.expect("a suite");
+        assert_eq!(suite.attribute("failures"), Some(failures));
+        assert_eq!(suite.attribute("errors"), Some(errors));
+    }
+}
+
+/// Serves a segment to our own MainDevice, which brings it to OP; the summary and the exit code. On a machine that stalls the way up
+/// may fail, and is tried again.
+fn served_in_operation(segment: &str, junit: &str) -> (serde_json::Value, Option<i32>) {
+    for _ in 0..5 {
+        let service = Service::start("isct-expect", &[segment, "--junit", junit, "--json"]);
+        let program = env!("CARGO_BIN_EXE_isocat");
+        let run = Command::new("ip")
+            .args(["netns", "exec", "isct-expect", program, "run", segment])
+            .args(["--interface", "isct-expect", "--for", "300ms"])
+            .output()
+            .expect("it starts");
+        service.done(&["stop"]);
+        let (output, ended) = service.finish();
+        let summary = output.lines().last().expect("a summary");
+        let summary: serde_json::Value = serde_json::from_str(summary).expect("JSON");
+        let sessions = summary["sessions"].as_array().expect("a list");
+        if sessions.iter().any(|session| !session["judged"].is_null()) {
+            return (summary, ended);
+        }
+        eprintln!("it did not come to OP: {}{}", text(&run.stdout), text(&run.stderr));
+    }
+    panic!("it never came to OP");
 }

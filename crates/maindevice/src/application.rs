@@ -112,6 +112,12 @@ impl<'a> Cycle<'a> {
         self.main.next_cycle()
     }
 
+    /// See [`MainDevice::next_grid`]. It tells how far a motion is better than a count of the calls: a host that slept has
+    /// skipped cycles.
+    pub fn next_grid(&self) -> Option<Time<Dc>> {
+        self.main.next_grid()
+    }
+
     /// Number of SubDevices, present or not.
     pub fn len(&self) -> usize {
         self.main.segment().devices.len()

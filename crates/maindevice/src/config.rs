@@ -4,9 +4,9 @@ use alloc::boxed::Box;
 use alloc::string::String;
 use alloc::vec::Vec;
 
-use isocat_sync::SyncMode;
 use isocat_sync::budget::Limits;
 use isocat_sync::phase::Direction;
+use isocat_sync::{SyncMode, SyncSignal};
 use isocat_wire::address::ObjectAddress;
 use isocat_wire::time::Nanos;
 
@@ -449,6 +449,8 @@ pub struct AssumedTimes {
     /// From the shortest to the longest time from the pulse to outputs that act as soon as they are
     /// calculated, without delay and shift. No object states it. `None`: as `pulse_jitter`.
     pub outputs_spread: Option<Nanos>,
+    /// How its SYNC signals fall again. No object states it.
+    pub sync_signal: SyncSignal,
 }
 
 /// Times that a device measured itself, on command of 0x1C32:08 and 0x1C33:08. `None`: not measured.

@@ -220,6 +220,11 @@ impl CyclicExchange {
         self.due
     }
 
+    /// The system time that the next cycle finds at the reference clock.
+    pub fn grid(&self) -> Time<Dc> {
+        self.grid
+    }
+
     /// Whether all frames of the cycle are out.
     pub fn is_sent(&self) -> bool {
         self.next_frame >= self.frames.len() || self.next_frame == 0

@@ -12,8 +12,8 @@
 //!    programs SYNC0 and sees that it runs.
 //! 3. `cycle` is the cyclic exchange, with the servo that keeps the host in phase; it allocates
 //!    nothing.
-//! 4. [`application`] is what a user does with process data once a cycle is complete, [`motion`] one that is ready made,
-//!    and a [`Runner`] calls it at the right moment, in virtual time and on a wire.
+//! 4. [`application`] is what a user does with process data once a cycle is complete, [`motion`] one that is ready made
+//!    ([`written`] is what it writes on a timeline), and a [`Runner`] calls it at the right moment, in virtual time and on a wire.
 //!    What answers an optional [`service`] badly is done without it, and who fails may be `left_out`.
 //! 5. `survey` is another way, for whoever wants to know what is there: as far as PREOP, with the same parts, past
 //!    SubDevices that fail.
@@ -105,6 +105,7 @@ mod sync;
 mod times;
 mod timing;
 mod topology;
+pub mod written;
 
 #[cfg(test)]
 mod tests;

@@ -265,6 +265,12 @@ impl MainDevice {
         self.cycle.as_ref().map(CyclicExchange::due)
     }
 
+    /// The system time that the first of these frames is to find at the reference clock. It goes on by whole cycles whatever the
+    /// host does; without a reference clock it goes by the host's. `None` outside the cyclic exchange.
+    pub fn next_grid(&self) -> Option<Time<Dc>> {
+        self.cycle.as_ref().map(CyclicExchange::grid)
+    }
+
     /// Frames that were sent and are neither back nor given up.
     pub fn frames_in_flight(&self) -> usize {
         let cyclic = self.cycle.as_ref().map_or(0, CyclicExchange::in_flight);

@@ -225,6 +225,7 @@ pub(crate) fn demands(
     budget::Device {
         mode: device.mode,
         pulses: device.pulses,
+        sync_signal: assumed.sync_signal,
         every: device.every,
         frame_spread: Nanos::ZERO,
         ring_spread: Nanos::ZERO,

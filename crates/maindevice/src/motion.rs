@@ -2,12 +2,15 @@
 //!
 //! A device that maps a control word (0x6040) and a target position (0x607A) is taken for a CiA 402
 //! drive: it is brought to "operation enabled" in cyclic synchronous position mode and follows a slow
-//! triangle. Outputs of all other devices carry a counter.
+//! triangle. Outputs of all other devices carry a counter. What is [`Written`] on a timeline goes before that: a drive whose
+//! target is written stays where it is until the first output begins.
 
 use alloc::vec::Vec;
 
 use crate::application::{Application, Cycle, Device};
+use crate::event::Event;
 use crate::segment::{ProcessData, Segment, SubDevice};
+use crate::written::{Bits, Written};
 
 const CONTROL_WORD: u16 = 0x6040;
 const STATUS_WORD: u16 = 0x6041;
@@ -26,6 +29,7 @@ const TURN: u64 = 1000;
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
     axes: Vec<Axis>,
+    written: Written,
 }
 
 /// One device of the segment.
@@ -48,6 +52,8 @@ pub struct Drive {
     status_word: usize,
     position: usize,
     commanded: Option<i32>,
+    /// Its target is written on a timeline: nothing else moves it.
+    is_written: bool,
     /// Cycles in "operation enabled".
     pub enabled_cycles: u64,
     /// Largest distance of target and actual position while enabled, increments.
@@ -58,15 +64,26 @@ pub struct Drive {
 }
 
 impl Motion {
+    /// The same with outputs on a timeline.
+    pub fn writing(written: Written) -> Self {
+        Self { written, ..Self::default() }
+    }
+
+    /// What is written on a timeline.
+    pub fn written(&self) -> &Written {
+        &self.written
+    }
+
     /// What became of each device, by position; empty before the first cycle.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    fn find(segment: &Segment) -> Vec<Axis> {
+    fn find(segment: &Segment, written: &Written) -> Vec<Axis> {
         let axis = |device: &SubDevice| {
             if let Some(drive) = Drive::find(&device.outputs, &device.inputs) {
-                Axis::Drive(drive)
+                let is_written = written.takes(device.position, drive.target_bits());
+                Axis::Drive(Drive { is_written, ..drive })
             } else if device.outputs.length > 0 {
                 Axis::Outputs
             } else {
@@ -80,8 +97,10 @@ impl Motion {
 impl Application for Motion {
     fn cycle(&mut self, cycle: &mut Cycle<'_>) {
         if self.axes.is_empty() {
-            self.axes = Self::find(cycle.main().segment());
+            self.axes = Self::find(cycle.main().segment(), &self.written);
         }
+        self.written.begin(cycle);
+        let grid = cycle.next_grid().filter(|_| !self.written.is_empty());
         let number = cycle.number();
         for mut device in cycle.devices() {
             let Some(axis) = self.axes.get_mut(device.position()) else { continue };
@@ -94,7 +113,17 @@ impl Application for Motion {
                 }
                 Axis::Nothing => {}
             }
+            let Some(grid) = grid else { continue };
+            self.written.write(&mut device, grid);
+            if let Axis::Drive(drive) = axis {
+                drive.commanded =
+                    bytes_at(device.outputs_mut(), drive.target).map(i32::from_le_bytes);
+            }
         }
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.written.event(event);
     }
 }
 
@@ -107,11 +136,16 @@ impl Drive {
             status_word: byte_of(inputs, STATUS_WORD, 16)?,
             position: byte_of(inputs, POSITION, 32)?,
             commanded: None,
+            is_written: false,
             enabled_cycles: 0,
             worst_lag: 0,
             travelled: 0,
             last: 0,
         })
+    }
+
+    fn target_bits(&self) -> Bits {
+        Bits { at: 8 * self.target as u32, len: 32, signed: true }
     }
 
     fn cycle(&mut self, device: &mut Device<'_>, cycle: u64) {
@@ -131,8 +165,10 @@ impl Drive {
                 self.worst_lag = self.worst_lag.max(actual.abs_diff(target));
             }
             self.enabled_cycles += 1;
-            let forward = (cycle / TURN).is_multiple_of(2);
-            target = target.wrapping_add(if forward { SPEED } else { -SPEED });
+            if !self.is_written {
+                let forward = (cycle / TURN).is_multiple_of(2);
+                target = target.wrapping_add(if forward { SPEED } else { -SPEED });
+            }
         } else {
             target = actual;
         }

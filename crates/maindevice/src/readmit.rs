@@ -80,18 +80,21 @@ pub(crate) async fn readmit(work: Return) {
     each(&mut all, |one| Box::pin(identify(link, config, one, everybody[one.place].station))).await;
     let planned = &segment;
     each(&mut all, |one| Box::pin(prepare(link, config, planned, one))).await;
+    // The delays are those of the way that frames take now, unless another clock is made to lead: then it is another way anyhow.
+    let (reference, way) = (segment.reference, link.board(|board| board.way_changes));
     if let Err(cause) = set_clocks(link, config, &mut segment, &everybody, &places, &mut all).await
     {
         for one in all.iter_mut().filter(|one| one.failed.is_none() && one.device.dc.has_clock()) {
             one.failed = Some(cause.clone());
         }
     }
+    let way = (segment.reference == reference).then_some(way);
     let segment = &segment;
     let outcomes = &outcomes;
     let ends = all.into_iter().map(|mut one| -> Procedure<'_, Result<(), Infallible>> {
         Box::pin(async move {
             if one.failed.is_none() {
-                one.failed = finish(link, config, segment, &mut one).await.err();
+                one.failed = finish(link, config, segment, way, &mut one).await.err();
             }
             let position = one.device.position;
             let outcome = match one.failed {
@@ -274,17 +277,19 @@ async fn set_clocks(
     Ok(())
 }
 
-/// From clocks that were set to OP.
+/// From clocks that were set to OP. `way` counts the ways that frames had taken when the delays were measured; `None`: another
+/// clock leads since.
 async fn finish(
     link: &Link,
     config: &Config,
     segment: &Segment,
+    way: Option<u64>,
     one: &mut Traveller,
 ) -> Result<(), Cause> {
     let device = &mut one.device;
     // Who leads now does so within these.
     link.sleep(Nanos(3 * config.cycle.0)).await;
-    let way = link.board(|board| board.way_changes);
+    let way = way.unwrap_or_else(|| link.board(|board| board.way_changes));
     let led = segment.reference.filter(|reference| *reference != device.position);
     if let (true, true, Some(reference)) = (device.dc.has_clock(), config.drift_compensation, led) {
         let noise = clock::noise(segment, config)[device.position];

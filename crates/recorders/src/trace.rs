@@ -14,7 +14,7 @@ use isocat_maindevice::{MainDevice, Port};
 use isocat_sim::bench::Measured;
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{Lost, Segment, Tap};
-use isocat_subdevice::Step;
+use isocat_subdevice::{Event, Step};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::phase::State as Servo;
 use isocat_wire::time::{Time, True};
@@ -58,6 +58,8 @@ const LOST: usize = 2;
 const FRAMES: usize = 3;
 /// Frames in flight together that are drawn.
 const LANES: usize = 64;
+/// What stands at a pulse that was due and made no edge.
+const LOST_PULSE: &str = "no edge: still active";
 
 /// Writes a trace.
 pub struct Trace<W: Write = BufWriter<File>> {
@@ -318,6 +320,9 @@ impl<W: Write> Tap for Trace<W> {
                 let object = ObjectAddress::new(index, sub::SM_EVENT_MISSED);
                 self.instant(at, process, MISSED, &format!("{object} now {counter}"));
             }
+            Observed::StillActive(Event::Sync1) => self.instant(at, process, SYNC1, LOST_PULSE),
+            Observed::StillActive(_) => self.instant(at, process, SYNC0, LOST_PULSE),
+            Observed::Acknowledged(_) => {}
             Observed::Began(step) => {
                 self.devices[position].open[number(step)] += 1;
                 let track = STEPS.start + number(step);

@@ -121,6 +121,8 @@ fn change(
         Observed::Sm2 => 2,
         Observed::Sm3 => 3,
         Observed::SmEventMissed(_) => 4,
+        // Neither is an edge.
+        Observed::StillActive(_) | Observed::Acknowledged(_) => return Ok(()),
         Observed::Began(began) => {
             return step(began).map_or(Ok(()), |id| writer.change_scalar(id, Value::V1));
         }

@@ -2,9 +2,10 @@
 
 use isocat_esc::chip::{Chip, DcUnits};
 use isocat_maindevice::segment::{
-    DcCapability, EscInformation, Identity, OperationMode, Pdo, PdoEntry, Sii, SyncEntry,
+    DcCapability, EscInformation, Identity, OperationMode, Pdo, PdoEntry, Sii, SiiPdo, SyncEntry,
     SyncObject,
 };
+use isocat_maindevice::written::Bits;
 use isocat_maindevice::{Segment, SubDevice};
 use isocat_sim::{Cable, Direction};
 use isocat_subdevice::description::Description;
@@ -13,7 +14,7 @@ use isocat_sync::way::{Cabled, Way, propagation};
 use isocat_wire::StationAddress;
 use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
 use isocat_wire::register::features;
-use isocat_wire::sii::{self, category};
+use isocat_wire::sii::{self, PdoEntryRecord, category};
 use isocat_wire::time::{Nanos, Picos};
 
 use crate::profile::Profile;
@@ -156,6 +157,35 @@ fn clock(chip: &Chip, configuration: u8) -> DcCapability {
     }
 }
 
+/// The PDOs of a device's outputs and inputs, as they will be assigned; those of a device without CoE stand in its SII.
+pub(crate) fn process_data(file: &segment_file::SubDevice) -> [Vec<Pdo>; 2] {
+    let device = subdevice(0, file);
+    if device.has_coe() {
+        return [device.outputs.pdos, device.inputs.pdos];
+    }
+    let assigned = |pdo: &&SiiPdo| pdo.record.sm != NO_SYNC_MANAGER;
+    let entry =
+        |entry: &PdoEntryRecord| PdoEntry { index: entry.index, sub: entry.sub, bits: entry.bits };
+    let pdo = |pdo: &SiiPdo| Pdo {
+        index: pdo.record.index,
+        entries: pdo.entries.iter().map(entry).collect(),
+    };
+    [device.sii.rx_pdos, device.sii.tx_pdos]
+        .map(|pdos| pdos.iter().filter(assigned).map(pdo).collect())
+}
+
+/// Where an object lies in these PDOs, with a sign.
+pub(crate) fn bits_of(pdos: &[Pdo], index: u16, sub: u8) -> Option<Bits> {
+    let mut at = 0;
+    for entry in pdos.iter().flat_map(|pdo| &pdo.entries) {
+        if (entry.index, entry.sub) == (index, sub) {
+            return Some(Bits { at, len: entry.bits, signed: true });
+        }
+        at += u32::from(entry.bits);
+    }
+    None
+}
+
 /// The PDOs that will be assigned, with what is mapped into them; those of power-on where none are wanted.
 fn pdos(profile: &Profile, assignment: u16, wanted: &[u16]) -> Vec<Pdo> {
     let assigned = match wanted {
@@ -212,6 +242,8 @@ fn sync_object(description: &Description, index: u16) -> Option<SyncObject> {
     Some(object)
 }
 
+/// In the SII: a PDO that no SyncManager has by default.
+const NO_SYNC_MANAGER: u8 = 0xFF;
 /// As the scan gives them.
 const FIRST_STATION: u16 = 0x1001;
 /// Register 0x0141: SYNC-out unit on.

@@ -101,7 +101,7 @@ mod tests;
 pub use esi::{Doubt, NotSimulated, Obstacle, RunAs};
 pub use isocat_descriptions::document::{FileError, FilePlace, name_hint};
 pub use keys::FILE;
-pub(crate) use keys::MODES;
+pub(crate) use keys::{MODES, PULSE};
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.
 ///
@@ -204,6 +204,9 @@ pub struct CpuTimes {
     /// Peak-to-peak spread of the steps that follow a SYNC0 event. The copy time of the outputs is the
     /// longest one: nothing is added to it.
     pub jitter: Nanos,
+    /// From a SYNC pulse until its program acknowledges it (0x098E, 0x098F). It counts in acknowledge mode only, where
+    /// [`Profile::pulse`] is zero.
+    pub acknowledge: Nanos,
     /// How uneven they are: `latency`, `variation` in percent, `overrun = { one_in, by }`, `timer_jitter`.
     pub unevenness: Unevenness,
 }
@@ -294,6 +297,10 @@ pub struct Overrides {
     pub calc_and_copy: Option<Nanos>,
     /// [`CpuTimes::jitter`].
     pub jitter: Option<Nanos>,
+    /// [`Profile::pulse`].
+    pub pulse: Option<Nanos>,
+    /// [`CpuTimes::acknowledge`].
+    pub acknowledge: Option<Nanos>,
     /// [`Chip::eeprom_burn_time`].
     pub eeprom_burn_time: Option<Nanos>,
     /// What the device does wrong.
@@ -346,6 +353,13 @@ impl Profile {
         if let Some(jitter) = overrides.jitter {
             profile.times.jitter = jitter;
         }
+        if let Some(pulse) = overrides.pulse {
+            profile.sii = sii::with_pulse(&profile.sii, pulse).into();
+        }
+        if let Some(acknowledge) = overrides.acknowledge {
+            profile.times.acknowledge = acknowledge;
+            profile.assumptions.retain(|assumption| assumption.item != "times.acknowledge");
+        }
         if let Some(eeprom_burn_time) = overrides.eeprom_burn_time {
             profile.esc.eeprom_burn_time = eeprom_burn_time;
         }
@@ -361,6 +375,17 @@ impl Profile {
             true => self.clone(),
             false => Arc::new(Profile { esc: chip, ..Self::clone(self) }),
         }
+    }
+
+    /// How long its SYNC pulses are, 0 to 655.35 us: word 2 of the EEPROM, and register 0x0982. Zero is acknowledge mode:
+    /// the signal stays active until the device's program has read 0x098E or 0x098F.
+    pub fn pulse(&self) -> Nanos {
+        sii::pulse(&self.sii)
+    }
+
+    /// Whether the EEPROM switches the SYNC unit of its ESC on.
+    pub(crate) fn has_sync_unit(&self) -> bool {
+        sii::has_sync_unit(&self.sii)
     }
 
     /// The ESC named by [`Profile::chip`].

@@ -4,9 +4,11 @@
 use std::sync::Arc;
 
 use isocat_esc::DriftLaw;
+use isocat_maindevice::written::Output;
 use isocat_maindevice::{
     AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, MeasureTimes, StartupDownload,
 };
+use isocat_sim::plant::PlantSetup;
 use isocat_sim::random::Stream;
 use isocat_sim::{
     Cable, ClockModel, Closing, Connection, CpuModel, DeviceSetup, Expectation, HostModel, Run,
@@ -15,6 +17,7 @@ use isocat_sim::{
 use isocat_subdevice::Application;
 use isocat_subdevice::drive::Drive;
 use isocat_subdevice::io::Io;
+use isocat_sync::SyncSignal;
 use isocat_sync::budget::Limits;
 use isocat_wire::time::{Nanos, Time};
 
@@ -66,6 +69,10 @@ pub struct Scenario {
     pub ring: Option<Ring>,
     /// What goes wrong while it runs.
     pub faults: Faults,
+    /// What the MainDevice's application writes on a timeline.
+    pub outputs: Vec<Output>,
+    /// The machines behind devices.
+    pub plants: Vec<PlantSetup>,
     /// What is expected of it.
     pub expectations: Vec<Expectation>,
     /// Run although the plan says that it does not fit.
@@ -101,6 +108,8 @@ impl From<SegmentFile> for Scenario {
             operation: file.operation,
             ring: file.ring,
             faults: file.faults,
+            outputs: file.outputs,
+            plants: file.plants,
             expectations: file.expectations,
             force: false,
             tolerate: false,
@@ -120,6 +129,8 @@ impl Scenario {
             setup: Setup { ring, faults, spares, ..setup },
             duration: self.duration,
             sync0_limit: self.sync0_limit,
+            outputs: self.outputs.clone(),
+            plants: self.plants.clone(),
             expectations: self.expectations.clone(),
             follow_course: false,
         }
@@ -239,6 +250,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         // Outputs that nothing delays act behind the application.
         outputs_delay: Some(times.application),
         outputs_spread: Some(outputs_spread(profile)),
+        sync_signal: sync_signal(profile),
         inputs_calc_and_copy: Some(copy_inputs),
         ..AssumedTimes::default()
     };
@@ -275,6 +287,14 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         clock: Some(clock_range(device)),
         startup: profile.startup.iter().map(startup).collect(),
         hot_connect: None,
+    }
+}
+
+/// How its SYNC signals fall again: by its EEPROM, or as soon as its program acknowledges them.
+fn sync_signal(profile: &Profile) -> SyncSignal {
+    match profile.pulse() {
+        Nanos::ZERO => SyncSignal::Acknowledged(profile.times.acknowledge),
+        length => SyncSignal::Pulse(length),
     }
 }
 
@@ -331,6 +351,7 @@ fn cpu(profile: &Profile) -> CpuModel {
         application: times.application,
         copy_inputs: times.input_copy,
         jitter: times.jitter,
+        acknowledge: times.acknowledge,
         unevenness: times.unevenness,
     }
 }

@@ -53,7 +53,9 @@ use isocat_descriptions::limits;
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_esc::DriftLaw;
 use isocat_esc::chip::PortKind;
+use isocat_maindevice::written::Output;
 use isocat_maindevice::{DriftFilters, MeasuredTimes};
+use isocat_sim::plant::PlantSetup;
 use isocat_sim::{ClockModel, Expectation};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
@@ -69,6 +71,8 @@ mod fault;
 mod keys;
 mod misbehave;
 mod operation;
+mod output;
+mod plant;
 mod ring;
 mod subdevice;
 #[cfg(test)]
@@ -121,6 +125,10 @@ pub struct SegmentFile {
     pub ring: Option<Ring>,
     /// What goes wrong. Tables `[[fault]]`.
     pub faults: Faults,
+    /// What the MainDevice's application writes on a timeline. Tables `[[output]]`.
+    pub outputs: Vec<Output>,
+    /// The machines behind devices. Tables `[[plant]]`.
+    pub plants: Vec<PlantSetup>,
     /// What is expected of a run. Tables `[[expect]]`.
     pub expectations: Vec<Expectation>,
     /// The MainDevice's machine.
@@ -154,8 +162,9 @@ pub struct SubDevice {
     pub name: String,
     /// The device, with what the file says differently already in it. Keys `device`, or `esi`,
     /// `type`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
-    /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU),
-    /// `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it does wrong, by name).
+    /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU), `pulse` and
+    /// `acknowledge` (how its SYNC signals fall again), `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it
+    /// does wrong, by name).
     pub profile: Arc<Profile>,
     /// How to synchronize it. Key `mode`; `None` for the best that the device and the cycle allow.
     pub mode: Option<SyncMode>,
@@ -235,7 +244,9 @@ impl SegmentFile {
         let subdevices = tree::sort(devices.subdevices);
         let ring = ring::ring(&root, &subdevices, &operation)?;
         let faults = fault::faults(&root, &subdevices, ring)?;
-        let expectations = expect::expectations(&root, &subdevices)?;
+        let outputs = output::outputs(&root, &subdevices)?;
+        let plants = plant::plants(&root, &subdevices, &outputs, cycle)?;
+        let expectations = expect::expectations(&root, &subdevices, &plants)?;
         let path = path.to_owned();
         Ok(Self {
             path,
@@ -251,6 +262,8 @@ impl SegmentFile {
             operation,
             ring,
             faults,
+            outputs,
+            plants,
             expectations,
             host,
             subdevices,

@@ -158,6 +158,27 @@ fn ranges_end_where_they_are_declared() {
     assert!(ranges > 60, "{ranges}");
 }
 
+/// The same of decimal numbers, whose steps are as small as one likes.
+#[test]
+fn decimals_end_where_they_are_declared() {
+    let mut ranges = 0;
+    for place in keys::all() {
+        let Kind::Decimal { least, most, unit } = place.key.kind else { continue };
+        ranges += 1;
+        let out = |number: String| {
+            let text = file(&place, Some(&format!("{} = \"{number}{unit}\"", place.key.name)));
+            let start = format!("{} = ", place.key.name);
+            read(place.file, &text).is_err_and(|error| {
+                error.message.starts_with(&start) && error.message.contains("is out of range")
+            })
+        };
+        assert!(!out(format!("{least}")) && !out(format!("{most}")), "{}", place.path());
+        assert!(out(format!("{}", least - 1e-9)), "{}", place.path());
+        assert!(out(format!("{most}1")), "{}", place.path());
+    }
+    assert!(ranges > 8, "{ranges}");
+}
+
 #[test]
 fn defaults_are_what_holds_without_the_key() {
     let mut defaults = 0;

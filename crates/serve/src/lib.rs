@@ -4,7 +4,7 @@
 //! them to the [`server`]; the answer goes back before anything else is done. Then [`conduct`] looks what the
 //! MainDevice did ([`deed`] names its steps), the simulation's judges look how the SubDevices fared, and
 //! [`verdict`] puts that into words. An [`Order`] is what can be done to the segment meanwhile, asked for
-//! through [`control`]. [`summary`] tells it all at the end.
+//! through [`control`]. `expect` holds what the segment file expects against all of it, and [`summary`] tells it at the end.
 //!
 //! Only `service` and `control` know sockets and Linux. The rest is a core for other doors and for tests: frames and instants go in,
 //! answers come out with the instant at which their last bit is back, whatever clock the instants are from. Devices may have
@@ -16,6 +16,7 @@ pub mod conduct;
 #[cfg(target_os = "linux")]
 pub mod control;
 pub mod deed;
+mod expect;
 mod process_data;
 pub mod server;
 #[cfg(target_os = "linux")]

@@ -6,6 +6,7 @@ use isocat_engine::status::edges::Onlooker;
 use isocat_engine::status::{Event as Told, Status};
 use isocat_segment::fault::Order;
 use isocat_segment::scenario;
+use isocat_sim::expect::Judgement;
 use isocat_sim::fault::{Happened, Moment, RING_CABLE};
 use isocat_sim::observation::Observed;
 use isocat_sim::{Connection, Fault, MainPort, Passage, Served, Timeline};
@@ -15,6 +16,7 @@ use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use super::conduct::{Conduct, Reference, Seen};
 use super::deed::Deed;
+use super::expect::Watch;
 use super::process_data::Handle;
 use super::setup::Setup;
 use super::verdict::Judged;
@@ -58,6 +60,8 @@ pub struct Server {
     told: VecDeque<Told>,
     /// Sees what is of late, once somebody has asked.
     onlooker: Option<Box<Onlooker>>,
+    /// Follows it all for what is expected.
+    watch: Watch,
 }
 
 /// What is to become of a frame.
@@ -225,9 +229,11 @@ impl Server {
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
         let setup: Setup = setup.into();
         let Setup { sync0_limit, outputs_spread, shows_process_data, .. } = setup;
-        let Setup { mut segment, ring, names, seed, faults, spares, .. } = setup;
-        let planned = faults.into_iter().filter(|planned| !planned.fault.is_of_the_host());
-        let timeline = Timeline::new(planned.collect(), seed).with_spares(spares);
+        let Setup { mut segment, ring, names, seed, faults, spares, expectations, .. } = setup;
+        let (of_the_host, planned): (Vec<_>, Vec<_>) =
+            faults.into_iter().partition(|planned| planned.fault.is_of_the_host());
+        let timeline = Timeline::new(planned, seed).with_spares(spares);
+        let watch = Watch::new(expectations, !of_the_host.is_empty(), segment.len());
         let outputs = |connection: &Connection| connection.device.description.outputs.max_length;
         let shown = if shows_process_data { &segment[..] } else { &[] };
         let doors: Vec<Handle> =
@@ -241,6 +247,7 @@ impl Server {
             states: vec![AlState::Init; segment.len()],
             told: VecDeque::new(),
             onlooker: None,
+            watch,
             served: Served::new(segment, seed, now).in_ring(ring).with_faults(timeline),
             ring: ring.is_some(),
             secondary_alone: None,
@@ -336,6 +343,7 @@ impl Server {
         }
         let Some(session) = &mut self.session else { return };
         session.silent = false;
+        self.watch.goes_on();
         if seen.process_data {
             self.served.carried_process_data(&passage, bytes.len());
         }
@@ -520,6 +528,16 @@ impl Server {
         let first = || self.served.segment().devices().iter().position(clock).unwrap_or(0);
         self.reference.map_or_else(first, |(_, position)| position)
     }
+    /// What became of the expectations of the [`Setup`]: call [`finish`](Self::finish) before.
+    pub fn judgements(&self) -> Vec<Judgement> {
+        let sessions = self.ended.iter().chain(&self.session);
+        self.watch.judgements(self.served.now(), sessions, self.served.timeline(), self.left_out())
+    }
+    /// When SubDevices came into operation for the first time, if anything is expected; what [`judgements`](Self::judgements) tells of
+    /// instants counts from then.
+    pub fn first_in_operation(&self) -> Option<Time<True>> {
+        self.watch.began()
+    }
     /// What the judges say now of the exchange that is under way.
     pub fn judged(&self) -> Option<Judged> {
         let session = self.session.as_ref()?;
@@ -544,19 +562,24 @@ impl Server {
     fn settle(&mut self) {
         self.tell_faults();
         let now = self.served.now();
-        let Self { served, events, session, states, onlooker, .. } = self;
+        let Self { served, events, session, states, onlooker, watch, .. } = self;
         if let Some(onlooker) = onlooker
             && now - onlooker.began() >= INTERVAL
         {
             onlooker.turn(now);
         }
-        served.settle(&mut |segment, observation| {
+        served.settle(&mut |segment, observation, measured| {
             if let Some(onlooker) = onlooker {
                 onlooker.observe(segment, observation);
             }
-            let Observed::State(state, code) = observation.event else { return };
             let device = observation.device;
-            let at = segment.devices()[device].oscillator().when(observation.device_at);
+            let at = || segment.devices()[device].oscillator().when(observation.device_at);
+            if watch.follows() {
+                let is_judged = session.as_ref().is_some_and(Session::is_judged);
+                watch.observe(device, at(), observation.event, measured, is_judged);
+            }
+            let Observed::State(state, code) = observation.event else { return };
+            let at = at();
             events.push_back(Event::State { at, device, state, code });
             let before = std::mem::replace(&mut states[device], state);
             let Some(session) = session else { return };
@@ -600,7 +623,10 @@ impl Server {
     fn follow(&mut self, seen: Seen, at: Time<True>) {
         let reference = self.reference();
         let Some(session) = &mut self.session else { return };
-        session.requested = seen.request.unwrap_or(session.requested);
+        if let Some(state) = seen.request {
+            let before = std::mem::replace(&mut session.requested, state);
+            self.watch.asked(at, (before, state), &self.states);
+        }
         let leaves = seen.request.is_some_and(|state| state != AlState::Op);
         if leaves && session.judging {
             self.keep_judged();
@@ -634,6 +660,9 @@ impl Server {
             session.conduct.cycle.restart();
             let limits = (self.sync0_limit, self.outputs_spread);
             self.served.begin_judging(reference, cycle, limits);
+            if let Some(intent) = self.served.bench().intent() {
+                self.watch.in_operation(at, intent, &self.states);
+            }
             let before = session.judged.replace(Judged::begin(&self.served, at));
             // SubDevices that join those in OP make the stretch anew.
             if let Some(before) = before.filter(|_| !session.judging) {
@@ -654,9 +683,11 @@ impl Server {
         let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) else {
             return;
         };
+        let last = session.conduct.last;
         let cycle = Nanos((session.conduct.cycle.intervals.mean() / 1000.0) as i64);
         if to - self.last_frame > (cycle + Nanos(cycle.0 / 2)).max(LEAST_HUSH) {
             self.keep_judged();
+            self.watch.is_silent(last);
         }
     }
 
@@ -671,7 +702,8 @@ impl Server {
     }
 
     fn end_session(&mut self) {
-        if self.session.as_ref().is_some_and(|s| s.judging && !s.silent) {
+        if let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) {
+            self.watch.is_silent(session.conduct.last);
             self.keep_judged();
         }
         let Some(mut session) = self.session.take() else { return };

@@ -1,7 +1,7 @@
 //! What is served: the devices, the seed, and the limits that the judges go by.
 
 use isocat_segment::Scenario;
-use isocat_sim::{Closing, Connection, DeviceSetup, Planned};
+use isocat_sim::{Closing, Connection, DeviceSetup, Expectation, Planned};
 use isocat_subdevice::Application;
 use isocat_wire::time::Picos;
 
@@ -20,6 +20,8 @@ pub struct Setup {
     pub seed: u64,
     /// What goes wrong of itself. What concerns a host is left out.
     pub faults: Vec<Planned>,
+    /// What is expected of all this: [`Server::judgements`](crate::Server::judgements) tells what became of it.
+    pub expectations: Vec<Expectation>,
     /// SubDevices that may come in the place of others.
     pub spares: Vec<DeviceSetup>,
     /// Largest SYNC0 error with which a SubDevice counts as synchronized.
@@ -40,6 +42,7 @@ impl From<&Scenario> for Setup {
             names: scenario.devices.iter().map(|device| device.name.clone()).collect(),
             seed: setup.seed,
             faults: setup.faults,
+            expectations: scenario.expectations.clone(),
             spares: setup.spares,
             sync0_limit: scenario.sync0_limit.into(),
             outputs_spread: scenario.outputs_spread.into(),

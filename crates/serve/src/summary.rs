@@ -2,8 +2,9 @@
 
 use isocat_engine::report::typed::{self, KindDocument};
 use isocat_engine::report::words::{self, time};
-use isocat_engine::report::{Span, Spread, span, spread};
+use isocat_engine::report::{self, Span, Spread, span, spread};
 use isocat_engine::verdict::Answer;
+use isocat_sim::expect::Judgement;
 use isocat_sim::{Finding, Kind};
 use isocat_sync::object::OUTPUT_PARAMETER;
 use isocat_wire::AlState;
@@ -17,7 +18,7 @@ use super::server::{End, Server, Session};
 use super::verdict::{Judged, JudgedDevice};
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-serve-summary/5";
+pub const FORMAT: &str = "isocat-serve-summary/6";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -47,6 +48,8 @@ pub struct Summary {
     pub lost: u64,
     /// Answers held back since frames came faster than 100 Mbit/s.
     pub held: u64,
+    /// What the segment file expects, and whether it came so; empty if it expects nothing in particular.
+    pub expected: Vec<Expected>,
     /// Faults that were asked for while it was served; of very many the newest ones.
     pub faults: Vec<Injected>,
     /// How many came before these.
@@ -55,6 +58,31 @@ pub struct Summary {
     pub sessions: Vec<SessionSummary>,
     /// How many came before these. Nothing is known of them any more.
     pub sessions_left_out: u64,
+}
+
+/// Something that the segment file expects of the service, judged in true time.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Expected {
+    /// The key of the segment file.
+    pub key: String,
+    /// What was expected, as a sentence.
+    pub what: String,
+    /// Whether it came so; null if there was nothing to judge it by.
+    pub met: Option<bool>,
+    /// What was found, or why it was not judged, as a sentence.
+    pub found: String,
+}
+
+/// What a service comes to, by all that was expected of it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Outcome {
+    /// All came so, or nothing in particular was expected.
+    AsExpected,
+    /// Something did not come so.
+    NotAsExpected,
+    /// All that was judged came so, and something could not be judged.
+    NotJudged,
 }
 
 /// A fault that was asked for.
@@ -241,6 +269,7 @@ impl Summary {
             answered: counts.answered,
             lost: counts.lost,
             held: counts.held,
+            expected: expected(server),
             faults: server
                 .faults()
                 .map(|fault| Injected {
@@ -253,6 +282,30 @@ impl Summary {
             sessions_left_out: server.left_out().sessions,
         }
     }
+
+    /// Whether all that was expected came so.
+    pub fn outcome(&self) -> Outcome {
+        let any = |met| self.expected.iter().any(|one| one.met == met);
+        match (any(Some(false)), any(None)) {
+            (true, _) => Outcome::NotAsExpected,
+            (false, true) => Outcome::NotJudged,
+            (false, false) => Outcome::AsExpected,
+        }
+    }
+}
+
+fn expected(server: &Server) -> Vec<Expected> {
+    let zero = server.first_in_operation().unwrap_or(Time::ZERO);
+    let name = |position: usize| match server.names().get(position) {
+        Some(name) => format!("SubDevice {position} ({name})"),
+        None => format!("SubDevice {position}"),
+    };
+    let expected = |judgement: &Judgement| {
+        let report::Expected { key, what, met, found } =
+            report::Expected::of(judgement, zero, name);
+        Expected { key, what, met: judgement.is_judged().then_some(met), found }
+    };
+    server.judgements().iter().map(expected).collect()
 }
 
 fn summarize(server: &Server, session: &Session) -> SessionSummary {

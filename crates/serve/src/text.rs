@@ -6,6 +6,7 @@ use anstyle::{AnsiColor, Style};
 use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_engine::report::age::{self, DataAge};
 use isocat_engine::report::words::time;
+use isocat_engine::report::write_expected;
 use isocat_wire::time::{Nanos, Picos};
 
 use super::summary::{Cycle, JudgedSummary, SessionSummary, Summary};
@@ -47,6 +48,8 @@ impl Summary {
             held => write!(out, ", {held} held back since they came faster than 100 Mbit/s")?,
         }
         writeln!(out, "{QUIET:#}")?;
+        let expected = self.expected.iter().map(|one| (one.met, &*one.what, &*one.found));
+        write_expected(out, &expected.collect::<Vec<_>>())?;
         if !self.faults.is_empty() {
             writeln!(out, "\n faults that were asked for")?;
             for fault in self.faults.iter().take(MOST) {

@@ -123,7 +123,8 @@ fn device(
         findings: Vec::new(),
     };
     if took_part {
-        judged.findings = findings(at, &judged, bench, began, ended);
+        let lost = finding::Judged::sync_still_active(&bench.lost_pulses, &device.esc);
+        judged.findings = findings(at, &judged, bench, lost, (began, ended));
     }
     judged
 }
@@ -132,8 +133,8 @@ fn findings(
     position: usize,
     judged: &JudgedDevice,
     bench: &DeviceBench,
-    began: Time<True>,
-    ended: Time<True>,
+    lost: Option<(Time<True>, finding::Judged)>,
+    (began, ended): (Time<True>, Time<True>),
 ) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut find = |at: Option<Time<True>>, kind: finding::Judged| {
@@ -151,6 +152,9 @@ fn findings(
     if let Some(first) = bench.missed.first().filter(|at| within(*at)) {
         let (count, outputs) = (bench.missed.count(), judged.has_outputs);
         find(Some(first), finding::Judged::MissedEvents { count, outputs });
+    }
+    if let Some((at, kind)) = lost.filter(|(at, _)| within(*at)) {
+        find(Some(at), kind);
     }
     if let Some(judge) = &bench.sync0 {
         if let Some((at, error)) = judge.first_beyond().filter(|(at, _)| within(*at)) {

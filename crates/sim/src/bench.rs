@@ -6,8 +6,8 @@ use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
 
 use crate::judge::inputs_cycle::{self, Fetched};
 use crate::judge::{
-    Grid, HostPhase, InputsCycle, MissedEvents, Opportunity, OutputsCycle, OutputsDelay,
-    OutputsValid, Sync0Error, SyncMargin, outputs_cycle,
+    Grid, HostPhase, InputsCycle, LostPulses, MissedEvents, Opportunity, OutputsCycle,
+    OutputsDelay, OutputsValid, Sync0Error, SyncMargin, outputs_cycle,
 };
 use crate::observation::{Content, Observation, Observed};
 use crate::segment::Segment;
@@ -62,6 +62,8 @@ pub struct Measured {
 pub struct DeviceBench {
     /// SYNC0 edges; `None` where no SYNC0 was asked for.
     pub sync0: Option<Sync0Error>,
+    /// Pulses of SYNC0 and SYNC1 that made no edge.
+    pub lost_pulses: LostPulses,
     /// SM2 to SYNC0, and ready outputs to the pulse at which they act.
     pub margin: SyncMargin,
     /// The acting pulse to valid outputs.
@@ -130,6 +132,7 @@ impl Bench {
             let of = |grids: &[Option<Grid>]| grids.get(position).copied().flatten();
             let sync0 = of(&intent.sync0);
             device.sync0 = sync0.map(|grid| Sync0Error::new(grid, intent.sync0_limit));
+            device.lost_pulses = LostPulses::default();
             device.margin = SyncMargin::default();
             device.outputs_delay = OutputsDelay::new(intent.outputs_spread);
             device.outputs_cycle = OutputsCycle::default();
@@ -148,6 +151,11 @@ impl Bench {
         if let (Some(intent), Some(reference)) = (&mut self.intent, reference) {
             intent.reference = reference;
         }
+    }
+
+    /// The SubDevice whose clock leads; `None` where none does, and before the judging begins.
+    pub fn leader(&self) -> Option<usize> {
+        self.intent.as_ref().filter(|_| self.led).map(|intent| intent.reference)
     }
 
     /// The intent that is judged by; `None` before the judging begins.
@@ -202,6 +210,7 @@ impl Bench {
                 measured.margin = device.margin.ready(device_at);
             }
             Observed::SmEventMissed(counter) => device.missed.missed(true_time(), counter),
+            Observed::StillActive(signal) => device.lost_pulses.lost(true_time(), signal),
             Observed::Sync0 | Observed::Sync1 => {
                 let at = true_time();
                 let leads = leads(self.led, intent, segment);

@@ -49,8 +49,8 @@ pub struct Course {
     devices: Vec<Place>,
     stretches: Vec<Stretch>,
     left_out: u64,
-    /// The largest SYNC0 error of each SubDevice, either way.
-    worst: Vec<Picos>,
+    /// The largest SYNC0 error of each SubDevice, either way; `None` where no edge was measured.
+    worst: Vec<Option<Picos>>,
 }
 
 /// One SubDevice as it stands.
@@ -81,14 +81,13 @@ impl Course {
     /// they come.
     pub fn begin(at: Time<True>, intent: &Intent, states: impl Iterator<Item = AlState>) -> Self {
         let devices = states.enumerate().map(|(position, state)| {
-            let sync0 = intent.sync0.get(position).copied().flatten();
-            let cycle = sync0.map_or(intent.send.cycle, |grid| grid.cycle.max(intent.send.cycle));
+            let (sync0, quiet) = pace(intent, position);
             Place {
                 takes_part: state == AlState::Op,
                 in_op: state == AlState::Op,
                 stretch: None,
-                quiet: Picos::from(Nanos(cycle.0 * QUIET_CYCLES)),
-                sync0: sync0.map(|grid| grid.cycle.into()),
+                quiet,
+                sync0,
                 last_sync0: at,
                 stored: None,
                 stale: Picos::ZERO,
@@ -98,10 +97,22 @@ impl Course {
         Self {
             began: at,
             limit: intent.sync0_limit,
-            worst: vec![Picos::ZERO; devices.len()],
+            worst: vec![None; devices.len()],
             devices,
             stretches: Vec::new(),
             left_out: 0,
+        }
+    }
+
+    /// From `at` on SubDevices are bound to other cycles, as a MainDevice has written them anew while operation goes on.
+    pub fn bind(&mut self, at: Time<True>, intent: &Intent) {
+        self.limit = intent.sync0_limit;
+        for (position, place) in self.devices.iter_mut().enumerate() {
+            let had_sync0 = place.sync0.is_some();
+            (place.sync0, place.quiet) = pace(intent, position);
+            if !had_sync0 {
+                place.last_sync0 = at;
+            }
         }
     }
 
@@ -116,7 +127,7 @@ impl Course {
         let mut sign = None;
         if let Some(error) = measured.sync0_error {
             let size = Picos(error.0.abs());
-            self.worst[device] = self.worst[device].max(size);
+            self.worst[device] = self.worst[device].max(Some(size));
             if size > self.limit {
                 sign = Some(Sign::Sync0Off);
             }
@@ -127,6 +138,7 @@ impl Course {
         match event {
             Observed::Sync0 => place.last_sync0 = at,
             Observed::SmEventMissed(_) => sign = Some(Sign::MissedEvent),
+            Observed::StillActive(_) if place.in_op => sign = Some(Sign::NoSync0),
             Observed::Sm2 if place.in_op => place.note_stored(at),
             Observed::State(state, _) => {
                 let was_in_op = std::mem::replace(&mut place.in_op, state == AlState::Op);
@@ -227,7 +239,12 @@ impl Course {
 
     /// The largest SYNC0 error of a SubDevice; zero where there is no SYNC0.
     pub fn worst_sync0(&self, device: usize) -> Picos {
-        self.worst.get(device).copied().unwrap_or_default()
+        self.measured_sync0(device).unwrap_or_default()
+    }
+
+    /// The same; `None` where no SYNC0 edge was measured.
+    pub fn measured_sync0(&self, device: usize) -> Option<Picos> {
+        self.worst.get(device).copied().flatten()
     }
 
     /// The longest time that a SubDevice was in OP with its outputs as they were, since they were stored last; zero where it
@@ -235,6 +252,13 @@ impl Course {
     pub fn longest_stale(&self, device: usize) -> Picos {
         self.devices.get(device).map_or(Picos::ZERO, |place| place.stale)
     }
+}
+
+/// Cycle of the SYNC0 of a SubDevice, and how long it has to be without a sign to count as in sync again.
+fn pace(intent: &Intent, position: usize) -> (Option<Picos>, Picos) {
+    let sync0 = intent.sync0.get(position).copied().flatten().map(|grid| grid.cycle);
+    let cycle = sync0.map_or(intent.send.cycle, |cycle| cycle.max(intent.send.cycle));
+    (sync0.map(Picos::from), Picos::from(Nanos(cycle.0 * QUIET_CYCLES)))
 }
 
 impl Place {

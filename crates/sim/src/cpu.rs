@@ -1,6 +1,6 @@
 //! A SubDevice's CPU: when the steps of a cycle begin and end.
 
-use isocat_subdevice::{Step, Steps};
+use isocat_subdevice::{Event, Step, Steps};
 use isocat_wire::time::{Device, Nanos, Time};
 
 use crate::random::Stream;
@@ -20,6 +20,9 @@ pub struct CpuModel {
     /// Spread, peak to peak, with which the steps of an event begin: interrupts do not always come
     /// through at once.
     pub jitter: Nanos,
+    /// From a SYNC pulse until the program reads 0x098E (SYNC1: 0x098F), where its signal stays active until then: register
+    /// 0x0982 is 0. It spreads by [`CpuModel::jitter`] as the steps do.
+    pub acknowledge: Nanos,
     /// How uneven the times above are.
     pub unevenness: Unevenness,
 }
@@ -57,6 +60,7 @@ impl Default for CpuModel {
             application: Nanos(10_000),
             copy_inputs: Nanos(10_000),
             jitter: Nanos(0),
+            acknowledge: Nanos(0),
             unevenness: Unevenness::default(),
         }
     }
@@ -67,6 +71,8 @@ impl Default for CpuModel {
 pub enum Action {
     /// A step ends. Stands first: what ends at an instant is done before what begins there.
     Finish(Step),
+    /// A SYNC pulse is acknowledged.
+    Acknowledge(Event),
     /// A step begins.
     Begin(Step),
     /// The main loop runs.
@@ -131,17 +137,22 @@ impl Cpu {
     }
 
     /// Starts the steps of an event at `at`. Steps of the CPU run one after another; what the hardware
-    /// does happens at its own instant.
-    pub fn start(&mut self, at: Time<Device>, steps: &Steps) {
-        if steps.is_empty() {
+    /// does happens at its own instant. `pulse`: the SYNC pulse that has to be acknowledged besides; it wakes the same
+    /// interrupt, so it is as late as the steps.
+    pub fn start(&mut self, at: Time<Device>, steps: &Steps, pulse: Option<Event>) {
+        if steps.is_empty() && pulse.is_none() {
             return;
         }
         let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
         let synchronized = !steps.as_slice().iter().any(of);
         // The copy time of the outputs is the longest that the device needs: nothing is added to it.
-        let late =
-            if synchronized { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
-        let at = at + Nanos(late as i64);
+        let is_late = synchronized || pulse.is_some();
+        let late = if is_late { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
+        let late = Nanos(late as i64);
+        if let Some(pulse) = pulse {
+            self.insert(at + late + self.model.acknowledge, Action::Acknowledge(pulse));
+        }
+        let at = if synchronized { at + late } else { at };
         let mut free = at;
         let mut latched = at;
         for (i, &(step, delay)) in steps.as_slice().iter().enumerate() {
@@ -270,7 +281,7 @@ mod tests {
             steps.push(Step::MapOutputs, Nanos::ZERO);
             steps.push(Step::Application, Nanos::ZERO);
             steps.push(Step::OutputsValid, Nanos(100_000));
-            cpu.start(start, &steps);
+            cpu.start(start, &steps, None);
             for (at, action) in agenda(&mut cpu) {
                 let at = at - start.count();
                 match action {
@@ -290,5 +301,34 @@ mod tests {
         assert!((3..=25).contains(&overruns), "{overruns} of 1000, one in 100 asked");
         let (least, most) = range(&acts);
         assert!((100_000..100_010).contains(&least) && (100_290..=100_300).contains(&most));
+    }
+
+    /// With steps and without; as late as the steps, where the interrupt is late.
+    #[test]
+    fn a_pulse_is_acknowledged_in_its_time() {
+        let mut steps = Steps::EMPTY;
+        steps.push(Step::Application, Nanos::ZERO);
+        let model = CpuModel { acknowledge: Nanos(30_000), ..CpuModel::default() };
+        let mut cpu = Cpu::new(model, Stream::new(1, "test", 0));
+        cpu.start(Time::new(0), &steps, Some(Event::Sync0));
+        cpu.start(Time::new(100_000), &Steps::EMPTY, Some(Event::Sync1));
+        let all = agenda(&mut cpu);
+        assert_eq!(all.last(), Some(&(130_000, Action::Acknowledge(Event::Sync1))));
+        assert!(all.contains(&(30_000, Action::Acknowledge(Event::Sync0))), "{all:?}");
+
+        let mut cpu =
+            Cpu::new(CpuModel { jitter: Nanos(2_000), ..model }, Stream::new(1, "test", 0));
+        let mut spread = (u64::MAX, 0);
+        for cycle in 0..1_000 {
+            let start = cycle * 1_000_000;
+            cpu.start(Time::new(start), &steps, Some(Event::Sync0));
+            let all = agenda(&mut cpu);
+            let at = |wanted| all.iter().find(|(_, action)| *action == wanted).unwrap().0 - start;
+            let read = at(Action::Acknowledge(Event::Sync0));
+            assert_eq!(read - 30_000, at(Action::Begin(Step::Application)));
+            spread = (spread.0.min(read), spread.1.max(read));
+        }
+        assert!((30_000..30_050).contains(&spread.0), "{spread:?}");
+        assert!((31_950..=32_000).contains(&spread.1), "{spread:?}");
     }
 }

@@ -13,6 +13,7 @@ use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 use crate::cpu::{Action, Cpu, CpuModel};
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
+use crate::plant::{Acted, Plant, PlantSetup};
 use crate::random::Stream;
 use crate::storage::Storage;
 
@@ -56,6 +57,8 @@ pub struct Device {
     fetched: Time<True>,
     mapped: Time<True>,
     missed: u64,
+    /// SYNC pulses of its ESC that made no edge.
+    without_edge: [u32; 2],
     ports_changed: bool,
     powered: bool,
 }
@@ -67,9 +70,16 @@ impl Device {
             .with_growing_ram(Storage::grow)
             .with_local_time(setup.local_time);
         let store = vec![0; setup.description.store_len()];
-        let application =
-            BoxedApplication { application: setup.application, mapped: false, acted: false };
-        let stack = SubDevice::new(&setup.description, store, application);
+        let application = BoxedApplication {
+            application: setup.application,
+            mapped: false,
+            acted: false,
+            plant: None,
+        };
+        let mut description = setup.description;
+        // When it acknowledges SYNC is the CPU's.
+        description.behaviour.late_acknowledge = true;
+        let stack = SubDevice::new(&description, store, application);
         let mut cpu = Cpu::new(setup.cpu, Stream::new(seed, "cpu", position as u64));
         cpu.wake(Time::ZERO);
         let state = (stack.state(), stack.status_code());
@@ -89,8 +99,32 @@ impl Device {
             fetched: Time::ZERO,
             mapped: Time::ZERO,
             missed: 0,
+            without_edge: [0; 2],
             ports_changed: false,
             powered: true,
+        }
+    }
+
+    /// A machine hangs on it from now on.
+    pub(crate) fn attach(&mut self, setup: PlantSetup) {
+        self.application().plant = Some(Plant::new(setup));
+    }
+
+    /// The machine that hangs on it, for the SubDevice that comes in its place.
+    pub(crate) fn hand_over_plant(&mut self, to: &mut Self) {
+        to.application().plant = self.application().plant.take();
+    }
+
+    /// What acted on its machine and was not taken yet, in order; nothing without one.
+    pub(crate) fn take_acted(&mut self) -> impl Iterator<Item = Acted> + '_ {
+        self.application().plant.iter_mut().flat_map(Plant::take_acted)
+    }
+
+    /// What it does next to its machine, it does at this instant.
+    fn tell_time(&mut self, at: Time<DeviceClock>) {
+        if self.stack.application_mut().plant.is_some() {
+            let now = self.oscillator.when(at);
+            self.application().plant.iter_mut().for_each(|plant| plant.tell_time(now));
         }
     }
 
@@ -102,10 +136,12 @@ impl Device {
     /// Switches it off. Everything but its EEPROM is lost; its oscillator goes on, unseen.
     pub(crate) fn power_off(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         self.powered = false;
+        self.tell_time(at);
         self.esc.power_on(at, Time::ZERO);
         self.stack.power_off();
         self.cpu.power_off();
         self.missed = 0;
+        self.without_edge = [0; 2];
         self.look(at, watch);
         self.quiet_until = Time::NEVER;
     }
@@ -156,6 +192,7 @@ impl Device {
         }
         let at = self.behind_frame(at);
         self.advance(at, watch);
+        self.tell_time(at);
         self.stack.fail(code, &mut self.esc.pdi(at));
         self.look(at, watch);
         self.disturbed();
@@ -257,7 +294,11 @@ impl Device {
             // What ends at an instant has ended before SYNC0 of that instant looks.
             if cpu == at {
                 self.act(watch);
-            } else if let Some((at, event)) = if esc == at { self.esc.step(at) } else { None } {
+                continue;
+            }
+            let event = if esc == at { self.esc.step(at) } else { None };
+            self.look_for_lost_pulses(at, watch);
+            if let Some((at, event)) = event {
                 self.esc_event(at, event, watch);
             } else if self.timeout == at {
                 self.call_back(at, watch);
@@ -265,8 +306,21 @@ impl Device {
         }
     }
 
+    /// Looks whether SYNC pulses were due whose signal was still active. No event of the ESC tells: there is no edge.
+    fn look_for_lost_pulses(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        let now = self.esc.sync_pulses_without_edge();
+        let before = std::mem::replace(&mut self.without_edge, now);
+        for (signal, event) in [Event::Sync0, Event::Sync1].into_iter().enumerate() {
+            // After a reset it counts from 0.
+            if now[signal] > before[signal] {
+                self.report(at, Observed::StillActive(event), Content::default(), watch);
+            }
+        }
+    }
+
     fn act(&mut self, watch: &mut impl FnMut(Observation)) {
         let Some((at, action)) = self.cpu.pop() else { return };
+        self.tell_time(at);
         match action {
             Action::Begin(step) => {
                 self.stack.begin(at, step, &mut self.esc.pdi(at));
@@ -279,6 +333,10 @@ impl Device {
                 let frame = self.finished(step);
                 let content = Content { frame, ..Content::default() };
                 self.report(at, Observed::Finished(step), content, watch);
+            }
+            Action::Acknowledge(pulse) => {
+                self.stack.acknowledge_sync(pulse, &mut self.esc.pdi(at));
+                self.report(at, Observed::Acknowledged(pulse), Content::default(), watch);
             }
             Action::Poll => {
                 self.stack.poll(at, &mut self.esc.pdi(at));
@@ -295,7 +353,11 @@ impl Device {
                 self.fetched = Time::new(label);
                 self.fetched
             }
-            Step::OutputsValid if self.application().take_acted() => self.mapped,
+            Step::OutputsValid if self.application().take_acted() => {
+                let frame = self.mapped;
+                self.application().plant.iter_mut().for_each(|plant| plant.brought_by(frame));
+                frame
+            }
             Step::LatchInputs => {
                 self.esc.label_pdi(at.count());
                 Time::ZERO
@@ -367,16 +429,19 @@ impl Device {
         watch: &mut impl FnMut(Observation),
     ) {
         self.report(at, observed, content, watch);
+        self.tell_time(at);
         let steps = self.stack.handle_event(at, event, &mut self.esc.pdi(at));
-        self.cpu.start(at, &steps);
+        let pulse = self.stack.take_unacknowledged().then_some(event);
+        self.cpu.start(at, &steps, pulse);
         self.look(at, watch);
     }
 
     fn call_back(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        self.tell_time(at);
         let mut pdi = self.esc.pdi(at);
         let steps = self.stack.handle_event(at, Event::Timer, &mut pdi);
         self.stack.poll(at, &mut pdi);
-        self.cpu.start(at, &steps);
+        self.cpu.start(at, &steps, None);
         self.look(at, watch);
     }
 
@@ -412,13 +477,15 @@ impl Device {
 }
 
 /// An application behind a pointer: devices of a segment have different ones. It notes what became
-/// of outputs, which only the stack decides.
+/// of outputs, which only the stack decides, and hands them to the machine that they move.
 pub struct BoxedApplication {
     application: Box<dyn Application + Send>,
     /// Outputs have come to it since the last look.
     mapped: bool,
     /// Its outputs have acted since the last look.
     acted: bool,
+    /// The machine that its outputs move.
+    plant: Option<Plant>,
 }
 
 impl BoxedApplication {
@@ -433,6 +500,7 @@ impl BoxedApplication {
 
 impl Application for BoxedApplication {
     fn power_off(&mut self) {
+        self.plant.iter_mut().for_each(Plant::release);
         self.application.power_off();
     }
     fn event(&mut self, event: Event) {
@@ -440,6 +508,7 @@ impl Application for BoxedApplication {
     }
     fn map_outputs(&mut self, outputs: &[u8]) {
         self.mapped = true;
+        self.plant.iter_mut().for_each(|plant| plant.map(outputs));
         self.application.map_outputs(outputs);
     }
     fn application(&mut self, cycle: isocat_wire::Nanos) {
@@ -447,15 +516,19 @@ impl Application for BoxedApplication {
     }
     fn outputs_valid(&mut self) {
         self.acted = true;
+        self.plant.iter_mut().for_each(Plant::act);
         self.application.outputs_valid();
     }
     fn latch_inputs(&mut self) {
+        self.plant.iter_mut().for_each(Plant::latch);
         self.application.latch_inputs();
     }
     fn map_inputs(&mut self, inputs: &mut [u8]) {
         self.application.map_inputs(inputs);
+        self.plant.iter().for_each(|plant| plant.show(inputs));
     }
     fn safe_outputs(&mut self) {
+        self.plant.iter_mut().for_each(Plant::release);
         self.application.safe_outputs();
     }
     fn read_object(

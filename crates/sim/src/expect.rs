@@ -1,10 +1,15 @@
-//! What somebody expects of a run, and whether it came so.
+//! What is expected of a run, and whether it came so.
+//!
+//! A run of the simulation and a segment that is served to a foreign MainDevice hand in the same [`Evidence`], and every
+//! [`Expectation`] is judged here, once for both.
 
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use crate::course::{Course, Stretch};
 use crate::fault::{Happened, Moment, When};
 use crate::finding::Finding;
+use crate::judge::plant::PlantJudge;
+use crate::plant_bench::PlantBench;
 
 /// Something that is expected of a run, judged in true time.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -19,6 +24,13 @@ pub enum Expectation {
         device: Option<usize>,
         /// The largest error.
         limit: Nanos,
+    },
+    /// No load of a plant is ever farther from where it would be with punctual outputs, of one SubDevice's plant or of all.
+    PlantDeviation {
+        /// Position; `None`: all.
+        device: Option<usize>,
+        /// The largest distance, nm.
+        limit_nm: u64,
     },
     /// All SubDevices are in sync again this long after the last fault ended (or began, if it has no end), and stay so.
     RecoversWithin(Nanos),
@@ -44,6 +56,13 @@ pub enum Found {
         /// How far.
         error: Picos,
     },
+    /// The load of a SubDevice's plant was this far from where it would have been.
+    Deviation {
+        /// Position.
+        device: usize,
+        /// How far, nm.
+        nm: u64,
+    },
     /// All were in sync again after so long, counted from the last fault.
     Recovered(Picos),
     /// Outputs of a SubDevice in OP were this old.
@@ -61,6 +80,14 @@ pub enum Found {
     RunEnded,
     /// The instant was before operation.
     BeforeOperation,
+    /// No SYNC0 edge was measured: there is nothing to judge.
+    NoEdge,
+    /// There is no plant that could deviate.
+    NoPlant,
+    /// No fault that was planned can happen here: there is nothing to recover from.
+    NoFault,
+    /// What was found first is no longer remembered.
+    Forgotten,
 }
 
 /// An expectation and what became of it.
@@ -74,18 +101,32 @@ pub struct Judgement {
     pub found: Found,
 }
 
+impl Judgement {
+    /// Whether there was anything to judge by. Where there was not, it is not met either.
+    pub fn is_judged(&self) -> bool {
+        !matches!(self.found, Found::NoEdge | Found::NoFault | Found::NoPlant | Found::Forgotten)
+    }
+}
+
 /// What expectations are held against.
-pub(crate) struct Evidence<'a> {
-    /// `None`: it never came into operation.
+pub struct Evidence<'a> {
+    /// The course of the run; `None`: it never came into operation.
     pub course: Option<&'a Course>,
+    /// The judges of plants; `None`: there are no plants, as in a served segment.
+    pub plants: Option<&'a PlantBench>,
     /// When the judged time ended.
     pub end: Time<True>,
+    /// What speaks against the run, in the order of time.
     pub findings: &'a [Finding],
+    /// The faults that began and ended by then.
     pub happened: Vec<&'a Happened>,
+    /// Whether a fault that was planned did not begin by then.
+    pub is_to_come: bool,
 }
 
 impl Expectation {
-    pub(crate) fn judge(self, evidence: &Evidence<'_>) -> Judgement {
+    /// Whether it came so.
+    pub fn judge(self, evidence: &Evidence<'_>) -> Judgement {
         let (met, found) = self.look(evidence);
         Judgement { expectation: self, met, found }
     }
@@ -110,6 +151,9 @@ impl Expectation {
             Self::InSync(_) | Self::Blames(_) => unreachable!("looked at above"),
             Self::InSyncAt(when) => in_sync_at(when, course, evidence.end),
             Self::WorstSync0 { device, limit } => worst_sync0(device, limit, course),
+            Self::PlantDeviation { device, limit_nm } => {
+                plant_deviation(device, limit_nm, evidence.plants)
+            }
             Self::RecoversWithin(limit) => recovers_within(limit, course, evidence),
             Self::SafeWithin(limit) => safe_within(limit, course),
         }
@@ -135,12 +179,37 @@ fn in_sync_at(when: When, course: &Course, end: Time<True>) -> (bool, Found) {
 }
 
 fn worst_sync0(device: Option<usize>, limit: Nanos, course: &Course) -> (bool, Found) {
-    let worst = |device: usize| (course.worst_sync0(device), device);
-    let (error, device) = match device {
+    let worst = |device: usize| Some((course.measured_sync0(device)?, device));
+    let worst = match device {
         Some(device) => worst(device),
-        None => (0..course.devices()).map(worst).max().unwrap_or_default(),
+        None => (0..course.devices()).filter_map(worst).max(),
     };
+    let Some((error, device)) = worst else { return (false, Found::NoEdge) };
     (error <= Picos::from(limit), Found::Sync0 { device, error })
+}
+
+fn plant_deviation(
+    device: Option<usize>,
+    limit_nm: u64,
+    plants: Option<&PlantBench>,
+) -> (bool, Found) {
+    let Some(plants) = plants else { return (false, Found::NoPlant) };
+    let judges = plants.judges().iter();
+    let meant = judges.filter(|judge| device.is_none_or(|device| judge.setup().device == device));
+    // Rounded up: what is 0 was never seen to deviate at all. What is no number is as far as can be.
+    let nm = |judge: &PlantJudge| match judge.figures().deviation.largest {
+        um if um.is_nan() => u64::MAX,
+        um => (um * 1_000.0).ceil() as u64,
+    };
+    let all: Vec<_> =
+        meant.map(|judge| (nm(judge), judge.setup().device, judge.figures().looks)).collect();
+    if all.iter().any(|(.., looks)| *looks == 0) {
+        return (false, Found::RunEnded);
+    }
+    match all.iter().max() {
+        Some(&(nm, device, _)) => (nm <= limit_nm, Found::Deviation { device, nm }),
+        None => (false, Found::RunEnded),
+    }
 }
 
 fn recovers_within(limit: Nanos, course: &Course, evidence: &Evidence<'_>) -> (bool, Found) {
@@ -152,7 +221,7 @@ fn recovers_within(limit: Nanos, course: &Course, evidence: &Evidence<'_>) -> (b
     if let Some(stretch) = late {
         return (false, Found::OutOfSync(*stretch));
     }
-    if course.left_out() > 0 || until > evidence.end {
+    if course.left_out() > 0 || until > evidence.end || evidence.is_to_come {
         return (false, Found::RunEnded);
     }
     let ends = course.stretches().iter().map(|stretch| stretch.to);
@@ -210,9 +279,11 @@ mod tests {
             .collect();
         let evidence = Evidence {
             course: Some(course),
+            plants: None,
             end: Time::new(2_000 * MS),
             findings: &[],
             happened: happened.iter().collect(),
+            is_to_come: false,
         };
         expectation.judge(&evidence).met
     }

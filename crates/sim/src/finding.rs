@@ -3,12 +3,13 @@
 //! Runs in virtual time, runs on a real interface and served segments are judged in the same kinds. Each judge finds those
 //! that it can see: nothing on a real wire is measured in true time, and a simulated host has no interface.
 
+use isocat_esc::Esc;
 use isocat_maindevice::kind::{Description, Figures};
 use isocat_maindevice::{Cause, SegmentChange, Stage, kinds};
 use isocat_wire::time::{Nanos, Picos, Time, True};
-use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
+use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress, register};
 
-use crate::judge::Late;
+use crate::judge::{Late, LostPulses};
 
 /// Something that keeps the segment from being in sync.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -115,6 +116,16 @@ kinds! {
             /// The largest of all errors, without its sign.
             worst: Picos,
         },
+        /// Pulses of SYNC0 or SYNC1 were due while the signal was still active from the one before, and made no edge.
+        SyncStillActive = "sync-still-active" {
+            /// Pulses of SYNC0 without an edge.
+            sync0: u64,
+            /// Pulses of SYNC1 without an edge.
+            sync1: u64,
+            /// Whether the signal stays active until the SubDevice acknowledges it (0x0982 is 0); else the pulse is longer than
+            /// its cycle.
+            acknowledged: bool,
+        },
         /// SYNC0 was asked for and did not come once.
         NoSync0 = "no-sync0",
         /// SYNC0 lies on the grid without any spread, which no clock that is steered can do: the measurement is wrong.
@@ -198,8 +209,8 @@ kinds! {
             /// By how much at most, with the worst clocks that the plan assumes.
             by: Nanos,
         },
-        /// Frames found the reference clock so early that inputs were not ready, or that outputs came before the pulse of
-        /// the cycle before.
+        /// Frames found the reference clock so early that inputs were not ready, that outputs came before the pulse of the
+        /// cycle before, or that they count as those of that cycle.
         FramesTooEarly = "frames-too-early" {
             /// Cycles.
             cycles: u64,
@@ -256,6 +267,16 @@ impl Judged {
     pub fn inputs_late(late: &Late) -> Option<(Time<True>, Self)> {
         let (cycles, count, age) = (late.cycles(), late.count(), late.age());
         Some((late.first()?, Self::InputsLate { cycles, count, age }))
+    }
+
+    /// SYNC pulses of an ESC made no edge, and since when; `None` if each did.
+    pub fn sync_still_active<M: AsRef<[u8]> + AsMut<[u8]>>(
+        lost: &LostPulses,
+        esc: &Esc<M>,
+    ) -> Option<(Time<True>, Self)> {
+        let (sync0, sync1) = (lost.sync0(), lost.sync1());
+        let acknowledged = esc.register(register::SYNC_PULSE_LENGTH) == 0;
+        Some((lost.first()?, Self::SyncStillActive { sync0, sync1, acknowledged }))
     }
 
     /// The way up failed.

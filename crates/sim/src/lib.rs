@@ -11,7 +11,8 @@
 //!
 //! What happens is told as [`observation`]s to the [`judge`]s on their [`mod@bench`]: they know true time and
 //! the intent, and nothing of how the run was planned. [`run`] is the whole main job in one call, what it comes to are [`finding`]s;
-//! a [`course`] is when each SubDevice was in sync. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
+//! a [`course`] is when each SubDevice was in sync; a [`plant`] is the machine behind a drive, and [`plant_bench`] tells what lateness
+//! did to it. [`World::new`] takes the MainDevice's application. [`served`] is a segment in host time, for frames from outside.
 //!
 //! Devices meet only through frames. So a device's own events are caught up with lazily, each time a
 //! frame reaches it: cost is per event, never per tick.
@@ -35,6 +36,8 @@ mod next_frame;
 pub mod observation;
 pub mod oscillator;
 pub mod path;
+pub mod plant;
+pub mod plant_bench;
 pub mod probe;
 pub mod random;
 pub mod run;

@@ -1,6 +1,6 @@
 //! What judges see of a run: events as they happen.
 
-use isocat_subdevice::Step;
+use isocat_subdevice::{Event, Step};
 use isocat_wire::time::{Device, Time, True};
 use isocat_wire::{AlState, AlStatusCode};
 
@@ -41,6 +41,10 @@ pub enum Observed {
     Sync0,
     /// A SYNC1 edge.
     Sync1,
+    /// A pulse of SYNC0 or SYNC1 was due and made no edge: the signal was still active from the one before.
+    StillActive(Event),
+    /// The device's program acknowledged SYNC0 or SYNC1, in acknowledge mode.
+    Acknowledged(Event),
     /// A step of the cycle began.
     Began(Step),
     /// A step of the cycle ended.

@@ -2,6 +2,7 @@
 
 use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::quality::Change;
+use isocat_maindevice::written::{Output, Written};
 use isocat_maindevice::{DeviceConfig, Event, MainDevice, Motion, RequestId, SegmentChange, Stage};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Nanos, Picos, Time, True};
@@ -11,6 +12,8 @@ use crate::bench::{Bench, Intent};
 use crate::expect::{Evidence, Expectation, Judgement};
 use crate::finding::{Finding, Judged, Kind, Place};
 use crate::judge::{Grid, Sync0Error};
+use crate::plant::PlantSetup;
+use crate::plant_bench::PlantBench;
 use crate::world::{Setup, Tap, World};
 
 /// A run: what it is made of, and for how long.
@@ -21,6 +24,10 @@ pub struct Run {
     pub duration: Nanos,
     /// Largest SYNC0 error with which a SubDevice counts as synchronized.
     pub sync0_limit: Nanos,
+    /// What the MainDevice's application writes on a timeline.
+    pub outputs: Vec<Output>,
+    /// The machines behind SubDevices, one at each at most.
+    pub plants: Vec<PlantSetup>,
     /// What is expected of it.
     pub expectations: Vec<Expectation>,
     /// Whether it is followed when each SubDevice is in sync ([`World::course`]); where something is expected, or goes
@@ -68,6 +75,8 @@ pub struct Outcome<T> {
     /// Alarms of what was read in the background that came or went in the judged time, and when in it; none unless
     /// [`Config::quality`](isocat_maindevice::Config::quality) asks for it.
     pub alarms: Vec<(Nanos, Change)>,
+    /// What lateness did to the machines; `None` where there are none, and where no clock leads.
+    pub plants: Option<PlantBench>,
     /// What became of the expectations.
     pub judgements: Vec<Judgement>,
     /// Why the segment is not in sync; empty if it is.
@@ -114,6 +123,13 @@ impl Run {
         let follows =
             self.follow_course || !self.expectations.is_empty() || !self.setup.faults.is_empty();
         let mut world = World::new(self.setup, Motion::default(), tap);
+        if !self.outputs.is_empty() {
+            let origin = world.host().now(Time::ZERO);
+            *world.application_mut() = Motion::writing(Written::new(self.outputs, origin));
+        }
+        for plant in &self.plants {
+            world.segment_mut().attach(*plant);
+        }
         if follows {
             world.follow_course();
         }
@@ -127,8 +143,9 @@ impl Run {
                 let began = world.now();
                 world.catch_up();
                 world.begin_judging(intent(world.main(), self.sync0_limit));
+                let mut plants = plant_bench(&mut world, &self.plants);
                 let mut notes = Notes::default();
-                run_for(&mut world, self.duration.into(), &mut notes, progress);
+                run_for(&mut world, self.duration.into(), &mut notes, &mut plants, progress);
                 let ended = world.now();
                 let bench = world.end_judging();
                 let mut outcome = Outcome::new(world, devices, None);
@@ -136,6 +153,7 @@ impl Run {
                 outcome.ended = Some(ended);
                 outcome.optional = optional;
                 outcome.bench = bench;
+                outcome.plants = plants;
                 let since =
                     |(at, change): &(Time<True>, Change)| (Nanos((*at - began).0 / 1000), *change);
                 outcome.alarms = notes.alarms.iter().map(since).collect();
@@ -237,10 +255,25 @@ pub fn intent(main: &MainDevice, limit: Nanos) -> Intent {
     }
 }
 
+/// The judges of the machines, if there are any and a clock leads: without one there is no grid to hold them against.
+fn plant_bench<T: Tap>(world: &mut World<Motion, T>, setups: &[PlantSetup]) -> Option<PlantBench> {
+    let intent = world.bench.intent()?.clone();
+    world.main().segment().reference.filter(|_| !setups.is_empty())?;
+    let (grid, due) = (world.main().next_grid()?, world.main().next_cycle()?);
+    let begin = (grid, world.host().when(due));
+    let segment = world.segment_mut();
+    // What acted on the way up is no part of it.
+    for setup in setups {
+        segment.take_acted(setup.device).for_each(drop);
+    }
+    Some(PlantBench::new(setups, intent, begin, segment))
+}
+
 fn run_for<T: Tap>(
     world: &mut World<Motion, T>,
     duration: Picos,
     notes: &mut Notes,
+    plants: &mut Option<PlantBench>,
     progress: &mut dyn FnMut(Progress),
 ) {
     let began = world.now();
@@ -249,12 +282,22 @@ fn run_for<T: Tap>(
     let mut told = began;
     while world.step(end) {
         take_events(world, notes);
+        if let Some(plants) = plants {
+            let leader = world.bench.leader();
+            let (segment, motion) = world.segment_and_application();
+            plants.follow(segment, leader, motion.written());
+        }
         if world.now() - told >= PROGRESS {
             told = world.now();
             progress(Progress::Judged(Nanos((told - began).0 / 1000)));
         }
     }
     take_events(world, notes);
+    if let Some(plants) = plants {
+        let leader = world.bench.leader();
+        let (segment, motion) = world.segment_and_application();
+        plants.finish(segment, leader, motion.written(), end);
+    }
     notes.lost = world.main().statistics().frames_missed() - lost;
 }
 
@@ -312,6 +355,7 @@ impl<T: Tap> Outcome<T> {
             output_counters: vec![Counters::default(); devices],
             input_counters: vec![Counters::default(); devices],
             alarms: Vec::new(),
+            plants: None,
             judgements: Vec::new(),
             findings: Vec::new(),
             failure,
@@ -419,11 +463,15 @@ impl<T: Tap> Outcome<T> {
     fn hold_against(&mut self, expectations: &[Expectation]) {
         let timeline = self.world.timeline();
         let ended = self.ended.unwrap_or(self.world.now());
+        let (happened, later): (Vec<_>, Vec<_>) =
+            timeline.happened().partition(|happened| happened.at <= ended);
         let evidence = Evidence {
             course: self.world.course(),
+            plants: self.plants.as_ref(),
             end: ended,
             findings: &self.findings,
-            happened: timeline.happened().filter(|happened| happened.at <= ended).collect(),
+            happened,
+            is_to_come: timeline.is_to_come() || later.iter().any(|happened| happened.begins),
         };
         let judge = |expectation: &Expectation| expectation.judge(&evidence);
         self.judgements = expectations.iter().map(judge).collect();
@@ -454,6 +502,9 @@ impl<T: Tap> Outcome<T> {
             let (state, code) = (AlStatus::new(change.state), change.code);
             findings.push((Some(change.at), Judged::LeftOp { state, code }));
         }
+        let esc = &self.world.segment().devices()[position].esc;
+        let lost = Judged::sync_still_active(&bench.lost_pulses, esc);
+        findings.extend(lost.map(|(at, kind)| (Some(at), kind)));
         if let Some(first) = bench.missed.first() {
             let outputs = self.world.segment().devices()[position].stack.sync().has_outputs();
             let count = bench.missed.count();

@@ -17,6 +17,7 @@ use crate::jitter::{self, Edges};
 use crate::next_frame::NextFrame;
 use crate::observation::Observation;
 use crate::path::{Arrival, Loops, Path, Reception};
+use crate::plant::{Acted, PlantSetup};
 use crate::probe::{Probed, Probes};
 use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
@@ -368,6 +369,7 @@ impl Segment {
         self.next_frame.note_chip(&setup.chip);
         let mut device = Device::new(position, setup, seed);
         device.power_off(Time::ZERO, &mut |_| {});
+        self.devices[position].hand_over_plant(&mut device);
         self.devices[position] = device;
         self.stale = true;
         self.forget_audiences();
@@ -739,6 +741,16 @@ impl Segment {
             }
         }
         self.latched.fill(false);
+    }
+
+    /// Hangs a machine on the SubDevice that it names.
+    pub(crate) fn attach(&mut self, plant: PlantSetup) {
+        self.devices[plant.device].attach(plant);
+    }
+
+    /// What acted on the machine of a SubDevice since somebody asked, in order; nothing without a machine.
+    pub(crate) fn take_acted(&mut self, device: usize) -> impl Iterator<Item = Acted> + '_ {
+        self.devices[device].take_acted()
     }
 
     /// Brings every SubDevice to the instant at which the last frame passed it.

@@ -13,7 +13,7 @@ use isocat_wire::al::AlState;
 use isocat_wire::time::{Dc, Host, Nanos, Picos, Time, True};
 use isocat_wire::{frame, register};
 
-use crate::bench::{Bench, Intent};
+use crate::bench::{Bench, Intent, Measured};
 use crate::device::DeviceSetup;
 use crate::disturbance::BitError;
 use crate::fault::frames::FrameFaults;
@@ -270,15 +270,15 @@ impl Served {
         }
     }
 
-    /// Shows what happened since, to the judges and to `see`.
-    pub fn settle(&mut self, see: &mut impl FnMut(&Segment, &Observation)) {
+    /// Shows what happened since, to the judges and to `see`, which is told what the judges measured with it.
+    pub fn settle(&mut self, see: &mut impl FnMut(&Segment, &Observation, &Measured)) {
         let mut observations = std::mem::take(&mut self.observations);
         for observation in observations.drain(..) {
             if observation.event == Observed::Sync0 {
                 self.look_for_clash(&observation);
             }
-            self.bench.observe(&self.segment, &observation);
-            see(&self.segment, &observation);
+            let measured = self.bench.observe(&self.segment, &observation);
+            see(&self.segment, &observation, &measured);
         }
         self.observations = observations;
     }
@@ -389,7 +389,8 @@ fn note(observations: &mut Vec<Observation>, everything: bool, observation: Obse
         || match observation.event {
             Began(step) => matches!(step, Step::MapOutputs | Step::OutputsValid),
             Finished(step) => step == Step::MapOutputs,
-            Sm2 | Sm3 | Sync0 | Sync1 | SmEventMissed(_) | State(..) => true,
+            Acknowledged(_) => false,
+            Sm2 | Sm3 | Sync0 | Sync1 | StillActive(_) | SmEventMissed(_) | State(..) => true,
         };
     if concerns {
         observations.push(observation);

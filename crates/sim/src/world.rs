@@ -174,6 +174,10 @@ impl<A: Application, T: Tap> World<A, T> {
     pub fn main_mut(&mut self) -> &mut MainDevice {
         self.runner.main_mut()
     }
+    /// The machine that the MainDevice runs on.
+    pub fn host(&self) -> &HostMachine {
+        &self.host
+    }
     /// The machine that the MainDevice runs on, to hold it up.
     pub fn host_mut(&mut self) -> &mut HostMachine {
         &mut self.host
@@ -181,6 +185,10 @@ impl<A: Application, T: Tap> World<A, T> {
     /// The segment.
     pub fn segment(&self) -> &Segment {
         &self.segment
+    }
+    /// The segment, to take what acted on its machines, and the application.
+    pub(crate) fn segment_and_application(&mut self) -> (&mut Segment, &A) {
+        (&mut self.segment, self.runner.application())
     }
     /// What goes wrong: planned, in force, happened.
     pub fn timeline(&self) -> &Timeline {

@@ -177,6 +177,9 @@ pub struct Behaviour {
     pub application_on_sync1: bool,
     /// The SYNC0 cycle that subordinated cycles need (else 0x0036); zero for any.
     pub subordinated_sync0_cycle: Nanos,
+    /// In acknowledge mode (0x0982 is 0) the caller acknowledges SYNC pulses later, by
+    /// [`acknowledge_sync`](crate::SubDevice::acknowledge_sync). By default that is done at once, with the event.
+    pub late_acknowledge: bool,
     /// AL status codes for lost synchronization.
     pub loss_codes: LossCodes,
     /// What is measured on command.
@@ -290,6 +293,7 @@ impl Behaviour {
         outputs_on_sync1: false,
         application_on_sync1: false,
         subordinated_sync0_cycle: Nanos::ZERO,
+        late_acknowledge: false,
         loss_codes: LossCodes::SLAVE_STACK_CODE,
         measured: Measured::SLAVE_STACK_CODE,
         output_toggle: None,

@@ -26,6 +26,8 @@ pub(crate) struct Esm {
     identification: bool,
     /// The process data SyncManager that is closed until the error is acknowledged.
     closed: Option<usize>,
+    /// The SyncManager of inputs that is being opened again: its buffer is empty.
+    reopening: Option<usize>,
     /// SAFEOP is granted as soon as the ESC has opened the process data SyncManagers.
     opening: Option<checks::SafeOp>,
 }
@@ -49,13 +51,14 @@ impl Esm {
             watchdog: false,
             identification: false,
             closed: None,
+            reopening: None,
             opening: None,
         }
     }
 
     /// Whether SAFEOP waits for the ESC.
     pub fn is_opening(&self) -> bool {
-        self.opening.is_some()
+        self.opening.is_some() || self.reopening.is_some()
     }
 
     /// Whether process data is exchanged.
@@ -82,6 +85,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.esm.error = None;
             if let Some(number) = self.esm.closed.take() {
                 set_closed(pdi, number, false);
+                self.esm.reopening = (!self.sync.has_outputs()).then_some(number);
             }
         }
         self.esm.identification =
@@ -180,7 +184,16 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// The ESC opens a SyncManager at the end of the frame that is passing: only then can inputs be put
     /// into it, and SAFEOP be entered.
     pub(crate) fn continue_opening(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
-        if self.esm.is_opening() && self.try_enter_safe_op(now, pdi) {
+        if let Some(number) = self.esm.reopening
+            && is_open(pdi, number)
+        {
+            self.esm.reopening = None;
+            if self.esm.is_cyclic() {
+                // Nothing else would fill it where the inputs follow the frames that fetch them.
+                self.first_exchange(pdi);
+            }
+        }
+        if self.esm.opening.is_some() && self.try_enter_safe_op(now, pdi) {
             self.publish(pdi);
         }
     }

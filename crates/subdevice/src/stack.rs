@@ -51,6 +51,8 @@ pub struct SubDevice<A, S> {
     answered_late: Option<Time<Device>>,
     /// SM2 events so far, for a device that misses some.
     sm2_events: u32,
+    /// See [`Self::take_unacknowledged`].
+    unacknowledged: bool,
 }
 
 impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
@@ -73,6 +75,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             retry: None,
             answered_late: None,
             sm2_events: 0,
+            unacknowledged: false,
         }
     }
 
@@ -92,6 +95,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.retry = None;
         self.answered_late = None;
         self.sm2_events = 0;
+        self.unacknowledged = false;
     }
 
     /// What the device does wrong from now on. Without the feature `misbehaviour` it behaves.
@@ -161,17 +165,34 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.delayed(steps)
     }
 
+    /// Acknowledges a SYNC pulse: in acknowledge mode (0x0982 is 0) the signal stays active until then, and pulses that
+    /// are due before make no edge. [`handle_event`](Self::handle_event) does it by itself, unless the behaviour says
+    /// that it is [done later](crate::description::Behaviour::late_acknowledge).
+    pub fn acknowledge_sync(&mut self, event: Event, pdi: &mut impl Pdi) {
+        let first = event == Event::Sync0;
+        let status = if first { register::SYNC0_STATUS } else { register::SYNC1_STATUS };
+        let _status = pdi.load(status);
+    }
+
+    /// Whether the event that was handled last is a SYNC pulse that the caller has to
+    /// [acknowledge](Self::acknowledge_sync). Asked once: then it is no longer.
+    pub fn take_unacknowledged(&mut self) -> bool {
+        core::mem::take(&mut self.unacknowledged)
+    }
+
     fn react(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Steps {
+        let sync = matches!(event, Event::Sync0 | Event::Sync1);
+        // Below SAFEOP too: a pulse that nothing acknowledges is the last one.
+        if sync && self.must_acknowledge(pdi) {
+            match self.description().behaviour.late_acknowledge {
+                true => self.unacknowledged = true,
+                false => self.acknowledge_sync(event, pdi),
+            }
+        }
         if !self.esm.is_cyclic() {
             return Steps::EMPTY;
         }
-        let sync = matches!(event, Event::Sync0 | Event::Sync1);
         if sync {
-            if self.sync.acknowledges_sync() {
-                let first = event == Event::Sync0;
-                let status = if first { register::SYNC0_STATUS } else { register::SYNC1_STATUS };
-                let _status = pdi.load(status);
-            }
             // A pulse that was overdue must not hide that it was.
             self.supervise(now, pdi);
         }
@@ -199,6 +220,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 self.process_data.drop_outputs(pdi);
                 Steps::EMPTY
             }
+        }
+    }
+
+    /// Whether SYNC is in acknowledge mode. In the cycle, where time is short, the register is not read again.
+    fn must_acknowledge(&self, pdi: &mut impl Pdi) -> bool {
+        match self.esm.is_cyclic() && self.sync.mode().uses_dc() {
+            true => self.sync.acknowledges_sync(),
+            false => pdi.load(register::SYNC_PULSE_LENGTH) == 0,
         }
     }
 

@@ -16,7 +16,7 @@
 use isocat_wire::time::Nanos;
 
 use crate::mode::SyncMode;
-use crate::pulses::Pulses;
+use crate::pulses::{Pulses, SyncSignal};
 
 mod check;
 mod clocks;
@@ -82,6 +82,8 @@ pub struct Device {
     pub mode: SyncMode,
     /// Its SYNC pulses; nothing without DC.
     pub pulses: Pulses,
+    /// How its SYNC signals fall again. No object states it.
+    pub sync_signal: SyncSignal,
     /// Its process data travel in every so many bus cycles; 1 or more.
     pub every: u32,
     /// By how much the frames with its process data are earlier where those of other groups do not go before them.

@@ -41,4 +41,4 @@ pub use mode::{Chain, Event, Step, SyncMode};
 pub use moment::Moment;
 pub use object::{SupportedTypes, SyncParameters, SyncType};
 pub use opmode::OpMode;
-pub use pulses::Pulses;
+pub use pulses::{Pulses, SyncSignal};

@@ -16,6 +16,19 @@ pub struct Pulses {
     pub lead: Nanos,
 }
 
+/// How the SYNC signals of a SubDevice fall again: by register 0x0982, which its EEPROM sets.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum SyncSignal {
+    /// Not known.
+    #[default]
+    Unknown,
+    /// By themselves, this long after the pulse.
+    Pulse(Nanos),
+    /// When the device's program has read 0x098E or 0x098F, which it does this long after the pulse: the register is 0
+    /// (acknowledge mode).
+    Acknowledged(Nanos),
+}
+
 impl Pulses {
     /// The pulses of a mode. `bus`: the bus cycle; `distance`: from SYNC0 to SYNC1 where SYNC1 is a part of
     /// the cycle behind SYNC0; `sync0`: the cycle of SYNC0 with subordinated cycles. With

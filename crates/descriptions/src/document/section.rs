@@ -124,6 +124,15 @@ pub enum Kind {
         /// Most.
         most: i64,
     },
+    /// A physical quantity as a decimal number with one unit, such as `0.5Nm`.
+    Decimal {
+        /// Least.
+        least: f64,
+        /// Most.
+        most: f64,
+        /// As it stands behind the number.
+        unit: &'static str,
+    },
     /// An integer that people write in hexadecimal: an index, an address, a code.
     Hex {
         /// Least.

@@ -3,6 +3,7 @@
 use isocat_maindevice::segment::{DatagramPlan, FramePlan};
 use isocat_segment::Scenario;
 use isocat_segment::profile::{Assumption, Profile};
+use isocat_sync::SyncSignal;
 use isocat_sync::budget::{
     self, Check, Demand, Origin, Quantity, Span, Sum, common_window, window,
 };
@@ -150,6 +151,10 @@ impl Plan {
             sync0_cycle_ns: dc.then_some(planned.pulses.sync0_cycle.0),
             sync0_phase_ns: ns(timing.sync0.filter(|_| dc).map(|shift| planned.sync0_phase(shift))),
             sync1_ns: planned.mode.uses_sync1().then_some(planned.pulses.sync1.0),
+            acknowledge_ns: match planned.sync_signal {
+                SyncSignal::Acknowledged(after) if dc => Some(after.0),
+                _ => None,
+            },
             earliest_phase_ns: ns(window.earliest),
             latest_phase_ns: ns(window.latest),
             moments: isocat_sync::Moment::PLANNED.into_iter().filter_map(moment).collect(),
@@ -209,7 +214,8 @@ fn origin(term: &budget::Term, profile: Option<&Profile>) -> String {
         // Cables of the file, chips and CPUs of the profile.
         Origin::Measured => Origin::Profile.to_string(),
         Origin::Assumed
-            if [Quantity::PulseJitter, Quantity::OutputsSpread].contains(&term.quantity) =>
+            if [Quantity::PulseJitter, Quantity::OutputsSpread, Quantity::Acknowledge]
+                .contains(&term.quantity) =>
         {
             Origin::Profile.to_string()
         }
@@ -221,8 +227,13 @@ fn origin(term: &budget::Term, profile: Option<&Profile>) -> String {
 
 /// Why a figure is no more than assumed; `None` if somebody states it, or it is a rule of the plan.
 fn assumed(term: &budget::Term, profile: &Profile) -> Option<String> {
-    let ours =
-        [Quantity::PulseJitter, Quantity::OutputsSpread, Quantity::ClockSpeed, Quantity::Deviation];
+    let ours = [
+        Quantity::PulseJitter,
+        Quantity::OutputsSpread,
+        Quantity::Acknowledge,
+        Quantity::ClockSpeed,
+        Quantity::Deviation,
+    ];
     let ours = ours.contains(&term.quantity);
     let zero = term.value == Nanos::ZERO;
     match term.origin {

@@ -12,7 +12,7 @@ use isocat_segment::Scenario;
 use isocat_sim::observation::{Observation, Observed};
 use isocat_sim::{HostModel, Segment, Tap};
 use isocat_sync::budget::{Check, Moments, Span};
-use isocat_sync::{Moment, Step, SyncMode};
+use isocat_sync::{Event, Moment, Step, SyncMode};
 use isocat_wire::AlState;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
@@ -386,6 +386,10 @@ struct Watch {
     unread: Option<Time<True>>,
     sync0: Option<Time<True>>,
     sync1: Option<Time<True>>,
+    /// When the last SYNC0 was acknowledged.
+    acknowledged: Option<Time<True>>,
+    /// A SYNC0 that was due before that.
+    lost: Option<Time<True>>,
     began: [Option<Time<True>>; 5],
     mapped: Option<Time<True>>,
     /// Inputs were taken, or are due, that do not stand in the buffer yet.
@@ -431,6 +435,9 @@ impl Watch {
                     self.take(Check::Sync1BeforeNextSync0, at - sync1 - NANOSECOND, on);
                 }
                 self.sync0 = Some(at);
+                if let Some(acknowledged) = self.acknowledged.take() {
+                    self.take(Check::Sync0FallsInCycle, at - acknowledged, on);
+                }
                 match self.mode {
                     SyncMode::DcSync1 => {
                         if let Some(sm2) = self.sm2.take() {
@@ -454,6 +461,11 @@ impl Watch {
                     self.take(Check::MinimumCycle, self.pulse_cycle - busy, on);
                 }
             }
+            Observed::StillActive(Event::Sync0) => self.lost = self.lost.or(Some(at)),
+            Observed::Acknowledged(Event::Sync0) => match self.lost.take() {
+                Some(pulse) => self.take(Check::Sync0FallsInCycle, pulse - at, on),
+                None => self.acknowledged = Some(at),
+            },
             Observed::Sync1 => {
                 self.sync1 = Some(at);
                 match self.mode {

@@ -142,6 +142,9 @@ pub struct Device {
     pub sync0_phase_ns: Option<i64>,
     /// Register 0x09A4; null without SYNC1.
     pub sync1_ns: Option<i64>,
+    /// From a SYNC pulse until its program acknowledges it, in acknowledge mode (0x0982 is 0); null where pulses end by
+    /// themselves, and without DC.
+    pub acknowledge_ns: Option<i64>,
     /// Earliest phase of the acting pulse for its outputs' sake; null without DC or outputs.
     pub earliest_phase_ns: Option<i64>,
     /// Latest phase of the acting pulse for its inputs' sake; null without DC or inputs.

@@ -286,6 +286,9 @@ fn write_device(out: &mut String, device: &Device, proven: bool) -> fmt::Result 
     if let Some(sync1) = device.sync1_ns {
         write!(out, ", 0x09A4 {}", Nanos(sync1))?;
     }
+    if let Some(after) = device.acknowledge_ns {
+        write!(out, ", acknowledged after {}", Nanos(after))?;
+    }
     if device.every > 1 {
         write!(out, ", exchanged every {} cycles", device.every)?;
     }

@@ -40,6 +40,7 @@ impl Report {
             segment: segment(scenario, outcome),
             quality: quality::Quality::new(outcome.world.main(), scenario.operation.quality)
                 .map(|quality| quality.with_alarms(&outcome.alarms)),
+            plants: plant::Plants::new(scenario, outcome),
             devices,
         }
     }

@@ -59,16 +59,15 @@ pub(super) fn expected<T: Tap>(scenario: &Scenario, outcome: &Outcome<T>) -> Vec
     };
     let zero = outcome.began.unwrap_or(Time::ZERO);
     let judgements = outcome.judgements.iter();
-    judgements.map(|judgement| of(judgement, zero, &name)).collect()
+    judgements.map(|judgement| Expected::of(judgement, zero, name)).collect()
 }
 
-fn of(judgement: &Judgement, zero: Time<True>, name: &impl Fn(usize) -> String) -> Expected {
-    let (key, what) = wanted(&judgement.expectation, name);
-    Expected {
-        key: key.to_owned(),
-        what,
-        met: judgement.met,
-        found: found(&judgement.found, zero, name),
+impl Expected {
+    /// In words. `zero` is when the run came into operation, `name` tells a SubDevice by its position.
+    pub fn of(judgement: &Judgement, zero: Time<True>, name: impl Fn(usize) -> String) -> Self {
+        let (key, what) = wanted(&judgement.expectation, &name);
+        let found = found(&judgement.found, zero, &name);
+        Self { key: key.to_owned(), what, met: judgement.met, found }
     }
 }
 
@@ -82,6 +81,11 @@ fn wanted(expectation: &Expectation, name: &impl Fn(usize) -> String) -> (&'stat
         }
         Expectation::WorstSync0 { device: Some(device), limit } => {
             ("worst_sync0", format!("SYNC0 of {} never more than {limit} off", name(device)))
+        }
+        Expectation::PlantDeviation { device, limit_nm } => {
+            let whose = device.map_or(String::new(), |device| format!(" of {}", name(device)));
+            let limit = micrometres(limit_nm);
+            ("plant_deviation", format!("load{whose} never more than {limit} off"))
         }
         Expectation::RecoversWithin(limit) => {
             ("recovers_within", format!("in sync again within {limit} of the last fault"))
@@ -109,6 +113,9 @@ fn found(found: &Found, zero: Time<True>, name: &impl Fn(usize) -> String) -> St
         Found::Findings(count) => format!("{count} findings"),
         Found::OutOfSync(stretch) => out_of_sync(&stretch, zero, name),
         Found::Sync0 { device, error } => format!("{} off at {}", nanos(error), name(device)),
+        Found::Deviation { device, nm } => {
+            format!("{} off at {}", micrometres(nm), name(device))
+        }
         Found::Recovered(Picos(0)) => "never out of sync since".to_owned(),
         Found::Recovered(took) => format!("after {}", nanos(took)),
         Found::Stale { device, age } => format!("{} at {}", nanos(age), name(device)),
@@ -117,6 +124,12 @@ fn found(found: &Found, zero: Time<True>, name: &impl Fn(usize) -> String) -> St
         Found::NeverInOperation => "the segment never came into operation".to_owned(),
         Found::RunEnded => "the run ended before it could be seen".to_owned(),
         Found::BeforeOperation => "that was before operation began".to_owned(),
+        Found::NoEdge => "no SYNC0 edge was measured".to_owned(),
+        Found::NoPlant => "there are no plants here".to_owned(),
+        Found::NoFault => {
+            "the faults of the file concern the MainDevice's machine, and none happened".to_owned()
+        }
+        Found::Forgotten => "there were so many sessions that the first are forgotten".to_owned(),
     }
 }
 
@@ -144,6 +157,10 @@ fn out_of_sync(stretch: &Stretch, zero: Time<True>, name: &impl Fn(usize) -> Str
     }
 }
 
+fn micrometres(nm: u64) -> String {
+    format!("{} um", nm as f64 / 1_000.0)
+}
+
 /// Rounded as people read it: to a thousandth of what is told.
 fn nanos(time: Picos) -> Nanos {
     let ns = time.0 / 1_000;
@@ -157,6 +174,35 @@ fn nanos(time: Picos) -> Nanos {
 /// Faults that a reader wants to see.
 const MOST_FAULTS: usize = 12;
 
+/// Writes a line for each expectation: whether it was met (`None`: that could not be judged), what it was and what was found.
+/// Nothing where nothing was expected.
+pub fn write_expected(
+    out: &mut String,
+    expected: &[(Option<bool>, &str, &str)],
+) -> std::fmt::Result {
+    use std::fmt::Write;
+    if expected.is_empty() {
+        return Ok(());
+    }
+    let met = expected.iter().filter(|(met, ..)| *met == Some(true)).count();
+    let style = if met == expected.len() { GOOD } else { BAD };
+    writeln!(out, "\n{style}Expected: {met} of {} came so.{style:#}", expected.len())?;
+    for (met, what, found) in expected {
+        let (mark, style, found) = match met {
+            Some(true) => ("yes", GOOD, (*found).to_owned()),
+            Some(false) => ("NO ", BAD, (*found).to_owned()),
+            None => ("?  ", BAD, format!("not judged, {found}")),
+        };
+        for (number, line) in wrap(&format!("{what}: {found}"), WIDTH - 6).iter().enumerate() {
+            match number {
+                0 => writeln!(out, "  {style}{mark}{style:#} {line}")?,
+                _ => writeln!(out, "      {line}")?,
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Writes what was expected and what went wrong on purpose; nothing where there is neither.
 pub(super) fn write(
     out: &mut String,
@@ -164,22 +210,9 @@ pub(super) fn write(
     faults: &[FaultNote],
 ) -> std::fmt::Result {
     use std::fmt::Write;
-    if !expected.is_empty() {
-        let met = expected.iter().filter(|one| one.met).count();
-        let style = if met == expected.len() { GOOD } else { BAD };
-        writeln!(out, "\n{style}Expected: {met} of {} came so.{style:#}", expected.len())?;
-        for one in expected {
-            let (mark, style) = if one.met { ("yes", GOOD) } else { ("NO ", BAD) };
-            for (number, line) in
-                wrap(&format!("{}: {}", one.what, one.found), WIDTH - 6).iter().enumerate()
-            {
-                match number {
-                    0 => writeln!(out, "  {style}{mark}{style:#} {line}")?,
-                    _ => writeln!(out, "      {line}")?,
-                }
-            }
-        }
-    }
+    let lines: Vec<_> =
+        expected.iter().map(|one| (Some(one.met), &*one.what, &*one.found)).collect();
+    write_expected(out, &lines)?;
     if !faults.is_empty() {
         writeln!(out, "\nWhat went wrong, as the segment file asks:")?;
         for fault in faults.iter().take(MOST_FAULTS) {

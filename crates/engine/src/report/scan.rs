@@ -150,6 +150,9 @@ pub struct Esc {
     pub dc: String,
     /// The SYNC unit is on (0x0141 bit 2).
     pub sync_unit: bool,
+    /// How long SYNC pulses are, by word 2 of the SII, which becomes register 0x0982; 0 is acknowledge mode. Null where the SYNC
+    /// unit is off or the SII was not read.
+    pub sync_pulse_ns: Option<i64>,
     /// The latch unit is on (0x0141 bit 3).
     pub latch_unit: bool,
     /// Register 0x0151; null if it did not answer.

@@ -55,6 +55,9 @@ impl Report {
             self.write_devices(out)?;
             self.write_ages(out)?;
         }
+        if let Some(plants) = &self.plants {
+            plants.write(out)?;
+        }
         self.write_segment(out)?;
         self.write_budget(out)?;
         if let Some(quality) = &self.quality {

@@ -89,6 +89,18 @@ fn judged(kind: &Judged, family: Family) -> String {
                 Family::Virtual | Family::Wire => format!("{what}, later up to {}", us(*worst)),
             }
         }
+        Judged::SyncStillActive { sync0, sync1, acknowledged } => {
+            let lost = match (sync0, sync1) {
+                (count, 0) => format!("{count} pulses of SYNC0"),
+                (0, count) => format!("{count} pulses of SYNC1"),
+                (sync0, sync1) => format!("{sync0} pulses of SYNC0 and {sync1} of SYNC1"),
+            };
+            let why = match acknowledged {
+                true => "the one before was not acknowledged yet (0x098E, 0x098F)",
+                false => "the one before was still active: it is longer than the cycle (0x0982)",
+            };
+            format!("{lost} made no edge: {why}")
+        }
         Judged::NoSync0 => "no SYNC0 pulse at all".into(),
         Judged::Sync0WithoutSpread => "SYNC0 without any spread: too good to be measured".into(),
         Judged::OutputsUneven { spread, limit } => {

@@ -2,8 +2,8 @@
 //!
 //! The drift datagram brings back the time at which its frame found the reference clock, so the host's stamps are not in
 //! it. From there to the SubDevices the way is what the plan has. A frame that was later than the plan leaves to a
-//! SubDevice came with outputs too late for its pulse; one that was too early fetched inputs that were not ready, or brought
-//! outputs before those of the cycle before had acted.
+//! SubDevice came with outputs too late for its pulse; one that was too early fetched inputs that were not ready, brought
+//! outputs before those of the cycle before had acted, or so early that these count as late ones of that cycle.
 
 use isocat_maindevice::MainDevice;
 use isocat_maindevice::segment::Timing;
@@ -126,7 +126,15 @@ impl Room {
             let earliest = arrival - device.frame_spread - device.ring_spread;
             Nanos((earliest - pulse).0.rem_euclid(period)) - error
         });
-        let early = [slack(&[Check::InputsBeforeFrame]), overwritten].into_iter().flatten().min();
+        // A frame that is a quarter of a cycle early counts as that of the cycle before, and its outputs act a cycle late: as the
+        // host sends late and not early, three quarters are left for frames that are late.
+        let of_cycle_before = device.outputs_arrival.map(|_| {
+            let (pulse, period) = (device.pulses.sync0_cycle, device.exchange(&timing.cycle));
+            let step = if device.mode == SyncMode::DcSync0 { pulse.min(period) } else { period };
+            Nanos(step.0 / 4) - error
+        });
+        let early = [slack(&[Check::InputsBeforeFrame]), overwritten, of_cycle_before];
+        let early = early.into_iter().flatten().min();
         let side = |safe: Option<Nanos>| Side {
             safe: safe.unwrap_or(Nanos(i64::MAX)),
             sure: safe.map_or(Nanos(i64::MAX), |safe| safe + error),

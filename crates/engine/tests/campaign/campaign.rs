@@ -33,6 +33,7 @@ pub fn run(seed: u64) -> Fate {
     let Drawn { text, recovers } = draw(seed);
     let Ok(file) = SegmentFile::parse("random.toml", &text) else { return Fate::Refused };
     let faults = words(&text);
+    let recovers = recovers && !loads_nothing(&faults);
     let scenario = Scenario::from(file);
     if isocat_engine::plan::Plan::of(&scenario).map_or(true, |plan| !plan.fits()) {
         return Fate::Refused;
@@ -67,6 +68,18 @@ pub fn run(seed: u64) -> Fate {
 fn words(text: &str) -> Vec<String> {
     let lines = text.lines().filter_map(|line| line.strip_prefix("what = \""));
     lines.map(|line| line.trim_end_matches('"').to_owned()).collect()
+}
+
+/// Whether a SubDevice may have been switched on while its EEPROM was dead: its ESC has loaded nothing then, and no MainDevice brings
+/// it back before it is switched off and on once more.
+fn loads_nothing(faults: &[String]) -> bool {
+    let about = |words: &[&str]| -> Vec<&str> {
+        let parts = faults.iter().map(|fault| fault.split(' ').collect::<Vec<_>>());
+        let about = parts.filter(|parts| words.contains(&parts[0]));
+        about.filter_map(|parts| parts.get(1).copied()).collect()
+    };
+    let switched_on = about(&["power-cycle", "power-on", "replace"]);
+    about(&["dead-eeprom"]).iter().any(|device| switched_on.contains(device))
 }
 
 fn up(setup: Setup) -> Option<World<Motion, Witness>> {

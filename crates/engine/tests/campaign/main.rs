@@ -163,5 +163,8 @@ const FEW: u64 = 150;
 ///   1221: a detour was measured with what the clock was off anyway;
 /// - 428: a recovery undid a delay; 893: an old request took the answers of a new mailbox;
 /// - 636: a type that read as wanted was not written; 620: a reading of 0x092C showed the way and no clock;
+/// - 22903, 34004: the host's clock jumped, and frames that were a third of a cycle early were taken for good ones;
+/// - 24970: inputs stayed empty when an error was acknowledged that had closed their SyncManager;
 /// - 1015: a SubDevice was to be exchanged that another fault had given its power back.
-const ONCE: [u64; 10] = [264, 307, 428, 535, 620, 636, 893, 1015, 1221, 4412];
+const ONCE: [u64; 13] =
+    [264, 307, 428, 535, 620, 636, 893, 1015, 1221, 4412, 22_903, 24_970, 34_004];

@@ -56,6 +56,8 @@ pub(crate) struct SyncUnit {
     /// Debug pulses that wait, and since when.
     debug: u8,
     debug_at: Time<Device>,
+    /// See [`SyncUnit::without_edge`].
+    without_edge: [u32; 2],
 }
 
 /// One of the two signals.
@@ -104,6 +106,7 @@ impl SyncUnit {
             enabled: 0,
             debug: 0,
             debug_at: Time::NEVER,
+            without_edge: [0; 2],
         }
     }
 
@@ -224,8 +227,7 @@ impl SyncUnit {
         if !sync0_first {
             self.sync1.last = self.sync1.next.take();
             self.sync1.pending = false;
-            let edge = bits.sync1() && self.sync1.raise(now, length);
-            return edge.then_some(Output::Sync1);
+            return self.pulse(Output::Sync1, now, registers);
         }
         let target = next0?;
         (self.sync0.pending, self.sync0.last) = (false, Some(target));
@@ -244,8 +246,36 @@ impl SyncUnit {
                 next.wrapping_add((behind as u64 / cycle + 1).wrapping_mul(cycle))
             }
         });
-        let edge = bits.sync0() && self.sync0.raise(now, length);
-        edge.then_some(Output::Sync0)
+        self.pulse(Output::Sync0, now, registers)
+    }
+
+    /// A cyclic pulse is due. No edge if its output is off, or still active from the pulse before.
+    fn pulse(
+        &mut self,
+        output: Output,
+        now: Time<Device>,
+        registers: &Registers,
+    ) -> Option<Output> {
+        let bits = registers.load(register::SYNC_ACTIVATION);
+        let (train, on) = match output {
+            Output::Sync0 => (&mut self.sync0, bits.sync0()),
+            Output::Sync1 => (&mut self.sync1, bits.sync1()),
+        };
+        if !on {
+            return None;
+        }
+        if train.raise(now, registers.load(register::SYNC_PULSE_LENGTH)) {
+            return Some(output);
+        }
+        let count = &mut self.without_edge[output as usize];
+        *count = count.wrapping_add(1);
+        None
+    }
+
+    /// Pulses of SYNC0 and SYNC1 since power-on or reset that made no edge, since the signal was still active from the
+    /// pulse before: not acknowledged yet, or longer than its cycle. Wraps.
+    pub const fn without_edge(&self) -> [u32; 2] {
+        self.without_edge
     }
 
     fn fire_debug(&mut self, now: Time<Device>, length: u16) -> Option<Output> {

@@ -134,6 +134,7 @@ fn each_output_is_acknowledged_by_itself() {
     // A SYNC0 that falls due meanwhile is not queued.
     bench.run_to(begin + MS * 7 / 4);
     assert_eq!(bench.take_events(), [(begin + MS * 3 / 2, EscEvent::Sync1)]);
+    assert_eq!(bench.esc.sync_pulses_without_edge(), [1, 0]);
     bench.pdi_bytes(0x098E, 2);
     assert_eq!(bench.esc.sync_signals(device(bench.now)), [false, false]);
     bench.run_to(begin + MS * 2);

@@ -115,10 +115,12 @@ fn a_pulse_longer_than_the_cycle_has_one_edge() {
     let begin = start(&mut bench, 99_990, 0, AssignActivate::SYNC0);
     bench.run_to(begin + MS);
     assert_eq!(bench.take_events(), [(begin, EscEvent::Sync0)]);
+    assert_eq!(bench.esc.sync_pulses_without_edge(), [10, 0]);
     let mut bench = Bench::new(&LAN9252);
     let begin = start(&mut bench, 100_000, 0, AssignActivate::SYNC0);
     bench.run_to(begin + MS);
     assert_eq!(bench.take_events().len(), 11);
+    assert_eq!(bench.esc.sync_pulses_without_edge(), [0, 0]);
 }
 
 #[test]

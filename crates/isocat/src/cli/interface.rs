@@ -144,9 +144,13 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     if let Some(message) = super::refused_ring(&scenario, interface) {
         return fail(&message);
     }
-    if !(scenario.faults.planned.is_empty() && scenario.expectations.is_empty()) {
+    let virtual_only = !scenario.faults.planned.is_empty()
+        || !scenario.expectations.is_empty()
+        || !scenario.outputs.is_empty()
+        || !scenario.plants.is_empty();
+    if virtual_only {
         eprintln!(
-            "isocat: the [[fault]] and [[expect]] tables of {} are for a virtual run; on an interface they are left out",
+            "isocat: the [[fault]], [[expect]], [[output]] and [[plant]] tables of {} are for a virtual run; on an interface they are left out",
             scenario.source
         );
     }

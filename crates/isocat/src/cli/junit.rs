@@ -1,54 +1,89 @@
-//! The result of a run as a JUnit file, which every CI reads: each expectation is a test.
+//! The result of a run or of a service as a JUnit file, which every CI reads: each expectation is a test.
 
 use std::fmt::Write;
 
 use isocat_descriptions::markup::escaped;
 use isocat_engine::Report;
+#[cfg(target_os = "linux")]
+use isocat_serve::Summary;
 
-/// The document. A run of which nothing in particular is expected has one test: that it is in sync.
-pub fn document(report: &Report) -> String {
-    let suite = escaped(&report.segment_file);
-    let cases: Vec<(String, Option<String>)> = match &report.expected[..] {
-        [] => vec![("in sync".to_owned(), (!report.in_sync).then(|| report.verdict.clone()))],
-        all => {
-            let why = |found: &str| format!("{found}. {}", report.verdict);
-            all.iter().map(|one| (one.what.clone(), (!one.met).then(|| why(&one.found)))).collect()
-        }
-    };
-    let failures = cases.iter().filter(|(_, failure)| failure.is_some()).count();
-    let mut out = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n");
-    // Writing to a String cannot fail.
-    let _ = writeln!(out, "<testsuites tests=\"{}\" failures=\"{failures}\">", cases.len());
-    let _ = writeln!(
-        out,
-        "  <testsuite name=\"{suite}\" tests=\"{}\" failures=\"{failures}\" errors=\"0\" skipped=\"0\">",
-        cases.len()
-    );
-    let _ = writeln!(
-        out,
-        "    <properties><property name=\"seed\" value=\"{}\"/></properties>",
-        report.seed
-    );
-    for (name, failure) in &cases {
-        let name = escaped(name);
-        match failure {
-            None => {
-                let _ = writeln!(out, "    <testcase classname=\"{suite}\" name=\"{name}\"/>");
-            }
-            Some(why) => {
-                let _ = writeln!(
-                    out,
-                    "    <testcase classname=\"{suite}\" name=\"{name}\">\n      <failure message=\"{}\"/>\n    \
-                     </testcase>",
-                    escaped(why)
-                );
-            }
-        }
-    }
-    let _ = writeln!(out, "    <system-out>{}</system-out>", escaped(&plain(&report.text())));
-    out + "  </testsuite>\n</testsuites>\n"
+/// What became of one test.
+enum Fate {
+    Passed,
+    /// And why.
+    Failed(String),
+    /// There was nothing to judge by, and why. A CI counts it as an error, and not as passed.
+    NotJudged(String),
 }
 
-fn plain(text: &str) -> String {
-    anstream::adapter::strip_str(text).to_string()
+/// The document of a run. One of which nothing in particular is expected has one test: that it is in sync.
+pub fn document(report: &Report) -> String {
+    let tests = match &report.expected[..] {
+        [] => vec![("in sync".to_owned(), fate(report.in_sync, || report.verdict.clone()))],
+        all => {
+            let why = |found: &str| format!("{found}. {}", report.verdict);
+            all.iter().map(|one| (one.what.clone(), fate(one.met, || why(&one.found)))).collect()
+        }
+    };
+    write(&report.segment_file, report.seed, &tests, &report.text())
+}
+
+/// The document of a segment that was served. One of which nothing in particular is expected has one test: that every session that
+/// came to operation was in sync, and one did.
+#[cfg(target_os = "linux")]
+pub fn of_service(summary: &Summary, seed: u64) -> String {
+    let judged: Vec<_> =
+        summary.sessions.iter().filter_map(|session| session.judged.as_ref()).collect();
+    let in_sync = !judged.is_empty() && judged.iter().all(|judged| judged.in_sync);
+    let tests = match &summary.expected[..] {
+        [] => {
+            let why = match judged.len() {
+                0 => "no SubDevice came to operation",
+                _ => "something speaks against a session",
+            };
+            vec![("in sync".to_owned(), fate(in_sync, || why.to_owned()))]
+        }
+        all => {
+            let of = |met: Option<bool>, found: &String| match met {
+                Some(met) => fate(met, || found.clone()),
+                None => Fate::NotJudged(found.clone()),
+            };
+            all.iter().map(|one| (one.what.clone(), of(one.met, &one.found))).collect()
+        }
+    };
+    write(&summary.segment_file, seed, &tests, &summary.text())
+}
+
+fn fate(passed: bool, why: impl FnOnce() -> String) -> Fate {
+    if passed { Fate::Passed } else { Fate::Failed(why()) }
+}
+
+fn write(segment_file: &str, seed: u64, tests: &[(String, Fate)], text: &str) -> String {
+    let suite = escaped(segment_file);
+    let count = |is: fn(&Fate) -> bool| tests.iter().filter(|(_, fate)| is(fate)).count();
+    let failures = count(|fate| matches!(fate, Fate::Failed(_)));
+    let errors = count(|fate| matches!(fate, Fate::NotJudged(_)));
+    let counts = format!("tests=\"{}\" failures=\"{failures}\" errors=\"{errors}\"", tests.len());
+    let mut out = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuites {counts}>\n  \
+         <testsuite name=\"{suite}\" {counts} skipped=\"0\">\n    \
+         <properties><property name=\"seed\" value=\"{seed}\"/></properties>\n"
+    );
+    for (name, fate) in tests {
+        let test = format!("    <testcase classname=\"{suite}\" name=\"{}\"", escaped(name));
+        let (element, why) = match fate {
+            Fate::Passed => {
+                // Writing to a String cannot fail, here and below.
+                let _ = writeln!(out, "{test}/>");
+                continue;
+            }
+            Fate::Failed(why) => ("failure", why.clone()),
+            Fate::NotJudged(why) => ("error", format!("not judged: {why}")),
+        };
+        let why = escaped(&why);
+        let _ = writeln!(out, "{test}>\n      <{element} message=\"{why}\"/>\n    </testcase>");
+    }
+    let plain = anstream::adapter::strip_str(text).to_string();
+    let _ = writeln!(out, "    <system-out>{}</system-out>", escaped(&plain));
+    out + "  </testsuite>\n</testsuites>\n"
 }

@@ -13,12 +13,13 @@ use isocat_segment::Scenario;
 use isocat_serve::control::{self, Requests};
 use isocat_serve::server::{Event, Server};
 use isocat_serve::service::{self, Audience, Interfaces, Reply, Style};
+use isocat_serve::summary::Outcome;
 use isocat_serve::{Order, Setup, Summary};
 use isocat_wire::AlState;
 use isocat_wire::time::{Host, Time};
 use serde_json::json;
 
-use super::{IN_SYNC, fail, print};
+use super::{IN_SYNC, NOT_IN_SYNC, NOT_KNOWN, fail, print};
 
 /// Arguments of `serve`.
 #[derive(Args, Debug)]
@@ -55,6 +56,9 @@ pub struct Arguments {
     /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// What the segment file expects, as JUnit for a CI: each expectation is a test
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
     /// Answer GET /metrics for Prometheus here: a port of this machine, or an address
     #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
     metrics: Option<std::net::SocketAddr>,
@@ -82,6 +86,11 @@ pub fn run(arguments: &Arguments) -> u8 {
         && let Err(error) = super::output::probe(path)
     {
         return fail(&super::run::unwritable("report", Some(path), &error));
+    }
+    if let Some(path) = &arguments.junit
+        && let Err(error) = super::output::probe(path)
+    {
+        return fail(&super::run::unwritable("JUnit", Some(path), &error));
     }
     if control::is_served(&path) {
         return fail(&format!("another isocat serves on {interface} already ({})", path.display()));
@@ -118,7 +127,7 @@ pub fn run(arguments: &Arguments) -> u8 {
     teller.end();
     let served = clock::now() - began;
     let summary = Summary::new(&server, &scenario.source, &ends.to_string(), served);
-    let code = finish(arguments, &summary);
+    let code = finish(arguments, &summary, scenario.seed);
     match result {
         Ok(()) => code,
         Err(error) => fail(&error.to_string()),
@@ -174,7 +183,8 @@ impl Arguments {
     }
 }
 
-fn finish(arguments: &Arguments, summary: &Summary) -> u8 {
+/// Writes everything that was asked for; gives the exit code.
+fn finish(arguments: &Arguments, summary: &Summary, seed: u64) -> u8 {
     let json = |pretty| {
         let text = if pretty {
             serde_json::to_string_pretty(summary)
@@ -195,7 +205,17 @@ fn finish(arguments: &Arguments, summary: &Summary) -> u8 {
             return fail(&super::run::unwritable("report", Some(path), &error));
         }
     }
-    print(&if arguments.json { json(false) } else { summary.text() })
+    if let Some(path) = &arguments.junit {
+        let written = super::output::write(path, super::junit::of_service(summary, seed));
+        if let Err(error) = written {
+            return fail(&super::run::unwritable("JUnit", Some(path), &error));
+        }
+    }
+    match (print(&if arguments.json { json(false) } else { summary.text() }), summary.outcome()) {
+        (IN_SYNC, Outcome::NotAsExpected) => NOT_IN_SYNC,
+        (IN_SYNC, Outcome::NotJudged) => NOT_KNOWN,
+        (printed, _) => printed,
+    }
 }
 
 /// Lines that may wait for a reader.

@@ -4,26 +4,35 @@ use isocat_engine::Report;
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
-/// Both lists; nothing where there is neither.
-pub fn sections(report: &Report) -> Markup {
+/// A row for each expectation: whether it was met (`None`: that could not be judged), what it was and what was found. Nothing
+/// where nothing was expected.
+pub fn table(expected: &[(Option<bool>, &str, &str)]) -> Markup {
     html! {
-        @if !report.expected.is_empty() {
+        @if !expected.is_empty() {
             section #expected {
                 h2 { "What was expected" }
                 table {
                     thead { tr { th { "came so" } th { "expected" } th { "found" } } }
                     tbody {
-                        @for one in &report.expected {
-                            tr.bad[!one.met] {
-                                td { (if one.met { "yes" } else { "no" }) }
-                                td { (one.what) }
-                                td { (one.found) }
+                        @for (met, what, found) in expected {
+                            tr.bad[*met != Some(true)] {
+                                td { (met.map_or("not judged", |met| if met { "yes" } else { "no" })) }
+                                td { (what) }
+                                td { (found) }
                             }
                         }
                     }
                 }
             }
         }
+    }
+}
+
+/// Both lists; nothing where there is neither.
+pub fn sections(report: &Report) -> Markup {
+    let expected = report.expected.iter().map(|one| (Some(one.met), &*one.what, &*one.found));
+    html! {
+        (table(&expected.collect::<Vec<_>>()))
         @if !report.faults.is_empty() {
             section #faults {
                 h2 { "What went wrong, as the segment file asks" }

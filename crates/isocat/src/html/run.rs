@@ -17,6 +17,7 @@ use super::parts::{
     age_cell, bad_tile, counter_cells, error_cells, figure, findings, notes, origin, origins,
     range, slack, table, tile,
 };
+use super::plant;
 use super::{Page, compact};
 use crate::picture::Picture;
 use crate::picture::bars::Histogram;
@@ -69,6 +70,7 @@ impl Run<'_> {
             (self.tiles())
             @if diagnoses.is_empty() { (findings("What speaks against it", &report.findings)) }
             (expected::sections(report))
+            (plant::section(report.plants.as_ref()))
             (findings("SubDevices that came and went", &report.visits))
             (self.incidents())
             (self.topology(&diagnoses))

@@ -5,6 +5,7 @@ use isocat_serve::summary::{JudgedSummary, SessionSummary, Summary};
 use isocat_wire::time::Nanos;
 use maud::{Markup, html};
 
+use super::expected;
 use super::parts::{error_cells, notes, origins, range, table};
 use super::{Page, compact};
 use crate::picture::cycle::ns;
@@ -14,7 +15,10 @@ pub fn page(summary: &Summary) -> Page {
     let judged = || summary.sessions.iter().filter_map(|session| session.judged.as_ref());
     let bad = judged().any(|judged| !judged.in_sync)
         || summary.sessions.iter().any(|s| !s.refused.is_empty());
+    let met = summary.expected.iter().filter(|one| one.met == Some(true)).count();
+    let expects = !summary.expected.is_empty();
     let verdict = match (judged().count(), bad) {
+        _ if expects => format!("{met} of {} expectations came true.", summary.expected.len()),
         (_, true) => "Something speaks against a session: see below.".to_owned(),
         (0, false) => "No MainDevice brought a SubDevice to OP.".to_owned(),
         (1, false) => "In sync: nothing speaks against the session that came to OP.".to_owned(),
@@ -25,11 +29,14 @@ pub fn page(summary: &Summary) -> Page {
         .iter()
         .map(|fault| format!("{}: {}", time(fault.at_ns as f64), fault.what))
         .collect();
+    let rows: Vec<_> =
+        summary.expected.iter().map(|one| (one.met, &*one.what, &*one.found)).collect();
     let body = html! {
         p.quiet {
             (summary.segment_file) " on " (summary.interface) ", served for " (Nanos(summary.served_ns)) ": " (summary.frames)
             " frames, " (summary.answered) " answered, " (summary.lost) " lost, " (summary.held) " held back"
         }
+        (expected::table(&rows))
         (notes("Faults that were asked for", &faults))
         @for (at, session) in summary.sessions.iter().enumerate() { (one(at + 1, session)) }
         (origins())
@@ -37,7 +44,7 @@ pub fn page(summary: &Summary) -> Page {
     Page {
         title: format!("{} - isocat serve", summary.segment_file),
         kind: "A served segment",
-        good: !bad && judged().count() > 0,
+        good: if expects { met == summary.expected.len() } else { !bad && judged().count() > 0 },
         verdict,
         body,
         command: String::new(),

@@ -83,6 +83,11 @@ fn kind(kind: &Kind) -> Value {
         Kind::DelayPerMetre { .. } => text(&DelayPerMetre::pattern()),
         Kind::Rate { least, .. } => text(&Ppb::pattern(*least < 0)),
         Kind::Integer { least, most } | Kind::Hex { least, most } => integer(*least, *most),
+        Kind::Decimal { least, unit, .. } => {
+            let sign = if *least < 0.0 { "[+-]?" } else { "[+]?" };
+            let dot = r"([0-9]+(\.[0-9]*)?|\.[0-9]+)";
+            text(&format!(r"^\s*{sign}{dot}\s*{unit}\s*$"))
+        }
         Kind::Boolean => json!({ "type": "boolean" }),
         Kind::Name(_) => json!({ "type": "string", "minLength": 1, "maxLength": 255 }),
         Kind::Text(_) => json!({ "type": "string" }),

@@ -7,6 +7,7 @@ use isocat_sync::{SupportedTypes, SyncType};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
+use isocat_wire::time::Nanos;
 
 use super::ApplicationKind;
 use super::draft::{Area, Draft, Entry, Object, Placed};
@@ -46,6 +47,7 @@ pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
             synchronization(draft, object)?;
         }
     }
+    acknowledge(draft)?;
     application(draft)?;
     cycle(draft)
 }
@@ -392,6 +394,21 @@ fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> 
             format!(
                 "esc.sync_unit is false, but {} = {types} announces DC; expected true",
                 address(object::sub::SUPPORTED_TYPES)
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// Only pulses that do not end by themselves are acknowledged.
+fn acknowledge(draft: &Draft<'_>) -> Result<(), FileError> {
+    let (time, pulse) = (draft.times.acknowledge, draft.esc.pulse);
+    if time.is_some() && pulse > Nanos::ZERO {
+        return Err(draft.source.error(
+            draft.times.at,
+            format!(
+                "times.acknowledge is given, but pulses end by themselves with esc.pulse = \"{pulse}\"; expected \
+                 esc.pulse = \"0ns\" beside it"
             ),
         ));
     }

@@ -128,6 +128,7 @@ impl Draft<'_> {
             application: self.times.application,
             input_copy: follow(self.times.input_copy, object::INPUT_PARAMETER, "input_copy")?,
             jitter: self.times.jitter,
+            acknowledge: self.times.acknowledge.unwrap_or(Nanos::ZERO),
             unevenness: self.times.unevenness,
         };
         // Only now: what the CPU needs follows what the file states.

@@ -165,6 +165,7 @@ pub(super) struct Times {
     pub application: Nanos,
     pub input_copy: Option<Nanos>,
     pub jitter: Nanos,
+    pub acknowledge: Option<Nanos>,
     pub unevenness: Unevenness,
 }
 

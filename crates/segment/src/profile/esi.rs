@@ -433,6 +433,7 @@ impl Import<'_> {
             application: Nanos(small),
             input_copy: Some(input_copy),
             jitter: Nanos::ZERO,
+            acknowledge: None,
             unevenness: Default::default(),
         }
     }

@@ -286,13 +286,10 @@ static ESC: Section = Section {
         },
         Key {
             name: "pulse",
-            kind: Kind::Duration {
-                least: Limit::At(0),
-                most: Limit::At(u16::MAX as i64 * 10),
-                whole: 10,
-            },
+            kind: PULSE,
             need: Need::Default(r#""10us""#),
-            means: "Length of SYNC pulses; 0 ns is acknowledge mode.",
+            means: "Length of SYNC pulses. 0 ns is acknowledge mode: a pulse stays active until the \
+                    program has read register 0x098E (SYNC1: 0x098F), `acknowledge` behind it.",
             goes: "register 0x0982, by word 2 of the SII",
             example: r#""100us""#,
         },
@@ -535,4 +532,7 @@ const fn chip(
     (name, means, (name, chip))
 }
 
+/// How long SYNC pulses may be: what register 0x0982 holds in ticks of 10 ns.
+pub(crate) const PULSE: Kind =
+    Kind::Duration { least: Limit::At(0), most: Limit::At(u16::MAX as i64 * 10), whole: 10 };
 const LONGEST_STEP: Nanos = Nanos::millis(1_000);

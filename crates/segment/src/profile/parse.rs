@@ -268,6 +268,7 @@ fn times(keys: &Keys<'_>) -> Result<Times, FileError> {
         application: keys.get("application")?,
         input_copy: keys.find("input_copy")?,
         jitter: keys.get("jitter")?,
+        acknowledge: keys.find("acknowledge")?,
         unevenness: Unevenness {
             latency: keys.get("latency")?,
             variation: keys.get("variation")?,

@@ -1,11 +1,14 @@
 //! The EEPROM image of a profile.
 
+use std::ops::Range;
+
 use isocat_descriptions::document::FileError;
 use isocat_wire::sii::{
     HEADER_LEN, Header, ImageFull, MailboxArea, PdoEntryRecord, PdoRecord, SmRecord, Writer,
-    category, sm_type,
+    category, checksum, sm_type,
 };
 use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Draft};
 use super::ports;
@@ -43,12 +46,33 @@ pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
     })
 }
 
+/// How long SYNC pulses are, word 2 of an image; zero is acknowledge mode.
+pub(super) fn pulse(image: &[u8]) -> Nanos {
+    let ticks = image.get(PULSE).map_or([0; 2], |word| [word[0], word[1]]);
+    Nanos(i64::from(u16::from_le_bytes(ticks)) * TICK)
+}
+
+/// Whether an image switches the SYNC unit on: the high byte of word 0, which becomes register 0x0141.
+pub(super) fn has_sync_unit(image: &[u8]) -> bool {
+    image.get(1).is_some_and(|byte| byte & SYNC_UNIT != 0)
+}
+
+/// The image with another length of SYNC pulses, in whole ticks, and the checksum of the words around it.
+pub(super) fn with_pulse(image: &[u8], pulse: Nanos) -> Vec<u8> {
+    let mut image = image.to_vec();
+    image[PULSE].copy_from_slice(&((pulse.0 / TICK) as u16).to_le_bytes());
+    let mut configuration = [0; 14];
+    configuration.copy_from_slice(&image[..14]);
+    image[14] = checksum(&configuration);
+    image
+}
+
 fn header(draft: &Draft<'_>, size: usize) -> Header {
     let mut configuration = [0; 14];
     configuration[0] = PDI_SPI;
     configuration[1] = if draft.esc.sync_unit { ESC_SYNC_AND_LATCH } else { 0 };
     configuration[3] = SYNC_OUTPUTS_MAPPED;
-    configuration[4..6].copy_from_slice(&((draft.esc.pulse.0 / 10) as u16).to_le_bytes());
+    configuration[PULSE].copy_from_slice(&((draft.esc.pulse.0 / TICK) as u16).to_le_bytes());
     configuration[8..10].copy_from_slice(&draft.esc.alias.to_le_bytes());
     let mailbox = draft.mailbox.map(|mailbox| mailbox.value);
     let nowhere = MailboxArea::default();
@@ -259,6 +283,10 @@ pub(super) fn cut(text: &str) -> &str {
     &text[..end.unwrap_or(0)]
 }
 
+/// Bytes of word 2: how long SYNC pulses are, in ticks of the ESC.
+const PULSE: Range<usize> = 4..6;
+/// A tick of the ESC, ns.
+const TICK: i64 = 10;
 /// EEPROM sizes in bytes, 16 kbit to 512 kbit.
 const SIZES: [usize; 6] = [2_048, 4_096, 8_192, 16_384, 32_768, 65_536];
 const _: () = assert!(SIZES[0] > HEADER_LEN);
@@ -267,6 +295,8 @@ const _: () = assert!(SIZES[0] > HEADER_LEN);
 pub(super) const PDI_SPI: u8 = 0x05;
 /// Register 0x0141: SYNC-out unit and latch-in unit on.
 pub(super) const ESC_SYNC_AND_LATCH: u8 = 0x0C;
+/// Register 0x0141: SYNC-out unit on.
+pub(super) const SYNC_UNIT: u8 = 0x04;
 /// Register 0x0151: both pins are SYNC outputs, active low, and both are mapped to the AL event
 /// request.
 pub(super) const SYNC_OUTPUTS_MAPPED: u8 = 0xCC;

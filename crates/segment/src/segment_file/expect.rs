@@ -4,6 +4,7 @@ use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Value};
 use isocat_sim::Expectation;
 use isocat_sim::fault::{Moment, When};
+use isocat_sim::plant::PlantSetup;
 use isocat_wire::time::Nanos;
 
 use super::{SubDevice, fault};
@@ -11,6 +12,7 @@ use super::{SubDevice, fault};
 pub(super) fn expectations(
     root: &Keys<'_>,
     devices: &[SubDevice],
+    plants: &[PlantSetup],
 ) -> Result<Vec<Expectation>, FileError> {
     let mut all = Vec::new();
     for keys in &root.tables("expect")? {
@@ -21,9 +23,22 @@ pub(super) fn expectations(
             all.push(Expectation::InSyncAt(instant(&value)?));
         }
         let worst: Option<Nanos> = keys.find("worst_sync0")?;
-        if let (None, Some(value)) = (worst, keys.value("device")) {
-            return Err(value.error("device is given without worst_sync0 beside it"));
+        let deviation: Option<f64> = keys.find("plant_deviation")?;
+        if let (None, None, Some(value)) = (worst, deviation, keys.value("device")) {
+            return Err(
+                value.error("device is given without worst_sync0 or plant_deviation beside it")
+            );
         }
+        if let (Some(_), Some(value)) = (deviation, keys.value("plant_deviation")) {
+            let of = |plant: &PlantSetup| device.is_none_or(|device| plant.device == device);
+            if !plants.iter().any(of) {
+                return Err(value.error("there is no such plant; expected a [[plant]]"));
+            }
+        }
+        all.extend(deviation.map(|um| {
+            let limit_nm = (um * 1_000.0).round() as u64;
+            Expectation::PlantDeviation { device, limit_nm }
+        }));
         all.extend(worst.map(|limit| Expectation::WorstSync0 { device, limit }));
         all.extend(keys.find("recovers_within")?.map(Expectation::RecoversWithin));
         all.extend(keys.find("safe_within")?.map(Expectation::SafeWithin));
@@ -48,7 +63,7 @@ fn instant(value: &Value<'_>) -> Result<When, FileError> {
 }
 
 /// A device by its name, or by its position.
-fn position(value: &Value<'_>, devices: &[SubDevice]) -> Result<usize, FileError> {
+pub(super) fn position(value: &Value<'_>, devices: &[SubDevice]) -> Result<usize, FileError> {
     let text = value.name("the name of a device, or its position")?;
     if let Some(position) = devices.iter().position(|device| device.name == text) {
         return Ok(position);

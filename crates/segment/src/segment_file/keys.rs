@@ -9,9 +9,13 @@ mod clock;
 mod expect;
 mod fault;
 mod operation;
+mod output;
+mod plant;
 
 pub(super) use clock::LONGEST_RUN;
 pub(super) use operation::{DIRECTIONS, MARGIN, RECOVERY};
+pub(super) use output::TYPES;
+pub(super) use plant::COMMANDS;
 
 use isocat_descriptions::document::section::{Choice, Key, Kind, Limit, Need, Rule, Section, Word};
 use isocat_esc::chip::PortKind;
@@ -144,6 +148,8 @@ pub static FILE: Section = Section {
         operation::RECOVERY_KEY,
         operation::DIRECTION_KEY,
         operation::MEASURE_TIMES_KEY,
+        output::OUTPUTS_KEY,
+        plant::PLANTS_KEY,
         fault::FAULTS_KEY,
         expect::EXPECT_KEY,
     ],
@@ -462,6 +468,26 @@ static SUBDEVICE: Section = Section {
                     its CPU.",
             goes: "the simulated CPU's jitter and the plan",
             example: r#""2us""#,
+        },
+        Key {
+            name: "pulse",
+            kind: profile::PULSE,
+            need: Need::Without("that of its profile, 10 us as a rule"),
+            means: "Length of its SYNC pulses. 0 ns is acknowledge mode: a pulse stays active until \
+                    the device's program has read register 0x098E (SYNC1: 0x098F), `acknowledge` \
+                    behind it. For a device with a SYNC unit.",
+            goes: "register 0x0982, by word 2 of the simulated EEPROM; the plan",
+            example: r#""0ns""#,
+        },
+        Key {
+            name: "acknowledge",
+            kind: Kind::duration(Nanos::ZERO, LONGEST_CYCLE),
+            need: Need::Without("that of its profile; without one at once, with the interrupt"),
+            means: "From a SYNC pulse until the device's program acknowledges it. It spreads by \
+                    `jitter`; pulses that are due before make no edge. Only in acknowledge mode, \
+                    `pulse = \"0ns\"`.",
+            goes: "the simulated CPU's read of register 0x098E and the plan",
+            example: r#""30us""#,
         },
         Key {
             name: "eeprom_burn",

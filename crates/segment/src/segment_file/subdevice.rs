@@ -127,7 +127,7 @@ fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<Arc<Profile>
     Profile::from_toml(&path, &text)
 }
 
-/// `calc_copy`, `delay`, `copy_time`, `jitter`, `eeprom_burn`, `misbehave`: the device with what it
+/// `calc_copy`, `delay`, `copy_time`, `jitter`, `pulse`, `acknowledge`, `eeprom_burn`, `misbehave`: the device with what it
 /// says and does differently.
 fn with_times(keys: &Keys<'_>, profile: &Arc<Profile>) -> Result<Arc<Profile>, FileError> {
     let overrides = Overrides {
@@ -135,6 +135,8 @@ fn with_times(keys: &Keys<'_>, profile: &Arc<Profile>) -> Result<Arc<Profile>, F
         stated_delay: keys.find("delay")?,
         calc_and_copy: keys.find("copy_time")?,
         jitter: keys.find("jitter")?,
+        pulse: pulse(keys, profile)?,
+        acknowledge: acknowledge(keys, profile)?,
         eeprom_burn_time: keys.find("eeprom_burn")?,
         misbehaviour: misbehave::misbehave(keys, profile)?,
     };
@@ -143,6 +145,31 @@ fn with_times(keys: &Keys<'_>, profile: &Arc<Profile>) -> Result<Arc<Profile>, F
         let name = &profile.name;
         keys.error_at(key, format!("{key} is given, but {name} has no object {entry} to state it"))
     })
+}
+
+/// `pulse`, of a device that has SYNC pulses.
+fn pulse(keys: &Keys<'_>, profile: &Profile) -> Result<Option<Nanos>, FileError> {
+    if let Some(value) = keys.value("pulse")
+        && !profile.has_sync_unit()
+    {
+        let name = &profile.name;
+        return Err(value.error(format!(
+            "pulse is given, but {name} makes no SYNC pulses: its EEPROM leaves the SYNC unit off; expected a device \
+             with DC"
+        )));
+    }
+    keys.find("pulse")
+}
+
+/// `acknowledge`, of a device whose pulses do not end by themselves.
+fn acknowledge(keys: &Keys<'_>, profile: &Profile) -> Result<Option<Nanos>, FileError> {
+    let pulse = keys.find("pulse")?.unwrap_or(profile.pulse());
+    match keys.value("acknowledge") {
+        Some(value) if pulse > Nanos::ZERO => Err(value.error(format!(
+            "acknowledge is given, but pulses of {pulse} end by themselves; expected pulse = \"0ns\" beside it"
+        ))),
+        _ => keys.find("acknowledge"),
+    }
 }
 
 /// `measured_times`.

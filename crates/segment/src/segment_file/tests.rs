@@ -10,6 +10,7 @@ mod count;
 mod operation;
 mod optional;
 mod physics;
+mod plant;
 mod ports;
 mod ring;
 
@@ -196,7 +197,7 @@ fn unknown_names_come_with_the_nearest_known() {
     assert_eq!(message, "1:1 unknown key \"cylce\" in the top level");
     assert_eq!(
         hint.unwrap(),
-        "did you mean \"cycle\"? expected one of: cycle, for, seed, drift_law, drift_phase, drift_gain, shift, sync0_limit, outputs_spread, watchdog, clocks, host, hop_jitter, subdevice, ring, quality, delay_watch, recovery, direction, measure_times, fault, expect"
+        "did you mean \"cycle\"? expected one of: cycle, for, seed, drift_law, drift_phase, drift_gain, shift, sync0_limit, outputs_spread, watchdog, clocks, host, hop_jitter, subdevice, ring, quality, delay_watch, recovery, direction, measure_times, output, plant, fault, expect"
     );
 
     let (message, hint) = refused(&one("cabel = \"1m\""));
@@ -445,4 +446,53 @@ fn an_eeprom_burns_as_long_as_the_file_says() {
     assert_eq!(burn("eeprom_burn = \"2.4ms\""), Ok((Nanos::micros(2_400), name)));
     assert_eq!(burn("eeprom_burn = \"0ns\""), Ok((Nanos::ZERO, name)));
     assert!(burn("eeprom_burn = \"20.001ms\"").is_err_and(|error| error.contains("eeprom_burn")));
+}
+
+#[test]
+fn pulses_end_by_themselves_or_are_acknowledged() {
+    let of = |lines: &str| {
+        let device = subdevice(lines);
+        (device.profile.pulse().0, device.profile.times.acknowledge.0)
+    };
+    assert_eq!(of(""), (10_000, 0));
+    assert_eq!(of("pulse = \"0ns\""), (0, 0));
+    assert_eq!(of("pulse = \"655.35us\""), (655_350, 0));
+    assert_eq!(of("pulse = \"0ns\"\nacknowledge = \"30us\""), (0, 30_000));
+    // The EEPROM goes with it, its checksum too.
+    let sii = subdevice("pulse = \"1.23us\"").profile.sii.clone();
+    assert_eq!(sii[4..6], [123, 0]);
+    let configuration = sii[..14].try_into().expect("words 0 to 6");
+    assert_eq!(sii[14], isocat_wire::sii::checksum(&configuration));
+}
+
+#[test]
+fn what_is_wrong_with_pulses_is_told() {
+    for (lines, expected) in [
+        (
+            "acknowledge = \"30us\"",
+            "4:15 acknowledge is given, but pulses of 10 us end by themselves; expected pulse = \"0ns\" beside it",
+        ),
+        (
+            "pulse = \"10ns\"\nacknowledge = \"30us\"",
+            "5:15 acknowledge is given, but pulses of 10 ns end by themselves; expected pulse = \"0ns\" beside it",
+        ),
+        ("pulse = \"15ns\"", "4:9 pulse = 15 ns; expected whole 10 ns"),
+        (
+            "pulse = \"655.36us\"",
+            "4:9 pulse = \"655.36us\" is out of range; expected 0 ns to 655.35 us",
+        ),
+    ] {
+        assert_eq!(refused(&one(lines)).0, expected);
+    }
+    let coupler = crate::profile::built_in_text("beckhoff_ek1100").unwrap();
+    let path = std::env::temp_dir().join(format!("isocat-no-sync-{}.toml", std::process::id()));
+    std::fs::write(&path, coupler.replacen("sync_unit = true", "sync_unit = false", 1)).unwrap();
+    let device = path.display();
+    let bare = format!("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"{device}\"\npulse = \"0ns\"\n");
+    let (error, _) = refused(&bare);
+    std::fs::remove_file(&path).unwrap();
+    assert!(
+        error.contains("makes no SYNC pulses") && error.contains("expected a device with DC"),
+        "{error}"
+    );
 }

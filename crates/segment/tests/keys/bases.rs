@@ -11,6 +11,9 @@ pub fn file(place: &Place, line: Option<&str>) -> String {
         // What a MainDevice with EBUS has at its side.
         before = before.replace("simple_io4", "beckhoff_el2502-0010");
     }
+    if (head, name) == ("[times]", "acknowledge") {
+        before = before.replace("sync_unit = true", "sync_unit = true, pulse = \"0ns\"");
+    }
     let (without, with) = beside(head, name);
     let own = lines.iter().filter(|(key, _)| *key != name && !without.contains(key));
     let mut lines: Vec<String> = own.map(|(key, value)| format!("{key} = {value}")).collect();
@@ -38,8 +41,14 @@ fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'stati
         }
         ("[[subdevice]]", "sync1") => (&[], &["mode = \"dc-sync1\""]),
         ("[[subdevice]]", "sync0_cycle") => (&[], &["mode = \"dc-subordinated\""]),
+        ("[[subdevice]]", "acknowledge") => (&[], &["pulse = \"0ns\""]),
         ("[[subdevice]]", "arrives") => (&[], &["optional = true"]),
         ("[[expect]]", "device") => (&[], &["worst_sync0 = \"1us\""]),
+        ("[[output]]", "amplitude") => (&["value"], &["period = \"100ms\""]),
+        ("[[output]]", "period") => (&["value"], &["amplitude = 5"]),
+        ("[[output]]", "lasts") => (&["value"], &["amplitude = 5", "period = \"100ms\""]),
+        ("[[plant]]", "torque") => (&[], &["commands = \"torque\""]),
+        ("", "plant") => (&[], &[TARGET]),
         ("[[fault]]", "times") => (&[], &["every = \"200ms\""]),
         ("", "modes") => (&["mailbox"], &[]),
         ("[outputs]" | "[inputs]", "pdo") => (&["pdos"], &[]),
@@ -60,6 +69,16 @@ const DEVICES: &str = "cycle = \"1ms\"\n[[subdevice]]\nname = \"axis 1\"\ndevice
                        [[subdevice]]\nname = \"x\"\n";
 const DEVICE: (&str, &str) = ("device", "\"model_every_mode\"");
 
+/// A drive, an output of its target, and a machine that it moves.
+const AXIS: &str =
+    "cycle = \"1ms\"\nsubdevice = [{ device = \"kollmorgen_akd2g\", name = \"x\" }]\n";
+const OUTPUT: &str =
+    "{ at = \"1s\", device = \"0\", place = \"0x607A:00\", type = \"i32\", value = 1 }";
+const TARGET: &str =
+    "output = [{ at = \"1s\", device = \"0\", place = \"0x607A:00\", type = \"i32\", value = 1 }]";
+const PLANT: &str =
+    "plant = [{ device = \"0\", motor_inertia = \"3kgcm2\", load_inertia = \"7kgcm2\" }]";
+
 fn segment(head: &str) -> Base {
     let of_root = |head: &str| {
         format!("cycle = \"1ms\"\nsubdevice = [{{ device = \"simple_io4\" }}]\n{head}\n")
@@ -75,9 +94,16 @@ fn segment(head: &str) -> Base {
             of_root("[[fault]]").replace("}]", "}, { device = \"simple_io4\" }]"),
             &[("at", "\"2s\""), ("what", "\"pull 1\"")],
         ),
-        "[[expect]]" => (
-            of_root("[[expect]]").replace("\"simple_io4\" }", "\"simple_io4\", name = \"x\" }"),
-            &[("in_sync", "true")],
+        "[[expect]]" => {
+            (format!("{AXIS}output = [{OUTPUT}]\n{PLANT}\n[[expect]]\n"), &[("in_sync", "true")])
+        }
+        "[[output]]" => (
+            format!("{AXIS}[[output]]\n"),
+            &[("at", "\"1s\""), ("device", "\"x\""), ("place", "\"0x6060\""), ("value", "0")],
+        ),
+        "[[plant]]" => (
+            format!("{AXIS}output = [{OUTPUT}]\n[[plant]]\n"),
+            &[("device", "\"x\""), ("motor_inertia", "\"3kgcm2\""), ("load_inertia", "\"7kgcm2\"")],
         ),
         "recovery" => (of_root("[recovery]"), &[("first", "\"1s\""), ("longest", "\"30s\"")]),
         "[[subdevice]]" => (DEVICES.replace("name = \"x\"\n", ""), &[DEVICE]),

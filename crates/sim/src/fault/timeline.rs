@@ -141,6 +141,12 @@ impl Timeline {
         self.waiting.iter().any(counts)
     }
 
+    /// Whether a planned fault has not begun yet.
+    pub fn is_to_come(&self) -> bool {
+        let begins = |entry: &Entry| matches!(entry.action, Action::Begin { .. });
+        !self.waiting.is_empty() || self.queue.iter().any(begins)
+    }
+
     /// When something is to be done next.
     pub fn next(&self) -> Option<Time<True>> {
         self.queue.first().map(|entry| entry.at)

@@ -5,16 +5,19 @@
 
 pub mod host_phase;
 pub mod inputs_cycle;
+pub mod lost_pulses;
 pub mod missed_events;
 mod opportunity;
 pub mod outputs_cycle;
 pub mod outputs_delay;
 pub mod outputs_valid;
+pub mod plant;
 pub mod sync0_error;
 pub mod sync_margin;
 
 pub use host_phase::HostPhase;
 pub use inputs_cycle::InputsCycle;
+pub use lost_pulses::LostPulses;
 pub use missed_events::MissedEvents;
 pub use opportunity::{Late, Opportunity};
 pub use outputs_cycle::OutputsCycle;

@@ -471,15 +471,25 @@ fn sync0_is_acknowledged_only_if_the_chip_waits_for_it() {
             self.0.write(address, data);
         }
     }
-    for (pulse_length, expected) in [(100, 0), (0, 1)] {
-        let mut bench = Bench::in_state(description(|_| {}), AlState::PreOp);
+    // Below SAFEOP too: a pulse that nothing acknowledges is the last one. Later, if the device does it later.
+    for (pulse_length, late, expected) in [(100, false, 0), (0, false, 1), (0, true, 0)] {
+        let device = description(|builder| builder.behaviour.late_acknowledge = late);
+        let mut bench = Bench::in_state(device, AlState::PreOp);
         bench.set_process_data(7, 7);
         bench.set_sync0(1_000_000);
         bench.set(register::SYNC_PULSE_LENGTH, pulse_length);
-        bench.ask(AlState::SafeOp);
-        let mut watch = Watch(&mut bench.esc, vec![]);
-        bench.device.handle_event(bench.now, Event::Sync0, &mut watch);
-        assert_eq!(watch.1.iter().filter(|address| **address == 0x098E).count(), expected);
+        for state in [AlState::PreOp, AlState::SafeOp] {
+            bench.ask(state);
+            assert_eq!(bench.status().0.state(), Ok(state));
+            let mut watch = Watch(&mut bench.esc, vec![]);
+            let reads = |watch: &Watch<'_>| watch.1.iter().filter(|at| **at == 0x098E).count();
+            bench.device.handle_event(bench.now, Event::Sync0, &mut watch);
+            assert_eq!(reads(&watch), expected, "{pulse_length}, {late}, {state}");
+            assert_eq!(bench.device.take_unacknowledged(), late);
+            assert!(!bench.device.take_unacknowledged(), "asked once");
+            bench.device.acknowledge_sync(Event::Sync0, &mut watch);
+            assert_eq!(reads(&watch), expected + 1);
+        }
     }
 }
 

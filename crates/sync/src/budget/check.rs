@@ -32,6 +32,8 @@ pub enum Check {
     InputShiftCoversDelay,
     /// Outputs become valid before the next pulse.
     OutputsValidInCycle,
+    /// SYNC0 is no longer active when its next pulse is due, which else makes no edge.
+    Sync0FallsInCycle,
     /// Outputs come again before the watchdog of the process data is over.
     OutputsBeforeWatchdog,
     /// SYNC0 lies on its grid as nearly as asked for.
@@ -74,7 +76,7 @@ pub enum Sign {
 
 impl Check {
     /// Those of one SubDevice, in the order of its cycle.
-    pub const OF_DEVICE: [Check; 13] = [
+    pub const OF_DEVICE: [Check; 14] = [
         Self::MinimumCycle,
         Self::OutputsStoredBeforeSync0,
         Self::Sync1CoversCopy,
@@ -85,6 +87,7 @@ impl Check {
         Self::ShiftCoversDelay,
         Self::InputShiftCoversDelay,
         Self::OutputsValidInCycle,
+        Self::Sync0FallsInCycle,
         Self::OutputsBeforeWatchdog,
         Self::Sync0WithinLimit,
         Self::OutputsSpreadWithinLimit,
@@ -116,6 +119,9 @@ impl Check {
             Self::ShiftCoversDelay => "a longer shift",
             Self::InputShiftCoversDelay => "a longer input_shift",
             Self::OutputsValidInCycle => "a shorter shift, or a longer cycle",
+            Self::Sync0FallsInCycle => {
+                "a program that reads 0x098E sooner, a pulse that ends by itself and sooner (0x0982), or a longer cycle"
+            }
             Self::OutputsBeforeWatchdog => "a shorter cycle, or a longer watchdog",
             Self::Sync0WithinLimit => {
                 "a shorter cycle, clocks that deviate less, or a larger sync0_limit"
@@ -140,6 +146,7 @@ impl Check {
             Self::ShiftCoversDelay => "shift-covers-delay",
             Self::InputShiftCoversDelay => "input-shift-covers-delay",
             Self::OutputsValidInCycle => "outputs-valid-in-cycle",
+            Self::Sync0FallsInCycle => "sync0-falls-in-cycle",
             Self::OutputsBeforeWatchdog => "outputs-before-watchdog",
             Self::Sync0WithinLimit => "sync0-within-limit",
             Self::OutputsSpreadWithinLimit => "outputs-spread-within-limit",
@@ -152,6 +159,9 @@ impl Check {
             Self::FramesInCycle => return None,
             Self::OutputsBeforeWatchdog => {
                 return Some(Source::Register(register::WATCHDOG_TIME_PROCESS_DATA.address));
+            }
+            Self::Sync0FallsInCycle => {
+                return Some(Source::Register(register::SYNC_PULSE_LENGTH.address));
             }
             Self::Sync0WithinLimit => {
                 return Some(Source::Register(register::SYSTEM_TIME_DIFFERENCE.address));
@@ -195,6 +205,9 @@ impl Check {
             Self::ShiftCoversDelay => "delay time <= shift time",
             Self::InputShiftCoversDelay => "delay time <= shift time of the inputs",
             Self::OutputsValidInCycle => "acting pulse to outputs valid <= cycle of the pulse",
+            Self::Sync0FallsInCycle => {
+                "pulse length, or time until it is acknowledged, + clock error <= SYNC0 cycle"
+            }
             Self::OutputsBeforeWatchdog => "cycle + send jitter <= watchdog of the process data",
             Self::Sync0WithinLimit => {
                 "clock error + tick of the pulse <= SYNC0 error that is allowed (sync0_limit)"
@@ -217,6 +230,7 @@ impl Check {
             Self::OutputsStoredBeforeSync0 => Sign::Judge("outputs fetched in their cycle"),
             // Each read sets the counter back: one that is missed now and then is never seen in it.
             Self::InputsReadBeforeSync0 => Sign::Judge("inputs read between two pulses"),
+            Self::Sync0FallsInCycle => Sign::Judge("an edge for each pulse of SYNC0"),
             Self::OutputsBeforeWatchdog => Sign::Fall(AlStatusCode::WATCHDOG),
             Self::Sync1CoversCopy | Self::ShiftCoversDelay => output(sub::SHIFT_TIME_TOO_SHORT),
             Self::InputShiftCoversDelay => {

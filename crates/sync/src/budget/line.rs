@@ -8,6 +8,7 @@ use isocat_wire::{AlStatusCode, frame};
 use super::term::{Origin, Quantity, Sum};
 use super::{Check, Cycle, Device, Sign, USUAL_DEVIATION_PPB, clocks};
 use crate::mode::SyncMode;
+use crate::pulses::SyncSignal;
 
 /// One line of the budget.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -196,6 +197,7 @@ pub(super) fn demand(cycle: &Cycle, shift: Nanos, device: &Device, check: Check)
             )
         }
         Check::OutputsValidInCycle if mode.uses_dc() => outputs_valid(cycle, device)?,
+        Check::Sync0FallsInCycle if mode.uses_dc() => sync0_falls(cycle, device)?,
         Check::OutputsBeforeWatchdog => within_watchdog(cycle, device)?,
         Check::Sync0WithinLimit if mode.uses_dc() => sync0_within_limit(cycle)?,
         Check::OutputsSpreadWithinLimit if mode.uses_dc() => outputs_spread(cycle, device)?,
@@ -381,6 +383,29 @@ fn outputs_valid(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
         .and_speed(cycle, device.clock_deviation_ppb, own);
     let available = Sum::default().and(Quantity::Sync0Cycle, pulse_cycle, origins.sync0_cycle);
     Some((needed, available))
+}
+
+/// SYNC0 falls before its next pulse is due. A pulse below half its cycle is none to speak of: as a rule it is 10 us.
+fn sync0_falls(cycle: &Cycle, device: &Device) -> Option<(Sum, Sum)> {
+    let (origins, sync0_cycle) = (&device.origins, device.pulses.sync0_cycle);
+    let needed = match device.sync_signal {
+        SyncSignal::Unknown => return None,
+        SyncSignal::Pulse(length) if length + length < sync0_cycle => return None,
+        SyncSignal::Pulse(length) => {
+            Sum::default().and(Quantity::PulseLength, length, Origin::Profile)
+        }
+        SyncSignal::Acknowledged(after) => Sum::default()
+            .and(Quantity::Acknowledge, after, origins.pulse_jitter)
+            .if_any(Quantity::PulseJitter, device.pulse_jitter, origins.pulse_jitter),
+    };
+    // Its own oscillator counts until then; the next pulse comes by the clock that is led.
+    let own = needed.total();
+    let needed = needed.and_speed(cycle, device.clock_deviation_ppb, own).if_any(
+        Quantity::Moved,
+        clocks::moved(cycle, sync0_cycle),
+        cycle.clock_error_origin,
+    );
+    Some((needed, self::sync0_cycle(device)))
 }
 
 /// SYNC0 lies where the SubDevice's clock has it, on a tick.

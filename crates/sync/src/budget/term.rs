@@ -175,6 +175,10 @@ pub enum Quantity {
     Watchdog,
     /// What a SubDevice's steps may be late behind their pulse.
     PulseJitter,
+    /// How long a SYNC pulse is.
+    PulseLength,
+    /// From a SYNC pulse until the device's program acknowledges it.
+    Acknowledge,
     /// The nanosecond by which "less" differs from "not more".
     Strictly,
 }
@@ -218,6 +222,8 @@ impl Quantity {
             Self::InputShift => "shift of inputs",
             Self::Watchdog => "watchdog of the process data",
             Self::PulseJitter => "jitter behind the pulse",
+            Self::PulseLength => "length of the pulse",
+            Self::Acknowledge => "acknowledge behind the pulse",
             Self::Strictly => "less, not equal",
         }
     }

@@ -17,6 +17,7 @@ fn drive() -> Device {
     Device {
         mode: SyncMode::DcSync0,
         pulses: Pulses { sync0_cycle: Nanos(1_000_000), ..Pulses::default() },
+        sync_signal: SyncSignal::Unknown,
         every: 1,
         frame_spread: Nanos(0),
         ring_spread: Nanos(0),
@@ -403,4 +404,36 @@ fn the_longest_line_has_room_for_its_figures() {
     };
     let demand = demand(&cycle, Nanos::ZERO, &device, Check::InputsBeforeFrame).unwrap();
     assert_eq!(demand.needed.terms().count(), 9);
+}
+
+/// What is left of a cycle until SYNC0 falls, where both clocks are ideal: to the nanosecond.
+#[test]
+fn sync0_falls_before_its_next_pulse() {
+    let ideal = Cycle { clock_error: Nanos::ZERO, ..CYCLE };
+    let line = |signal, jitter| {
+        let device = Device { sync_signal: signal, pulse_jitter: Nanos(jitter), ..drive() };
+        demand(&ideal, Nanos(500_000), &device, Check::Sync0FallsInCycle)
+    };
+    let slack = |signal, jitter| line(signal, jitter).map(|line| line.slack().0);
+    use SyncSignal::{Acknowledged, Pulse, Unknown};
+    assert_eq!(slack(Acknowledged(Nanos(1_000_000)), 0), Some(0));
+    assert_eq!(slack(Acknowledged(Nanos(1_000_001)), 0), Some(-1));
+    assert_eq!(slack(Acknowledged(Nanos(999_000)), 1_001), Some(-1));
+    assert_eq!(slack(Acknowledged(Nanos::ZERO), 0), Some(1_000_000));
+    // The hardware ends a pulse: no jitter. One below half the cycle is no line.
+    assert_eq!(slack(Pulse(Nanos(1_000_000)), 5_000), Some(0));
+    assert_eq!(slack(Pulse(Nanos(500_000)), 0), Some(500_000));
+    assert_eq!(slack(Pulse(Nanos(499_999)), 0), None);
+    assert_eq!(slack(Unknown, 0), None);
+    let sm =
+        Device { mode: SyncMode::SmSynchronous, sync_signal: Acknowledged(Nanos(1)), ..drive() };
+    assert_eq!(demand(&ideal, Nanos(500_000), &sm, Check::Sync0FallsInCycle), None);
+}
+
+/// 100 ppm of the time until the acknowledgement, a tick, and what the clock that is led may move in a cycle.
+#[test]
+fn what_acknowledges_counts_by_its_own_clock() {
+    let device = Device { sync_signal: SyncSignal::Acknowledged(Nanos(400_000)), ..drive() };
+    let demand = demand(&CYCLE, Nanos(500_000), &device, Check::Sync0FallsInCycle).unwrap();
+    assert_eq!(demand.needed.total(), Nanos(400_000 + 40 + 10 + 100));
 }

@@ -455,9 +455,12 @@ pub static CODES: [(u16, Entry); 63] = [
                 "the offset 0x0920 was written: the next pulse lies far away",
                 "the ESC was reset or lost its supply",
                 "SYNC is not mapped to the processor (0x0151), or its interrupt is blocked",
+                "the pulse is not acknowledged before the next (0x0982 is 0), or is as long as the \
+                 cycle",
             ],
             &[
                 "0x0981: still on",
+                "0x0982, 0x098E",
                 "0x0990 less 0x0910: the next pulse must lie within one cycle",
                 "0x09A0, 0x09A4",
             ],

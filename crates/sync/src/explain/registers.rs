@@ -262,9 +262,10 @@ pub(crate) static REGISTERS: [RegisterEntry; 30] = [
         0x0982,
         2,
         "SYNC pulse length",
-        "In 10 ns, from SII word 2. 0: the pulse stays until the device reads 0x098E.",
+        "In 10 ns, from SII word 2. 0 is acknowledge mode: the pulse stays until the device reads \
+         0x098E.",
         &["too short for the processor's pin, or longer than the cycle: no edges"],
-        &["SII word 2"],
+        &["SII word 2", "0: 0x098E; a pulse that is due before the read makes no edge"],
         &["write the SII, then switch off and on"],
     ),
     register(
@@ -283,7 +284,10 @@ pub(crate) static REGISTERS: [RegisterEntry; 30] = [
         "SYNC status",
         "0x098E SYNC0, 0x098F SYNC1, in acknowledge mode (0x0982 = 0): the processor reads it to \
          end the pulse.",
-        &["stays 1: the processor does not serve the interrupt"],
+        &[
+            "stays 1: the processor does not serve the interrupt",
+            "1 when the next pulse is due: it is acknowledged too late, and that pulse is lost",
+        ],
         &["0x0982"],
         &["nothing from the bus"],
     ),

@@ -281,6 +281,13 @@ impl Scalar for Ppb {
     }
 }
 
+impl Scalar for f64 {
+    fn read(value: &Value<'_>, kind: &Kind, _: i64) -> Result<Self, FileError> {
+        let Kind::Decimal { least, most, unit } = *kind else { mistaken(kind) };
+        value.decimal(least..=most, unit)
+    }
+}
+
 impl Scalar for bool {
     fn read(value: &Value<'_>, kind: &Kind, _: i64) -> Result<Self, FileError> {
         let Kind::Boolean = kind else { mistaken(kind) };

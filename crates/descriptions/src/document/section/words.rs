@@ -25,6 +25,9 @@ impl Kind {
             Self::Rate { least, most } => format!("rate, {} to {}", Ppb(*least), Ppb(*most)),
             Self::Integer { least, most: i64::MAX } => format!("integer, {least} or more"),
             Self::Integer { least, most } => format!("integer, {least} to {most}"),
+            Self::Decimal { least, most, unit } => {
+                format!("number with its unit, {least} {unit} to {most} {unit}")
+            }
             Self::Hex { least, most } => format!("integer, 0x{least:X} to 0x{most:X}"),
             Self::Boolean => "true or false".into(),
             Self::Name(expected) | Self::Text(expected) => format!("text: {expected}"),

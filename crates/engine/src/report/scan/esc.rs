@@ -13,6 +13,11 @@ use super::Esc;
 
 pub(super) fn esc(device: &SubDevice) -> Esc {
     let esc = &device.esc;
+    let words = &device.sii.header.configuration;
+    let pulse = i64::from(u16::from_le_bytes([words[4], words[5]])) * TICK;
+    // Of an SII that could not be read nothing is known.
+    let is_read = words.iter().any(|byte| *byte != 0);
+    let sync_unit = esc.configuration & SYNC_UNIT != 0;
     Esc {
         kind: esc.kind,
         kind_name: kind(esc.kind).to_owned(),
@@ -22,12 +27,13 @@ pub(super) fn esc(device: &SubDevice) -> Esc {
         sync_managers: esc.sync_managers,
         ram_kib: esc.ram,
         features: esc.features,
-        features_in_words: words(&FEATURES, esc.features),
+        features_in_words: self::words(&FEATURES, esc.features),
         pdi: device.observed.pdi,
         pdi_name: device.observed.pdi.map(|kind| pdi(kind).to_owned()),
         device_emulation: esc.device_emulation(),
         dc: dc(device.dc).to_owned(),
-        sync_unit: esc.configuration & SYNC_UNIT != 0,
+        sync_unit,
+        sync_pulse_ns: (sync_unit && is_read).then_some(pulse),
         latch_unit: esc.configuration & LATCH_UNIT != 0,
         sync_latch: device.observed.sync_latch,
         pins: device.observed.sync_latch.map_or(Vec::new(), pins),
@@ -176,6 +182,8 @@ fn words(table: &[(u16, &str)], word: u16) -> Vec<String> {
     named.chain(unknown.map(|bit| format!("bit {bit}"))).collect()
 }
 
+/// Of the pulse length, ns.
+const TICK: i64 = 10;
 /// 0x0141.
 const SYNC_UNIT: u8 = 1 << 2;
 /// 0x0141.

@@ -66,6 +66,11 @@ impl Import<'_> {
                        state machine";
             self.assume("Eeprom/ConfigData device emulation", "off", why);
         }
+        let acknowledged = words[4..6] == [0; 2] && words[1] & sii::SYNC_UNIT != 0;
+        if acknowledged && self.device.dc.is_some() {
+            let why = "ConfigData has SYNC pulses that its program acknowledges, and does not say how soon it does";
+            self.assume("times.acknowledge", "0 ns", why);
+        }
         words
     }
 

@@ -28,6 +28,16 @@ pub(super) static TIMES: Section = Section {
             )
         },
         spread("jitter", "Peak-to-peak spread of the steps that follow a SYNC0 event."),
+        Key {
+            name: "acknowledge",
+            kind: Kind::duration(Nanos::ZERO, LONGEST_STEP),
+            need: Need::Without("at once, with the interrupt"),
+            means: "From a SYNC pulse until the program reads register 0x098E (SYNC1: 0x098F), which \
+                    ends it where `pulse` is 0 ns. Many programs do it behind all that the pulse \
+                    starts. It spreads by `jitter`; pulses that are due before make no edge.",
+            goes: "the simulated CPU and the plan",
+            example: r#""30us""#,
+        },
         spread("latency", "Longest interrupt latency from the SM2 event; a part of calc_and_copy."),
         Key {
             name: "variation",

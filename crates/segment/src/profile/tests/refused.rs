@@ -280,6 +280,17 @@ fn contradictions_of_times() {
         "42:1 times.input_copy is missing; expected a duration, since 0x1C33:06 states none to follow"
     );
     assert_eq!(
+        refused("[times]", "[times]\nacknowledge = \"30us\""),
+        "42:1 times.acknowledge is given, but pulses end by themselves with esc.pulse = \"10 us\"; expected esc.pulse = \
+         \"0ns\" beside it"
+    );
+    let times = "[times]\nacknowledge = \"30us\"";
+    let acknowledged = MINIMAL.replace("[times]", times);
+    let acknowledged =
+        acknowledged.replace("sync_unit = true", "sync_unit = true\npulse = \"0ns\"");
+    let profile = Profile::from_toml("p.toml", &acknowledged).unwrap();
+    assert_eq!((profile.pulse().0, profile.times.acknowledge.0), (0, 30_000));
+    assert_eq!(
         refused("application = \"50us\"", "application = \"0us\""),
         "45:15 application = \"0us\" is out of range; expected 1 ns to 1 s"
     );

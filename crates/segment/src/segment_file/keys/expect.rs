@@ -9,7 +9,8 @@ pub(super) const EXPECT_KEY: Key = Key {
     name: "expect",
     kind: Kind::Tables(&EXPECT),
     need: Need::Without("that the run is in sync"),
-    means: "What is expected of a simulated run. With it `isocat run` ends by this: exit code 0 if all of it came so.",
+    means: "What is expected of a simulated run, or of a segment that is served. With it `isocat run` and `isocat serve` end by \
+            this: exit code 0 if all of it came so.",
     goes: "the judges of the run, in true time",
     example: r#"[{ in_sync_at = "5s" }, { recovers_within = "1s" }]"#,
 };
@@ -34,7 +35,7 @@ static EXPECT: Section = Section {
             },
             need: Need::Without("it does not matter"),
             means: "All devices are in sync at this instant: in OP, SYNC0 on its grid, outputs in time. Times count from the \
-                    power-on of the segment.",
+                    power-on of the segment, which is the beginning of `serve`.",
             goes: "the course of the run",
             example: r#""5s""#,
         },
@@ -50,9 +51,17 @@ static EXPECT: Section = Section {
             name: "device",
             kind: Kind::Name("the name of a device, or its position"),
             need: Need::Without("all devices"),
-            means: "Whose edges `worst_sync0` is about.",
-            goes: "the course of the run",
+            means: "Whose edges `worst_sync0` is about, and whose plant `plant_deviation`.",
+            goes: "the judges of the run, in true time",
             example: r#""x""#,
+        },
+        Key {
+            name: "plant_deviation",
+            kind: Kind::Decimal { least: 0.0, most: 1_000_000_000.0, unit: "um" },
+            need: Need::Without("it does not matter"),
+            means: "No load of a `[[plant]]` is ever farther from where it would be with punctual outputs.",
+            goes: "the judges of the plants, in true time",
+            example: r#""20um""#,
         },
         Key {
             name: "recovers_within",

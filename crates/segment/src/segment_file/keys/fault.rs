@@ -21,10 +21,7 @@ static FAULT: Section = Section {
     keys: &[
         Key {
             name: "at",
-            kind: Kind::Pattern {
-                expected: "when it happens, such as \"2s\", \"cycle 500\" or \"in-operation + 100ms\"",
-                pattern: r"^\s*(when\s+)?(cycle\s+[0-9]+|in-operation|[0-9.]+\s*[a-zµ]+)(\s*\+\s*[0-9.]+\s*[a-zµ]+)?\s*$",
-            },
+            kind: INSTANT,
             need: Need::Required("when it happens, such as at = \"2s\""),
             means: "When it happens: a time after the power-on of the segment; \"cycle N\", when so many cycles are over; \
                     \"in-operation\", when all devices that take part are in OP. A time may be added to both.",
@@ -83,6 +80,12 @@ static FAULT: Section = Section {
         },
     ],
     rules: &[Rule::Needs("times", "every")],
+};
+
+/// An instant of the language of faults.
+pub(super) const INSTANT: Kind = Kind::Pattern {
+    expected: "an instant, such as \"2s\", \"cycle 500\" or \"in-operation + 100ms\"",
+    pattern: r"^\s*(when\s+)?(cycle\s+[0-9]+|in-operation|[0-9.]+\s*[a-zµ]+)(\s*\+\s*[0-9.]+\s*[a-zµ]+)?\s*$",
 };
 
 /// The words of the language of faults.

@@ -139,6 +139,11 @@ impl ScanReport {
             on(esc.sync_unit),
             on(esc.latch_unit)
         );
+        match esc.sync_pulse_ns.filter(|_| full) {
+            Some(0) => text += "; SYNC pulses last until they are acknowledged (SII word 2)",
+            Some(pulse) => text += &format!("; SYNC pulses of {} (SII word 2)", Nanos(pulse)),
+            None => {}
+        }
         if let (true, Some(word)) = (full, esc.sync_latch) {
             text += &format!("; 0x0151 = {word:#04x}: {}", esc.pins.join("; "));
         }

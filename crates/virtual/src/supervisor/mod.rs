@@ -97,6 +97,9 @@ pub struct Figures {
     pub processes: u64,
 }
 
+/// From one look at a segment to the next, at least.
+const LEAST_LOOK: Nanos = Nanos::micros(1);
+
 /// Virtual time at which a program starts.
 pub const START: Time<Clock> = Time::new(1_000_000_000);
 
@@ -133,6 +136,8 @@ struct Supervisor<'w> {
     netlinks: BTreeMap<ObjectId, ObjectId>,
     /// The clocks that timers go by.
     timer_clocks: BTreeMap<ObjectId, i32>,
+    /// When the segment was looked at last.
+    looked: Time<Clock>,
     /// When the last frame set out.
     last_sent: Time<Clock>,
     page: ClockPage,
@@ -199,6 +204,7 @@ impl<'w> Supervisor<'w> {
             outside: BTreeMap::new(),
             netlinks: BTreeMap::new(),
             timer_clocks: BTreeMap::new(),
+            looked: Time::ZERO,
             last_sent: Time::ZERO,
             page,
             watchdog,
@@ -230,9 +236,6 @@ impl<'w> Supervisor<'w> {
             self.collect()?;
             if let Some(how) = self.end.take() {
                 return Ok(how);
-            }
-            if self.options.stop.load(Ordering::SeqCst) {
-                return Ok(How::Stopped);
             }
             let Some(task) = self.choose()? else { continue };
             self.release(task)?;
@@ -332,6 +335,10 @@ impl<'w> Supervisor<'w> {
             self.interrupt_by_signals();
         }
         loop {
+            if self.options.stop.load(Ordering::SeqCst) {
+                self.end = Some(How::Stopped);
+                return Ok(None);
+            }
             let next = self.scheduler.next();
             let due = next.map_or(Time::NEVER, |(_, due)| due);
             let event = self.next_event();
@@ -367,15 +374,23 @@ impl<'w> Supervisor<'w> {
     fn next_event(&self) -> Time<Clock> {
         let frames = self.flying.iter().map(|answer| answer.at);
         let timers = self.processes.iter().filter_map(Process::next_timer);
-        let wire = self.wire.next_timeout(self.now());
+        let wire = self.next_look();
         let all = frames.chain(timers).chain(wire).chain([self.objects.next_timer()]);
         all.min().unwrap_or(Time::NEVER)
+    }
+
+    /// When the segment wants to be looked at next. It may want it again at once, and gets it a little later: else time would stand
+    /// still.
+    fn next_look(&self) -> Option<Time<Clock>> {
+        let due = self.wire.next_timeout(self.now())?;
+        Some(due.max(self.looked + LEAST_LOOK))
     }
 
     /// What is due by now happens.
     fn fire(&mut self) {
         let now = self.now();
-        if self.wire.next_timeout(now).is_some_and(|due| due <= now) {
+        if self.next_look().is_some_and(|due| due <= now) {
+            self.looked = now;
             self.wire.advance(now);
         }
         while let Some(place) = self.first_back(now) {

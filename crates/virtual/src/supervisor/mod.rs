@@ -343,6 +343,14 @@ impl<'w> Supervisor<'w> {
             let due = next.map_or(Time::NEVER, |(_, due)| due);
             let event = self.next_event();
             let until = due.min(event);
+            if until < Time::NEVER
+                && let Some(look) = self.next_look().filter(|look| *look <= until)
+            {
+                self.scheduler.advance(look);
+                self.looked = self.now();
+                self.wire.advance(self.now());
+                continue;
+            }
             if let Some(limit) = self.options.limit
                 && until >= START + limit
                 && until > self.now()
@@ -370,29 +378,24 @@ impl<'w> Supervisor<'w> {
         }
     }
 
-    /// When the world does something next: a frame is back, a timer expires, the segment wants to be looked at.
+    /// When the world does something next: a frame is back, a timer expires.
     fn next_event(&self) -> Time<Clock> {
         let frames = self.flying.iter().map(|answer| answer.at);
         let timers = self.processes.iter().filter_map(Process::next_timer);
-        let wire = self.next_look();
-        let all = frames.chain(timers).chain(wire).chain([self.objects.next_timer()]);
+        let all = frames.chain(timers).chain([self.objects.next_timer()]);
         all.min().unwrap_or(Time::NEVER)
     }
 
-    /// When the segment wants to be looked at next. It may want it again at once, and gets it a little later: else time would stand
-    /// still.
+    /// When the segment wants to be looked at next, if time goes on at all: that alone is no reason for it. It may want it again at
+    /// once, and gets it a little later: else time would stand still.
     fn next_look(&self) -> Option<Time<Clock>> {
-        let due = self.wire.next_timeout(self.now())?;
+        let due = self.wire.next_timeout(self.looked)?;
         Some(due.max(self.looked + LEAST_LOOK))
     }
 
     /// What is due by now happens.
     fn fire(&mut self) {
         let now = self.now();
-        if self.next_look().is_some_and(|due| due <= now) {
-            self.looked = now;
-            self.wire.advance(now);
-        }
         while let Some(place) = self.first_back(now) {
             let WireAnswer { at, interface, bytes } = self.flying.swap_remove(place);
             self.figures.received += 1;
@@ -446,7 +449,8 @@ impl<'w> Supervisor<'w> {
     /// Until when a thread may read the clock without anybody else being due.
     fn limit(&self, task: TaskId) -> Time<Clock> {
         let limit = self.options.limit.map_or(Time::NEVER, |limit| START + limit);
-        self.scheduler.next_other(task).min(self.next_event()).min(limit)
+        let look = self.next_look().unwrap_or(Time::NEVER);
+        self.scheduler.next_other(task).min(self.next_event()).min(look).min(limit)
     }
 
     /// The program let time go on by itself.

@@ -126,7 +126,8 @@ enum Verb {
     Serve(Box<serve::Arguments>),
     /// Run an unmodified MainDevice program on the virtual segment, in deterministic virtual time
     #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
-    Virtual(virtual_time::Arguments),
+    #[command(after_help = virtual_time::EXAMPLES)]
+    Virtual(Box<virtual_time::Arguments>),
     /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),

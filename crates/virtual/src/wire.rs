@@ -2,6 +2,8 @@
 
 use isocat_wire::time::{Host, Time};
 
+use crate::kernel::MachineFault;
+
 /// A frame that comes back.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct WireAnswer {
@@ -29,4 +31,7 @@ pub trait Wire {
 
     /// When [`advance`](Self::advance) is wanted next, if nothing is sent.
     fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>>;
+
+    /// Takes what has begun to happen to the program's machine since the last call.
+    fn take_machine_faults(&mut self) -> Vec<MachineFault>;
 }

@@ -8,7 +8,7 @@ use std::sync::{Arc, Condvar, Mutex, mpsc};
 use std::time::{Duration, Instant, SystemTime};
 
 use isocat_host::RawSocket;
-use isocat_virtual::kernel::{Costs, Luck};
+use isocat_virtual::kernel::{Costs, Luck, MachineFault};
 use isocat_virtual::supervisor::{self, Ended, Ending, How, Options, Program};
 use isocat_virtual::{Wire, WireAnswer};
 use isocat_wire::time::{Host, Nanos, Time};
@@ -39,6 +39,10 @@ impl Wire for Echo {
 
     fn next_timeout(&self, _: Time<Host>) -> Option<Time<Host>> {
         None
+    }
+
+    fn take_machine_faults(&mut self) -> Vec<MachineFault> {
+        Vec::new()
     }
 }
 

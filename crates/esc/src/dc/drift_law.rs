@@ -326,8 +326,10 @@ pub(super) const fn round(fixed: i64) -> i64 {
 
 /// More than this without a received time (17 s) counts as this, ns.
 const LONGEST: i64 = 1 << 34;
-/// Differences come in the ticks of two clocks: so much may be left over without being a jump, ns.
-const GRAIN: i64 = 32 << FRACTION;
+/// Differences come in the ticks of two clocks, 10 ns each, and a frame on MII is received in nibbles of 40 ns: so much may be left
+/// over without being a jump, ns. A law that took a nibble for a jump would learn no speed from frames that follow each other
+/// closely, as between two nibbles it then sees no drift at all.
+const GRAIN: i64 = 64 << FRACTION;
 /// The largest step of phase, ns. The record asks for no more than some limit between 8 ns and
 /// none.
 const LARGEST_STEP: i64 = 100 << FRACTION;

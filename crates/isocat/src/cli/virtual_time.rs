@@ -1,25 +1,40 @@
 //! `isocat virtual`.
 
+mod files;
+mod luck;
+mod outcome;
+mod seeds;
+mod segment;
+
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use clap::Args;
-use isocat_segment::Scenario;
-use isocat_serve::server::{Answer, Server};
-use isocat_serve::{Setup, Summary};
-use isocat_sim::MainPort;
+use isocat_descriptions::limits;
+use isocat_segment::{Scenario, SegmentFile};
+use isocat_serve::Summary;
 use isocat_virtual::kernel::{Costs, Luck};
-use isocat_virtual::supervisor::{self, Ended, Ending, How, Options, Program, START};
-use isocat_virtual::{Wire, WireAnswer};
-use isocat_wire::time::{Host, Nanos, Time};
+use isocat_virtual::supervisor::{self, Ended, Options, Program, START};
+use isocat_wire::time::Nanos;
 
-use super::run::duration;
-use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, NOT_KNOWN, fail, print};
+use super::files::{Files, Wanted};
+use super::run::{duration, unwritable};
+use super::{BAD_INPUT, IN_SYNC, fail, output, print};
+use files::SharedFiles;
+use segment::Segment;
 
-/// Nothing is wrong with synchronization, but the program itself failed.
-const PROGRAM_FAILED: u8 = 4;
+/// Shown below the help of `virtual`.
+pub(crate) const EXAMPLES: &str = "\
+Examples:
+  isocat virtual -- ./my_master vt0                   the built-in segment, behind an interface that the program finds as vt0
+  isocat virtual my.toml --for 60s -- ./my_master vt0
+  isocat virtual my.toml --seed 7 --lateness 200us --report run.html -- ./my_master vt0
+  isocat virtual my.toml --seeds 100 --faults swarm --failed failed -- ./my_master vt0
+
+Exit code: 0 in sync, and the program ended with 0; 1 not in sync or not as expected; 2 bad input, or programs can't be
+supervised here; 3 not known, as no SubDevice was in OP; 4 nothing speaks against synchronization, but the program failed.";
 
 /// Arguments of `virtual`.
 #[derive(Args, Debug)]
@@ -35,9 +50,15 @@ pub struct Arguments {
     /// Seed of everything random: the segment, the host's bad luck, the program's random numbers
     #[arg(long)]
     seed: Option<u64>,
-    /// Wake-ups of the program come late by up to this
+    /// Wake-ups of the program come late by up to this, in the place of what the file says of its host
     #[arg(long, value_name = "TIME", value_parser = duration)]
     lateness: Option<Nanos>,
+    /// Wake-ups come as late as measured: a histogram as cyclictest -q -h writes it, or lines of microseconds and counts
+    #[arg(long, value_name = "FILE", conflicts_with = "lateness")]
+    lateness_from: Option<PathBuf>,
+    /// One of so many system calls takes up to this much longer, as another program has the processor (1000:300us)
+    #[arg(long, value_name = "ONE_OF:TIME", value_parser = luck::preemption)]
+    preemption: Option<(u64, Nanos)>,
     /// End the program after this virtual time
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     limit: Option<Nanos>,
@@ -47,6 +68,23 @@ pub struct Arguments {
     /// Also write the summary to this file: a page if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// What the segment file expects, as JUnit for a CI: each expectation is a test
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Write all frames to this file, in true time: pcapng
+    #[arg(long, value_name = "FILE")]
+    capture: Option<PathBuf>,
+    /// Write what happens at the SubDevices to this file, as waveforms: VCD
+    #[arg(long, value_name = "FILE")]
+    waves: Option<PathBuf>,
+    /// Write frames, and what happens at each SubDevice, to this file, as a trace for Perfetto
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Take the segment from this file, as if it stood in the place of SEGMENT
+    #[arg(long, value_name = "FILE", hide = true)]
+    text: Option<String>,
+    #[command(flatten)]
+    many: seeds::Options,
     /// The program and its arguments
     #[arg(last = true, required = true, value_name = "PROGRAM")]
     program: Vec<OsString>,
@@ -54,205 +92,131 @@ pub struct Arguments {
 
 /// Runs the verb; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
-    let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
-        Ok(file) => file,
-        Err(error) => return fail(&error.to_string()),
+    let result = match arguments.many.seeds {
+        Some(seeds) => seeds::run(arguments, seeds),
+        None => once(arguments),
     };
-    let mut scenario = Scenario::from(file);
+    result.unwrap_or_else(|message| fail(&message))
+}
+
+/// One run of the program.
+fn once(arguments: &Arguments) -> Result<u8, String> {
+    let mut scenario = Scenario::from(arguments.segment_file()?);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
-    let (program, options) = match prepare(arguments, &scenario) {
-        Ok(prepared) => prepared,
-        Err(message) => return fail(&message),
-    };
-    let mut wire = Segment::new(&scenario);
-    let ended = match supervisor::run(&program, &options, &mut wire) {
-        Ok(ended) => ended,
-        Err(error) => return fail(&error.to_string()),
-    };
-    wire.server.finish(START + ended.lasted);
+    let interfaces = arguments.interfaces(&scenario)?;
+    let program = arguments.find_program()?;
+    let options = arguments.options(&scenario, interfaces)?;
+    for (what, path) in [("report", &arguments.report), ("JUnit", &arguments.junit)] {
+        if let Some(path) = path {
+            output::probe(path).map_err(|error| unwritable(what, Some(path), &error))?;
+        }
+    }
+    let files = SharedFiles::new(Files::create(&arguments.files(), &scenario)?);
+    let mut segment = Segment::new(&scenario, files.tap());
+    let ended = supervisor::run(&program, &options, &mut segment).map_err(|e| e.to_string())?;
+    segment.server.finish(START + ended.lasted);
     let interface = options.interfaces.join(" and ");
-    let summary = Summary::new(&wire.server, &scenario.source, &interface, ended.lasted);
-    finish(arguments, &summary, &ended, wire.hash)
+    let summary = Summary::new(&segment.server, &scenario.source, &interface, ended.lasted);
+    files.finish()?;
+    arguments.finish(&summary, scenario.seed, &ended, segment.hash)
 }
 
-fn prepare(arguments: &Arguments, scenario: &Scenario) -> Result<(Program, Options), String> {
-    let interfaces: Vec<String> = [Some(&arguments.interface), arguments.secondary.as_ref()]
-        .into_iter()
-        .flatten()
-        .cloned()
-        .collect();
-    if arguments.secondary.is_some() != scenario.ring.is_some() {
-        let expected = if scenario.ring.is_some() {
-            "--secondary IF beside --interface, as it is a ring"
-        } else {
-            "no --secondary, as it is no ring"
+impl Arguments {
+    fn segment_file(&self) -> Result<SegmentFile, String> {
+        let file = match &self.text {
+            Some(path) => limits::read_text(path, limits::TOML).and_then(|text| {
+                SegmentFile::parse(self.segment.as_deref().unwrap_or("built-in segment"), &text)
+            }),
+            None => super::segment_or_built_in(self.segment.as_deref()),
         };
-        return Err(format!("{}: expected {expected}", scenario.source));
+        file.map_err(|error| error.to_string())
     }
-    for name in &interfaces {
-        if name.is_empty() || name.len() > 15 || name.contains(['/', ' ']) {
+
+    /// The names of the interfaces, if they can be had.
+    fn interfaces(&self, scenario: &Scenario) -> Result<Vec<String>, String> {
+        if self.secondary.is_some() != scenario.ring.is_some() {
+            let expected = if scenario.ring.is_some() {
+                "--secondary IF beside --interface, as it is a ring"
+            } else {
+                "no --secondary, as it is no ring"
+            };
+            return Err(format!("{}: expected {expected}", scenario.source));
+        }
+        if self.secondary.as_ref() == Some(&self.interface) {
             return Err(format!(
-                "--interface {name}: this can't be the name of an interface; expected up to 15 characters such as vt0"
+                "--secondary {}: --interface has this name already; expected another one",
+                self.interface
             ));
         }
-        if std::path::Path::new("/sys/class/net").join(name).exists() {
-            return Err(format!(
-                "--interface {name}: this machine has such an interface; expected a name of its own for the virtual one, such as vt0"
-            ));
+        let names = [Some(&self.interface), self.secondary.as_ref()];
+        let names: Vec<String> = names.into_iter().flatten().cloned().collect();
+        for name in &names {
+            if name.is_empty() || name.len() > 15 || name.contains(['/', ' ']) {
+                return Err(format!(
+                    "--interface {name}: this can't be the name of an interface; expected up to 15 characters such as vt0"
+                ));
+            }
+            if Path::new("/sys/class/net").join(name).exists() {
+                return Err(format!(
+                    "--interface {name}: this machine has such an interface; expected a name of its own for the virtual one, such as vt0"
+                ));
+            }
         }
-    }
-    let [name, rest @ ..] = &arguments.program[..] else {
-        return Err("expected a program behind --".into());
-    };
-    let program = Program::find(name, rest).map_err(|refusal| refusal.to_string())?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|error| error.to_string())?;
-    }
-    let luck = Luck {
-        lateness: arguments.lateness.unwrap_or_default(),
-        seed: scenario.seed,
-        ..Luck::default()
-    };
-    let options =
-        Options { interfaces, costs: Costs::default(), luck, limit: arguments.limit, stop };
-    debug_assert!(!options.stop.load(Ordering::SeqCst), "nobody asked yet");
-    Ok((program, options))
-}
-
-/// The segment behind the interfaces.
-struct Segment {
-    server: Server,
-    /// Of all frames that came back and when they set out.
-    hash: u64,
-}
-
-impl Segment {
-    fn new(scenario: &Scenario) -> Self {
-        let server = Server::new(Setup::from(scenario).without_process_data(), START);
-        Self { server, hash: 0xCBF2_9CE4_8422_2325 }
+        Ok(names)
     }
 
-    fn take_in(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.hash = (self.hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3);
-        }
-    }
-}
-
-const PORTS: [MainPort; 2] = [MainPort::Primary, MainPort::Secondary];
-
-impl Wire for Segment {
-    fn send(
-        &mut self,
-        interface: usize,
-        at: Time<Host>,
-        frame: &[u8],
-        answers: &mut Vec<WireAnswer>,
-    ) {
-        let mut bytes = frame.to_vec();
-        let answer = self.server.frame_at(PORTS[interface], at, &mut bytes);
-        self.take_in(&at.count().to_le_bytes());
-        self.take_in(&bytes);
-        self.server.after(&bytes);
-        if let Answer::Back { port, last_bit, .. } = answer {
-            answers.push(WireAnswer { at: last_bit, interface: port as usize, bytes });
-        }
-        while let Some((port, at, bytes)) = self.server.take_copy() {
-            answers.push(WireAnswer { at, interface: port as usize, bytes });
-        }
-        while self.server.poll_event().is_some() {}
-    }
-
-    fn advance(&mut self, now: Time<Host>) {
-        self.server.idle(now);
-        while self.server.poll_event().is_some() {}
-    }
-
-    fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>> {
-        self.server.next_timeout(now)
-    }
-}
-
-fn finish(arguments: &Arguments, summary: &Summary, ended: &Ended, hash: u64) -> u8 {
-    let words = words(ended, hash);
-    anstream::eprint!("{}{words}", summary.text());
-    let json = || {
-        let mut document = serde_json::to_value(summary).unwrap_or_default();
-        document["program"] = program_json(ended, hash);
-        document
-    };
-    if let Some(path) = &arguments.report {
-        let text = match path.extension().and_then(|extension| extension.to_str()) {
-            Some("json") => format!("{:#}\n", json()),
-            Some("html" | "htm") => crate::html::serve::page(summary).render(),
-            _ => anstream::adapter::strip_str(&summary.text()).to_string() + &words,
+    fn find_program(&self) -> Result<Program, String> {
+        let [name, rest @ ..] = &self.program[..] else {
+            return Err("expected a program behind --".into());
         };
-        if let Err(error) = super::output::write(path, text) {
-            return fail(&super::run::unwritable("report", Some(path), &error));
-        }
+        Program::find(name, rest).map_err(|refusal| refusal.to_string())
     }
-    if arguments.json && print(&format!("{}\n", json())) != IN_SYNC {
-        return BAD_INPUT;
-    }
-    let answer = summary.sessions.last().map(|session| session.answer);
-    match (answer, &ended.how) {
-        (Some("except"), _) => NOT_IN_SYNC,
-        (_, How::Deadlock(_) | How::Spins(_)) => PROGRAM_FAILED,
-        (_, How::Itself(ending)) if *ending != Ending::Exited(0) => PROGRAM_FAILED,
-        (Some("in-sync"), _) => IN_SYNC,
-        _ => NOT_KNOWN,
-    }
-}
 
-fn words(ended: &Ended, hash: u64) -> String {
-    let how = match &ended.how {
-        How::Itself(Ending::Exited(code)) => format!("ended with exit code {code}"),
-        How::Itself(Ending::Killed(signal)) => format!("was ended by signal {signal}"),
-        How::Limit => "was ended, as its time was over".into(),
-        How::Stopped => "was ended, as asked".into(),
-        How::Deadlock(who) => {
-            format!(
-                "was ended, as all its threads wait for what nobody will do: {}",
-                who.join("; ")
-            )
+    fn options(&self, scenario: &Scenario, interfaces: Vec<String>) -> Result<Options, String> {
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            signal_hook::flag::register(signal, Arc::clone(&stop))
+                .map_err(|error| error.to_string())?;
         }
-        How::Spins(who) => {
-            format!("was ended, as it ran for 2 s without any system call: {}", who.join("; "))
-        }
-    };
-    let figures = &ended.figures;
-    let mut text = format!(
-        "The program {how}, after {:.6} s of virtual time.\n{} frames sent, {} received; {} calls stopped it, {} readings of the clock did not; {} threads, {} processes; wire {hash:016x}\n",
-        ended.lasted.0 as f64 / 1e9,
-        figures.sent,
-        figures.received,
-        figures.stops,
-        figures.readings,
-        figures.threads,
-        figures.processes,
-    );
-    for (note, count) in &ended.notes {
-        text += &format!("note: {note} ({count} times)\n");
+        let measured = self.lateness_from.as_deref().map(luck::histogram).transpose()?;
+        let luck = Luck {
+            lateness: self.lateness.unwrap_or(scenario.host.jitter),
+            measured: measured.unwrap_or_default(),
+            preemption: self.preemption.unwrap_or_default(),
+            seed: scenario.seed,
+            ..Luck::default()
+        };
+        Ok(Options { interfaces, costs: Costs::default(), luck, limit: self.limit, stop })
     }
-    text
-}
 
-fn program_json(ended: &Ended, hash: u64) -> serde_json::Value {
-    let figures = &ended.figures;
-    let (how, code) = match &ended.how {
-        How::Itself(Ending::Exited(code)) => ("exited", Some(*code)),
-        How::Itself(Ending::Killed(signal)) => ("killed", Some(*signal)),
-        How::Limit => ("limit", None),
-        How::Stopped => ("stopped", None),
-        How::Deadlock(_) => ("deadlock", None),
-        How::Spins(_) => ("spins", None),
-    };
-    serde_json::json!({
-        "how": how, "code": code, "lasted_ns": ended.lasted.0, "wire_hash": format!("{hash:016x}"),
-        "stops": figures.stops, "clock_readings": figures.readings, "switches": figures.switches,
-        "frames_sent": figures.sent, "frames_received": figures.received,
-        "threads": figures.threads, "processes": figures.processes, "notes": ended.notes,
-    })
+    fn files(&self) -> Wanted<'_> {
+        let paths = [&self.capture, &self.waves, &self.trace].map(|path| path.as_deref());
+        let [capture, waves, trace] = paths;
+        Wanted::of([capture, waves, trace, None])
+    }
+
+    /// Tells and writes all; gives the exit code.
+    fn finish(&self, summary: &Summary, seed: u64, ended: &Ended, hash: u64) -> Result<u8, String> {
+        let words = outcome::words(ended, hash);
+        anstream::eprint!("{}{words}", summary.text());
+        if let Some(path) = &self.report {
+            let text = match path.extension().and_then(|extension| extension.to_str()) {
+                Some("json") => format!("{:#}\n", outcome::document(summary, seed, ended, hash)),
+                Some("html" | "htm") => crate::html::serve::page(summary).render(),
+                _ => anstream::adapter::strip_str(&summary.text()).to_string() + &words,
+            };
+            output::write(path, text).map_err(|e| unwritable("report", Some(path), &e))?;
+        }
+        if let Some(path) = &self.junit {
+            output::write(path, super::junit::of_service(summary, seed))
+                .map_err(|error| unwritable("JUnit", Some(path), &error))?;
+        }
+        if self.json {
+            let document = outcome::document(summary, seed, ended, hash);
+            if print(&format!("{document}\n")) != IN_SYNC {
+                return Ok(BAD_INPUT);
+            }
+        }
+        Ok(outcome::exit_code(summary, ended))
+    }
 }

@@ -1,5 +1,6 @@
 //! The machine that a program seems to run on: what its calls cost, and its bad luck.
 
+use isocat_sim::fault::LateHost;
 use isocat_sim::host::Delay;
 use isocat_sim::random::Stream;
 use isocat_wire::time::{Host as Clock, Nanos, Time};
@@ -54,6 +55,19 @@ impl Default for Luck {
     }
 }
 
+/// Something that happens to the machine while the program runs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum MachineFault {
+    /// No program runs from the first instant until the second; [`Time::NEVER`]: until the next stall is told.
+    Stall(Time<Clock>, Time<Clock>),
+    /// Wake-ups are later than usual, from now on; `None`: as usual.
+    LateWakeUps(Option<LateHost>),
+    /// Frames set out later than usual, from now on; `None`: as usual.
+    SlowSends(Option<LateHost>),
+    /// Real time, as the program reads it, jumps ahead. Monotonic time does not, as in Linux.
+    ClockJump(Nanos),
+}
+
 /// A machine.
 #[derive(Debug)]
 pub struct Host {
@@ -61,12 +75,14 @@ pub struct Host {
     pub costs: Costs,
     luck: Luck,
     wake_ups: Stream,
+    arrivals: Stream,
     hold_ups: Stream,
     preemptions: Stream,
     bytes: Stream,
-    /// What a fault adds to wake-ups and to sends, at worst.
-    late: Nanos,
-    slow: Nanos,
+    faults: Stream,
+    /// What faults add to wake-ups and to sends.
+    late: Option<LateHost>,
+    slow: Option<LateHost>,
     /// No program runs in this time.
     stalled: Option<(Time<Clock>, Time<Clock>)>,
 }
@@ -78,48 +94,37 @@ impl Host {
         Self {
             costs,
             wake_ups: stream("virtual host wake-up"),
+            arrivals: stream("virtual host arrival"),
             hold_ups: stream("virtual host hold-up"),
             preemptions: stream("virtual host preemption"),
             bytes: stream("virtual host random bytes"),
+            faults: stream("virtual host faults"),
             luck,
-            late: Nanos::ZERO,
-            slow: Nanos::ZERO,
+            late: None,
+            slow: None,
             stalled: None,
         }
     }
 
     /// When a program runs that is to wake at `due`.
     pub fn wakes(&mut self, due: Time<Clock>) -> Time<Clock> {
-        let late = if self.luck.measured.is_empty() {
-            match &self.luck.wake_ups {
-                Some(delay) => delay.draw(&mut self.wake_ups),
-                None if self.luck.lateness > Nanos::ZERO => {
-                    Nanos(self.wake_ups.lateness(self.luck.lateness.0 as u64) as i64)
-                }
-                None => Nanos::ZERO,
-            }
-        } else {
-            draw(&self.luck.measured, &mut self.wake_ups)
-        };
-        let fault = Nanos(self.wake_ups_fault() as i64);
+        let late = lateness(&self.luck, &mut self.wake_ups);
+        let fault = self.late.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults));
         self.after_stall(due + late + fault)
     }
 
-    fn wake_ups_fault(&mut self) -> u64 {
-        match self.late.0 {
-            0 => 0,
-            worst => self.wake_ups.lateness(worst as u64),
-        }
+    /// How much later a frame that is back reaches the socket: it takes an interrupt, which is as late as a timer's. Without that
+    /// frames that are sent as fast as they come back would be as even as no machine sends them.
+    pub fn brings_up(&mut self) -> Nanos {
+        let usual = lateness(&self.luck, &mut self.arrivals);
+        usual + self.late.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults))
     }
 
     /// How much later a frame sets out than [`Costs::send`] says.
     pub fn holds_up(&mut self) -> Nanos {
         let usual = self.luck.hold_ups.as_ref().map(|delay| delay.draw(&mut self.hold_ups));
-        let fault = match self.slow.0 {
-            0 => 0,
-            worst => self.hold_ups.lateness(worst as u64) as i64,
-        };
-        usual.unwrap_or(Nanos::ZERO) + Nanos(fault)
+        let fault = self.slow.map_or(Nanos::ZERO, |slow| slow.draw(&mut self.faults));
+        usual.unwrap_or(Nanos::ZERO) + fault
     }
 
     /// How long the program is kept from running at this call.
@@ -139,19 +144,28 @@ impl Host {
         }
     }
 
-    /// No program runs from one instant to another.
-    pub fn stall(&mut self, from: Time<Clock>, to: Time<Clock>) {
-        self.stalled = Some((from, to));
-    }
-
-    /// Wake-ups are later by up to this, and sends by up to that, until it is set anew.
-    pub fn set_fault(&mut self, late: Nanos, slow: Nanos) {
-        (self.late, self.slow) = (late, slow);
+    /// Something happens to the machine. A jump of its clock is up to those who show it.
+    pub fn suffer(&mut self, fault: MachineFault) {
+        match fault {
+            MachineFault::Stall(from, to) => self.stalled = Some((from, to)),
+            MachineFault::LateWakeUps(late) => self.late = late,
+            MachineFault::SlowSends(slow) => self.slow = slow,
+            MachineFault::ClockJump(_) => {}
+        }
     }
 
     /// Random bytes for a program.
     pub fn random(&mut self, bytes: &mut [u8]) {
         bytes.iter_mut().for_each(|byte| *byte = self.bytes.up_to(255) as u8);
+    }
+}
+
+/// How late a machine is this time.
+fn lateness(luck: &Luck, chance: &mut Stream) -> Nanos {
+    match (&luck.measured[..], &luck.wake_ups) {
+        ([], Some(delay)) => delay.draw(chance),
+        ([], None) => Nanos(chance.lateness(luck.lateness.0.max(0) as u64) as i64),
+        (measured, _) => draw(measured, chance),
     }
 }
 
@@ -207,9 +221,22 @@ mod tests {
     }
 
     #[test]
+    fn a_fault_makes_wake_ups_and_sends_late_until_it_ends() {
+        let mut host = host(Luck::default());
+        let late = LateHost { least: Nanos(300), most: Nanos(400), ppm: 1_000_000 };
+        host.suffer(MachineFault::LateWakeUps(Some(late)));
+        assert!((1_300..=1_400).contains(&host.wakes(Time::new(1_000)).count()));
+        assert_eq!(host.holds_up(), Nanos::ZERO);
+        host.suffer(MachineFault::SlowSends(Some(late)));
+        host.suffer(MachineFault::LateWakeUps(None));
+        assert_eq!(host.wakes(Time::new(1_000)), Time::new(1_000));
+        assert!((300..=400).contains(&host.holds_up().0));
+    }
+
+    #[test]
     fn in_a_stall_nothing_wakes() {
         let mut host = host(Luck::default());
-        host.stall(Time::new(100), Time::new(200));
+        host.suffer(MachineFault::Stall(Time::new(100), Time::new(200)));
         let wakes = [99, 100, 199, 200].map(|due| host.wakes(Time::new(due)).count());
         assert_eq!(wakes, [99, 200, 200, 200]);
     }

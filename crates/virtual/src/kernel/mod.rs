@@ -22,7 +22,7 @@ mod timer;
 pub use epoll::{Epoll, Interest};
 pub use event::EventCounter;
 pub use futex::{FutexKey, Futexes, PiLock};
-pub use host::{Costs, Host, Luck};
+pub use host::{Costs, Host, Luck, MachineFault};
 pub use object::{Kind, ObjectId, Objects, Readiness};
 pub use packet::{Arrived, PacketSocket, Protocol};
 pub use pipe::{End, Pipe, PipeId};

@@ -149,10 +149,25 @@ impl Supervisor<'_> {
                 self.run_unless_stopped(task);
             }
         }
+        self.let_others_run_beside_writers();
         if self.watchdog.is_stuck() && self.end.is_none() {
             self.end = Some(How::Spins(self.describe_running()));
         }
         Ok(())
+    }
+
+    /// One that has been writing for long to the world outside may wait for a reader that is another thread of the program.
+    fn let_others_run_beside_writers(&mut self) {
+        let running: Vec<TaskId> =
+            self.scheduler.alive().filter(|task| self.scheduler.is_running(*task)).collect();
+        for task in running {
+            let call = self.thread(task).call;
+            let writes = matches!(call.number, libc::SYS_write | libc::SYS_writev);
+            let number = self.threads[task.0 as usize].number;
+            if writes && sys_call_of(number) == Some(call.number) {
+                self.scheduler.outside(task);
+            }
+        }
     }
 
     /// Whether there is a thread or process of the program that has made no call yet.
@@ -234,6 +249,12 @@ fn wait_until(is: impl Fn() -> bool) {
             false => std::thread::sleep(std::time::Duration::from_micros(200)),
         }
     }
+}
+
+/// The call in which a thread sleeps in the kernel, if it does.
+fn sys_call_of(thread: i32) -> Option<i64> {
+    let text = fs::read_to_string(format!("/proc/{thread}/syscall")).ok()?;
+    text.split_whitespace().next()?.parse().ok()
 }
 
 /// Whether a thread is no more, or is what is left of the first one of a process.

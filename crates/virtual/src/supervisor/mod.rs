@@ -25,11 +25,11 @@ use isocat_wire::time::{Host as Clock, Nanos, Time};
 
 pub use launch::{Program, Refusal};
 use program::{Made, Process, ProcessId, Thread};
-use vdso::word;
+use vdso::{EPOCH, word};
 use watchdog::Watchdog;
 
 use crate::kernel::{
-    Arrived, Costs, Futexes, Host, Luck, ObjectId, Objects, Scheduler, Source, TaskId,
+    Arrived, Costs, Futexes, Host, Luck, MachineFault, ObjectId, Objects, Scheduler, Source, TaskId,
 };
 pub use crate::sys::Ending;
 use crate::sys::{self, Launched, Listener, Reply, SharedWords, Stopped};
@@ -138,9 +138,12 @@ struct Supervisor<'w> {
     timer_clocks: BTreeMap<ObjectId, i32>,
     /// When the segment was looked at last.
     looked: Time<Clock>,
-    /// When the last frame set out.
+    /// When the last frame set out, and when the last one is back in a socket.
     last_sent: Time<Clock>,
+    last_back: Time<Clock>,
     page: ClockPage,
+    /// What real-time clocks show beside virtual time, ns since 1970.
+    epoch: u64,
     watchdog: Watchdog,
     /// A call makes a thread or a process, which has not made a call of its own yet.
     made: Option<Made>,
@@ -190,6 +193,7 @@ impl<'w> Supervisor<'w> {
         let file = sys::memory("virtual clock", &[0; 4096])?;
         let page = ClockPage { words: SharedWords::map(&file)?, file };
         page.words.set(word::COST, options.costs.call.0 as u64);
+        page.words.set(word::EPOCH, EPOCH);
         let watchdog = Watchdog::new(launched.process)?;
         let mut supervisor = Self {
             host: Host::new(options.costs, options.luck.clone()),
@@ -206,7 +210,9 @@ impl<'w> Supervisor<'w> {
             timer_clocks: BTreeMap::new(),
             looked: Time::ZERO,
             last_sent: Time::ZERO,
+            last_back: Time::ZERO,
             page,
+            epoch: EPOCH,
             watchdog,
             made: None,
             signalled: false,
@@ -340,7 +346,8 @@ impl<'w> Supervisor<'w> {
                 return Ok(None);
             }
             let next = self.scheduler.next();
-            let due = next.map_or(Time::NEVER, |(_, due)| due);
+            let due =
+                next.map_or(Time::NEVER, |(_, due)| self.host.after_stall(due.max(self.now())));
             let event = self.next_event();
             let until = due.min(event);
             if until < Time::NEVER
@@ -349,6 +356,7 @@ impl<'w> Supervisor<'w> {
                 self.scheduler.advance(look);
                 self.looked = self.now();
                 self.wire.advance(self.now());
+                self.suffer();
                 continue;
             }
             if let Some(limit) = self.options.limit
@@ -367,8 +375,7 @@ impl<'w> Supervisor<'w> {
                 self.fire();
                 continue;
             }
-            let Some((task, due)) = next else { continue };
-            let due = self.host.after_stall(due.max(self.now()));
+            let Some((task, _)) = next else { continue };
             self.scheduler.advance(due);
             if self.scheduler.is_answered(task) {
                 return Ok(Some(task));
@@ -384,6 +391,17 @@ impl<'w> Supervisor<'w> {
         let timers = self.processes.iter().filter_map(Process::next_timer);
         let all = frames.chain(timers).chain([self.objects.next_timer()]);
         all.min().unwrap_or(Time::NEVER)
+    }
+
+    /// What happened to the machine begins to count.
+    pub(super) fn suffer(&mut self) {
+        for fault in self.wire.take_machine_faults() {
+            if let MachineFault::ClockJump(by) = fault {
+                self.epoch = self.epoch.saturating_add_signed(by.0);
+                self.page.words.set(word::EPOCH, self.epoch);
+            }
+            self.host.suffer(fault);
+        }
     }
 
     /// When the segment wants to be looked at next, if time goes on at all: that alone is no reason for it. It may want it again at

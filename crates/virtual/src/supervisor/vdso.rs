@@ -16,7 +16,7 @@ use object::{Endianness, Object, ObjectSymbol};
 pub(super) const PAGE: u64 = 0x2000_0000_0000;
 /// The number of its descriptor while it is being mapped.
 pub(super) const PAGE_DESCRIPTOR: u32 = 1_000;
-/// Real-time clocks count from 1970: virtual time zero is 2026-01-01 00:00 UTC.
+/// Real-time clocks count from 1970: virtual time zero is 2026-01-01 00:00 UTC, until a fault lets them jump.
 pub(super) const EPOCH: u64 = 1_767_225_600_000_000_000;
 
 /// Words of the shared page.
@@ -29,6 +29,8 @@ pub(super) mod word {
     pub const COST: usize = 2;
     /// Readings without a stop, so far.
     pub const READINGS: usize = 3;
+    /// What real-time clocks show beside virtual time, ns.
+    pub const EPOCH: usize = 4;
 }
 
 /// What is to be written where.
@@ -147,7 +149,6 @@ const LAST_JUMP: usize = 13;
 /// `clock_gettime` with the shared page, and behind it what maps that page: all bytes, and where the second part begins.
 fn counting_clock_code() -> (Vec<u8>, u64) {
     let page = PAGE.to_le_bytes();
-    let epoch = EPOCH.to_le_bytes();
     let mut code = Vec::new();
     // The clock: rdi is which, rsi is where to.
     code.extend([0x49, 0xB8]); // movabs r8, page
@@ -175,9 +176,7 @@ fn counting_clock_code() -> (Vec<u8>, u64) {
     code.extend([0x83, 0xFF, 0x0B]); // cmp edi, 11: TAI
     let other = Jump::put(&mut code, 0x75); // jne split
     [real, coarse, alarm].into_iter().for_each(|jump| jump.lands(&mut code));
-    code.extend([0x49, 0xB9]); // since1970: movabs r9, epoch
-    code.extend(epoch);
-    code.extend([0x4C, 0x01, 0xC8]); // add rax, r9
+    code.extend([0x49, 0x03, 0x40, 0x20]); // since1970: add rax, [r8+32]
     other.lands(&mut code);
     code.extend([0x31, 0xD2]); // split: xor edx, edx
     code.extend([0xB9, 0x00, 0xCA, 0x9A, 0x3B]); // mov ecx, 1_000_000_000

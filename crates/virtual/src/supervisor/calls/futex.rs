@@ -7,7 +7,6 @@ use isocat_wire::time::Time;
 use super::{Answer, Errno, done, error};
 use crate::kernel::{FutexKey, PiLock, Source, TaskId};
 use crate::supervisor::Supervisor;
-use crate::supervisor::vdso::EPOCH;
 
 const PRIVATE: u64 = libc::FUTEX_PRIVATE_FLAG as u64;
 const REAL_TIME: u64 = libc::FUTEX_CLOCK_REALTIME as u64;
@@ -74,7 +73,7 @@ impl Supervisor<'_> {
         real_time: bool,
     ) -> Result<Time<isocat_wire::time::Host>, Errno> {
         let reading = self.read_timespec(task, at)?;
-        let due = super::time::instant(reading, if real_time { EPOCH } else { 0 });
+        let due = super::time::instant(reading, if real_time { self.epoch } else { 0 });
         let due = due.max(self.now());
         Ok(self.host.wakes(due))
     }

@@ -7,7 +7,6 @@ use isocat_wire::time::{Nanos, Time};
 use super::{Answer, Errno, Outcome, done, error};
 use crate::kernel::{Kind, ObjectId, PacketSocket, Protocol, Readiness, TaskId};
 use crate::supervisor::Supervisor;
-use crate::supervisor::vdso::EPOCH;
 use crate::sys;
 
 /// `AF_XDP`, which no C library of Debian names.
@@ -307,7 +306,14 @@ impl Supervisor<'_> {
         self.figures.sent += 1;
         let mut answers = Vec::new();
         self.wire.send(interface, at, frame, &mut answers);
-        self.flying.append(&mut answers);
+        for mut answer in answers {
+            // One does not overtake another.
+            let brought = answer.at + self.host.brings_up();
+            answer.at = brought.max(self.last_back);
+            self.last_back = answer.at;
+            self.flying.push(answer);
+        }
+        self.suffer();
         // Those that listen to all frames hear those that are sent, too; MainDevices don't ask for that.
     }
 
@@ -378,7 +384,7 @@ impl Supervisor<'_> {
                 self.write(task, message.name.0, &address[..room])?;
                 self.write_u32(task, header + 8, address.len() as u32)?;
             }
-            let stamp = frame.at.count() + EPOCH;
+            let stamp = frame.at.count() + self.epoch;
             let used = self.write_stamp(task, message.control, stamps, stamp)?;
             self.write_words(task, header + 40, &[used as u64])?;
             let truncated = if taken < bytes.len() { libc::MSG_TRUNC } else { 0 };

@@ -220,7 +220,7 @@ impl Supervisor<'_> {
     }
 
     fn create_timer(&mut self, task: TaskId, a: [u64; 6]) -> Answer {
-        if super::time::base(a[0] as i32).is_none() {
+        if self.base(a[0] as i32).is_none() {
             return error(libc::EINVAL);
         }
         let timers = &self.process(task).timers;
@@ -272,7 +272,7 @@ impl Supervisor<'_> {
                     self.write_timespec(task, a[3], interval.0 as u64)?;
                     self.write_timespec(task, a[3] + 16, rest)?;
                 }
-                let base = super::time::base(clock).unwrap_or(0);
+                let base = self.base(clock).unwrap_or(0);
                 let due = match (value, a[1] as i32 & libc::TIMER_ABSTIME) {
                     (0, _) => None,
                     (value, 0) => Some(self.ahead(value)),

@@ -4,7 +4,6 @@ use isocat_wire::time::{Host as Clock, Nanos, Time};
 
 use super::{done, error};
 use crate::kernel::TaskId;
-use crate::supervisor::vdso::EPOCH;
 use crate::supervisor::{Answer, Errno, START, Supervisor};
 
 const SECOND: u64 = 1_000_000_000;
@@ -12,31 +11,31 @@ const ABSOLUTE: u64 = libc::TIMER_ABSTIME as u64;
 /// Ticks of `times`: a hundred each second.
 const TICK: u64 = SECOND / 100;
 
-/// What a clock shows beside virtual time; `None`: there is no such clock.
-pub(super) fn base(clock: i32) -> Option<u64> {
-    match clock {
-        libc::CLOCK_REALTIME
-        | libc::CLOCK_REALTIME_COARSE
-        | libc::CLOCK_REALTIME_ALARM
-        | libc::CLOCK_TAI => Some(EPOCH),
-        libc::CLOCK_MONOTONIC
-        | libc::CLOCK_MONOTONIC_RAW
-        | libc::CLOCK_MONOTONIC_COARSE
-        | libc::CLOCK_BOOTTIME
-        | libc::CLOCK_BOOTTIME_ALARM
-        | libc::CLOCK_PROCESS_CPUTIME_ID
-        | libc::CLOCK_THREAD_CPUTIME_ID => Some(0),
-        // A descriptor of a hardware clock, or the processor clock of another process.
-        _ => None,
-    }
-}
-
 /// An instant from the reading of a clock.
 pub(super) fn instant(reading: u64, base: u64) -> Time<Clock> {
     Time::new(reading.saturating_sub(base))
 }
 
 impl Supervisor<'_> {
+    /// What a clock shows beside virtual time; `None`: there is no such clock.
+    pub(super) fn base(&self, clock: i32) -> Option<u64> {
+        match clock {
+            libc::CLOCK_REALTIME
+            | libc::CLOCK_REALTIME_COARSE
+            | libc::CLOCK_REALTIME_ALARM
+            | libc::CLOCK_TAI => Some(self.epoch),
+            libc::CLOCK_MONOTONIC
+            | libc::CLOCK_MONOTONIC_RAW
+            | libc::CLOCK_MONOTONIC_COARSE
+            | libc::CLOCK_BOOTTIME
+            | libc::CLOCK_BOOTTIME_ALARM
+            | libc::CLOCK_PROCESS_CPUTIME_ID
+            | libc::CLOCK_THREAD_CPUTIME_ID => Some(0),
+            // A descriptor of a hardware clock, or the processor clock of another process.
+            _ => None,
+        }
+    }
+
     pub(super) fn time_call(
         &mut self,
         task: TaskId,
@@ -47,28 +46,28 @@ impl Supervisor<'_> {
         let now = self.now().count();
         match number {
             libc::SYS_clock_gettime => {
-                let Some(base) = base(a[0] as i32) else { return error(libc::EINVAL) };
+                let Some(base) = self.base(a[0] as i32) else { return error(libc::EINVAL) };
                 let processor = [libc::CLOCK_PROCESS_CPUTIME_ID, libc::CLOCK_THREAD_CPUTIME_ID];
                 let since = if processor.contains(&(a[0] as i32)) { START.count() } else { 0 };
                 self.write_timespec(task, a[1], now + base - since)?;
                 done(0)
             }
             libc::SYS_gettimeofday => {
-                let micros = (now + EPOCH) / 1_000;
+                let micros = (now + self.epoch) / 1_000;
                 if a[0] != 0 {
                     self.write_words(task, a[0], &[micros / 1_000_000, micros % 1_000_000])?;
                 }
                 done(0)
             }
             libc::SYS_time => {
-                let seconds = (now + EPOCH) / SECOND;
+                let seconds = (now + self.epoch) / SECOND;
                 if a[0] != 0 {
                     self.write_words(task, a[0], &[seconds])?;
                 }
                 done(seconds as i64)
             }
             libc::SYS_clock_getres => {
-                if base(a[0] as i32).is_none() {
+                if self.base(a[0] as i32).is_none() {
                     return error(libc::EINVAL);
                 }
                 if a[1] != 0 {
@@ -109,7 +108,7 @@ impl Supervisor<'_> {
         let due = match number {
             libc::SYS_nanosleep => self.after(task, a[0])?,
             _ if a[1] & ABSOLUTE != 0 => {
-                let base = base(a[0] as i32).ok_or(Errno(libc::EINVAL))?;
+                let base = self.base(a[0] as i32).ok_or(Errno(libc::EINVAL))?;
                 instant(self.read_timespec(task, a[2])?, base).max(self.now())
             }
             _ => self.after(task, a[2])?,

@@ -72,11 +72,7 @@ fn our_own_main_device_is_in_sync_and_the_same_twice() {
 #[test]
 fn a_machine_that_stands_still_loses_cycles_and_goes_on() {
     let folder = Folder::new("stall");
-    let fault = |lasts: &str| {
-        format!(
-            "[[fault]]\nwhat = \"stall\"\nat = \"when in-operation + 500ms\"\nfor = \"{lasts}\"\n"
-        )
-    };
+    let fault = "[[fault]]\nwhat = \"stall for 7ms\"\nat = \"in-operation + 500ms\"\n";
     let longest = |more: &str| {
         let segment = folder.segment(more);
         let (summary, code) = supervised(&[], &segment)?;
@@ -85,7 +81,7 @@ fn a_machine_that_stands_still_loses_cycles_and_goes_on() {
     };
     let Some((calm, code)) = longest("") else { return };
     assert!(calm < 1_100_000 && code == 0, "{calm}");
-    let (stalled, code) = longest(&fault("7ms")).expect("as before");
+    let (stalled, code) = longest(fault).expect("as before");
     assert!((7_000_000..8_100_000).contains(&stalled) && code == 1, "{stalled} {code}");
 }
 
@@ -93,7 +89,7 @@ fn a_machine_that_stands_still_loses_cycles_and_goes_on() {
 fn late_wake_ups_and_slow_sends_of_a_file_show_in_its_frames() {
     let folder = Folder::new("late");
     let deviation = |what: &str| {
-        let fault = format!("[[fault]]\nwhat = \"{what}\"\nat = \"when in-operation\"\n");
+        let fault = format!("[[fault]]\nwhat = \"{what}\"\nat = \"in-operation\"\n");
         let segment = folder.segment(if what.is_empty() { "" } else { &fault });
         let (summary, _) = supervised(&[], &segment)?;
         summary["sessions"][0]["cycle"]["interval"]["standard_deviation_ns"].as_f64()
@@ -101,7 +97,7 @@ fn late_wake_ups_and_slow_sends_of_a_file_show_in_its_frames() {
     let Some(calm) = deviation("") else { return };
     for what in ["late-wake-ups 60us", "slow-send 60us"] {
         let late = deviation(what).expect("as before");
-        assert!(late > calm + 3_000.0, "{what}: {late} {calm}");
+        assert!(late > 5.0 * calm, "{what}: {late} {calm}");
     }
 }
 
@@ -131,15 +127,15 @@ fn files_of_the_field_are_written_while_it_runs() {
     let frames = summary["frames"].as_u64().expect("a number");
     let output = isocat(&["replay", capture, "--json"]);
     let replayed: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    assert_eq!(replayed["frames"].as_u64(), Some(2 * frames), "{replayed}");
+    assert_eq!((replayed["frames"].as_u64(), &replayed["agrees"]), (Some(frames), &true.into()));
 }
 
 #[test]
 fn many_seeds_are_a_table_in_which_each_can_be_repeated() {
     let folder = Folder::new("seeds");
-    let segment = folder.segment("");
+    let segment = folder.segment("for = \"400ms\"");
     let (rows, failed) = (folder.file("rows.csv"), folder.file("failed"));
-    let program = ["--", ISOCAT, "run", &segment, "--interface", "vt0", "--for", "500ms"];
+    let program = ["--", ISOCAT, "run", &segment, "--interface", "vt0", "--for", "1s"];
     let flags = [
         "virtual", &segment, "--seeds", "4", "--faults", "swarm", "--rows", &rows, "--failed",
         &failed, "--json",
@@ -184,7 +180,7 @@ fn what_can_not_be_run_is_refused_with_what_was_expected() {
         (&["--", &script], "names no interpreter"),
         (&["--", &text], "neither a program"),
         (&["--interface", "lo", "--", "true"], "this machine has such an interface"),
-        (&["--interface", "a-name-that-is-too-long", "--", "true"], "up to 15 characters"),
+        (&["--interface", "a-name-that-is-too-long", "--", "true"], "the name of an interface"),
         (&["--secondary", "vt1", "--", "true"], "no --secondary, as it is no ring"),
         (&["--lateness-from", "/no/such/file", "--", "true"], "/no/such/file"),
         (&["--preemption", "10", "--", "true"], "1000:300us"),

@@ -70,6 +70,8 @@ struct State {
     taken: AtomicI32,
     /// Why the program could not be started; 0: it was.
     failed: AtomicI32,
+    /// Not 0: its addresses could not be fixed.
+    randomized: AtomicI32,
 }
 
 const NOT_YET: i32 = i32::MIN;
@@ -92,6 +94,7 @@ impl Shared {
                 listener: AtomicI32::new(NOT_YET),
                 taken: AtomicI32::new(0),
                 failed: AtomicI32::new(0),
+                randomized: AtomicI32::new(0),
             });
         }
         Ok(Self(state))
@@ -111,6 +114,11 @@ impl Drop for Shared {
 }
 
 impl Launched {
+    /// Whether the machine does not let the program's addresses be fixed, so that they differ from run to run.
+    pub(crate) fn is_randomized(&self) -> bool {
+        self.shared.state().randomized.load(Ordering::SeqCst) != 0
+    }
+
     /// Why the program could not be started.
     pub(crate) fn failed(&self) -> Option<io::Error> {
         let error = self.shared.state().failed.load(Ordering::SeqCst);
@@ -183,7 +191,9 @@ unsafe fn child(
     // SAFETY: as of this function; all pointers live until the call that replaces the child.
     unsafe {
         libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL);
-        libc::personality(libc::ADDR_NO_RANDOMIZE as libc::c_ulong);
+        if libc::personality(libc::ADDR_NO_RANDOMIZE as libc::c_ulong) < 0 {
+            state.randomized.store(1, Ordering::SeqCst);
+        }
         libc::signal(libc::SIGPIPE, libc::SIG_DFL);
         let mut failed = libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) < 0;
         let mut listener = -1;
@@ -477,4 +487,39 @@ impl Interrupter {
 
 fn checked(result: i64) -> io::Result<i64> {
     if result < 0 { Err(io::Error::last_os_error()) } else { Ok(result) }
+}
+
+/// Registers of a thread that say where it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Registers {
+    /// The instruction that comes next.
+    pub instruction: u64,
+    /// The frame pointer, where one is kept.
+    pub frame: u64,
+}
+
+/// Stops a running thread for a moment and reads its registers.
+pub(crate) fn registers(thread: i32) -> io::Result<Registers> {
+    let ask = |request, data: *mut c_void| {
+        // SAFETY: the data of these requests is nothing, or room for the registers.
+        match unsafe { libc::ptrace(request, thread, ptr::null_mut::<c_void>(), data) } {
+            -1 => Err(io::Error::last_os_error()),
+            _ => Ok(()),
+        }
+    };
+    ask(libc::PTRACE_SEIZE, ptr::null_mut())?;
+    ask(libc::PTRACE_INTERRUPT, ptr::null_mut())?;
+    // SAFETY: it was seized by this thread, and stops at once, as it runs.
+    let stopped = unsafe { libc::waitpid(thread, ptr::null_mut(), libc::__WALL) };
+    let mut registers = MaybeUninit::<libc::user_regs_struct>::zeroed();
+    let read = match stopped {
+        -1 => Err(io::Error::last_os_error()),
+        _ => ask(libc::PTRACE_GETREGS, registers.as_mut_ptr().cast()),
+    };
+    // One that is no more needs no release.
+    let _ = ask(libc::PTRACE_DETACH, ptr::null_mut());
+    read?;
+    // SAFETY: any bytes are registers.
+    let registers = unsafe { registers.assume_init() };
+    Ok(Registers { instruction: registers.rip, frame: registers.rbp })
 }

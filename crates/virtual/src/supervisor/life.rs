@@ -5,6 +5,7 @@ use std::io;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
+use super::backtrace;
 use super::program::{Made, Process, ProcessId, Thread};
 use super::{How, Supervisor};
 use crate::kernel::{Source, TaskId};
@@ -193,7 +194,15 @@ impl Supervisor<'_> {
     /// Threads that run, in words.
     fn describe_running(&self) -> Vec<String> {
         let running = self.scheduler.alive().filter(|task| self.scheduler.is_running(*task));
-        running.map(|task| self.describe(task)).collect()
+        let place = |task: TaskId| {
+            let thread = &self.threads[task.0 as usize];
+            let process = self.processes[thread.process.0].number;
+            match &backtrace::places(process, thread.number)[..] {
+                [] => self.describe(task),
+                places => format!("{} at {}", self.describe(task), places.join(", called by ")),
+            }
+        };
+        running.map(place).collect()
     }
 
     /// A thread, in words: its name and number.

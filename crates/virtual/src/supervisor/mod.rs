@@ -6,6 +6,7 @@
 //! their descriptors, [`life`] lets them begin and end; [`image`] changes what a program reads its clocks by, as [`vdso`] has it.
 //! [`watchdog`] notices what is no call.
 
+mod backtrace;
 mod calls;
 mod filter;
 mod image;
@@ -223,6 +224,9 @@ impl<'w> Supervisor<'w> {
             launched,
         };
         let process = supervisor.launched.process;
+        if supervisor.launched.is_randomized() {
+            supervisor.note("addresses differ from run to run, as this machine does not let them be fixed (personality); a program whose way depends on them, as Python's may, differs, too");
+        }
         let first = supervisor.add_process(process, None)?;
         supervisor.add_thread(process, first);
         Ok(supervisor)

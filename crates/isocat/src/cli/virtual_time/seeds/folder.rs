@@ -52,11 +52,10 @@ impl Folder {
             return Ok(());
         }
         // Of two that come as close, the one with the lower number: whichever ended first.
-        let place = row.margin_ns.map(|margin| (margin, row.number)).filter(|_| self.stays);
-        let is_closest =
-            place.is_some_and(|place| kept.closest.is_none_or(|closest| place < closest));
+        let place = (row.margin_ns.unwrap_or(f64::INFINITY), row.number);
+        let is_closest = self.stays && kept.closest.is_none_or(|closest| place < closest);
         let leaves = match is_closest {
-            true => std::mem::replace(&mut kept.closest, place).map(|(_, number)| number),
+            true => kept.closest.replace(place).map(|(_, number)| number),
             false => Some(row.number),
         };
         leaves.map_or(Ok(()), |number| self.files(number).iter().try_for_each(fs::remove_file))

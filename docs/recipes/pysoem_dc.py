@@ -58,6 +58,8 @@ ask(pysoem.PREOP_STATE)
 main_device.state_check(pysoem.PREOP_STATE, 1_000_000)
 main_device.config_map()
 main_device.config_dc()
+for at in WITH_SYNC0:                   # the drift loops' filters: with those of reset, 0 and 12, a loop learns its speed too slowly
+    devices[at]._fpwr(0x0934, bytes([4, 6]))
 for _ in range(15_000):                 # the clocks converge
     exchange(paced=False)
 due = time.monotonic_ns()

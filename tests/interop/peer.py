@@ -3,7 +3,8 @@
 A MainDevice is started as `PROGRAM INTERFACE TASK.json ROLE`. Roles: `whole` goes through all steps; `hold` comes to OP and
 exchanges process data until somebody kills it; `again` comes to OP, exchanges a little, and goes down. Every step prints one
 JSON object a line: {"step": NAME, "result": "ok" | "failed" | "n/a", "what": TEXT}. Steps: scan, preop, sdo, map, dc,
-safeop, op, cycles, down.
+safeop, op, cycles, down. The line of the cycles, or of a failure in them, also has what the library told in them: {"noticed":
+{"wrong_counters": CYCLES, "fell": SUBDEVICES}}.
 """
 import json
 import sys
@@ -24,6 +25,7 @@ class Session:
             self.task = json.load(file)
         self.devices = self.task["devices"]
         self.step = "scan"
+        self.noticed = None
         self.cycle = self.task["cycle_us"] / 1e6
         self.cycles = {"whole": self.task["cycles"], "again": 300, "hold": 1 << 60}[self.role]
 
@@ -36,7 +38,10 @@ class Session:
             sys.exit(1)
 
     def say(self, result, what=""):
-        print(json.dumps({"step": self.step, "result": result, "what": what}), flush=True)
+        line = {"step": self.step, "result": result, "what": what}
+        if self.step == "cycles" and self.noticed:
+            line["noticed"] = self.noticed
+        print(json.dumps(line), flush=True)
 
     def ok(self, next_step, what=""):
         self.say("ok", what)
@@ -72,6 +77,7 @@ class Session:
         machine may stall for longer than a drive forgives."""
         partners = [Partner(position, device) for position, device in enumerate(self.devices)]
         bad, fell, away, longest = 0, 0, -1, 0.0
+        self.noticed = {"wrong_counters": 0, "fell": 0}
         due = last = time.monotonic()
         for number in range(self.cycles):
             for position, partner in enumerate(partners):
@@ -82,9 +88,11 @@ class Session:
                 right = True
             else:
                 right = False
+                self.noticed["wrong_counters"] += 1
             if recover and number % 10 == 0 and (not right or number <= away):
                 found = recover()
                 fell += found
+                self.noticed["fell"] = fell
                 away = number + 400 if found else away
             bad += not right and number > away
             now = time.monotonic()

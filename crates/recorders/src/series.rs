@@ -103,7 +103,7 @@ pub const COLUMNS: [Column; 14] = {
 };
 
 /// What a table is written to.
-pub trait Table {
+pub trait Table: Send {
     /// One row, its values in the order of [`COLUMNS`].
     fn row(&mut self, values: &[Value<'_>; COLUMNS.len()]) -> io::Result<()>;
 

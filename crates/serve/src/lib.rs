@@ -24,6 +24,7 @@ pub mod service;
 mod setup;
 pub mod status;
 pub mod summary;
+mod taps;
 mod text;
 pub mod verdict;
 

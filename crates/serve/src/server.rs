@@ -9,7 +9,7 @@ use isocat_segment::scenario;
 use isocat_sim::expect::Judgement;
 use isocat_sim::fault::{Happened, Moment, RING_CABLE};
 use isocat_sim::observation::Observed;
-use isocat_sim::{Connection, Fault, MainPort, Passage, Served, Timeline};
+use isocat_sim::{Connection, Fault, MainPort, Passage, Served, Tap, Timeline};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
@@ -21,6 +21,7 @@ use super::process_data::Handle;
 use super::setup::Setup;
 use super::verdict::Judged;
 use crate::status::{self, INTERVAL, INTERVALS, MOST_EVENTS};
+use crate::taps;
 
 /// A virtual segment for frames from outside.
 ///
@@ -52,6 +53,8 @@ pub struct Server {
     reference: Option<(Reference, usize)>,
     counts: Counts,
     ring: bool,
+    /// The caller lets faults of the MainDevice's machine happen.
+    has_host: bool,
     /// Since when frames come from the secondary port alone.
     secondary_alone: Option<Time<True>>,
     /// State of each SubDevice as of the last observation.
@@ -62,6 +65,8 @@ pub struct Server {
     onlooker: Option<Box<Onlooker>>,
     /// Follows it all for what is expected.
     watch: Watch,
+    /// Keeps what happens.
+    tap: Option<Box<dyn Tap + Send>>,
 }
 
 /// What is to become of a frame.
@@ -228,10 +233,10 @@ impl Server {
     /// A segment, of a [`Scenario`](isocat_segment::Scenario) or by hand, switched on at `now`.
     pub fn new(setup: impl Into<Setup>, now: Time<Host>) -> Self {
         let setup: Setup = setup.into();
-        let Setup { sync0_limit, outputs_spread, shows_process_data, .. } = setup;
+        let Setup { sync0_limit, outputs_spread, shows_process_data, has_host, .. } = setup;
         let Setup { mut segment, ring, names, seed, faults, spares, expectations, .. } = setup;
         let (of_the_host, planned): (Vec<_>, Vec<_>) =
-            faults.into_iter().partition(|planned| planned.fault.is_of_the_host());
+            faults.into_iter().partition(|planned| is_left_out(&planned.fault, has_host));
         let timeline = Timeline::new(planned, seed).with_spares(spares);
         let watch = Watch::new(expectations, !of_the_host.is_empty(), segment.len());
         let outputs = |connection: &Connection| connection.device.description.outputs.max_length;
@@ -248,8 +253,10 @@ impl Server {
             told: VecDeque::new(),
             onlooker: None,
             watch,
+            tap: None,
             served: Served::new(segment, seed, now).in_ring(ring).with_faults(timeline),
             ring: ring.is_some(),
+            has_host,
             secondary_alone: None,
             names,
             sync0_limit,
@@ -276,7 +283,11 @@ impl Server {
         self.counts.frames += 1;
         self.last_frame = arrived.max(self.last_frame);
         self.source = bytes.get(6..12).and_then(|s| s.first_chunk()).copied().unwrap_or_default();
+        let before = self.tap.is_some().then(|| bytes.to_vec());
         let passage = self.served.frame_at(from, arrived, bytes);
+        if let (Some(tap), Some(before)) = (&mut self.tap, before) {
+            taps::show(tap.as_mut(), &passage, &before, bytes);
+        }
         self.passage = Some(passage);
         let back = match passage.fate {
             Ok(back) if back.good => back,
@@ -297,6 +308,14 @@ impl Server {
             (true, _) => Some(last_bit),
         };
         Answer::Back { port: back.port, last_bit, hold }
+    }
+
+    /// Shows frames, and what happens at SubDevices, to somebody who keeps it: a capture, waveforms, a trace. What a tap is told of a
+    /// MainDevice of ours it is not told here.
+    pub fn with_tap(mut self, tap: Box<dyn Tap + Send>) -> Self {
+        self.served.show_everything();
+        self.tap = Some(tap);
+        self
     }
 
     /// Whether the segment is a ring, between two ports of the MainDevice.
@@ -397,13 +416,18 @@ impl Server {
         (!asleep).then_some(now + TICK)
     }
 
+    /// When the next planned fault happens, if its time is known.
+    pub fn next_fault(&self) -> Option<Time<Host>> {
+        self.served.timeline().next().map(|at| self.served.host_time(at))
+    }
+
     /// Injects a fault as of `now`; tells what is wrong with it.
     pub fn inject(&mut self, now: Time<Host>, order: Order) -> Result<(), String> {
         let Order { fault, lasts, spare } = order;
         if !self.ring && fault.cable() == Some(RING_CABLE) {
             return Err("ring is the cable that closes a ring, and this segment is none".into());
         }
-        if fault.is_of_the_host() {
+        if is_left_out(&fault, self.has_host) {
             return Err(format!(
                 "{fault}: that happens to the machine of the MainDevice, which is not simulated here"
             ));
@@ -424,6 +448,10 @@ impl Server {
     /// is back.
     pub fn take_copy(&mut self) -> Option<(MainPort, Time<Host>, Vec<u8>)> {
         let (port, last_bit, bytes) = self.served.take_copy()?;
+        if let Some(tap) = &mut self.tap {
+            let on_wire = Picos::from(Nanos(frame::duration_ns(bytes.len()) as i64));
+            taps::show_frame(tap.as_mut(), port, last_bit + Picos(-on_wire.0), false, &bytes);
+        }
         Some((port, self.served.host_time(last_bit + Picos(999)), bytes))
     }
 
@@ -562,7 +590,7 @@ impl Server {
     fn settle(&mut self) {
         self.tell_faults();
         let now = self.served.now();
-        let Self { served, events, session, states, onlooker, watch, .. } = self;
+        let Self { served, events, session, states, onlooker, watch, tap, .. } = self;
         if let Some(onlooker) = onlooker
             && now - onlooker.began() >= INTERVAL
         {
@@ -574,6 +602,11 @@ impl Server {
             }
             let device = observation.device;
             let at = || segment.devices()[device].oscillator().when(observation.device_at);
+            if let Some(tap) = tap {
+                let at = at();
+                tap.observed(segment, at, observation);
+                tap.measured(at, device, measured);
+            }
             if watch.follows() {
                 let is_judged = session.as_ref().is_some_and(Session::is_judged);
                 watch.observe(device, at(), observation.event, measured, is_judged);
@@ -799,6 +832,13 @@ impl Session {
     pub fn is_judged(&self) -> bool {
         self.judging
     }
+}
+
+/// Whether a fault can't happen here: the host's clock is true time, and other MainDevices do not come from here.
+fn is_left_out(fault: &Fault, has_host: bool) -> bool {
+    use Fault::{ClockJump, LateWakeUps, SlowSends, Stall};
+    let by_caller = matches!(fault, ClockJump { .. } | Stall | LateWakeUps(_) | SlowSends(_));
+    fault.is_of_the_host() && !(has_host && by_caller)
 }
 
 /// The cycle of the segment: that of the SYNC units, else that of the frames so far.

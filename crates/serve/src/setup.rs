@@ -18,8 +18,13 @@ pub struct Setup {
     pub names: Vec<String>,
     /// The seed of all randomness.
     pub seed: u64,
-    /// What goes wrong of itself. What concerns a host is left out.
+    /// What goes wrong of itself. What concerns a host is left out unless [`has_host`](Self::has_host).
     pub faults: Vec<Planned>,
+    /// The caller runs the MainDevice's machine and lets stalls, jumps of its clock, late wake-ups and slow sends happen to it, as
+    /// [`Event::Fault`] tells. What the host's clock or another MainDevice does is left out all the same. Default false.
+    ///
+    /// [`Event::Fault`]: crate::server::Event::Fault
+    pub has_host: bool,
     /// What is expected of all this: [`Server::judgements`](crate::Server::judgements) tells what became of it.
     pub expectations: Vec<Expectation>,
     /// SubDevices that may come in the place of others.
@@ -42,6 +47,7 @@ impl From<&Scenario> for Setup {
             names: scenario.devices.iter().map(|device| device.name.clone()).collect(),
             seed: setup.seed,
             faults: setup.faults,
+            has_host: false,
             expectations: scenario.expectations.clone(),
             spares: setup.spares,
             sync0_limit: scenario.sync0_limit.into(),
@@ -52,6 +58,12 @@ impl From<&Scenario> for Setup {
 }
 
 impl Setup {
+    /// The caller runs the MainDevice's machine, see [`has_host`](Self::has_host).
+    pub fn with_host(mut self) -> Self {
+        self.has_host = true;
+        self
+    }
+
     /// Nobody will look at process data or set them.
     pub fn without_process_data(mut self) -> Self {
         self.shows_process_data = false;

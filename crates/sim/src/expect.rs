@@ -275,7 +275,12 @@ mod tests {
     fn met(expectation: Expectation, course: &Course, faults: &[u64]) -> bool {
         let happened: Vec<_> = faults
             .iter()
-            .map(|ms| Happened { at: Time::new(ms * MS), fault: Fault::Heal, begins: true })
+            .map(|ms| Happened {
+                at: Time::new(ms * MS),
+                fault: Fault::Heal,
+                begins: true,
+                lasts: None,
+            })
             .collect();
         let evidence = Evidence {
             course: Some(course),

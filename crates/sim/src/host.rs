@@ -52,7 +52,8 @@ pub struct Stall {
 }
 
 impl Delay {
-    fn draw(&self, chance: &mut Stream) -> Nanos {
+    /// Draws one.
+    pub fn draw(&self, chance: &mut Stream) -> Nanos {
         let usual = Nanos(chance.exponential(self.mean.0.max(0) as u64) as i64);
         let (least, most) = self.more;
         match self.one_of > 0 && chance.up_to(self.one_of - 1) == 0 {
@@ -195,7 +196,7 @@ impl HostMachine {
             (None, true) => Nanos((worst * self.wake_ups.up_to(1)) as i64),
             (None, false) => Nanos(self.wake_ups.lateness(worst) as i64),
         };
-        let later = by_fault(self.late_wake_ups, &mut self.faults);
+        let later = self.late_wake_ups.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults));
         let oversleeps = core::mem::take(&mut self.oversleeps);
         self.awake(self.clock.when(wanted + late + later + oversleeps))
     }
@@ -204,7 +205,7 @@ impl HostMachine {
     /// latency, and behind the frames before it there.
     pub fn send(&mut self, port: MainPort, at: Time<True>, len: usize) -> Time<True> {
         let held_up = self.model.hold_ups.map(|delay| delay.draw(&mut self.hold_ups));
-        let slower = by_fault(self.slow_sends, &mut self.faults);
+        let slower = self.slow_sends.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults));
         let latency = self.model.latency + held_up.unwrap_or_default() + slower;
         self.occupy(port, at + Picos::from(latency), len)
     }
@@ -215,12 +216,16 @@ impl HostMachine {
     }
 }
 
-/// How late something is this time.
-fn by_fault(late: Option<LateHost>, chance: &mut Stream) -> Nanos {
-    let Some(LateHost { least, most, ppm }) = late else { return Nanos::ZERO };
-    match chance.up_to(u64::from(MILLION) - 1) < u64::from(ppm) {
-        true => least + Nanos(chance.up_to((most - least).0.max(0) as u64) as i64),
-        false => Nanos::ZERO,
+impl LateHost {
+    /// Draws how late something is this time.
+    pub fn draw(&self, chance: &mut Stream) -> Nanos {
+        match chance.up_to(u64::from(MILLION) - 1) < u64::from(self.ppm) {
+            true => {
+                let span = (self.most - self.least).0.max(0) as u64;
+                self.least + Nanos(chance.up_to(span) as i64)
+            }
+            false => Nanos::ZERO,
+        }
     }
 }
 

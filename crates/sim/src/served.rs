@@ -95,7 +95,8 @@ impl Served {
         }
     }
 
-    /// The same with faults that come of themselves. Those of a host are left out: nobody knows the MainDevice's machine.
+    /// The same with faults that come of themselves. Those of a host change nothing here: the news tell of them at their
+    /// instants, for those who run the MainDevice's machine.
     pub fn with_faults(mut self, timeline: Timeline) -> Self {
         self.timeline = timeline;
         self

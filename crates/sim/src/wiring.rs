@@ -1,6 +1,7 @@
 //! Who is connected to whom: the MainDevice's ports, the ESCs' ports, and the cables between them.
 
 use isocat_esc::Chip;
+use isocat_maindevice::Port;
 use isocat_wire::PortNumber;
 use isocat_wire::time::Picos;
 
@@ -13,6 +14,15 @@ pub enum MainPort {
     Primary,
     /// The other end of a redundancy ring.
     Secondary,
+}
+
+impl From<MainPort> for Port {
+    fn from(port: MainPort) -> Self {
+        match port {
+            MainPort::Primary => Self::Primary,
+            MainPort::Secondary => Self::Secondary,
+        }
+    }
 }
 
 /// One end of a cable.

@@ -470,10 +470,7 @@ impl<A: Application, T: Tap> World<A, T> {
                 let (first_bit, last_bit) =
                     (first_bit + back.late.into(), last_bit + back.late.into());
                 let delivered = self.host.receive(last_bit);
-                let port = match port {
-                    MainPort::Primary => Port::Primary,
-                    MainPort::Secondary => Port::Secondary,
-                };
+                let port = port.into();
                 if back.doubled {
                     let bytes = bytes.clone();
                     self.bring_back(Returning { port, first_bit, delivered, bytes });

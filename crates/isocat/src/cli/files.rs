@@ -1,7 +1,7 @@
 //! The files that a simulated run writes as it goes: captures, waveforms, traces, series.
 
 use std::io::{self, BufWriter};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use isocat_engine::recording::Recording;
@@ -19,7 +19,7 @@ use isocat_sim::{Lost, Segment, Tap};
 use isocat_wire::time::{Time, True};
 
 use super::output::Output;
-use super::run::{Arguments, unwritable};
+use super::run::unwritable;
 
 /// Arguments of `run` for its files, beside `--capture` and `--waves`.
 #[derive(Args, Debug)]
@@ -38,8 +38,9 @@ pub struct Options {
 }
 
 /// What a table is written as.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 enum TableForm {
+    #[default]
     Csv,
     Parquet,
 }
@@ -64,14 +65,15 @@ impl Options {
         }
     }
 
-    fn check(&self, devices: usize) -> Result<(), String> {
-        if let Some(position) = self.tap.iter().find(|position| **position >= devices) {
-            let last = devices.saturating_sub(1);
-            return Err(format!(
-                "--tap {position}: there is no such SubDevice; expected a position from 0 to {last}"
-            ));
-        }
-        self.table_form().map(|_| ())
+    /// The files that are wanted with these.
+    pub fn with<'a>(
+        &'a self,
+        capture: Option<&'a Path>,
+        waves: Option<&'a Path>,
+    ) -> Result<Wanted<'a>, String> {
+        let (trace, series) = (self.trace.as_deref(), self.series.as_deref());
+        let form = self.table_form()?;
+        Ok(Wanted { paths: [capture, waves, trace, series], form, probes: &self.tap })
     }
 
     fn table_form(&self) -> Result<TableForm, String> {
@@ -88,6 +90,33 @@ impl Options {
     }
 }
 
+/// Which files are wanted.
+#[derive(Default)]
+pub struct Wanted<'a> {
+    /// Where: capture, waves, trace, series.
+    paths: [Option<&'a Path>; 4],
+    form: TableForm,
+    /// Positions of the SubDevices in front of which frames are captured, too.
+    probes: &'a [usize],
+}
+
+impl<'a> Wanted<'a> {
+    /// Capture, waves and trace at these places; a series, if one is among them, as CSV.
+    pub fn of(paths: [Option<&'a Path>; 4]) -> Self {
+        Self { paths, ..Self::default() }
+    }
+
+    fn check(&self, devices: usize) -> Result<(), String> {
+        let Some(position) = self.probes.iter().find(|position| **position >= devices) else {
+            return Ok(());
+        };
+        let last = devices.saturating_sub(1);
+        Err(format!(
+            "--tap {position}: there is no such SubDevice; expected a position from 0 to {last}"
+        ))
+    }
+}
+
 /// The files that were asked for.
 pub struct Files {
     capture: Option<Capture>,
@@ -95,33 +124,28 @@ pub struct Files {
     trace: Option<Trace>,
     series: Option<Series>,
     /// Where the four are written, in this order.
-    outputs: [Option<Output>; 4],
+    outputs: [Option<(PathBuf, Output)>; 4],
     /// What the page of the report is made of, if one is wanted.
     pub recording: Option<Recording>,
 }
 
 impl Files {
-    /// Creates those that `arguments` ask for; none if something is wrong with what they ask.
-    pub fn create(arguments: &Arguments, scenario: &Scenario) -> Result<Self, String> {
-        let options = &arguments.files;
-        options.check(scenario.devices.len())?;
-        let form = options.table_form()?;
+    /// Creates those that are wanted; none if something is wrong with what is asked.
+    pub fn create(wanted: &Wanted<'_>, scenario: &Scenario) -> Result<Self, String> {
+        wanted.check(scenario.devices.len())?;
+        let (asked, form) = (wanted.paths, wanted.form);
         let names: Vec<String> = scenario.devices.iter().map(|d| d.name.clone()).collect();
-        let asked = [&arguments.capture, &arguments.waves, &options.trace, &options.series];
         let mut outputs = [const { None }; 4];
         for ((output, path), what) in outputs.iter_mut().zip(asked).zip(WHAT) {
-            *output = path
-                .as_deref()
-                .map(Output::create)
-                .transpose()
-                .map_err(|error| unwritable(what, path.as_deref(), &error))?;
+            let create = |path: &Path| Output::create(path).map(|output| (path.to_owned(), output));
+            *output =
+                path.map(create).transpose().map_err(|error| unwritable(what, path, &error))?;
         }
         let [capture, waves, trace, series] = &outputs;
-        let failed = |number: usize| {
-            move |error: io::Error| unwritable(WHAT[number], asked[number].as_deref(), &error)
-        };
+        let failed =
+            |number: usize| move |error: io::Error| unwritable(WHAT[number], asked[number], &error);
         let capture = capture.as_ref().map(|output| {
-            Capture::new(buffered(output)?)?.with_names(names.clone()).with_probes(&options.tap)
+            Capture::new(buffered(output)?)?.with_names(names.clone()).with_probes(wanted.probes)
         });
         let waves = waves.as_ref().map(|output| Ok(Waves::new(buffered(output)?, names.clone())));
         let trace = trace.as_ref().map(|output| Trace::new(buffered(output)?, &names));
@@ -138,10 +162,8 @@ impl Files {
     }
 
     /// Writes what is left; gives the recording back.
-    pub fn finish(self, arguments: &Arguments) -> Result<Option<Recording>, String> {
+    pub fn finish(self) -> Result<Option<Recording>, String> {
         let Self { capture, waves, trace, series, outputs, recording } = self;
-        let options = &arguments.files;
-        let asked = [&arguments.capture, &arguments.waves, &options.trace, &options.series];
         let ended = [
             capture.map(|capture| capture.finish().map(drop)),
             waves.map(Waves::finish),
@@ -151,17 +173,20 @@ impl Files {
         // One that can't be written does not take the others with it.
         let mut failed = None;
         for (number, (ended, output)) in ended.into_iter().zip(outputs).enumerate() {
-            let (Some(ended), Some(output)) = (ended, output) else { continue };
+            let (Some(ended), Some((path, output))) = (ended, output) else { continue };
             if let Err(error) = ended.and_then(|()| output.commit()) {
-                failed.get_or_insert_with(|| {
-                    unwritable(WHAT[number], asked[number].as_deref(), &error)
-                });
+                failed.get_or_insert_with(|| unwritable(WHAT[number], Some(&path), &error));
             }
         }
         match failed {
             Some(message) => Err(message),
             None => Ok(recording),
         }
+    }
+
+    /// Whether none was asked for.
+    pub fn is_empty(&self) -> bool {
+        self.outputs.iter().all(Option::is_none)
     }
 
     fn taps(&mut self) -> impl Iterator<Item = &mut dyn Tap> {
@@ -177,11 +202,11 @@ impl Files {
 /// What messages call the files.
 const WHAT: [&str; 4] = ["capture", "waves", "trace", "series"];
 
-fn buffered(output: &Output) -> io::Result<BufWriter<std::fs::File>> {
+fn buffered((_, output): &(PathBuf, Output)) -> io::Result<BufWriter<std::fs::File>> {
     Ok(BufWriter::new(output.file()?))
 }
 
-fn table(output: &Output, form: TableForm) -> io::Result<Box<dyn Table>> {
+fn table(output: &(PathBuf, Output), form: TableForm) -> io::Result<Box<dyn Table>> {
     let output = buffered(output)?;
     Ok(match form {
         TableForm::Csv => Box::new(Csv::new(output)?),

@@ -147,7 +147,9 @@ pub fn run(arguments: &Arguments) -> u8 {
         let (duration, cycle) = (scenario.duration, scenario.cycle);
         return fail(&format!("--for {duration} is shorter than one cycle of {cycle}"));
     }
-    let mut files = match Files::create(arguments, &scenario) {
+    let (capture, waves) = (arguments.capture.as_deref(), arguments.waves.as_deref());
+    let wanted = arguments.files.with(capture, waves);
+    let mut files = match wanted.and_then(|wanted| Files::create(&wanted, &scenario)) {
         Ok(files) => files,
         Err(message) => return fail(&message),
     };
@@ -188,7 +190,7 @@ fn finish(
 ) -> u8 {
     let found = outcome.world.main().segment().clone();
     let files = outcome.world.into_tap().expect("it was given one");
-    let recording = match files.finish(arguments) {
+    let recording = match files.finish() {
         Ok(recording) => recording,
         Err(message) => return fail(&message),
     };

@@ -19,7 +19,7 @@ impl<W: Write> Csv<W> {
     }
 }
 
-impl<W: Write> Table for Csv<W> {
+impl<W: Write + Send> Table for Csv<W> {
     fn row(&mut self, values: &[Value<'_>; COLUMNS.len()]) -> io::Result<()> {
         for (number, value) in values.iter().enumerate() {
             if number > 0 {

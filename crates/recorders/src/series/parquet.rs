@@ -24,7 +24,7 @@ impl<W: Write> Parquet<W> {
     }
 }
 
-impl<W: Write> Table for Parquet<W> {
+impl<W: Write + Send> Table for Parquet<W> {
     fn row(&mut self, values: &[Value<'_>; COLUMNS.len()]) -> io::Result<()> {
         self.0.row(values.iter().map(|value| match *value {
             Value::Null => Cell::Null,

@@ -4,7 +4,7 @@ use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 use super::frames::FrameFaults;
-use super::timeline::{Action, Active, Timeline, Undo};
+use super::timeline::{Action, Active, Happened, Timeline, Undo};
 use super::{Fault, FrameFault, Whose};
 use crate::disturbance::Disturbances;
 use crate::host::HostMachine;
@@ -69,7 +69,7 @@ impl Timeline {
             Fault::Pull { cable } => segment.unplug(segment.cable_number(cable), wired),
             Fault::Plug { cable } => {
                 self.mend(cable, wired, segment);
-                self.note(at, fault, true);
+                self.note(Happened { at, fault, begins: true, lasts });
                 return;
             }
             Fault::BreakWay { cable, way } => {
@@ -142,7 +142,7 @@ impl Timeline {
                 self.push(at + Picos::from(every), Action::Again(id));
             }
             Fault::Heal => {
-                self.note(at, fault, true);
+                self.note(Happened { at, fault, begins: true, lasts });
                 while let Some(active) = self.active.first() {
                     let id = active.id;
                     self.end(at, id, scene, watch);
@@ -153,7 +153,7 @@ impl Timeline {
                 return;
             }
         }
-        self.note(at, fault.clone(), true);
+        self.note(Happened { at, fault: fault.clone(), begins: true, lasts });
         if !fault.can_end() {
             return;
         }
@@ -219,7 +219,7 @@ impl Timeline {
             }
             _ => {}
         }
-        self.note(at, fault, false);
+        self.note(Happened { at, fault, begins: false, lasts: None });
     }
 
     /// A flapping cable changes; another MainDevice sends.

@@ -42,6 +42,8 @@ pub struct Happened {
     pub fault: Fault,
     /// It began; else it ended.
     pub begins: bool,
+    /// How long it is to last, if it begins and that is known.
+    pub lasts: Option<Nanos>,
 }
 
 struct Entry {
@@ -223,14 +225,13 @@ impl Timeline {
         self.next_id
     }
 
-    pub(super) fn note(&mut self, at: Time<True>, fault: Fault, begins: bool) {
+    pub(super) fn note(&mut self, happened: Happened) {
         if self.happened.len() >= MOST_HAPPENED {
             self.happened.pop_front();
             self.left_out += 1;
         }
         // Those on cables are told before their time.
-        let place = self.happened.partition_point(|other| other.at <= at);
-        let happened = Happened { at, fault, begins };
+        let place = self.happened.partition_point(|other| other.at <= happened.at);
         self.happened.insert(place, happened.clone());
         if self.news.len() < MOST_HAPPENED {
             self.news.push(happened);

@@ -58,16 +58,21 @@ fn main() {
     };
     let main_device = MainDevice::new(pdu_loop, timeouts, MainDeviceConfig::default());
     let step = Cell::new("scan");
-    let session = Session { task: &task, role: &role, step: &step };
+    let noticed = Cell::new(None);
+    let session = Session { task: &task, role: &role, step: &step, noticed: &noticed };
     if let Err(error) = async_io::block_on(session.run(&main_device)) {
-        say(step.get(), "failed", &error.to_string());
+        say(step.get(), "failed", &error.to_string(), noticed.get());
         std::process::exit(1);
     }
     std::process::exit(0);
 }
 
-fn say(step: &str, result: &str, what: &str) {
-    println!("{}", serde_json::json!({ "step": step, "result": result, "what": what }));
+fn say(step: &str, result: &str, what: &str, noticed: Option<Noticed>) {
+    let mut line = serde_json::json!({ "step": step, "result": result, "what": what });
+    if let Some(Noticed { wrong_counters, fell }) = noticed {
+        line["noticed"] = serde_json::json!({ "wrong_counters": wrong_counters, "fell": fell });
+    }
+    println!("{line}");
 }
 
 struct Session<'a> {
@@ -75,11 +80,23 @@ struct Session<'a> {
     role: &'a str,
     /// What is being tried.
     step: &'a Cell<&'static str>,
+    /// What ethercrab told in the cycles, while they go on.
+    noticed: &'a Cell<Option<Noticed>>,
+}
+
+/// What a library tells its application.
+#[derive(Clone, Copy, Default)]
+struct Noticed {
+    /// Cycles whose working counter was not as expected, or whose frame was lost.
+    wrong_counters: u32,
+    /// SubDevices that were found to have left OP.
+    fell: u32,
 }
 
 impl Session<'_> {
     fn ok(&self, what: &str, next: &'static str) {
-        say(self.step.get(), "ok", what);
+        say(self.step.get(), "ok", what, self.noticed.get());
+        self.noticed.set(None);
         self.step.set(next);
     }
 
@@ -179,7 +196,7 @@ impl Session<'_> {
         group: &SubDeviceGroup<MAX_SUBDEVICES, MAX_PDI>,
     ) -> Result<(), Failure> {
         if !self.task.devices.iter().any(|device| device.mailbox) {
-            say("sdo", "n/a", "no device has a mailbox");
+            say("sdo", "n/a", "no device has a mailbox", None);
             self.step.set("map");
             return Ok(());
         }
@@ -242,6 +259,7 @@ impl Session<'_> {
         };
         let (mut bad, mut lost, mut fell, mut away, mut worst) = (0, 0, 0, 0, Duration::ZERO);
         let mut asked = [false; MAX_SUBDEVICES];
+        let mut noticed = Noticed::default();
         let mut last = Instant::now();
         for number in 0..cycles {
             for (at, device) in group.iter(main_device).enumerate() {
@@ -260,16 +278,19 @@ impl Session<'_> {
                 for (at, device) in group.iter(main_device).enumerate() {
                     partner.inputs(number, at, &device.inputs_raw());
                 }
-            } else if number > away {
-                bad += 1;
+            } else {
+                noticed.wrong_counters += 1;
+                bad += u32::from(number > away);
             }
             if !exchanged.all_op && number % 10 == 0 {
                 let began = recover(main_device, &group, &mut asked).await?;
                 if began > 0 {
                     fell += began;
+                    noticed.fell = fell;
                     away = number + 400;
                 }
             }
+            self.noticed.set(Some(noticed));
             worst = worst.max(last.elapsed());
             last = Instant::now();
             due = exchanged.next(due, cycle);

@@ -1,0 +1,89 @@
+//! What a program came to: in words, as JSON, as an exit code.
+
+use isocat_serve::Summary;
+use isocat_serve::summary::Outcome;
+use isocat_virtual::supervisor::{Ended, Ending, How};
+use serde_json::{Value, json};
+
+use crate::cli::{IN_SYNC, NOT_IN_SYNC, NOT_KNOWN};
+
+/// Nothing is wrong with synchronization, but the program itself failed.
+pub const PROGRAM_FAILED: u8 = 4;
+
+/// The exit code: what is expected of the segment, or its last session where nothing is, and then the program.
+pub fn exit_code(summary: &Summary, ended: &Ended) -> u8 {
+    let answer = summary.sessions.last().map(|session| session.answer);
+    let judged = match (summary.outcome(), answer) {
+        (Outcome::NotAsExpected, _) => NOT_IN_SYNC,
+        (Outcome::NotJudged, _) => NOT_KNOWN,
+        (Outcome::AsExpected, _) if !summary.expected.is_empty() => IN_SYNC,
+        (Outcome::AsExpected, Some("in-sync")) => IN_SYNC,
+        (Outcome::AsExpected, Some("except")) => NOT_IN_SYNC,
+        (Outcome::AsExpected, _) => NOT_KNOWN,
+    };
+    match &ended.how {
+        _ if judged == NOT_IN_SYNC => NOT_IN_SYNC,
+        How::Deadlock(_) | How::Spins(_) => PROGRAM_FAILED,
+        How::Itself(ending) if *ending != Ending::Exited(0) => PROGRAM_FAILED,
+        _ => judged,
+    }
+}
+
+/// How the program ended, and what was counted.
+pub fn words(ended: &Ended, hash: u64) -> String {
+    let how = match &ended.how {
+        How::Itself(Ending::Exited(code)) => format!("ended with exit code {code}"),
+        How::Itself(Ending::Killed(signal)) => format!("was ended by signal {signal}"),
+        How::Limit => "was ended, as its time was over".into(),
+        How::Stopped => "was ended, as asked".into(),
+        How::Deadlock(waits) => format!(
+            "was ended, as all its threads wait for something that will not come: {}",
+            waits.join("; ")
+        ),
+        How::Spins(threads) => {
+            format!("was ended, as it ran for 2 s without any system call: {}", threads.join("; "))
+        }
+    };
+    let figures = &ended.figures;
+    let mut text = format!(
+        "The program {how}, after {:.6} s of virtual time.\n{} frames sent, {} received; {} calls stopped it, {} readings of the clock did not; {} threads, {} processes; wire {hash:016x}\n",
+        ended.lasted.0 as f64 / 1e9,
+        figures.sent,
+        figures.received,
+        figures.stops,
+        figures.readings,
+        figures.threads,
+        figures.processes,
+    );
+    for (note, count) in &ended.notes {
+        text += &format!("note: {note} ({count} times)\n");
+    }
+    text
+}
+
+/// The summary of the segment, and the program beside it.
+pub fn document(summary: &Summary, seed: u64, ended: &Ended, hash: u64) -> Value {
+    let mut document = serde_json::to_value(summary).unwrap_or_default();
+    document["seed"] = json!(seed);
+    document["program"] = program(ended, hash);
+    document
+}
+
+fn program(ended: &Ended, hash: u64) -> Value {
+    let figures = &ended.figures;
+    let (how, code, who) = match &ended.how {
+        How::Itself(Ending::Exited(code)) => ("exited", Some(*code), &[][..]),
+        How::Itself(Ending::Killed(signal)) => ("killed", Some(*signal), &[][..]),
+        How::Limit => ("limit", None, &[][..]),
+        How::Stopped => ("stopped", None, &[][..]),
+        How::Deadlock(who) => ("deadlock", None, &who[..]),
+        How::Spins(who) => ("spins", None, &who[..]),
+    };
+    json!({
+        "how": how, "code": code, "threads_at_end": who, "lasted_ns": ended.lasted.0,
+        "wire_hash": format!("{hash:016x}"),
+        "stops": figures.stops, "clock_readings": figures.readings, "switches": figures.switches,
+        "frames_sent": figures.sent, "frames_received": figures.received,
+        "threads": figures.threads, "processes": figures.processes, "notes": ended.notes,
+    })
+}

@@ -1,0 +1,195 @@
+//! `isocat virtual`, with the command itself as the unmodified program: `isocat run --interface vt0`.
+#![cfg(all(target_os = "linux", target_arch = "x86_64"))]
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+const ISOCAT: &str = env!("CARGO_BIN_EXE_isocat");
+
+/// A folder of a test's own, which goes with it.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("isocat-vt-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).expect("a temporary folder");
+        Self(path)
+    }
+
+    fn file(&self, name: &str) -> String {
+        self.0.join(name).display().to_string()
+    }
+
+    /// A segment file of two drives.
+    fn segment(&self, more: &str) -> String {
+        let path = self.file("segment.toml");
+        let text = format!(
+            "cycle = \"1ms\"\n{more}\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n\n[[subdevice]]\ndevice = \"model_every_mode\"\nclock = \"+30ppm\"\n"
+        );
+        std::fs::write(&path, text).expect("it can be written");
+        path
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn isocat(arguments: &[&str]) -> Output {
+    Command::new(ISOCAT).args(arguments).output().expect("the command runs")
+}
+
+/// Runs our own MainDevice on a segment; its summary and the exit code. `None`: programs can't be supervised here.
+fn supervised(arguments: &[&str], segment: &str) -> Option<(Value, i32)> {
+    let program = ["--", ISOCAT, "run", segment, "--interface", "vt0", "--for", "2s"];
+    let output = isocat(&[&["virtual", segment, "--json"], arguments, &program].concat());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    if errors.contains("can't be supervised here") {
+        println!("skipped: {errors}");
+        return None;
+    }
+    let text = String::from_utf8_lossy(&output.stdout);
+    let line = text.lines().last().unwrap_or_else(|| panic!("no summary: {errors}"));
+    Some((serde_json::from_str(line).expect("JSON"), output.status.code().expect("it ends")))
+}
+
+#[test]
+fn our_own_main_device_is_in_sync_and_the_same_twice() {
+    let folder = Folder::new("twice");
+    let segment = folder.segment("");
+    let Some((first, code)) = supervised(&[], &segment) else { return };
+    assert_eq!((code, &first["sessions"][0]["answer"]), (0, &"in-sync".into()), "{first}");
+    let Some((second, _)) = supervised(&[], &segment) else { return };
+    assert_eq!(first, second);
+    let (other, _) = supervised(&["--seed", "2"], &segment).expect("as before");
+    assert_ne!(first["program"]["wire_hash"], other["program"]["wire_hash"]);
+}
+
+#[test]
+fn a_machine_that_stands_still_loses_cycles_and_goes_on() {
+    let folder = Folder::new("stall");
+    let fault = "[[fault]]\nwhat = \"stall for 7ms\"\nat = \"in-operation + 500ms\"\n";
+    let longest = |more: &str| {
+        let segment = folder.segment(more);
+        let (summary, code) = supervised(&[], &segment)?;
+        let interval = &summary["sessions"][0]["cycle"]["interval"];
+        Some((interval["max_ns"].as_f64().expect("it came to operation") as i64, code))
+    };
+    let Some((calm, code)) = longest("") else { return };
+    assert!(calm < 1_100_000 && code == 0, "{calm}");
+    let (stalled, code) = longest(fault).expect("as before");
+    assert!((7_000_000..8_100_000).contains(&stalled) && code == 1, "{stalled} {code}");
+}
+
+#[test]
+fn late_wake_ups_and_slow_sends_of_a_file_show_in_its_frames() {
+    let folder = Folder::new("late");
+    let deviation = |what: &str| {
+        let fault = format!("[[fault]]\nwhat = \"{what}\"\nat = \"in-operation\"\n");
+        let segment = folder.segment(if what.is_empty() { "" } else { &fault });
+        let (summary, _) = supervised(&[], &segment)?;
+        summary["sessions"][0]["cycle"]["interval"]["standard_deviation_ns"].as_f64()
+    };
+    let Some(calm) = deviation("") else { return };
+    for what in ["late-wake-ups 60us", "slow-send 60us"] {
+        let late = deviation(what).expect("as before");
+        assert!(late > 5.0 * calm, "{what}: {late} {calm}");
+    }
+}
+
+#[test]
+fn files_of_the_field_are_written_while_it_runs() {
+    let folder = Folder::new("files");
+    let segment = folder.segment("");
+    let files =
+        ["run.pcapng", "run.vcd", "run.perfetto", "run.html", "run.xml"].map(|n| folder.file(n));
+    let [capture, waves, trace, page, junit] = &files;
+    let arguments = [
+        "--capture",
+        capture,
+        "--waves",
+        waves,
+        "--trace",
+        trace,
+        "--report",
+        page,
+        "--junit",
+        junit,
+    ];
+    let Some((summary, _)) = supervised(&arguments, &segment) else { return };
+    for file in &files {
+        assert!(std::fs::metadata(file).is_ok_and(|about| about.len() > 500), "{file}");
+    }
+    let frames = summary["frames"].as_u64().expect("a number");
+    let output = isocat(&["replay", capture, "--json"]);
+    let replayed: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!((replayed["frames"].as_u64(), &replayed["agrees"]), (Some(frames), &true.into()));
+}
+
+#[test]
+fn many_seeds_are_a_table_in_which_each_can_be_repeated() {
+    let folder = Folder::new("seeds");
+    let segment = folder.segment("for = \"400ms\"");
+    let (rows, failed) = (folder.file("rows.csv"), folder.file("failed"));
+    let program = ["--", ISOCAT, "run", &segment, "--interface", "vt0", "--for", "1s"];
+    let flags = [
+        "virtual", &segment, "--seeds", "4", "--faults", "swarm", "--rows", &rows, "--failed",
+        &failed, "--json",
+    ];
+    let output = isocat(&[&flags[..], &program].concat());
+    let errors = String::from_utf8_lossy(&output.stderr);
+    if errors.contains("can't be supervised here") {
+        println!("skipped: {errors}");
+        return;
+    }
+    let summary: Value = serde_json::from_slice(&output.stdout).expect(&errors);
+    let all = summary["rows"].as_array().expect("rows");
+    assert_eq!(
+        (all.len(), std::fs::read_to_string(&rows).expect("it is there").lines().count()),
+        (4, 5)
+    );
+    assert_eq!(all.iter().filter_map(|row| row["seed"].as_u64()).collect::<Vec<_>>(), [1, 2, 3, 4]);
+    let bad = all.iter().find(|row| row["code"] != 0).expect("four swarms leave none in peace");
+    let text =
+        PathBuf::from(&failed).join(format!("run-{}.toml", bad["number"])).display().to_string();
+    let seed = bad["seed"].to_string();
+    let again = isocat(
+        &[&["virtual", &segment, "--text", &text, "--seed", &seed, "--json"], &program[..]]
+            .concat(),
+    );
+    let said = String::from_utf8_lossy(&again.stdout);
+    let again: Value = serde_json::from_str(said.lines().last().expect("a summary")).expect("JSON");
+    assert_eq!(again["program"]["wire_hash"], bad["wire"]);
+}
+
+#[test]
+fn what_can_not_be_run_is_refused_with_what_was_expected() {
+    let folder = Folder::new("refused");
+    let (script, text) = (folder.file("script"), folder.file("text"));
+    std::fs::write(&script, "#!\n").expect("it can be written");
+    std::fs::write(&text, "hello").expect("it can be written");
+    Command::new("chmod").args(["+x", &script, &text]).status().expect("chmod");
+    for (arguments, expected) in [
+        (&["--", "no-such-program"][..], "there is no such program in PATH"),
+        (&["--", "/tmp"], "a folder; expected a program"),
+        (&["--", "/etc/passwd"], "may not be executed"),
+        (&["--", &script], "names no interpreter"),
+        (&["--", &text], "neither a program"),
+        (&["--interface", "lo", "--", "true"], "this machine has such an interface"),
+        (&["--interface", "a-name-that-is-too-long", "--", "true"], "the name of an interface"),
+        (&["--secondary", "vt1", "--", "true"], "no --secondary, as it is no ring"),
+        (&["--lateness-from", "/no/such/file", "--", "true"], "/no/such/file"),
+        (&["--preemption", "10", "--", "true"], "1000:300us"),
+    ] {
+        let output = isocat(&[&["virtual"], arguments].concat());
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.code() == Some(2) && errors.contains(expected),
+            "{arguments:?}: {errors}"
+        );
+    }
+}

@@ -1,0 +1,137 @@
+//! Programs that run under supervision in `tests/supervised.rs`: `subject NAME`. Each looks from inside whether time, threads, pipes and
+//! frames are as on a machine of its own, and fails if they are not.
+
+#![cfg(all(target_os = "linux", target_arch = "x86_64"))]
+
+use std::io::{Read, Write};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Condvar, Mutex, mpsc};
+use std::time::{Duration, Instant, SystemTime};
+
+use isocat_host::RawSocket;
+
+fn main() {
+    let name = std::env::args().nth(1).unwrap_or_default();
+    match name.as_str() {
+        "sleeps_an_hour" => sleeps_an_hour(),
+        "threads" => threads(),
+        "spins_by_the_clock" => spins_by_the_clock(),
+        "exchanges_frames" => exchanges_frames(),
+        "has_a_child" => has_a_child(),
+        "pipes" => pipes(),
+        "deadlocks" => deadlocks(),
+        "never_calls" => never_calls(),
+        other => panic!("there is no subject {other:?}"),
+    }
+}
+
+fn sleeps_an_hour() {
+    let (began, began_by_calendar) = (Instant::now(), SystemTime::now());
+    std::thread::sleep(Duration::from_secs(3_600));
+    let slept = began.elapsed();
+    assert!(slept >= Duration::from_secs(3_600) && slept < Duration::from_millis(3_600_001));
+    let by_calendar = began_by_calendar.elapsed().expect("clocks go forward");
+    assert!(by_calendar.abs_diff(slept) < Duration::from_millis(1));
+}
+
+fn threads() {
+    let began = Instant::now();
+    let (sender, receiver) = mpsc::channel();
+    let threads: Vec<_> = (0..4u64)
+        .map(|number| {
+            let sender = sender.clone();
+            std::thread::spawn(move || {
+                std::thread::sleep(Duration::from_millis(10 * (4 - number)));
+                sender.send(number).expect("somebody listens");
+            })
+        })
+        .collect();
+    drop(sender);
+    assert_eq!(receiver.iter().collect::<Vec<_>>(), [3, 2, 1, 0], "the shortest sleep first");
+    threads.into_iter().for_each(|thread| thread.join().expect("it ends"));
+    // A wait with an end that nobody shortens.
+    let (lock, changed) = (Mutex::new(()), Condvar::new());
+    let guard = lock.lock().expect("not poisoned");
+    let (_guard, waited) =
+        changed.wait_timeout(guard, Duration::from_secs(5)).expect("not poisoned");
+    assert!(waited.timed_out());
+    let all = began.elapsed();
+    assert!(all >= Duration::from_millis(5_040) && all < Duration::from_millis(5_045), "{all:?}");
+}
+
+fn spins_by_the_clock() {
+    let began = Instant::now();
+    while began.elapsed() < Duration::from_millis(1) {}
+}
+
+fn exchanges_frames() {
+    assert!(RawSocket::open("lo", None).is_err(), "no real interface is to be had");
+    let mut socket = RawSocket::open("vt0", None).expect("a packet socket without any rights");
+    for number in 0..100 {
+        let began = Instant::now();
+        socket.send(&frame(number)).expect("it is sent");
+        let mut buffer = [0; 1514];
+        let received = loop {
+            if let Some(received) = socket.receive(&mut buffer).expect("the link is up") {
+                break received;
+            }
+        };
+        assert_eq!((received.len, buffer[20]), (60, number + 1));
+        let took = began.elapsed();
+        assert!(
+            took >= Duration::from_nanos(7_000) && took < Duration::from_micros(200),
+            "{took:?}"
+        );
+        std::thread::sleep(Duration::from_millis(1) - took);
+    }
+}
+
+fn has_a_child() {
+    let began = Instant::now();
+    let output = std::process::Command::new("/bin/sh")
+        .args(["-c", "echo begun; sleep 2; echo over; exit 7"])
+        .output()
+        .expect("a shell");
+    assert_eq!(output.stdout, b"begun\nover\n");
+    assert_eq!(output.status.code(), Some(7));
+    assert!(began.elapsed() >= Duration::from_secs(2));
+    assert!(began.elapsed() < Duration::from_millis(2_100));
+}
+
+fn pipes() {
+    let (mut reader, mut writer) = std::io::pipe().expect("a pipe");
+    let thread = std::thread::spawn(move || {
+        for _ in 0..3 {
+            std::thread::sleep(Duration::from_secs(1));
+            writer.write_all(b"x").expect("somebody reads");
+        }
+    });
+    let mut all = Vec::new();
+    let began = Instant::now();
+    reader.read_to_end(&mut all).expect("it ends with its writer");
+    assert_eq!(all, b"xxx");
+    assert!(began.elapsed() >= Duration::from_secs(3));
+    thread.join().expect("it ends");
+}
+
+fn deadlocks() {
+    let lock = Arc::new(Mutex::new(()));
+    let _held = lock.lock().expect("not poisoned");
+    let other = Arc::clone(&lock);
+    std::thread::spawn(move || drop(other.lock())).join().expect("never");
+}
+
+#[inline(never)]
+fn never_calls() {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    loop {
+        COUNT.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+fn frame(number: u8) -> [u8; 60] {
+    let mut frame = [0; 60];
+    frame[..6].fill(0xFF);
+    (frame[12], frame[13], frame[20]) = (0x88, 0xA4, number);
+    frame
+}

@@ -1,0 +1,525 @@
+//! The system calls of the supervisor that no library wraps safely: everything unsafe of this package stands here.
+#![expect(
+    unsafe_code,
+    reason = "seccomp notifications and a process's memory have no safe wrapper"
+)]
+
+use std::ffi::{CString, c_void};
+use std::io;
+use std::mem::{MaybeUninit, size_of};
+use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
+use std::ptr;
+use std::sync::atomic::{AtomicI32, Ordering};
+
+const RECEIVE: u64 = 0xC050_2100;
+const SEND: u64 = 0xC018_2101;
+const ADD_DESCRIPTOR: u64 = 0x4018_2103;
+const SET_FLAGS: u64 = 0x4008_2104;
+const SYNC_WAKE_UP: u64 = 1;
+const LISTENER: libc::c_ulong = 1 << 3;
+const WAIT_KILLABLE: libc::c_ulong = 1 << 5;
+const CONTINUE: u32 = 1;
+/// The new descriptor gets the number that was asked for.
+const SET_NUMBER: u32 = 1;
+
+/// A system call that stopped a thread.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Stopped {
+    /// By which it is answered.
+    pub id: u64,
+    /// The thread's number.
+    pub thread: i32,
+    pub number: i64,
+    /// The architecture by whose table the number counts.
+    pub architecture: u32,
+    /// The address behind the call.
+    pub behind: u64,
+    pub arguments: [u64; 6],
+}
+
+/// How a stopped thread goes on.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Reply {
+    /// The call gives this: a value, or an error below zero.
+    Value(i64),
+    /// The kernel does the call.
+    Continue,
+}
+
+/// The end of a filter's notifications at the supervisor.
+#[derive(Debug)]
+pub(crate) struct Listener(OwnedFd);
+
+/// What became of a launch.
+#[derive(Debug)]
+pub(crate) struct Launched {
+    /// Its process number.
+    pub process: i32,
+    pub listener: Listener,
+    shared: Shared,
+}
+
+/// A page that parent and child share.
+#[derive(Debug)]
+struct Shared(*mut State);
+
+struct State {
+    /// The listener's number, or an error below zero; [`NOT_YET`] before.
+    listener: AtomicI32,
+    /// The parent has it.
+    taken: AtomicI32,
+    /// Why the program could not be started; 0: it was.
+    failed: AtomicI32,
+    /// Not 0: its addresses could not be fixed.
+    randomized: AtomicI32,
+}
+
+const NOT_YET: i32 = i32::MIN;
+
+impl Shared {
+    fn new() -> io::Result<Self> {
+        // SAFETY: a new anonymous mapping, of which nobody knows.
+        let page = unsafe {
+            let protection = libc::PROT_READ | libc::PROT_WRITE;
+            let flags = libc::MAP_SHARED | libc::MAP_ANONYMOUS;
+            libc::mmap(ptr::null_mut(), size_of::<State>(), protection, flags, -1, 0)
+        };
+        if page == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        let state = page.cast::<State>();
+        // SAFETY: the page is there, large enough and aligned, and lives until `drop`.
+        unsafe {
+            state.write(State {
+                listener: AtomicI32::new(NOT_YET),
+                taken: AtomicI32::new(0),
+                failed: AtomicI32::new(0),
+                randomized: AtomicI32::new(0),
+            });
+        }
+        Ok(Self(state))
+    }
+
+    fn state(&self) -> &State {
+        // SAFETY: valid from `new` to `drop`; both processes use atomics alone.
+        unsafe { &*self.0 }
+    }
+}
+
+impl Drop for Shared {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `new` with this size; no reference outlives `self`.
+        unsafe { libc::munmap(self.0.cast(), size_of::<State>()) };
+    }
+}
+
+impl Launched {
+    /// Whether the machine does not let the program's addresses be fixed, so that they differ from run to run.
+    pub(crate) fn is_randomized(&self) -> bool {
+        self.shared.state().randomized.load(Ordering::SeqCst) != 0
+    }
+
+    /// Why the program could not be started.
+    pub(crate) fn failed(&self) -> Option<io::Error> {
+        let error = self.shared.state().failed.load(Ordering::SeqCst);
+        (error != 0).then(|| io::Error::from_raw_os_error(error))
+    }
+}
+
+/// Starts a program whose calls are filtered. It stops at once, at the call that replaces it.
+///
+/// The child shares the table of descriptors with its parent until then: that hands over the listener without a call that a
+/// container could refuse.
+pub(crate) fn launch(
+    program: &CString,
+    arguments: &[CString],
+    environment: &[CString],
+    filter: &[libc::sock_filter],
+) -> io::Result<Launched> {
+    let shared = Shared::new()?;
+    let pointers = |strings: &[CString]| -> Vec<*const libc::c_char> {
+        strings.iter().map(|string| string.as_ptr()).chain([ptr::null()]).collect()
+    };
+    let (arguments, environment) = (pointers(arguments), pointers(environment));
+    let filter = libc::sock_fprog { len: filter.len() as u16, filter: filter.as_ptr().cast_mut() };
+    // SAFETY: the child shares no memory but the page; it calls nothing that takes a lock, then execs or exits.
+    let process = unsafe {
+        let flags = i64::from(libc::CLONE_FILES | libc::SIGCHLD);
+        let process = libc::syscall(libc::SYS_clone, flags, 0, 0, 0, 0) as i32;
+        if process == 0 {
+            child(shared.state(), program, &arguments, &environment, &filter);
+        }
+        process
+    };
+    if process < 0 {
+        return Err(io::Error::last_os_error());
+    }
+    let number = loop {
+        match shared.state().listener.load(Ordering::SeqCst) {
+            NOT_YET if !is_zombie(process) => std::thread::yield_now(),
+            number => break number,
+        }
+    };
+    if number < 0 {
+        reap(process);
+        let error = if number == NOT_YET { libc::ECHILD } else { -number };
+        return Err(io::Error::from_raw_os_error(error));
+    }
+    // SAFETY: the child made this descriptor in the table that both share; it becomes ours alone when the child execs.
+    let listener = Listener(unsafe { OwnedFd::from_raw_fd(number) });
+    // Without it each stop takes far longer; an older kernel says that it does not know it.
+    listener.ioctl(SET_FLAGS, SYNC_WAKE_UP as *mut c_void).inspect_err(|_| {
+        kill(process, libc::SIGKILL);
+        reap(process);
+    })?;
+    shared.state().taken.store(1, Ordering::SeqCst);
+    Ok(Launched { process, listener, shared })
+}
+
+/// What the child does until it becomes the program.
+///
+/// # Safety
+///
+/// In a child that shares no memory with its parent. `arguments` and `environment` end in a null pointer.
+unsafe fn child(
+    state: &State,
+    program: &CString,
+    arguments: &[*const libc::c_char],
+    environment: &[*const libc::c_char],
+    filter: &libc::sock_fprog,
+) -> ! {
+    // SAFETY: as of this function; all pointers live until the call that replaces the child.
+    unsafe {
+        libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL);
+        if libc::personality(libc::ADDR_NO_RANDOMIZE as libc::c_ulong) < 0 {
+            state.randomized.store(1, Ordering::SeqCst);
+        }
+        libc::signal(libc::SIGPIPE, libc::SIG_DFL);
+        let mut failed = libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) < 0;
+        let mut listener = -1;
+        if !failed {
+            let flags = LISTENER | WAIT_KILLABLE;
+            listener = libc::syscall(
+                libc::SYS_seccomp,
+                libc::SECCOMP_SET_MODE_FILTER,
+                flags,
+                ptr::from_ref(filter),
+            ) as i32;
+            failed = listener < 0;
+        }
+        if failed {
+            state.listener.store(-*libc::__errno_location(), Ordering::SeqCst);
+            libc::_exit(127);
+        }
+        state.listener.store(listener, Ordering::SeqCst);
+        while state.taken.load(Ordering::SeqCst) == 0 {
+            libc::syscall(libc::SYS_getppid);
+        }
+        libc::execve(program.as_ptr(), arguments.as_ptr(), environment.as_ptr());
+        state.failed.store(*libc::__errno_location(), Ordering::SeqCst);
+        libc::_exit(127)
+    }
+}
+
+impl Listener {
+    /// Waits for the next call that stops a thread. A signal to this thread ends the wait with `Interrupted`.
+    pub(crate) fn receive(&self) -> io::Result<Stopped> {
+        // SAFETY: all-zero is a valid notification, and the kernel wants it so.
+        let mut notification: libc::seccomp_notif = unsafe { MaybeUninit::zeroed().assume_init() };
+        self.ioctl(RECEIVE, (&raw mut notification).cast())?;
+        let data = notification.data;
+        Ok(Stopped {
+            id: notification.id,
+            thread: notification.pid as i32,
+            number: i64::from(data.nr),
+            architecture: data.arch,
+            behind: data.instruction_pointer,
+            arguments: data.args,
+        })
+    }
+
+    /// Lets the thread go on. `NotFound`: it is no more.
+    pub(crate) fn reply(&self, id: u64, reply: Reply) -> io::Result<()> {
+        let (val, error, flags) = match reply {
+            Reply::Value(value) if value >= 0 => (value, 0, 0),
+            Reply::Value(error) => (0, error as i32, 0),
+            Reply::Continue => (0, 0, CONTINUE),
+        };
+        let mut response = libc::seccomp_notif_resp { id, val, error, flags };
+        self.ioctl(SEND, (&raw mut response).cast()).map(|_| ())
+    }
+
+    /// Gives the stopped process a descriptor of ours, with the lowest free number or with this one.
+    pub(crate) fn add_descriptor(
+        &self,
+        id: u64,
+        ours: BorrowedFd<'_>,
+        number: Option<u32>,
+        close_on_exec: bool,
+    ) -> io::Result<i32> {
+        let mut request = libc::seccomp_notif_addfd {
+            id,
+            flags: if number.is_some() { SET_NUMBER } else { 0 },
+            srcfd: ours.as_raw_fd() as u32,
+            newfd: number.unwrap_or(0),
+            newfd_flags: if close_on_exec { libc::O_CLOEXEC as u32 } else { 0 },
+        };
+        self.ioctl(ADD_DESCRIPTOR, (&raw mut request).cast())
+    }
+
+    fn ioctl(&self, request: u64, argument: *mut c_void) -> io::Result<i32> {
+        // SAFETY: the argument is what this request takes, as the callers above see to.
+        checked(unsafe { libc::ioctl(self.0.as_raw_fd(), request, argument) }.into())
+            .map(|result| result as i32)
+    }
+}
+
+impl AsRawFd for Listener {
+    fn as_raw_fd(&self) -> RawFd {
+        self.0.as_raw_fd()
+    }
+}
+
+/// Reads the memory of another process; less than asked for is an error.
+pub(crate) fn read_memory(process: i32, at: u64, into: &mut [u8]) -> io::Result<()> {
+    if into.is_empty() {
+        return Ok(());
+    }
+    let local = libc::iovec { iov_base: into.as_mut_ptr().cast(), iov_len: into.len() };
+    let remote = libc::iovec { iov_base: at as *mut c_void, iov_len: into.len() };
+    // SAFETY: the local part is writable and lives; the kernel checks the remote one.
+    let read = unsafe { libc::process_vm_readv(process, &local, 1, &remote, 1, 0) };
+    whole(read, into.len())
+}
+
+/// Writes the memory of another process, where that may write itself.
+pub(crate) fn write_memory(process: i32, at: u64, from: &[u8]) -> io::Result<()> {
+    if from.is_empty() {
+        return Ok(());
+    }
+    let local = libc::iovec { iov_base: from.as_ptr().cast_mut().cast(), iov_len: from.len() };
+    let remote = libc::iovec { iov_base: at as *mut c_void, iov_len: from.len() };
+    // SAFETY: the local part is readable and lives; the kernel checks the remote one.
+    let written = unsafe { libc::process_vm_writev(process, &local, 1, &remote, 1, 0) };
+    whole(written, from.len())
+}
+
+fn whole(done: isize, wanted: usize) -> io::Result<()> {
+    match checked(done as i64)? {
+        done if done as usize == wanted => Ok(()),
+        _ => Err(io::Error::from_raw_os_error(libc::EFAULT)),
+    }
+}
+
+/// A new event counter, which stands in the program for whatever the virtual kernel keeps.
+pub(crate) fn stand_in() -> io::Result<OwnedFd> {
+    // SAFETY: no pointers; the new descriptor is ours alone.
+    unsafe {
+        let number = checked(libc::eventfd(0, libc::EFD_CLOEXEC | libc::EFD_NONBLOCK).into())?;
+        Ok(OwnedFd::from_raw_fd(number as i32))
+    }
+}
+
+/// A socket of the world outside.
+pub(crate) fn socket(domain: i32, kind: i32, protocol: i32) -> io::Result<OwnedFd> {
+    // SAFETY: no pointers; the new descriptor is ours alone.
+    unsafe {
+        let number = checked(libc::socket(domain, kind | libc::SOCK_CLOEXEC, protocol).into())?;
+        Ok(OwnedFd::from_raw_fd(number as i32))
+    }
+}
+
+/// Memory without a name, shared by whoever maps it.
+pub(crate) fn memory(name: &str, bytes: &[u8]) -> io::Result<std::fs::File> {
+    let name = CString::new(name)?;
+    // SAFETY: the name lives; the new descriptor is ours alone.
+    let file = unsafe {
+        let number = checked(libc::memfd_create(name.as_ptr(), libc::MFD_CLOEXEC).into())?;
+        std::fs::File::from_raw_fd(number as i32)
+    };
+    std::os::unix::fs::FileExt::write_all_at(&file, bytes, 0)?;
+    Ok(file)
+}
+
+/// A page of `u64` in memory that is shared with others.
+#[derive(Debug)]
+pub(crate) struct SharedWords(*mut u64);
+
+/// Words of a page.
+pub(crate) const WORDS: usize = 4096 / 8;
+
+impl SharedWords {
+    /// Maps the first page of a file.
+    pub(crate) fn map(file: &std::fs::File) -> io::Result<Self> {
+        // SAFETY: a new mapping at an address of the kernel's choice.
+        let page = unsafe {
+            let protection = libc::PROT_READ | libc::PROT_WRITE;
+            libc::mmap(ptr::null_mut(), 4096, protection, libc::MAP_SHARED, file.as_raw_fd(), 0)
+        };
+        if page == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        Ok(Self(page.cast()))
+    }
+
+    pub(crate) fn get(&self, word: usize) -> u64 {
+        assert!(word < WORDS, "the page has {WORDS} words");
+        // SAFETY: within the page, aligned; the other side changes it only while this one waits.
+        unsafe { self.0.add(word).read_volatile() }
+    }
+
+    pub(crate) fn set(&self, word: usize, value: u64) {
+        assert!(word < WORDS, "the page has {WORDS} words");
+        // SAFETY: as in `get`.
+        unsafe { self.0.add(word).write_volatile(value) }
+    }
+}
+
+impl Drop for SharedWords {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `map` with this size.
+        unsafe { libc::munmap(self.0.cast(), 4096) };
+    }
+}
+
+/// Sends a signal to a process; that it is no more is no error.
+pub(crate) fn kill(process: i32, signal: i32) {
+    // SAFETY: no pointers.
+    unsafe { libc::kill(process, signal) };
+}
+
+/// Sends a signal to a thread, or to the whole process, as a timer of its own would.
+pub(crate) fn send_timer_signal(
+    process: i32,
+    thread: Option<i32>,
+    signal: i32,
+    timer: i32,
+    value: u64,
+) -> io::Result<()> {
+    // The part of `siginfo_t` that timers fill in: number, error, code, padding, timer, overruns, value.
+    let mut info = [0u8; 128];
+    info[0..4].copy_from_slice(&signal.to_ne_bytes());
+    info[8..12].copy_from_slice(&libc::SI_TIMER.to_ne_bytes());
+    info[16..20].copy_from_slice(&timer.to_ne_bytes());
+    info[24..32].copy_from_slice(&value.to_ne_bytes());
+    // SAFETY: the kernel reads 128 bytes.
+    let sent = unsafe {
+        match thread {
+            Some(thread) => {
+                libc::syscall(libc::SYS_rt_tgsigqueueinfo, process, thread, signal, info.as_ptr())
+            }
+            None => libc::syscall(libc::SYS_rt_sigqueueinfo, process, signal, info.as_ptr()),
+        }
+    };
+    checked(sent).map(|_| ())
+}
+
+/// Takes the ends of those children of ours that have ended and of which nobody asked.
+pub(crate) fn reap_orphans(processes: &[i32]) {
+    for process in processes {
+        // SAFETY: no pointers.
+        unsafe { libc::waitpid(*process, ptr::null_mut(), 0) };
+    }
+}
+
+/// Waits for the end of a child.
+pub(crate) fn reap(process: i32) -> Option<Ending> {
+    let mut status = 0;
+    // SAFETY: `status` lives.
+    let reaped = unsafe { libc::waitpid(process, &raw mut status, 0) };
+    (reaped == process).then(|| Ending::of(status))
+}
+
+/// How a program ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Ending {
+    /// By itself, with this code.
+    Exited(i32),
+    /// By this signal.
+    Killed(i32),
+}
+
+impl Ending {
+    fn of(status: i32) -> Self {
+        match libc::WIFSIGNALED(status) {
+            true => Self::Killed(libc::WTERMSIG(status)),
+            false => Self::Exited(libc::WEXITSTATUS(status)),
+        }
+    }
+}
+
+fn is_zombie(process: i32) -> bool {
+    std::fs::read_to_string(format!("/proc/{process}/stat"))
+        .map_or(true, |stat| stat.rsplit(')').next().is_some_and(|rest| rest.starts_with(" Z")))
+}
+
+/// Orphans of the program come to this process, so that none is left behind.
+pub(crate) fn adopt_orphans() {
+    // SAFETY: no pointers.
+    unsafe { libc::prctl(libc::PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) };
+}
+
+/// Interrupts a thread of this process in its system call, again and again for as long as it likes: by a signal without effect.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Interrupter(libc::pthread_t);
+
+/// The signal that does it. It has no use of its own.
+const NUDGE: i32 = libc::SIGURG;
+
+impl Interrupter {
+    /// For the calling thread.
+    pub(crate) fn of_this_thread() -> Self {
+        extern "C" fn nothing(_: i32) {}
+        // SAFETY: the handler does nothing; without `SA_RESTART` calls are interrupted.
+        unsafe {
+            let mut action: libc::sigaction = MaybeUninit::zeroed().assume_init();
+            action.sa_sigaction = nothing as *const () as usize;
+            libc::sigaction(NUDGE, &raw const action, ptr::null_mut());
+            Self(libc::pthread_self())
+        }
+    }
+
+    pub(crate) fn interrupt(self) {
+        // SAFETY: the thread is the supervisor's own and outlives its watchdog.
+        unsafe { libc::pthread_kill(self.0, NUDGE) };
+    }
+}
+
+fn checked(result: i64) -> io::Result<i64> {
+    if result < 0 { Err(io::Error::last_os_error()) } else { Ok(result) }
+}
+
+/// Registers of a thread that say where it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Registers {
+    /// The instruction that comes next.
+    pub instruction: u64,
+    /// The frame pointer, where one is kept.
+    pub frame: u64,
+}
+
+/// Stops a running thread for a moment and reads its registers.
+pub(crate) fn registers(thread: i32) -> io::Result<Registers> {
+    let ask = |request, data: *mut c_void| {
+        // SAFETY: the data of these requests is nothing, or room for the registers.
+        match unsafe { libc::ptrace(request, thread, ptr::null_mut::<c_void>(), data) } {
+            -1 => Err(io::Error::last_os_error()),
+            _ => Ok(()),
+        }
+    };
+    ask(libc::PTRACE_SEIZE, ptr::null_mut())?;
+    ask(libc::PTRACE_INTERRUPT, ptr::null_mut())?;
+    // SAFETY: it was seized by this thread, and stops at once, as it runs.
+    let stopped = unsafe { libc::waitpid(thread, ptr::null_mut(), libc::__WALL) };
+    let mut registers = MaybeUninit::<libc::user_regs_struct>::zeroed();
+    let read = match stopped {
+        -1 => Err(io::Error::last_os_error()),
+        _ => ask(libc::PTRACE_GETREGS, registers.as_mut_ptr().cast()),
+    };
+    // One that is no more needs no release.
+    let _ = ask(libc::PTRACE_DETACH, ptr::null_mut());
+    read?;
+    // SAFETY: any bytes are registers.
+    let registers = unsafe { registers.assume_init() };
+    Ok(Registers { instruction: registers.rip, frame: registers.rbp })
+}

@@ -1,0 +1,33 @@
+#!/bin/sh
+# Tries the MainDevice, as it is, in virtual time: once with what the segment file expects, then with other crystals and other bad
+# luck of its computer. No network interface, no root, and a busy machine makes no difference.
+#
+#   ./check.sh [RESULTS]      files go to the folder RESULTS (without it: results)
+#
+# ISOCAT names the program (without it: isocat), MASTER what starts the MainDevice, SEEDS how many seeds are tried.
+set -u
+cd "$(dirname "$0")" || exit 2
+results=${1:-results}
+isocat=${ISOCAT:-isocat}
+mkdir -p "$results" || exit 2
+worst=0
+
+step() { # NAME COMMAND...
+  printf '\n== %s\n' "$1"
+  shift
+  "$@"
+  code=$?
+  [ "$code" -le "$worst" ] || worst=$code
+}
+
+# The words of MASTER are a command and its arguments.
+# shellcheck disable=SC2086
+step "once: what goes wrong, and what is expected all the same" \
+  "$isocat" virtual master.toml --junit "$results/junit.xml" --report "$results/run.html" -- ${MASTER:-python3 master.py vt0}
+# shellcheck disable=SC2086
+step "many times: other crystals, other bad luck" \
+  "$isocat" virtual master.toml --seeds "${SEEDS:-10}" --rows "$results/seeds.csv" --failed "$results/failed" \
+  -- ${MASTER:-python3 master.py vt0}
+
+printf '\nexit code %s; results are in %s\n' "$worst" "$results"
+exit "$worst"

@@ -1,10 +1,10 @@
 //! Runs a program whose system calls are answered from virtual time.
 //!
-//! Data's way: a call stops its thread, [`Supervisor`] receives it and lets [`calls`] answer it, or the thread waits. When all threads
+//! Data's way: a call stops its thread, `Supervisor` receives it and lets `calls` answer it, or the thread waits. When all threads
 //! have stopped, the virtual kernel's scheduler names the one to go on, time is let on to where that one is due, and it gets its answer.
-//! [`launch`] looks at the program before it is started, [`filter`] says which calls stop. [`program`] keeps processes, threads and
-//! their descriptors, [`life`] lets them begin and end; [`image`] changes what a program reads its clocks by, as [`vdso`] has it.
-//! [`watchdog`] notices what is no call.
+//! `launch` looks at the program before it is started, `filter` says which calls stop. `program` keeps processes, threads and
+//! their descriptors, `life` lets them begin and end; `image` changes what a program reads its clocks by, as `vdso` has it.
+//! `watchdog` notices what is no call.
 
 mod backtrace;
 mod calls;

@@ -16,9 +16,10 @@ cp "$target/isocat" "$folder/isocat"
 chmod 755 "$folder"
 as_nobody=()
 if [ "$(id -u)" -eq 0 ] && command -v setpriv >/dev/null && unshare --net true; then
-  none=(unshare --net setpriv --no-new-privs --bounding-set -all --inh-caps -all)
+  none=(unshare --net setpriv --no-new-privs --bounding-set -all)
   nobody=("${none[@]}" --reuid 65534 --regid 65534 --clear-groups)
-  if "${nobody[@]}" "$python" -c 'import pysoem' 2>/dev/null; then
+  # Behind env: what setpriv itself starts still has its rights.
+  if "${nobody[@]}" env "$python" -c 'import pysoem' 2>/dev/null; then
     chown -R 65534:65534 "$folder"
     as_nobody=("${nobody[@]}")
   else

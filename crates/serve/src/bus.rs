@@ -127,9 +127,14 @@ impl Bus {
         self.arrivals.front().map(|arrival| arrival.at)
     }
 
-    /// The next answer, if it is back by now: its place among the others stays until [`receive`](Self::receive) takes it.
+    /// The next answer, if it is back by now; [`receive`](Self::receive) takes it.
     pub fn peek(&self) -> Option<&Arrival> {
         self.arrivals.front().filter(|arrival| arrival.at <= self.now)
+    }
+
+    /// The same at one port.
+    pub fn peek_at(&self, port: MainPort) -> Option<&Arrival> {
+        self.arrivals.get(self.next_at(port)?)
     }
 
     /// Takes the next answer that is back by now.
@@ -140,14 +145,18 @@ impl Bus {
 
     /// The same at one port: answers at the other one stay.
     pub fn receive_at(&mut self, port: MainPort) -> Option<Arrival> {
-        let is_back = |arrival: &Arrival| arrival.port == port && arrival.at <= self.now;
-        let place = self.arrivals.iter().position(is_back)?;
+        let place = self.next_at(port)?;
         self.arrivals.remove(place)
+    }
+
+    fn next_at(&self, port: MainPort) -> Option<usize> {
+        let mut back = self.arrivals.iter().take_while(|arrival| arrival.at <= self.now);
+        back.position(|arrival| arrival.port == port)
     }
 
     /// Time goes on to `to`.
     pub fn advance(&mut self, to: Time<Host>) -> Result<(), Refused> {
-        self.check(to)?;
+        self.check_within(to, LONGEST_STEP)?;
         while let Some(due) = self.server.next_timeout(self.looked).filter(|due| *due <= to) {
             self.look(due);
         }
@@ -191,10 +200,15 @@ impl Bus {
         self.server.inject(self.now, order)
     }
 
-    /// Plans that something goes wrong at an instant to come.
+    /// Plans that something goes wrong at an instant to come, see [`check_plan`](Self::check_plan).
     pub fn inject_at(&mut self, at: Time<Host>, order: Order) -> Result<(), String> {
-        self.check_within(at, LONGEST).map_err(|refused| refused.to_string())?;
+        self.check_plan(at).map_err(|refused| refused.to_string())?;
         self.server.inject_at(at, order)
+    }
+
+    /// Whether something can be planned for this instant: now, or later in the life of the bus.
+    pub fn check_plan(&self, at: Time<Host>) -> Result<(), Refused> {
+        self.check_within(at, LONGEST)
     }
 
     /// The link at a port of the MainDevice goes away, or comes.
@@ -260,10 +274,6 @@ impl Bus {
             }
             self.events.push_back(event);
         }
-    }
-
-    fn check(&self, at: Time<Host>) -> Result<(), Refused> {
-        self.check_within(at, LONGEST_STEP)
     }
 
     fn check_within(&self, at: Time<Host>, ahead: Nanos) -> Result<(), Refused> {

@@ -52,11 +52,17 @@ for name in main_device main_device static; do
   cp "$folder/out" "$folder/first"
 done
 cat "$folder/first"
-# The other side: a drive that never pulses refuses OP, and the MainDevice gives up.
+# The program of docs/c.md: nothing comes to OP, so there is nothing to judge.
+awk '/^```c$/ { on = 1; next } /^```$/ { on = 0 } on' docs/c.md >"$folder/docs.c"
+cc -std=c99 "${strict[@]}" -O2 -o "$folder/docs" "$folder/docs.c" "${flags[@]}"
 drive='[[subdevice]]\ndevice = "kollmorgen_akd2g"\n'
-printf "cycle = \"1ms\"\n$drive$drive" >"$folder/good.toml"
+printf "cycle = \"1ms\"\n$drive$drive" >"$folder/my.toml"
+code=0
+(cd "$folder" && ./docs >out) || code=$?
+[ "$code" -eq 3 ] && grep -qE '^2 SubDevices, after [0-9]+ ns$' "$folder/out" || fail "docs/c.md ended with $code: $(cat "$folder/out")"
+# The other side: a drive that never pulses refuses OP, and the MainDevice gives up.
 printf "cycle = \"1ms\"\n$drive${drive}misbehave = [\"dead-sync0\"]\n" >"$folder/bad.toml"
-"$folder/main_device" 100 "$folder/good.toml" >/dev/null || fail "two drives by themselves: $?"
+"$folder/main_device" 100 "$folder/my.toml" >/dev/null || fail "two drives by themselves: $?"
 code=0
 "$folder/main_device" 100 "$folder/bad.toml" >"$folder/out" 2>&1 || code=$?
 [ "$code" -eq 2 ] || fail "without pulses it ended with $code: $(cat "$folder/out")"

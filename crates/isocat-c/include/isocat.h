@@ -529,7 +529,7 @@ isocat_code isocat_bus_new(const struct isocat_segment *segment,
                            struct isocat_error **error);
 
 /**
- * Frees a bus. NULL is nothing to free. From a callback of that bus, nothing is done.
+ * Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes from, nothing is done.
  */
 void isocat_bus_free(struct isocat_bus *bus);
 

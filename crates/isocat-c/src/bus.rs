@@ -119,7 +119,7 @@ pub unsafe extern "C" fn isocat_bus_new(
     })
 }
 
-/// Frees a bus. NULL is nothing to free. From a callback of that bus, nothing is done.
+/// Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes from, nothing is done.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_free(bus: *mut isocat_bus) {
     let used = sys::borrow("bus", bus)

@@ -48,7 +48,7 @@ pub struct isocat_error {
     column: u32,
 }
 
-/// What is wrong, before somebody wants to know.
+/// What is wrong, before it is made an error for C.
 #[derive(Debug)]
 pub(crate) struct Failure {
     code: isocat_code,

@@ -209,7 +209,7 @@ pub(crate) fn take<T>(pointer: *mut T) {
 
 /// An object of the caller's, without taking it back.
 pub(crate) fn borrow<'a, T>(what: &'static str, pointer: *const T) -> Result<&'a T, Failure> {
-    // SAFETY: it is NULL, or `give` made it and nobody gave it back.
+    // SAFETY: it is NULL, or `give` made it and it was not given back.
     unsafe { pointer.as_ref() }.ok_or_else(|| Failure::null(what))
 }
 

@@ -164,7 +164,7 @@ impl Bus {
         Ok(())
     }
 
-    /// When SubDevices are looked at next by themselves. Nobody needs to advance time for that.
+    /// When SubDevices are looked at next without a frame, for callers that wait: [`advance`](Self::advance) does it on its way.
     pub fn next_timeout(&self) -> Option<Time<Host>> {
         self.server.next_timeout(self.looked)
     }

@@ -283,6 +283,15 @@ impl Summary {
         }
     }
 
+    /// What all sessions come to: something speaks against one of them, or else that of the last one.
+    pub fn answer(&self) -> Answer {
+        let answers = || self.sessions.iter().map(|session| answer(session.judged.as_ref()));
+        match answers().any(|answer| answer == Answer::Except) {
+            true => Answer::Except,
+            false => answers().next_back().unwrap_or(Answer::NotKnown),
+        }
+    }
+
     /// Whether all that was expected came so.
     pub fn outcome(&self) -> Outcome {
         let any = |met| self.expected.iter().any(|one| one.met == met);
@@ -320,11 +329,7 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
         meaning: refused.code.to_string(),
     });
     let judged = session.judged.as_ref().map(|judged| judged_summary(server, judged, session));
-    let answer = match &judged {
-        None => Answer::NotKnown,
-        Some(judged) if judged.in_sync => Answer::InSync,
-        Some(_) => Answer::Except,
-    };
+    let answer = answer(judged.as_ref());
     SessionSummary {
         began_ns: ns(conduct.began - Time::ZERO),
         ended_ns: ns(conduct.last - Time::ZERO),
@@ -343,6 +348,14 @@ fn summarize(server: &Server, session: &Session) -> SessionSummary {
         remarks: remarks(server, session),
         answer: answer.name(),
         judged,
+    }
+}
+
+fn answer(judged: Option<&JudgedSummary>) -> Answer {
+    match judged {
+        None => Answer::NotKnown,
+        Some(judged) if judged.in_sync => Answer::InSync,
+        Some(_) => Answer::Except,
     }
 }
 

@@ -9,9 +9,11 @@
 //! Only `service` and `control` know sockets and Linux. The rest is a core for other doors and for tests: frames and instants go in,
 //! answers come out with the instant at which their last bit is back, whatever clock the instants are from. Devices may have
 //! applications of the caller's own ([`Setup::with_application`]), and the caller sees and sets their process data
-//! ([`Server::outputs`], [`Server::set_inputs`]).
+//! ([`Server::outputs`], [`Server::set_inputs`]). A [`Bus`] is a server in virtual time, with the answers that are under way: for
+//! doors that a program or a test drives.
 #![forbid(unsafe_code)]
 
+pub mod bus;
 pub mod conduct;
 #[cfg(target_os = "linux")]
 pub mod control;
@@ -27,6 +29,7 @@ pub mod summary;
 mod text;
 pub mod verdict;
 
+pub use bus::Bus;
 pub use isocat_segment::fault::Order;
 pub use server::{Answer, Event, Server};
 pub use setup::Setup;

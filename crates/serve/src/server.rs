@@ -387,6 +387,15 @@ impl Server {
         self.settle();
     }
 
+    /// Judges the session under way as of `now`, for a look in the middle: it goes on.
+    pub fn take_stock(&mut self, now: Time<Host>) {
+        self.idle(now);
+        let judged = self.judged();
+        if let Some(session) = &mut self.session {
+            session.judged = judged;
+        }
+    }
+
     /// When [`idle`](Self::idle) is wanted next, if nothing comes.
     pub fn next_timeout(&self, now: Time<Host>) -> Option<Time<Host>> {
         // A segment that nobody talks to, and nothing in it above INIT, has nothing to do.
@@ -399,6 +408,15 @@ impl Server {
 
     /// Injects a fault as of `now`; tells what is wrong with it.
     pub fn inject(&mut self, now: Time<Host>, order: Order) -> Result<(), String> {
+        self.served.advance(now);
+        self.settle();
+        self.inject_at(now, order)?;
+        self.tell_faults();
+        Ok(())
+    }
+
+    /// Plans a fault for the instant `at`, or for now where that is over; tells what is wrong with it.
+    pub fn inject_at(&mut self, at: Time<Host>, order: Order) -> Result<(), String> {
         let Order { fault, lasts, spare } = order;
         if !self.ring && fault.cable() == Some(RING_CABLE) {
             return Err("ring is the cable that closes a ring, and this segment is none".into());
@@ -413,10 +431,7 @@ impl Server {
             let fits = self.served.segment().takes(*device, &setup.chip);
             fits.map_err(|port| format!("the other device has no such port {port} as is wired"))?;
         }
-        self.served.advance(now);
-        self.settle();
-        self.served.inject(fault, lasts, spare);
-        self.tell_faults();
+        self.served.inject(at, fault, lasts, spare);
         Ok(())
     }
 

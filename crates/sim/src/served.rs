@@ -116,15 +116,22 @@ impl Served {
         &mut self.timeline
     }
 
-    /// Lets something go wrong now, for a time if one is given; a [`Fault::Replace`] needs the SubDevice that comes.
-    pub fn inject(&mut self, fault: Fault, lasts: Option<Nanos>, spare: Option<DeviceSetup>) {
+    /// Lets something go wrong at the instant `at`, or now where that is over, for a time if one is given; a [`Fault::Replace`]
+    /// needs the SubDevice that comes.
+    pub fn inject(
+        &mut self,
+        at: Time<Host>,
+        fault: Fault,
+        lasts: Option<Nanos>,
+        spare: Option<DeviceSetup>,
+    ) {
         let fault = match (fault, spare) {
             (Fault::Replace { device, takes, .. }, Some(setup)) => {
                 Fault::Replace { device, takes, spare: self.timeline.add_spare(setup) }
             }
             (fault, _) => fault,
         };
-        self.timeline.order(self.now, fault, lasts);
+        self.timeline.order(self.true_time(at).max(self.now), fault, lasts);
         self.let_faults_happen(self.now);
     }
 

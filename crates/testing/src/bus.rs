@@ -8,14 +8,13 @@ use std::task::{Poll, Waker};
 use std::time::Duration;
 
 use isocat_descriptions::document::name_hint;
-use isocat_serve::bus::Arrival;
 use isocat_serve::{Order, bus};
 use isocat_sim::{Fault, MainPort};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlState, AlStatusCode};
 
 use crate::Verdict;
-use crate::clock::{Clock, Instant, Sleep};
+use crate::clock::{Clock, Instant, Sleep, nanos};
 use crate::executor::{Executor, Task};
 use crate::host::Span;
 use crate::segment::Segment;
@@ -332,23 +331,20 @@ impl Shared {
         act(&mut bus)
     }
 
-    /// When something comes for the host: the next answer, once the host sees it.
+    /// When the application has the next answer.
     pub fn next_arrival(&self) -> Option<Instant> {
         let at = since_start(self.bus.borrow().next_arrival()?);
-        Some(self.clock.host.borrow().after_stalls(at))
+        Some(self.clock.host.borrow().receives(at))
     }
 
     /// Hands out what is back by now, and wakes those that wait for it and those that look.
     pub fn arrive(&self) {
         let now = self.clock.now();
-        if self.next_arrival().is_some_and(|at| at <= now) {
-            let arrived = self.at_present(|bus| std::iter::from_fn(|| bus.receive()).collect());
-            let arrived: Vec<Arrival> = arrived;
-            for arrival in arrived {
-                self.take_in(arrival.at, arrival.port, &arrival.frame);
-                for socket in self.sockets.borrow().iter().filter_map(Weak::upgrade) {
-                    socket.borrow_mut().put(&arrival);
-                }
+        while self.next_arrival().is_some_and(|at| at <= now) {
+            let Some(arrival) = self.at_present(bus::Bus::receive) else { break };
+            self.take_in(arrival.at, arrival.port, &arrival.frame);
+            for socket in self.sockets.borrow().iter().filter_map(Weak::upgrade) {
+                socket.borrow_mut().put(&arrival);
             }
         }
         let watchers = std::mem::take(&mut *self.watchers.borrow_mut());
@@ -417,11 +413,6 @@ fn host_time(at: Instant) -> Time<Host> {
 
 fn since_start(at: Time<Host>) -> Instant {
     (at - START).0.max(0) as u64
-}
-
-/// A span in nanoseconds, as far as they can be counted.
-pub(crate) fn nanos(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl fmt::Debug for Bus {

@@ -42,6 +42,11 @@ pub fn ethercat_now() -> u64 {
 /// 2026-01-01 00:00 UTC in nanoseconds since 2000-01-01: 26 years, seven of them with a leap day.
 const BEGIN: u64 = (26 * 365 + 7) * 86_400 * 1_000_000_000;
 
+/// A span in nanoseconds, as far as they can be counted.
+pub(crate) fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
 /// A clock that stands still until it is told to go on.
 pub(crate) struct Clock {
     now: Cell<Instant>,
@@ -177,8 +182,8 @@ pub struct Sleep {
 
 impl Sleep {
     pub(crate) fn new(time: Duration, on_the_host: bool) -> Self {
-        let time = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
-        Self { until: Clock::of_this_thread().now().saturating_add(time), on_the_host }
+        let until = Clock::of_this_thread().now().saturating_add(nanos(time));
+        Self { until, on_the_host }
     }
 }
 

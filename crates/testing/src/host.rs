@@ -8,12 +8,14 @@ use std::time::Duration;
 use isocat_sim::fault::LateHost;
 use isocat_sim::random::Stream;
 
-use crate::clock::Instant;
+use crate::clock::{Instant, nanos};
 
 pub(crate) struct Host {
     seed: u64,
     /// Worst lateness of a wake-up, ns.
     worst: u64,
+    /// From the last bit of an answer until a program has it, ns.
+    latency: u64,
     /// Stretches in which the host runs no program.
     stalls: Vec<Span>,
     /// Stretches in which wake-ups are later than usual.
@@ -25,14 +27,13 @@ pub(crate) struct Host {
 pub(crate) struct Span(pub Instant, pub Instant);
 
 impl Host {
-    pub fn new(seed: u64, worst: Duration) -> Self {
-        let mut host = Self { seed, worst: 0, stalls: Vec::new(), late: Vec::new() };
-        host.set_lateness(worst);
-        host
+    pub fn new(seed: u64, worst: Duration, latency: Duration) -> Self {
+        let latency = nanos(latency);
+        Self { seed, worst: nanos(worst), latency, stalls: Vec::new(), late: Vec::new() }
     }
 
     pub fn set_lateness(&mut self, worst: Duration) {
-        self.worst = u64::try_from(worst.as_nanos()).unwrap_or(u64::MAX);
+        self.worst = nanos(worst);
     }
 
     pub fn stall(&mut self, span: Span) {
@@ -55,8 +56,12 @@ impl Host {
         self.after_stalls(due.saturating_add(usual).saturating_add(more))
     }
 
-    /// When the host sees what comes at `at`.
-    pub fn after_stalls(&self, at: Instant) -> Instant {
+    /// When a program has a frame whose last bit came at `at`.
+    pub fn receives(&self, at: Instant) -> Instant {
+        self.after_stalls(at.saturating_add(self.latency))
+    }
+
+    fn after_stalls(&self, at: Instant) -> Instant {
         // In the order of their beginnings, as one may lead into the next.
         self.stalls.iter().fold(at, |at, stall| if stall.holds(at) { stall.1 } else { at })
     }
@@ -83,34 +88,40 @@ mod tests {
 
     use super::*;
 
+    fn host(seed: u64, late_us: u64) -> Host {
+        Host::new(seed, Duration::from_micros(late_us), Duration::from_nanos(10))
+    }
+
     fn late(host: &Host) -> Vec<u64> {
         (0..10_000).map(|n| host.wakes(n * 1_000_000) - n * 1_000_000).collect()
     }
 
     #[test]
     fn lateness_keeps_its_bound_comes_near_it_and_repeats_by_its_seed() {
-        let of = |seed| late(&Host::new(seed, Duration::from_micros(100)));
+        let of = |seed| late(&host(seed, 100));
         let largest = of(7).into_iter().max().unwrap_or_default();
         assert!((90_000..=100_000).contains(&largest), "{largest}");
         assert_eq!(of(7), of(7));
         assert_ne!(of(7), of(8));
-        assert!(late(&Host::new(7, Duration::ZERO)).iter().all(|late| *late == 0));
+        assert!(late(&host(7, 0)).iter().all(|late| *late == 0));
     }
 
     #[test]
     fn a_stall_holds_up_all_that_is_due_in_it_and_leads_into_the_next() {
-        let mut host = Host::new(1, Duration::ZERO);
+        let mut host = host(1, 0);
         host.stall(Span(200, 300));
         host.stall(Span(100, 200));
         for (due, wakes) in [(99, 99), (100, 300), (299, 300), (300, 300)] {
             assert_eq!(host.wakes(due), wakes, "due at {due}");
-            assert_eq!(host.after_stalls(due), wakes, "due at {due}");
+        }
+        for (at, has) in [(89, 99), (90, 300), (289, 300), (290, 300), (291, 301)] {
+            assert_eq!(host.receives(at), has, "back at {at}");
         }
     }
 
     #[test]
     fn a_fault_makes_wake_ups_late_while_it_lasts() {
-        let mut host = Host::new(1, Duration::ZERO);
+        let mut host = host(1, 0);
         let fault = LateHost { least: Nanos(300), most: Nanos(400), ppm: 500_000 };
         host.be_late(Span(0, 5_000_000_000), fault);
         let all = late(&host);

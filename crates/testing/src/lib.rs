@@ -59,6 +59,6 @@ pub use isocat_subdevice::{Application, Event};
 pub use isocat_wire::time::Nanos;
 pub use isocat_wire::{AbortCode, AlState, AlStatusCode, ObjectAddress};
 pub use run::{Failure, Kind, run, seeds, try_run};
-pub use segment::{LIMIT, Segment};
+pub use segment::{LATENCY, LIMIT, Segment};
 pub use socket::{MOST_WAITING, Socket};
 pub use verdict::Verdict;

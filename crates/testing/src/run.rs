@@ -7,7 +7,7 @@ use std::rc::Rc;
 use std::task::Waker;
 use std::time::Duration;
 
-use crate::clock::{Clock, Instant};
+use crate::clock::{Clock, Instant, nanos};
 use crate::executor::{Executor, ROOT, poll};
 use crate::host::Host;
 use crate::{Bus, Segment, Verdict, bus};
@@ -42,8 +42,8 @@ pub fn try_run<T>(mut segment: Segment, test: T) -> Result<Verdict, Box<Failure>
 where
     T: AsyncFnOnce(Bus),
 {
-    let clock = Clock::new(Host::new(segment.scenario.seed, segment.lateness));
-    let limit = bus::nanos(segment.limit).min(bus::longest());
+    let clock = Clock::new(Host::new(segment.scenario.seed, segment.lateness, segment.latency));
+    let limit = nanos(segment.limit).min(bus::longest());
     let _installed = clock.install();
     let (executor, waker) = Executor::new();
     let bus = Bus::new(&mut segment, Rc::clone(&clock), Rc::clone(&executor));

@@ -16,12 +16,16 @@ use isocat_subdevice::Application;
 pub struct Segment {
     pub(crate) scenario: Scenario,
     pub(crate) lateness: Duration,
+    pub(crate) latency: Duration,
     pub(crate) limit: Duration,
     applications: Vec<(usize, Box<dyn Application + Send>)>,
 }
 
 /// Virtual time after which a run ends with an error, unless a test says otherwise.
 pub const LIMIT: Duration = Duration::from_secs(600);
+
+/// From the last bit of an answer until the application has it, unless a test says otherwise: a PC with a packet socket.
+pub const LATENCY: Duration = Duration::from_micros(20);
 
 impl Segment {
     /// A segment file. A relative path begins at the package's folder: `cargo test` runs tests there.
@@ -56,6 +60,12 @@ impl Segment {
     /// The application's wake-ups are late by up to `worst`, a fifth of it in the mean. Default zero.
     pub fn lateness(mut self, worst: Duration) -> Self {
         self.lateness = worst;
+        self
+    }
+
+    /// From the last bit of an answer until the application has it: network controller, interrupt, kernel. Default [`LATENCY`].
+    pub fn latency(mut self, latency: Duration) -> Self {
+        self.latency = latency;
         self
     }
 
@@ -95,7 +105,12 @@ impl Segment {
 
 impl From<SegmentFile> for Segment {
     fn from(file: SegmentFile) -> Self {
-        let scenario = Scenario::from(file);
-        Self { scenario, lateness: Duration::ZERO, limit: LIMIT, applications: Vec::new() }
+        Self {
+            scenario: Scenario::from(file),
+            lateness: Duration::ZERO,
+            latency: LATENCY,
+            limit: LIMIT,
+            applications: Vec::new(),
+        }
     }
 }

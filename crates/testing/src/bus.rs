@@ -7,16 +7,16 @@ use std::rc::{Rc, Weak};
 use std::task::{Poll, Waker};
 use std::time::Duration;
 
-use isocat_descriptions::document::name_hint;
 use isocat_serve::{Order, bus};
 use isocat_sim::{Fault, MainPort};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlState, AlStatusCode};
 
 use crate::Verdict;
-use crate::clock::{Clock, Instant, Sleep, nanos};
+use crate::clock::{Clock, Sleep};
 use crate::executor::{Executor, Task};
-use crate::host::Span;
+use crate::host::{Instant, Span, nanos};
+use crate::place::{Place, position};
 use crate::segment::Segment;
 use crate::socket::{Queue, Socket};
 
@@ -52,47 +52,6 @@ pub(crate) struct Shared {
 pub struct Device {
     bus: Bus,
     position: usize,
-}
-
-/// What a test calls a device by: its name, or its position from 0.
-pub trait Place {
-    /// The position among devices of these names.
-    ///
-    /// # Errors
-    ///
-    /// Why there is no such device.
-    fn find(&self, names: &[&str]) -> Result<usize, String>;
-}
-
-impl Place for &str {
-    fn find(&self, names: &[&str]) -> Result<usize, String> {
-        let found = names.iter().position(|name| name == self);
-        found.ok_or_else(|| {
-            format!("no device \"{self}\"; {}", name_hint(self, names.iter().copied()))
-        })
-    }
-}
-
-impl Place for usize {
-    fn find(&self, names: &[&str]) -> Result<usize, String> {
-        let count = names.len();
-        let too_far = || format!("no device {self}; expected 0 to {}", count.saturating_sub(1));
-        (*self < count).then_some(*self).ok_or_else(too_far)
-    }
-}
-
-/// The position of a device.
-///
-/// # Panics
-///
-/// If there is none.
-#[track_caller]
-pub(crate) fn position(names: &[&str], place: impl Place) -> usize {
-    match place.find(names) {
-        Ok(position) => position,
-        // Not in a closure, so that the panic has the place of the caller.
-        Err(error) => panic!("{error}"),
-    }
 }
 
 /// When the segment is switched on, on the host's clock.

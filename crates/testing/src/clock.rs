@@ -9,14 +9,11 @@ use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
-use crate::host::Host;
+use crate::host::{Host, Instant, nanos};
 
 thread_local! {
     static CLOCK: RefCell<Option<Rc<Clock>>> = const { RefCell::new(None) };
 }
-
-/// Nanoseconds from the beginning of a run.
-pub(crate) type Instant = u64;
 
 /// Virtual time since the run on this thread began.
 ///
@@ -41,11 +38,6 @@ pub fn ethercat_now() -> u64 {
 
 /// 2026-01-01 00:00 UTC in nanoseconds since 2000-01-01: 26 years, seven of them with a leap day.
 const BEGIN: u64 = (26 * 365 + 7) * 86_400 * 1_000_000_000;
-
-/// A span in nanoseconds, as far as they can be counted.
-pub(crate) fn nanos(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
-}
 
 /// A clock that stands still until it is told to go on.
 pub(crate) struct Clock {

@@ -8,7 +8,13 @@ use std::time::Duration;
 use isocat_sim::fault::LateHost;
 use isocat_sim::random::Stream;
 
-use crate::clock::{Instant, nanos};
+/// Nanoseconds from the beginning of a run.
+pub(crate) type Instant = u64;
+
+/// A span in nanoseconds, as far as they can be counted.
+pub(crate) fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
 
 pub(crate) struct Host {
     seed: u64,

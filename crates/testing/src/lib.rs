@@ -42,12 +42,13 @@ mod embassy;
 mod ethercrab;
 mod executor;
 mod host;
+mod place;
 mod run;
 mod segment;
 mod socket;
 mod verdict;
 
-pub use bus::{Bus, Device, Place};
+pub use bus::{Bus, Device};
 pub use clock::{Sleep, ethercat_now, now};
 #[cfg(feature = "embassy-time")]
 #[doc(hidden)]
@@ -58,6 +59,7 @@ pub use isocat_serve::Summary;
 pub use isocat_subdevice::{Application, Event};
 pub use isocat_wire::time::Nanos;
 pub use isocat_wire::{AbortCode, AlState, AlStatusCode, ObjectAddress};
+pub use place::Place;
 pub use run::{Failure, Kind, run, seeds, try_run};
 pub use segment::{LATENCY, LIMIT, Segment};
 pub use socket::{MOST_WAITING, Socket};

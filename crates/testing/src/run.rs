@@ -7,9 +7,9 @@ use std::rc::Rc;
 use std::task::Waker;
 use std::time::Duration;
 
-use crate::clock::{Clock, Instant, nanos};
+use crate::clock::Clock;
 use crate::executor::{Executor, ROOT, poll};
-use crate::host::Host;
+use crate::host::{Host, Instant, nanos};
 use crate::{Bus, Segment, Verdict, bus};
 
 /// Runs a test on a virtual segment, in virtual time, and gives the verdict of its judges. The run is over when `test` is.

@@ -8,6 +8,8 @@ use isocat_segment::{Scenario, SegmentFile};
 use isocat_serve::Setup;
 use isocat_subdevice::Application;
 
+use crate::place::position;
+
 /// A virtual segment, and how a test runs on it.
 ///
 /// Made of a segment file ([`file`](Self::file)), of its text ([`parse`](Self::parse)), or the
@@ -89,7 +91,7 @@ impl Segment {
     ) -> Self {
         let names: Vec<&str> =
             self.scenario.devices.iter().map(|device| device.name.as_str()).collect();
-        let position = crate::bus::position(&names, device);
+        let position = position(&names, device);
         self.applications.push((position, Box::new(application)));
         self
     }

@@ -219,3 +219,25 @@ fn the_seed_that_fails_is_named() {
     assert!(text.contains(&format!("ISOCAT_SEED=13 cargo test {name}\n13 is too much")), "{text}");
     assert!(complaint(|| seeds([], |_| ())).starts_with("no seed"));
 }
+
+/// Runs itself again with a seed in its environment.
+#[test]
+fn the_seed_of_the_environment_runs_alone() {
+    if std::env::var_os("ISOCAT_SEED").is_some() {
+        return seeds(10..20, |seed| println!("ran with {seed};"));
+    }
+    let with = |seed: &str| {
+        let mut program = std::process::Command::new(std::env::current_exe().expect("a path"));
+        let name = "the_seed_of_the_environment_runs_alone";
+        program.args(["--exact", name, "--nocapture"]).env("ISOCAT_SEED", seed);
+        let output = program.output().expect("it runs");
+        let text = |bytes| String::from_utf8_lossy(bytes).into_owned();
+        (text(&output.stdout), text(&output.stderr))
+    };
+    let ran = with("13").0;
+    assert!(ran.contains("ran with 13;") && ran.matches("ran with").count() == 1, "{ran}");
+    let error = with("20").1;
+    assert!(error.contains("ISOCAT_SEED is 20; expected one of the seeds of this test"), "{error}");
+    let error = with("x").1;
+    assert!(error.contains("ISOCAT_SEED is \"x\"; expected a seed"), "{error}");
+}

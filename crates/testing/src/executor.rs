@@ -61,7 +61,7 @@ impl Executor {
     /// An executor without a task, and the waker of the test itself, which is woken already.
     pub fn new() -> (Rc<Self>, Waker) {
         let ready = Arc::new(Ready::default());
-        let root = Wakes::new(ROOT, &ready);
+        let root = Wakes::waker(ROOT, &ready);
         let tasks = RefCell::new(BTreeMap::new());
         (Rc::new(Self { tasks, last: Cell::new(ROOT), ready }), root)
     }
@@ -86,7 +86,7 @@ impl Executor {
                 waker.wake();
             }
         });
-        let entry = Entry { future: Some(future), waker: Wakes::new(id, &self.ready) };
+        let entry = Entry { future: Some(future), waker: Wakes::waker(id, &self.ready) };
         self.tasks.borrow_mut().insert(id, entry);
         Task { slot, id, executor: Rc::downgrade(self) }
     }
@@ -180,7 +180,7 @@ impl<T> Future for Task<T> {
 
 impl Wakes {
     /// The waker of a task, which is woken already.
-    fn new(id: Id, ready: &Arc<Ready>) -> Waker {
+    fn waker(id: Id, ready: &Arc<Ready>) -> Waker {
         let is_queued = AtomicBool::new(false);
         let waker = Waker::from(Arc::new(Self { id, is_queued, ready: Arc::clone(ready) }));
         waker.wake_by_ref();

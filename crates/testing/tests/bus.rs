@@ -183,6 +183,64 @@ fn a_verdict_in_the_middle_is_as_of_then() {
     assert!(end.in_sync(), "{end}");
 }
 
+/// A broadcast read of the AL status: how many devices are there?
+fn who_is_there() -> Vec<u8> {
+    let mut frame = vec![0xFF; 6];
+    frame.extend([0x02, 0, 0, 0, 0, 0x01, 0x88, 0xA4]);
+    frame.extend([0x0E, 0x10, 0x07, 0, 0, 0, 0x30, 0x01, 0x02, 0, 0, 0, 0, 0, 0, 0]);
+    frame
+}
+
+#[test]
+fn frames_by_hand_come_back_when_the_wire_and_the_host_let_them() {
+    let took = |latency| {
+        let mut took = Duration::ZERO;
+        let _ = run(ios(3).latency(latency), async |bus| {
+            let socket = bus.socket();
+            socket.send(&who_is_there());
+            assert_eq!(socket.try_receive(), None, "it is under way");
+            let answer = socket.receive().await;
+            assert_eq!(answer[28..30], [3, 0], "three devices counted");
+            took = bus.now();
+        });
+        took
+    };
+    // 60 bytes, preamble, check sequence: 5.76 us on the wire, and three devices on the way.
+    let wire = took(Duration::ZERO);
+    assert!(wire > Duration::from_nanos(5_760) && wire < Duration::from_micros(15), "{wire:?}");
+    assert_eq!(took(MS), wire + MS);
+}
+
+#[test]
+fn a_frame_that_is_lost_is_not_waited_for_in_vain() {
+    let _ = run(ios(1), async |bus| {
+        let socket = bus.socket();
+        bus.fault("drop 1");
+        socket.send(&who_is_there());
+        assert_eq!(socket.receive_for(MS).await, None);
+        assert_eq!(bus.now(), MS);
+        socket.send(&who_is_there());
+        assert!(socket.receive_for(MS).await.is_some());
+    });
+}
+
+#[test]
+fn a_ring_has_a_socket_at_each_end() {
+    let text = "cycle = \"1ms\"\nring = true\n[[subdevice]]\ndevice = \"simple_io4\"\ncount = 3\n";
+    let _ = run(Segment::parse(text).expect("a ring"), async |bus| {
+        let (first, second) = (bus.socket(), bus.secondary_socket());
+        first.send(&who_is_there());
+        assert!(second.receive_for(MS).await.is_some(), "it came out at the other end");
+        assert_eq!(first.try_receive(), None);
+        bus.fault("pull 1");
+        bus.sleep(MS).await;
+        first.send(&who_is_there());
+        let answer = first.receive_for(MS).await.expect("it turned at the open cable");
+        assert_eq!(answer[28..30], [1, 0]);
+        assert_eq!(second.try_receive(), None);
+    });
+}
+
 #[test]
 fn seeds_run_in_order() {
     let ran = std::sync::Mutex::new(Vec::new());

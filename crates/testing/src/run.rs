@@ -137,7 +137,7 @@ impl fmt::Display for Failure {
         match self.kind {
             Kind::Deadlock { tasks } => writeln!(
                 f,
-                "deadlock at {at:?} of virtual time: the test and {tasks} tasks wait, and none of them for a time or a frame"
+                "deadlock at {at:?} of virtual time: the test and its tasks ({tasks}) wait, and none of them for a time or a frame"
             )?,
             Kind::OutOfTime { limit } => writeln!(
                 f,

@@ -46,7 +46,7 @@ fn timers_come_at_their_tick_in_order() {
 }
 
 #[test]
-fn a_timer_that_was_dropped_keeps_nobody_waiting() {
+fn a_timer_that_was_dropped_costs_no_time() {
     let verdict = run(Segment::built_in(), async |bus| {
         let mut long = Box::pin(timer(ticks(1_000 * MS)));
         let mut short = Box::pin(timer(ticks(MS)));

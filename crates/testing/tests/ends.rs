@@ -31,7 +31,7 @@ fn all_wait_and_nothing_comes() {
     });
     assert_eq!(kind, Kind::Deadlock { tasks: 1 });
     assert!(
-        text.starts_with("deadlock at 1ms of virtual time: the test and 1 tasks wait"),
+        text.starts_with("deadlock at 1ms of virtual time: the test and its tasks (1) wait"),
         "{text}"
     );
     assert!(text.contains("devices: AKD2G axis 1 in INIT, "), "{text}");

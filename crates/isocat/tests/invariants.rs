@@ -147,6 +147,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ),
     ("serve", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment", "engine"]),
     ("isocat-c", &["wire", "sim", "subdevice", "descriptions", "segment", "engine", "serve"]),
+    ("testing", &["wire", "subdevice", "sim", "descriptions", "segment", "serve"]),
     (
         "isocat",
         &[

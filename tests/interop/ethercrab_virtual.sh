@@ -1,0 +1,17 @@
+#!/usr/bin/env bash
+# ethercrab, unmodified, in cargo test and in virtual time: tests/interop/ethercrab-virtual, and docs/examples/ethercrab-in-cargo-test as
+# its reader runs it. Both have lock files of their own, so that the main build does not depend on ethercrab. Exit 77: what they
+# need can't be had.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+export CARGO_TARGET_DIR=$PWD/target/ethercrab-virtual
+tests=tests/interop/ethercrab-virtual example=docs/examples/ethercrab-in-cargo-test
+for folder in $tests $example; do
+  (cd $folder && cargo fetch --quiet --locked) || { echo "ethercrab_virtual: skipped, missing: ethercrab and what it depends on"; exit 77; }
+  (cd $folder && cargo fmt --check)
+done
+(cd $tests && cargo test --quiet --locked)
+# The same program built for production in the same folder, and its tests by the reader's command.
+(cd $example && cargo virtual --quiet --locked && cargo build --quiet --locked)
+# An ethercrab that waits for the machine's clock is told, and is no hang.
+(cd $tests && cargo test --quiet --locked --features std --test std_is_told)

@@ -19,6 +19,7 @@
 //! | `isocat-captures` | [`reading`], [`pairing`] | anybody's captures, and which frames belong together |
 //! | `isocat-recorders` | [`capture`], [`waves`], [`trace`], [`series`] | what happened, for other people's tools |
 //! | `isocat-engine` | [`plan`], [`replay`], [`report`], [`scan`], [`calibrate`], [`recording`], [`timeline`], [`diagnosis`], [`status`], [`explain`], `live` | plan, run, judge |
+//! | `isocat-diagnose` | [`diagnose`] | what is in a capture, and what went wrong |
 //! | `isocat-conform` | [`conform`] | tests a SubDevice's synchronization |
 //! | `isocat-serve` | [`serve`] | the virtual segment for anybody's MainDevice |
 //! | `isocat-host` | `host` | a MainDevice on a network interface |
@@ -36,6 +37,7 @@ pub mod watch;
 pub use isocat_captures::{pairing, reading};
 pub use isocat_conform as conform;
 pub use isocat_descriptions::{StartUp, columns, document, eni, esi, quantity, start_up};
+pub use isocat_diagnose as diagnose;
 #[cfg(target_os = "linux")]
 pub use isocat_engine::live;
 pub use isocat_engine::{

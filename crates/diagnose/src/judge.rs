@@ -164,10 +164,14 @@ pub(crate) fn mode(device: &Device) -> Option<(ObjectAddress, Known<SyncType>)> 
 
 /// The propagation delay from the reference clock to a device, ns, as the MainDevice wrote it to both.
 pub(crate) fn delay(observer: &Observer, device: &Device) -> Option<i64> {
+    let reference = &observer.devices.list[reference(observer)?];
+    if std::ptr::eq(reference, device) {
+        return Some(0);
+    }
     let of = |device: &Device| device.image.latest(register::SYSTEM_TIME_DELAY);
-    let reference = reference(observer)?;
-    let reference = of(&observer.devices.list[reference]).map_or(0, |known| known.value);
-    Some(i64::from(of(device)?.value) - i64::from(reference))
+    // One that was not written is 0 since power-on.
+    let first = of(reference).map_or(0, |known| known.value);
+    Some(i64::from(of(device)?.value) - i64::from(first))
 }
 
 /// The place of the device whose clock leads.

@@ -71,9 +71,9 @@ impl Distance {
 
     fn push(&mut self, ns: i64, frame: usize) {
         let cycle = self.grid.cycle as i64;
-        // In the neighbourhood of the last few, so that frames that wander through the cycle go on, and a single late
-        // one does not seem to be of the next cycle.
-        let turns = (self.recent - ns + cycle / 2).div_euclid(cycle);
+        // In the neighbourhood of the last few, so that frames that wander through the cycle go on. Hosts are late rather than
+        // early: a frame is taken as late by three quarters of a cycle at most, or early by one.
+        let turns = (self.recent - ns + cycle / 4).div_euclid(cycle);
         let ns = ns + turns * cycle;
         self.recent += (ns - self.recent) / 4;
         let known = Known { value: ns, frame };

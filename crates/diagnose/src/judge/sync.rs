@@ -168,14 +168,20 @@ fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
 }
 
 /// The distances of a device: from the last bit of cyclic frames there to its SYNC0. The first number is what they are
-/// shorter by than at the reference, ns.
+/// shorter by than at the reference, ns. `None`: they are not known, or its process data do not go in each of the frames that
+/// were measured.
 pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i64, &'a Distance)> {
     let distance = observer.phases.of(device.sync.grid()?)?;
+    let frames = observer.cycle.by_clock.median()?;
+    let slower = distance.grid.cycle > frames + frames / 2;
+    if slower || !outputs_with_marker(observer, device) {
+        return None;
+    }
     Some((delay(observer, device)?, distance))
 }
 
 /// Whether the outputs of a device, or its inputs if it has none, go in the frame that begins a cycle.
-pub(crate) fn outputs_with_marker(observer: &Observer, device: &Device) -> bool {
+fn outputs_with_marker(observer: &Observer, device: &Device) -> bool {
     let logical = || observer.cycle.logical.iter().filter(|logical| share(logical, device) > 0);
     logical().next().is_none() || logical().any(|logical| logical.with_marker)
 }
@@ -194,7 +200,7 @@ fn distances(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
         let worst = if early { distance.longest } else { distance.shortest };
         let first = distance.first_outside.unwrap_or(worst);
         let kind = Kind::SyncPassed {
-            frames: distance.outside,
+            frames: distance.outside.max(1),
             of: distance.count,
             worst_ns: worst.value - delay,
         };

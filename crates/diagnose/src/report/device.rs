@@ -266,8 +266,6 @@ pub struct Distance {
     pub delay_ns: i64,
     /// Frames slide through the cycle: the MainDevice does not follow the reference clock.
     pub slides: bool,
-    /// The outputs of the device go in the frame that was measured; false: in another one of the cycle.
-    pub outputs_in_this_frame: bool,
 }
 
 /// An error counter.
@@ -526,7 +524,6 @@ fn distance(builder: &Builder<'_>, device: &Device) -> Option<Distance> {
         longest_ns: shown(distance.longest),
         delay_ns: delay,
         slides: distance.slides(),
-        outputs_in_this_frame: judge::sync::outputs_with_marker(builder.observer, device),
     })
 }
 

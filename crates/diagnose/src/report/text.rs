@@ -237,15 +237,11 @@ impl DiagnoseReport {
             }
             if let Some(distance) = &device.distance {
                 let what = format!(
-                    "{} cyclic frames ended {} to {} before SYNC0 ({} on average), by the reference's time{}",
+                    "{} cyclic frames ended {} to {} before SYNC0 ({} on average), by the reference's time",
                     distance.frames,
                     time(distance.shortest_ns.value as f64),
                     time(distance.longest_ns.value as f64),
                     time(distance.mean_ns as f64),
-                    match distance.outputs_in_this_frame {
-                        true => "",
-                        false => "; its process data go in another frame of the cycle",
-                    }
                 );
                 paragraph(out, &format!("  {}: ", device.title()), &what)?;
             }

@@ -44,7 +44,7 @@ pub(super) fn unknown(report: &DiagnoseReport, answers: bool) -> Vec<String> {
         device.sync.last().is_some_and(|sync| sync.assign_activate & 0x0300 == 0x0300)
     };
     if by_clock && devices.iter().any(|device| on(device) && !measured(device)) {
-        all.push("where SYNC0 of some devices lies: their start time, cycle or delay is not in the capture");
+        all.push("where frames lie against SYNC0 of some devices: their start time, cycle or delay is not in the capture, or their process data do not go in the frame that begins each cycle");
     }
     if answers && !devices.is_empty() && devices.iter().all(|device| device.error_readings == 0) {
         all.push("errors on cables: no error counter (0x0300 to 0x0313) was read");

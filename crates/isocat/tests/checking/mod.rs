@@ -6,6 +6,7 @@ use isocat_descriptions::FileError;
 use isocat_descriptions::eni::Eni;
 use isocat_descriptions::esi::EsiFile;
 use isocat_descriptions::limits;
+use isocat_diagnose::{Diagnosis, Names};
 use isocat_segment::SegmentFile;
 use isocat_segment::profile::Profile;
 use isocat_serve::Order;
@@ -57,6 +58,13 @@ pub fn capture(bytes: &[u8]) {
         let held: usize = reading.frames.iter().map(|frame| frame.bytes.len()).sum();
         assert!(held <= bytes.len(), "{held} bytes of frames out of {} bytes", bytes.len());
         assert!(reading.frames.len() <= reading.tally.packets);
+        let mut diagnosis = Diagnosis::new();
+        diagnosis.read("x.pcapng", bytes).expect("what was read once is read again");
+        if let Ok(report) = diagnosis.report(&Names::default()) {
+            assert!(!report.text().is_empty());
+            let packets: usize = report.captures.iter().map(|capture| capture.packets).sum();
+            assert!(report.findings.iter().all(|one| (1..=packets).contains(&one.frame.frame)));
+        }
     }
 }
 

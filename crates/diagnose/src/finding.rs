@@ -101,6 +101,8 @@ kinds! {
     CyclesSkipped { count: u64, longest_ns: u64, cycle_ns: u64 } "cycles-skipped" Fault;
     /// Cyclic frames did not come back.
     FramesLost { count: u64 } "frames-lost" Fault;
+    /// The cycle of the frames is no whole multiple and no whole part of that of the SYNC unit.
+    CycleMismatch { frames_ns: u64, cycle_ns: u64 } "cycle-mismatch" Fault;
     /// Frames slide through the cycle: the MainDevice does not follow the reference clock.
     HostSlides { turns: i64, ppm: f64 } "host-slides" Fault;
     /// Frames reached a device on the other side of SYNC0 than they usually do.
@@ -127,6 +129,12 @@ kinds! {
     ClocksNotConverged { ns: u32 } "clocks-not-converged" Warning;
     /// SYNC0 is switched on, and the synchronization type does not use it.
     SyncWithoutMode { object: ObjectAddress, mode: SyncType } "sync-without-mode" Warning;
+    /// SYNC0 was switched on when the device had left PREOP already.
+    SyncAfterSafeOp { state: AlState } "sync-after-safeop" Warning;
+    /// SYNC0 was switched on, and the way up did not write the device's system time offset.
+    OffsetNotWritten {} "offset-not-written" Warning;
+    /// SYNC0 was switched on, and the way up did not write the device's propagation delay.
+    DelayNotWritten {} "delay-not-written" Warning;
     /// Nothing looked whether SYNC runs.
     SyncNotLookedAt {} "sync-not-looked-at" Warning;
     /// Devices asked for by SDO answered with an abort.

@@ -1,4 +1,4 @@
-//! Who sends the frames: source addresses, as the MainDevice had them.
+//! Where frames come from: source addresses, as the MainDevice has them.
 
 use std::time::Duration;
 

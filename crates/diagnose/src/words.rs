@@ -37,7 +37,7 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             )
         }
         Kind::DevicesVanished { from, to } => {
-            format!("frames passed {to} SubDevices, before they passed {from}")
+            format!("frames passed {}, before they passed {from}", subdevices(*to))
         }
         Kind::FramesLost { count } => {
             format!("{count} cyclic frames have no answer in the capture")
@@ -121,6 +121,20 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
         Kind::AnotherTalker { first, other, frames } => {
             format!("{frames} frames are of {}, the others of {}", mac(*other), mac(*first))
         }
+        Kind::CycleMismatch { frames_ns, cycle_ns } => format!(
+            "{subject}: its SYNC unit has a cycle of {}, and frames come each {} by the reference clock",
+            ns(*cycle_ns),
+            ns(*frames_ns)
+        ),
+        Kind::SyncAfterSafeOp { state } => format!(
+            "{subject}: SYNC was switched on in {state}; many devices decide on their mode on the way to SAFEOP"
+        ),
+        Kind::OffsetNotWritten {} => format!(
+            "{subject}: SYNC was switched on, and its system time offset (0x0920) was not written on the way up"
+        ),
+        Kind::DelayNotWritten {} => format!(
+            "{subject}: SYNC was switched on, and its propagation delay (0x0928) was not written on the way up"
+        ),
         Kind::SyncNotLookedAt {} => format!(
             "{subject}: SYNC was switched on, and nothing looked whether it runs (0x0984, 0x0990)"
         ),
@@ -243,6 +257,19 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::AnotherTalker { .. } => {
             &["one MainDevice alone may talk on a segment: find the other one"]
         }
+        Kind::CycleMismatch { .. } => &[
+            "let the cycle of the frames be that of SYNC0 (0x09A0), a whole multiple or a whole part of it",
+            "let the MainDevice's cycle follow the reference clock",
+        ],
+        Kind::SyncAfterSafeOp { .. } => {
+            &["write 0x09A0, 0x0990 and 0x0981 in PREOP, then ask for SAFEOP"]
+        }
+        Kind::OffsetNotWritten {} => &[
+            "write 0x0920 of each device from its receive time (0x0918) and the time there should be",
+        ],
+        Kind::DelayNotWritten {} => {
+            &["latch receive times (write 0x0900) and write 0x0928 of each device"]
+        }
         Kind::SyncNotLookedAt {} => {
             &["read 0x0984 after the start time: bit 0 is clear once the first pulse has come"]
         }
@@ -263,6 +290,11 @@ fn with_code(status: AlStatus, code: Option<AlStatusCode>) -> String {
         None if status.error() => format!("{status}; its AL status code is not in the capture"),
         None => status.to_string(),
     }
+}
+
+/// `1 SubDevice`, `3 SubDevices`.
+pub(crate) fn subdevices(count: u16) -> String {
+    format!("{count} SubDevice{}", if count == 1 { "" } else { "s" })
 }
 
 fn more(count: u64, what: &str) -> String {

@@ -37,6 +37,11 @@ struct Setup {
     led: bool,
     /// A pause of cyclic frames by the stamps, behind cycle 60.
     pause_us: u64,
+    /// SYNC0 cycle in the place of the frames' own.
+    cycle: u64,
+    /// 0x0920 is written, and SYNC is switched on before SAFEOP.
+    offset: bool,
+    in_preop: bool,
     /// AssignActivate.
     sync: [u8; 2],
     /// AL status and code that are read after cycle 70.
@@ -62,6 +67,9 @@ impl Default for Setup {
             drift: 0,
             led: true,
             pause_us: 0,
+            cycle: CYCLE,
+            offset: true,
+            in_preop: true,
             sync: [0, 3],
             status: [8, 0, 0, 0, 0, 0],
             control: None,
@@ -209,7 +217,14 @@ impl Setup {
         if self.led {
             wire.exchange(&[(Command::Frmw, time, &[0; 8], &NOW.to_le_bytes(), 1)]);
         }
-        wire.write(0x09A0, &(CYCLE as u32).to_le_bytes());
+        if self.offset {
+            wire.write(0x0920, &[0; 8]);
+        }
+        if !self.in_preop {
+            wire.write(0x0120, &[4, 0]);
+            wire.read(0x0130, &[4, 0, 0, 0, 0, 0]);
+        }
+        wire.write(0x09A0, &(self.cycle as u32).to_le_bytes());
         wire.write(0x0990, &self.start.to_le_bytes());
         wire.write(0x0980, &self.sync);
         wire.read(0x0984, &[0]);
@@ -299,6 +314,26 @@ fn copy_time() {
 fn minimum_cycle() {
     let of = |minimum: u64| Setup { minimum: minimum as u32, ..Setup::default() };
     edge(of(CYCLE), of(CYCLE + 1), "cycle-below-minimum");
+}
+
+#[test]
+fn what_was_forgotten() {
+    let good = Setup::default();
+    edge(good.clone(), Setup { offset: false, ..good.clone() }, "offset-not-written");
+    edge(good.clone(), Setup { in_preop: false, ..good }, "sync-after-safeop");
+}
+
+/// Half of the frames' cycle is right, and so is twice of it; 5 % beside it is the edge.
+#[test]
+fn cycles_that_do_not_fit() {
+    let of = |cycle| Setup { cycle, led: true, copy: 0, minimum: 0, ..Setup::default() };
+    for cycle in [CYCLE / 2, 2 * CYCLE] {
+        assert!(!of(cycle).found().contains(&"cycle-mismatch"), "{cycle}");
+    }
+    // Twice 475 000 ns is 5 % short of the frames' cycle.
+    for (cycle, found) in [(CYCLE / 40 * 19, false), (CYCLE / 40 * 19 - 1, true)] {
+        assert_eq!(of(cycle).found().contains(&"cycle-mismatch"), found, "{cycle}");
+    }
 }
 
 #[test]

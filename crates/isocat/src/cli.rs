@@ -137,7 +137,7 @@ enum Verb {
     /// differ
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::Arguments),
-    /// Read captures of any MainDevice's segment: who is there, what was set up, what went wrong first
+    /// Read captures of any MainDevice's segment: devices, set-up, states, what went wrong first
     #[command(after_help = diagnose::EXAMPLES)]
     Diagnose(diagnose::Arguments),
     /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it can be run

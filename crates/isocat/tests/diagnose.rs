@@ -254,7 +254,7 @@ fn the_first_fault_is_the_one_that_was_made() {
         let first = report.findings.iter().find(|one| one.weight == WeightKind::Fault);
         let first = first.map(|one| (one.kind, one.device));
         assert_eq!(first, expected, "{name}: {}", report.text());
-        // Who was in sync in true time is not accused.
+        // What was in sync in true time is not accused.
         if truth.in_sync && name != "second-master" {
             assert_eq!(report.verdict.kind, VerdictKind::InSync, "{name}");
         }

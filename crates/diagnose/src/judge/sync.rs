@@ -1,10 +1,11 @@
 //! Clocks, SYNC units and where frames lie against SYNC0.
 
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
+use isocat_wire::al::AlState;
 use isocat_wire::{ObjectAddress, register};
 
 use super::cyclic::share;
-use super::{delay, mode};
+use super::{delay, mode, reference};
 use crate::device::Device;
 use crate::finding::{Finding, Kind};
 use crate::observer::Observer;
@@ -17,6 +18,8 @@ pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
         modes(place, device, all);
         differences(place, device, all);
         minimum(place, device, all);
+        mismatch(place, device, observer, all);
+        forgotten(place, device, observer, all);
         watchdog(place, device, observer, all);
         distances(place, device, observer, all);
     }
@@ -141,6 +144,48 @@ fn minimum(place: usize, device: &Device, all: &mut Vec<Finding>) {
     }
 }
 
+/// Frames that come each third of a SYNC cycle or each third SYNC0 are in order; each 1.3 of them are not.
+fn mismatch(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let by_clock = &observer.cycle.by_clock;
+    let Some((cycle_ns, frames_ns)) = local_cycle(device).zip(by_clock.mean()) else { return };
+    if by_clock.count < LEAST_CYCLES {
+        return;
+    }
+    let (longer, shorter) = (cycle_ns.max(frames_ns), cycle_ns.min(frames_ns).max(1));
+    let times = (longer + shorter / 2) / shorter;
+    if longer.abs_diff(times * shorter) > longer / MISMATCH {
+        let frame = by_clock.longest.first().map_or(0, |gap| gap.frame);
+        let set = device.sync.last.and_then(|last| last.sync0_cycle).map(|known| known.frame);
+        let kind = Kind::CycleMismatch { frames_ns, cycle_ns };
+        all.push(Finding::new(kind, Some(place), frame).with(set));
+    }
+}
+
+/// What the way up did not do before SYNC0 was switched on. It is known for devices whose station address was written in the capture.
+fn forgotten(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
+    let changes = &device.states.changes.kept;
+    let before = changes.iter().rev().find(|seen| seen.frame < last.frame);
+    let state = before.and_then(|seen| seen.status.state().ok());
+    if let Some(state) = state.filter(|state| matches!(state, AlState::SafeOp | AlState::Op)) {
+        let kind = Kind::SyncAfterSafeOp { state };
+        all.push(Finding::new(kind, Some(place), last.frame).at(last.at));
+    }
+    if device.image.written(register::STATION_ADDRESS).is_none() {
+        return;
+    }
+    let written = |address| device.image.written_bytes::<4>(address).is_some();
+    let mut forgot = |kind| all.push(Finding::new(kind, Some(place), last.frame).at(last.at));
+    if !written(register::SYSTEM_TIME_OFFSET.address) {
+        forgot(Kind::OffsetNotWritten {});
+    }
+    // The reference has no delay to itself.
+    let leads = reference(observer) == Some(place);
+    if !leads && !written(register::SYSTEM_TIME_DELAY.address) {
+        forgot(Kind::DelayNotWritten {});
+    }
+}
+
 /// The process data watchdog, if both of its registers are known and it is not off.
 pub(crate) fn watchdog_ns(device: &Device) -> Option<(u64, usize)> {
     let divider = device.image.latest(register::WATCHDOG_DIVIDER)?;
@@ -155,7 +200,7 @@ fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
         _ => &observer.cycle.by_clock,
     };
     let Some((watchdog_ns, frame)) = watchdog_ns(device) else { return };
-    let Some(cycle_ns) = rhythm.median().filter(|_| rhythm.count >= 20) else { return };
+    let Some(cycle_ns) = rhythm.median().filter(|_| rhythm.count >= LEAST_CYCLES) else { return };
     let outputs = device.image.latest(register::sync_manager(2));
     let watched = outputs.is_some_and(|sm| {
         let control = isocat_wire::sync_manager::SyncManager::CONTROL_WATCHDOG;
@@ -230,6 +275,10 @@ fn slides(observer: &Observer, all: &mut Vec<Finding>) {
     all.push(finding.with(frames.into_iter().chain([distance.last.frame])));
 }
 
+/// Cycles below which their length is not judged.
+const LEAST_CYCLES: u64 = 20;
+/// The part of the longer of two cycles by which they may miss a whole multiple: 5 %.
+const MISMATCH: u64 = 20;
 /// What a clock may be off the reference, ns, before it is told.
 const APART_NS: u32 = 1_000;
 /// A pause of drift frames in which clocks of 50 ppm run apart by 5 us.

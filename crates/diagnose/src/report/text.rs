@@ -12,6 +12,7 @@ use super::{
     DeviceReport, DiagnoseReport, FindingReport, RhythmReport, SeenKind, SureKind, SyncSwitch,
     VerdictKind, WeightKind,
 };
+use crate::words;
 
 const GOOD: Style = AnsiColor::Green.on_default().bold();
 const BAD: Style = AnsiColor::Red.on_default().bold();
@@ -99,7 +100,7 @@ impl DiagnoseReport {
                     0 => String::new(),
                     times => format!(", after {times} changes"),
                 };
-                format!(" Frames passed {} SubDevices{changes}.", last.subdevices)
+                format!(" Frames passed {}{changes}.", words::subdevices(last.subdevices))
             }
         };
         paragraph(
@@ -380,18 +381,15 @@ fn is_time(sub: u8) -> bool {
     matches!(sub, sub::MINIMUM_CYCLE_TIME | sub::CALC_AND_COPY_TIME | sub::DELAY_TIME)
 }
 
+/// A text behind its head; lines after the first are indented two columns further than the head, if that has words.
 fn paragraph(out: &mut String, head: &str, text: &str) -> fmt::Result {
-    let indent = head.len() - head.trim_start().len();
-    let hang = if head.trim().is_empty() { indent } else { indent + 2 };
-    let first = head.chars().count();
-    let lines =
-        wrap(&format!("{}{text}", "\u{1}".repeat(first.saturating_sub(hang))), WIDTH - hang);
+    let words = head.trim_start();
+    let indent = head.len() - words.len();
+    let hang = if words.is_empty() { indent } else { indent + 2 };
+    let lines = wrap(&format!("{words}{text}"), WIDTH - hang);
     for (number, line) in lines.iter().enumerate() {
-        let line = line.trim_start_matches('\u{1}');
-        match number {
-            0 => writeln!(out, "{head}{line}")?,
-            _ => writeln!(out, "{:hang$}{line}", "")?,
-        }
+        let indent = if number == 0 { indent } else { hang };
+        writeln!(out, "{:indent$}{line}", "")?;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! What a capture does not show, said so that nobody takes silence for health.
+//! What a capture does not show: silence about a thing must not read as if the thing were well.
 
 use super::{DiagnoseReport, SeenKind};
 

@@ -1,13 +1,14 @@
 //! The devices of a capture, and whom a datagram addresses.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use isocat_wire::al::AlControl;
 use isocat_wire::register;
 
 use crate::access::{Access, is_broadcast};
 use crate::counters::{Differences, Errors};
-use crate::known::{Image, Known};
+use crate::known::{Image, Known, Log};
 use crate::mailbox::Mailbox;
 use crate::sii::Sii;
 use crate::state::States;
@@ -30,6 +31,27 @@ pub(crate) struct Device {
     pub differences: Differences,
     /// The last frame that addressed it alone.
     pub last: usize,
+    /// Each time it ceased to answer.
+    pub silences: Log<Known<Duration>>,
+    /// It has answered, and does no more.
+    silent: bool,
+    answered: bool,
+}
+
+impl Device {
+    /// A datagram to this device alone came back. Registers that each chip has count always; what lies in other places may be
+    /// closed or not there.
+    pub fn heard(&mut self, access: &Access<'_>, at: Duration) {
+        let always = matches!(access.ado(), 0x0000..0x0140 | 0x0300..0x0314);
+        match access.taken() {
+            Some(true) => (self.silent, self.answered) = (false, true),
+            Some(false) if always && self.answered && !self.silent => {
+                self.silent = true;
+                self.silences.push(Known { value: at, frame: access.frame });
+            }
+            _ => {}
+        }
+    }
 }
 
 /// All devices.
@@ -113,6 +135,9 @@ impl Devices {
             errors: Errors::new(),
             differences: Differences::default(),
             last: frame,
+            silences: Log::new(64),
+            silent: false,
+            answered: false,
         };
         device.states.asked = self.asked_all;
         if access.command.increments_position() {

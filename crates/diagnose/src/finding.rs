@@ -84,7 +84,9 @@ kinds! {
     /// Frames of more than one MainDevice.
     AnotherTalker { first: [u8; 6], other: [u8; 6], frames: u64 } "another-talker" Fault;
     /// Frames passed fewer devices than before.
-    DevicesVanished { from: u16, to: u16 } "devices-vanished" Fault;
+    DevicesVanished { from: u16, to: u16, silent: Vec<usize> } "devices-vanished" Fault;
+    /// A device that was in OP does not answer any more.
+    DeviceSilent {} "device-silent" Fault;
     /// SYNC0 runs, and nothing leads the clocks.
     NoDriftFrames {} "no-drift-frames" Fault;
     /// For a while, or from some frame on, nothing led the clocks.

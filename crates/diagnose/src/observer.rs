@@ -171,6 +171,7 @@ impl Observer {
         let first = access.ado();
         if alone {
             device.last = access.frame;
+            device.heard(access, at);
         }
         let written = access.written().filter(|_| access.taken() != Some(false));
         if let Some(data) = written {

@@ -36,9 +36,16 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
                 which.command, which.address
             )
         }
-        Kind::DevicesVanished { from, to } => {
-            format!("frames passed {}, before they passed {from}", subdevices(*to))
+        Kind::DevicesVanished { from, to, silent } => {
+            let silent: Vec<String> = silent.iter().map(|place| of(*place)).collect();
+            let silent = match &silent[..] {
+                [] => String::new(),
+                [one] => format!("; {one} does not answer any more"),
+                all => format!("; these do not answer any more: {}", all.join(", ")),
+            };
+            format!("frames passed {}, before they passed {from}{silent}", subdevices(*to))
         }
+        Kind::DeviceSilent {} => format!("{subject} does not answer any more"),
         Kind::FramesLost { count } => {
             format!("{count} cyclic frames have no answer in the capture")
         }
@@ -192,9 +199,9 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
             "look at the devices that are named: their AL status, their power, the cable before them",
             "take inputs of a frame with a low working counter as old",
         ],
-        Kind::DevicesVanished { .. } => &[
-            "look at the cable and the power behind the last device that frames still pass",
-            "read lost links (0x0310) and DL status (0x0110) of that device",
+        Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => &[
+            "look at the power of the device that is named and at the cable before it",
+            "read lost links (0x0310) and DL status (0x0110) of the last device that still answers",
         ],
         Kind::FramesLost { .. } => &[
             "read the error counters (0x0300 to 0x0313): the first port that counts is behind the place",

@@ -1,5 +1,7 @@
 //! The cyclic exchange: frames that were lost, working counters that fell, cycles without a frame.
 
+use std::time::Duration;
+
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::{Command, register};
 
@@ -7,6 +9,7 @@ use super::MOST_FRAMES;
 use crate::cycle::{Logical, Rhythm};
 use crate::device::Device;
 use crate::finding::{Finding, Kind, Which};
+use crate::known::Known;
 use crate::observer::Observer;
 
 pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
@@ -18,12 +21,49 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
         doubled(observer, all);
     }
     skipped(observer, all);
-    for reach in &observer.reach.kept {
-        if let Some(from) = reach.from.filter(|from| reach.operating && reach.to < *from) {
-            let kind = Kind::DevicesVanished { from, to: reach.to };
-            all.push(Finding::new(kind, None, reach.frame).at(reach.at));
+    vanished(observer, all);
+}
+
+/// Frames that pass fewer devices, with the devices that do not answer from then on; and devices that do not answer where no
+/// frame counts how many it passes.
+fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
+    let changes = &observer.reach.kept;
+    let mut told = Vec::new();
+    for (place, reach) in changes.iter().enumerate() {
+        let Some(from) = reach.from.filter(|from| reach.operating && reach.to < *from) else {
+            continue;
+        };
+        let again = changes[place + 1..].iter().find(|later| later.to > reach.to);
+        let span = reach.frame..again.map_or(usize::MAX, |again| again.frame);
+        let silent: Vec<(usize, usize)> = silences(observer)
+            .filter(|(_, silence)| span.contains(&silence.frame))
+            .map(|(device, silence)| (device, silence.frame))
+            .collect();
+        let devices: Vec<usize> = silent.iter().map(|(device, _)| *device).collect();
+        let first = devices.first().copied();
+        let kind = Kind::DevicesVanished { from, to: reach.to, silent: devices };
+        let frames = silent.iter().map(|(_, frame)| *frame).take(MOST_FRAMES);
+        all.push(Finding::new(kind, first, reach.frame).at(reach.at).with(frames));
+        told.extend(silent);
+    }
+    for (device, silence) in silences(observer) {
+        let op = observer.devices.list[device].states.op;
+        let in_op = op.is_some_and(|op| op.frame < silence.frame);
+        if in_op && !told.contains(&(device, silence.frame)) {
+            let finding = Finding::new(Kind::DeviceSilent {}, Some(device), silence.frame);
+            all.push(finding.at(silence.value));
         }
     }
+}
+
+/// Each time any device ceased to answer, by the position of the devices.
+fn silences(observer: &Observer) -> impl Iterator<Item = (usize, Known<Duration>)> + '_ {
+    let mut order: Vec<usize> = (0..observer.devices.list.len()).collect();
+    order.sort_by_key(|place| observer.devices.list[*place].position);
+    order.into_iter().flat_map(|place| {
+        let silences = observer.devices.list[place].silences.kept.iter();
+        silences.map(move |silence| (place, *silence))
+    })
 }
 
 fn working_counter(logical: &Logical, observer: &Observer, all: &mut Vec<Finding>) {

@@ -109,6 +109,8 @@ kinds! {
     HostSlides { turns: i64, ppm: f64 } "host-slides" Fault;
     /// Frames reached a device on the other side of SYNC0 than they usually do.
     SyncPassed { frames: u64, of: u64, worst_ns: i64 } "sync0-passed" Fault;
+    /// Cycles without an answer, where the capture does not have what went out.
+    CyclesMissing { count: u64, longest_ns: u64, cycle_ns: u64 } "cycles-missing" Fault;
     /// Answers of cyclic frames came without a request: devices took a frame twice.
     FramesDoubled { count: u64 } "frames-doubled" Fault;
     /// A device counted events that it missed, or that came too early.

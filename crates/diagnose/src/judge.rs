@@ -20,7 +20,7 @@ pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
     cyclic::judge(observer, tap.seen == Seen::Both, &mut all);
     sync::judge(observer, &mut all);
     for (place, device) in observer.devices.list.iter().enumerate() {
-        states(place, device, &mut all);
+        states(place, device, observer, &mut all);
         counters(place, device, &mut all);
         mailbox(place, device, &mut all);
         sync_counters(place, device, &mut all);
@@ -42,14 +42,20 @@ fn consequences(all: &mut [Finding]) {
         .collect();
     for finding in all.iter_mut().filter(|one| matches!(one.kind, Kind::LeftOp { .. })) {
         // Its last frame in OP is among the further ones.
-        let before = finding.frames.iter().copied().max().unwrap_or(finding.frame);
+        let before = finding.frames.iter().copied().max().unwrap_or(0);
         let caused = fell.iter().filter(|fell| (before..finding.frame).contains(fell)).min();
         finding.order = caused.copied();
     }
 }
 
-fn states(place: usize, device: &Device, all: &mut Vec<Finding>) {
+fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let mut was_op = false;
+    // Where the capture begins in operation and a working counter fell, a device with an error has left OP since.
+    let fell = observer.cycle.logical.iter().filter_map(|logical| {
+        let usual = logical.usual()?;
+        logical.changes.kept.iter().find(|change| change.to < usual).map(|change| change.frame)
+    });
+    let fell = fell.min().filter(|_| observer.began_inside_once);
     let changes = &device.states.changes.kept;
     for (at, seen) in changes.iter().enumerate() {
         let asked = seen.asked.and_then(|asked| asked.value.state().ok());
@@ -58,7 +64,12 @@ fn states(place: usize, device: &Device, all: &mut Vec<Finding>) {
         let finding = if was_op && !in_op && asked.is_none_or(|state| state == AlState::Op) {
             Some(Kind::LeftOp { to: status, code })
         } else if seen.error() && seen.asked.is_none() {
-            (at == 0).then_some(Kind::ErrorFromBefore { status, code })
+            let left = at == 0 && fell.is_some_and(|fell| fell < seen.frame);
+            let kind = match left {
+                true => Kind::LeftOp { to: status, code },
+                false => Kind::ErrorFromBefore { status, code },
+            };
+            (at == 0).then_some(kind)
         } else if seen.error() {
             let later = &changes[at + 1..];
             let came_up = later.iter().any(|later| Some(later.status.0) == asked.map(|s| s as u16));
@@ -68,7 +79,8 @@ fn states(place: usize, device: &Device, all: &mut Vec<Finding>) {
         };
         if let Some(kind) = finding {
             let frames = seen.before.into_iter().chain(seen.asked.map(|asked| asked.frame));
-            all.push(Finding::new(kind, Some(place), seen.frame).at(seen.at).with(frames));
+            let finding = Finding::new(kind, Some(place), seen.frame).at(seen.at).with(frames);
+            all.push(if seen.before.is_none() { finding.likely() } else { finding });
         }
         was_op = in_op;
     }

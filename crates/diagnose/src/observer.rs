@@ -47,6 +47,12 @@ pub(crate) struct Observer {
     operating: bool,
     /// Any AL status or AL control was seen.
     pub states_seen: bool,
+    /// Process data were exchanged before that: the capture begins in operation.
+    began_inside: bool,
+    /// A broadcast has shown that.
+    all_in_op: bool,
+    /// The same, also when all devices have left operation since.
+    pub began_inside_once: bool,
     grids: Vec<Grid>,
     /// Exchanges that were looked at.
     pub exchanges: u64,
@@ -72,6 +78,9 @@ impl Observer {
             left: None,
             operating: false,
             states_seen: false,
+            began_inside: false,
+            all_in_op: false,
+            began_inside_once: false,
             grids: Vec::new(),
             exchanges: 0,
             first: None,
@@ -106,6 +115,13 @@ impl Observer {
             }
         }
         let alone = exchange.request.is_none() && tap.seen == Seen::Both;
+        if begins && !judged {
+            // The next interval that is judged begins behind this time.
+            self.cycle.rhythm.pause();
+            self.cycle.by_clock.pause();
+        }
+        // The first answer may have its request before the beginning of the capture.
+        let alone = alone && self.cycle.rhythm.count > 0;
         if alone && !together.is_empty() && judged {
             self.doubled.push(Known { value: at, frame: first.number });
             return;
@@ -122,13 +138,37 @@ impl Observer {
 
     /// Whether what comes now is judged as operation: some device is in OP, or nothing says in which state they are.
     fn is_judged(&self) -> bool {
-        self.operating || !self.states_seen
+        self.operating || self.began_inside || !self.states_seen
+    }
+
+    /// A request for a state, before any device was seen in OP or with an error: what was exchanged so far was not operation.
+    fn on_the_way_up(&mut self) {
+        let known = |device: &crate::device::Device| {
+            let mut seen = device.states.changes.kept.iter();
+            seen.any(|seen| seen.error() || seen.status.state() == Ok(AlState::Op))
+        };
+        if !self.all_in_op && !self.devices.list.iter().any(known) {
+            self.began_inside = false;
+            self.began_inside_once = false;
+        }
+    }
+
+    /// A frame says something of the states of devices. `in_op`: all are in OP, and nothing in the capture has asked any of
+    /// them to.
+    fn see_states(&mut self, in_op: bool) {
+        let exchanged = !self.states_seen && self.cycle.rhythm.count >= LEAST_INSIDE;
+        if (exchanged || in_op && self.operation.is_none()) && !self.began_inside_once {
+            self.began_inside = true;
+            self.began_inside_once = true;
+        }
+        self.all_in_op |= in_op;
+        self.states_seen = true;
     }
 
     fn reached(&mut self, passed: u16, frame: usize, at: Duration) {
         let before = self.reach_now.replace(passed);
         if before != Some(passed) {
-            let operating = self.operating;
+            let operating = self.is_judged();
             self.reach.push(Reach { frame, at, from: before, to: passed, operating });
         }
     }
@@ -148,7 +188,8 @@ impl Observer {
         let taken = access.taken() != Some(false);
         let control = access.written().filter(|_| taken);
         if control.is_some() && access.covers(register::AL_CONTROL.address, 1) {
-            self.states_seen = true;
+            self.see_states(false);
+            self.on_the_way_up();
             self.operation_changed(access.frame, at);
         }
     }
@@ -246,13 +287,12 @@ impl Observer {
         let Some(data) = access.read().filter(|_| access.command == Command::Brd) else { return };
         let status = low_and_high(access.ado(), data, register::AL_STATUS.address).map(AlStatus);
         let Some(status) = status else { return };
-        self.states_seen = true;
-        let all = self.devices.list.len();
-        if access.passed != access.wkc() || access.wkc().map(usize::from) != Some(all) {
-            return;
-        }
-        if matches!(status.0, 1 | 2 | 4 | 8) {
-            for place in 0..all {
+        let is_op = status.0 == AlState::Op as u16;
+        let all = access.passed.is_some() && access.passed == access.wkc();
+        let asked = self.devices.list.iter().any(|device| device.states.asked.is_some());
+        self.see_states(is_op && all && !asked && self.devices.asked_all.is_none());
+        if all && matches!(status.0, 1 | 2 | 4 | 8) {
+            for place in 0..self.devices.list.len() {
                 self.saw(place, status, None, access.frame, at);
             }
         }
@@ -266,7 +306,7 @@ impl Observer {
         frame: usize,
         at: Duration,
     ) {
-        self.states_seen = true;
+        self.see_states(false);
         let states = &mut self.devices.list[place].states;
         let before = states.now();
         states.see(frame, at, status, code);
@@ -283,6 +323,9 @@ impl Observer {
 
     /// One more device is in OP for the first time: until all are, operation begins anew.
     fn entered(&mut self, frame: usize, at: Duration) {
+        if self.began_inside {
+            return;
+        }
         self.operation = Some(Known { value: at, frame });
         self.cycle.restart();
         self.phases = Phases::default();
@@ -296,6 +339,12 @@ impl Observer {
             let asked = device.states.asked.is_none_or(|asked| asked.value.state() == Ok(op));
             device.states.op.is_some() && asked
         });
+        let leave = |device: &crate::device::Device| {
+            device.states.asked.is_some_and(|asked| asked.value.state() != Ok(AlState::Op))
+        };
+        if self.devices.list.iter().all(leave) {
+            self.began_inside = false;
+        }
         if self.operating && !operates {
             self.left = Some(Known { value: at, frame });
             self.cycle.rhythm.pause();
@@ -304,6 +353,9 @@ impl Observer {
         self.operating = operates;
     }
 }
+
+/// Cycles before the first word of states from which on a capture is taken to begin in operation.
+const LEAST_INSIDE: u64 = 20;
 
 /// A register of two bytes, of which some write or read the lower one alone.
 fn low_and_high(first: u16, data: &[u8], address: u16) -> Option<u16> {

@@ -63,6 +63,12 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             ns(*cycle_ns),
             ns(*longest_ns)
         ),
+        Kind::CyclesMissing { count, longest_ns, cycle_ns } => format!(
+            "{count} intervals between answers of cyclic frames are longer than 1.5 cycles of {}, the longest {}, by the reference clock: frames \
+             were lost or never sent",
+            ns(*cycle_ns),
+            ns(*longest_ns)
+        ),
         Kind::GapSeen { count, longest_ns, cycle_ns } => format!(
             "{count} intervals between cyclic frames are longer than 1.5 cycles of {}, the longest {}, by the stamps of the capture",
             ns(*cycle_ns),
@@ -215,6 +221,9 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::CyclesSkipped { .. } => &[
             "look at what held the MainDevice's cyclic task: priority, other tasks, power management",
             "isocat run --interface IF --preflight names what harms punctuality on a Linux machine",
+        ],
+        Kind::CyclesMissing { .. } => &[
+            "take the capture where both directions pass: it tells lost frames from such that were never sent",
         ],
         Kind::GapSeen { .. } => &[
             "take the drift datagram (FRMW of 0x0910) into the cyclic frame: its time tells what stamps can't",

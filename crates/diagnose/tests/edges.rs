@@ -78,6 +78,9 @@ impl Default for Setup {
     }
 }
 
+/// A datagram: command, address, data on the way out, data on the way back, working counter.
+type Sent<'a> = (Command, Address, &'a [u8], &'a [u8], u16);
+
 /// A pcap file in the making.
 struct Wire {
     file: Vec<u8>,
@@ -95,12 +98,12 @@ impl Wire {
         Self { file, micros: 0, index: 0 }
     }
 
-    /// A frame goes out and comes back 20 us later: command, address, data out, data back, working counter.
-    fn exchange(&mut self, list: &[(Command, Address, &[u8], &[u8], u16)]) -> usize {
+    /// A frame goes out and comes back 20 us later.
+    fn exchange(&mut self, list: &[Sent<'_>]) -> usize {
         self.exchange_of(0x10, list)
     }
 
-    fn exchange_of(&mut self, source: u8, list: &[(Command, Address, &[u8], &[u8], u16)]) -> usize {
+    fn exchange_of(&mut self, source: u8, list: &[Sent<'_>]) -> usize {
         self.index = self.index.wrapping_add(1);
         let mut len = 0;
         for back in [false, true] {

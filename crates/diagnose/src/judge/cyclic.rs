@@ -20,7 +20,7 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
         lost(observer, all);
         doubled(observer, all);
     }
-    skipped(observer, all);
+    skipped(observer, both_ways, all);
     vanished(observer, all);
 }
 
@@ -163,7 +163,7 @@ fn doubled(observer: &Observer, all: &mut Vec<Finding>) {
 }
 
 /// Intervals that are half a cycle too long, and longer: in the time of the reference clock if it is known.
-fn skipped(observer: &Observer, all: &mut Vec<Finding>) {
+fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
     let cycle = &observer.cycle;
     let by_clock = cycle.by_clock.count >= LEAST;
     let rhythm = if by_clock { &cycle.by_clock } else { &cycle.rhythm };
@@ -175,7 +175,8 @@ fn skipped(observer: &Observer, all: &mut Vec<Finding>) {
     let longest_ns = rhythm.longest.first().map_or(0, |gap| gap.ns);
     let count = count_of(rhythm, limit, gaps.len());
     let kind = match by_clock {
-        true => Kind::CyclesSkipped { count, longest_ns, cycle_ns },
+        true if both_ways => Kind::CyclesSkipped { count, longest_ns, cycle_ns },
+        true => Kind::CyclesMissing { count, longest_ns, cycle_ns },
         false => Kind::GapSeen { count, longest_ns, cycle_ns },
     };
     let more = gaps.iter().map(|gap| gap.frame).take(MOST_FRAMES);

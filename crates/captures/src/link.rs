@@ -1,4 +1,5 @@
-//! What a captured packet is, by the link that it was captured on: an Ethernet frame, or one that can be made of it.
+//! What a captured packet is, by the link that it was captured on: an Ethernet frame, or one that
+//! can be made of it.
 
 use isocat_wire::frame::{ETHERNET_HEADER_LEN, ETHERTYPE_VLAN};
 use pcap_file::DataLink;

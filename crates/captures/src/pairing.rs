@@ -2,10 +2,11 @@
 //!
 //! The first SubDevice sets bit 1 of the source address in what it sends back. A segment that
 //! leaves it alone (0x0100 bit 0 = 0), a MainDevice whose own address has it, and a tap in the
-//! middle of the line are paired by content: an answer has the datagrams of its request, and differs from it.
+//! middle of the line are paired by content: an answer has the datagrams of its request, and
+//! differs from it.
 //!
-//! [`Pairing`] takes frames one by one and gives exchanges in the order of their requests. The first
-//! [`LOOK_AHEAD`] frames decide how the tap saw the segment ([`Tap`]); from then on at most
+//! [`Pairing`] takes frames one by one and gives exchanges in the order of their requests. The
+//! first [`LOOK_AHEAD`] frames decide how the tap saw the segment ([`Tap`]); from then on at most
 //! [`MOST_OPEN`] requests and [`MOST_WAITING`] exchanges are held.
 
 use std::collections::VecDeque;
@@ -165,9 +166,9 @@ impl Pairing {
         }
     }
 
-    /// The open request that an answer with this signature, seen at `at`, belongs to. Where a MainDevice
-    /// gives all cyclic frames one index, requests whose frames were lost look alike: those that are
-    /// much older than answers usually take are passed over.
+    /// The open request that an answer with this signature, seen at `at`, belongs to. Where a
+    /// MainDevice gives all cyclic frames one index, requests whose frames were lost look alike:
+    /// those that are much older than answers usually take are passed over.
     fn candidate(&self, at: u64, signature: &Signature) -> Option<usize> {
         let alike = || {
             let open = self.open.iter().enumerate();
@@ -298,7 +299,8 @@ const TWICE_NS: u64 = 100_000;
 const GIVEN_UP_NS: u64 = 1_000_000_000;
 /// Requests that wait for their answers at once.
 pub const MOST_OPEN: usize = 256;
-/// Exchanges that wait for an answer before them. A MainDevice with a cycle of 100 us sends so many in 1.6 s.
+/// Exchanges that wait for an answer before them. A MainDevice with a cycle of 100 us sends so many
+/// in 1.6 s.
 pub const MOST_WAITING: usize = 16_384;
 /// EtherCAT frames that are looked at before the first one is paired.
 pub const LOOK_AHEAD: usize = 8192;

@@ -16,7 +16,8 @@ pub(crate) struct Access<'a> {
     pub sent: Option<&'a [u8]>,
     /// What it carried when it came back, and its working counter; `None`: it did not come back.
     pub back: Option<(&'a [u8], u16)>,
-    /// SubDevices that it passed, counted from the MainDevice; `None`: its command does not count them, or it did not come back.
+    /// SubDevices that it passed, counted from the MainDevice; `None`: its command does not count
+    /// them, or it did not come back.
     pub passed: Option<u16>,
     /// The position that it addresses; `None`: it addresses none, or that can't be told.
     pub position: Option<u16>,
@@ -73,7 +74,8 @@ pub(crate) fn part<const N: usize>(first: u16, data: &[u8], address: u16) -> Opt
     data.get(at..)?.first_chunk().copied()
 }
 
-/// The datagrams of an exchange. `reach`: how many SubDevices the last frame passed that counted them.
+/// The datagrams of an exchange. `reach`: how many SubDevices the last frame passed that counted
+/// them.
 pub(crate) fn accesses<'a>(
     exchange: &'a Exchange,
     tap: Tap,
@@ -123,7 +125,8 @@ fn passed(
     }
 }
 
-/// The position that a datagram addresses. It goes out as the negated position, and each SubDevice adds one.
+/// The position that a datagram addresses. It goes out as the negated position, and each SubDevice
+/// adds one.
 fn position(
     command: Command,
     tap: Tap,

@@ -41,7 +41,8 @@ pub(crate) struct Drift {
 }
 
 impl Drift {
-    /// Looks whether an access distributes the reference time; gives its system time, 64 bits, if it was read.
+    /// Looks whether an access distributes the reference time; gives its system time, 64 bits, if
+    /// it was read.
     pub fn access(&mut self, access: &Access<'_>, at: Duration) -> Option<u64> {
         let reference = match access.command {
             Command::Frmw => Reference::Station(access.header.adp()),
@@ -95,7 +96,8 @@ impl Drift {
         None
     }
 
-    /// The time with all its bits: of a 32-bit one the upper half is that of the nearest time before.
+    /// The time with all its bits: of a 32-bit one the upper half is that of the nearest time
+    /// before.
     fn extended(&self, first: u16, data: &[u8]) -> Option<u64> {
         let address = register::SYSTEM_TIME.address;
         if let Some(bytes) = part::<8>(first, data, address) {

@@ -175,8 +175,8 @@ impl Cycle {
         begins
     }
 
-    /// The frame that was just taken apart held the beginning of a cycle, and these logical datagrams. `time`: the reference's
-    /// system time when it got there, ns.
+    /// The frame that was just taken apart held the beginning of a cycle, and these logical
+    /// datagrams. `time`: the reference's system time when it got there, ns.
     pub fn begins(
         &mut self,
         at: Duration,

@@ -39,8 +39,8 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// A datagram to this device alone came back. Registers that each chip has count always; what lies in other places may be
-    /// closed or not there.
+    /// A datagram to this device alone came back. Registers that each chip has count always; what
+    /// lies in other places may be closed or not there.
     pub fn heard(&mut self, access: &Access<'_>, at: Duration) {
         let always = matches!(access.ado(), 0x0000..0x0140 | 0x0300..0x0314);
         match access.taken() {
@@ -62,7 +62,8 @@ pub(crate) struct Devices {
     by_station: BTreeMap<u16, usize>,
     /// Devices that there was no room for.
     pub left_out: u64,
-    /// What all devices were asked for by a broadcast, which those that are not in the list yet heard, too.
+    /// What all devices were asked for by a broadcast, which those that are not in the list yet
+    /// heard, too.
     pub asked_all: Option<Known<AlControl>>,
 }
 
@@ -78,8 +79,8 @@ pub(crate) enum Whom {
 }
 
 impl Devices {
-    /// Whom an access addresses. A device that answers is taken into the list; `answers`: whether this
-    /// capture shows answers at all.
+    /// Whom an access addresses. A device that answers is taken into the list; `answers`: whether
+    /// this capture shows answers at all.
     pub fn whom(&mut self, access: &Access<'_>, answers: bool) -> Whom {
         if is_broadcast(access.command) {
             return Whom::All;
@@ -158,7 +159,8 @@ impl Devices {
         {
             self.by_station.remove(&old.value);
         }
-        // What answered to this address before may have been the same device, or not: it stays apart.
+        // What answered to this address before may have been the same device, or not: it stays
+        // apart.
         let other = self.by_station.insert(station, place).filter(|other| *other != place);
         if let Some(other) = other.filter(|other| self.list[*other].position.is_some()) {
             self.list[other].station = None;
@@ -183,5 +185,6 @@ impl Devices {
     }
 }
 
-/// Devices that are kept apart. A segment has 65 535 at most; what is kept of one takes some kilobytes.
+/// Devices that are kept apart. A segment has 65 535 at most; what is kept of one takes some
+/// kilobytes.
 const MOST_DEVICES: usize = 4096;

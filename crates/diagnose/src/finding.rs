@@ -1,4 +1,5 @@
-//! What was found in a capture: kinds with their figures. [`words`](crate::words) makes sentences of them.
+//! What was found in a capture: kinds with their figures. [`words`](crate::words) makes sentences
+//! of them.
 
 use std::time::Duration;
 
@@ -64,7 +65,8 @@ macro_rules! kinds {
                 match self { $(Self::$variant { .. } => $name,)* }
             }
 
-            /// Its place in the list: of kinds that the same frame shows, what comes first is the cause of what follows.
+            /// Its place in the list: of kinds that the same frame shows, what comes first is the
+            /// cause of what follows.
             pub fn rank(&self) -> usize {
                 KINDS.iter().position(|name| *name == self.name()).unwrap_or(KINDS.len())
             }
@@ -126,7 +128,7 @@ kinds! {
     /// A device refused a state, or fell into an error.
     AlError { asked: Option<AlState>, status: AlStatus, code: Option<AlStatusCode>, came_up: bool } "al-error" Fault;
     /// A working counter was lower than usual.
-    WorkingCounter { which: Which, usual: u16, lowest: u16, frames: u64, who: Vec<usize> } "working-counter" Fault;
+    WorkingCounter { which: Which, usual: u16, lowest: u16, frames: u64, missing: Vec<usize> } "working-counter" Fault;
     /// The same by the stamps of the capture alone.
     GapSeen { count: u64, longest_ns: u64, cycle_ns: u64 } "gap-seen" Warning;
     /// SYNC was switched on while the clock was far from the reference.

@@ -1,4 +1,5 @@
-//! What speaks against a segment, out of what the observer kept. Nothing is judged that the capture does not show.
+//! What speaks against a segment, out of what the observer kept. Nothing is judged that the capture
+//! does not show.
 
 use isocat_captures::pairing::{Seen, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
@@ -33,7 +34,8 @@ pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
     all
 }
 
-/// A working counter falls when a device leaves OP; its state is read some frames later. Such a device comes first.
+/// A working counter falls when a device leaves OP; its state is read some frames later. Such a
+/// device comes first.
 fn consequences(all: &mut [Finding]) {
     let fell: Vec<usize> = all
         .iter()
@@ -50,7 +52,8 @@ fn consequences(all: &mut [Finding]) {
 
 fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let mut was_op = false;
-    // Where the capture begins in operation and a working counter fell, a device with an error has left OP since.
+    // Where the capture begins in operation and a working counter fell, a device with an error has
+    // left OP since.
     let fell = observer.cycle.logical.iter().filter_map(|logical| {
         let usual = logical.usual()?;
         logical.changes.kept.iter().find(|change| change.to < usual).map(|change| change.frame)
@@ -174,7 +177,8 @@ pub(crate) fn mode(device: &Device) -> Option<(ObjectAddress, Known<SyncType>)> 
     })
 }
 
-/// The propagation delay from the reference clock to a device, ns, as the MainDevice wrote it to both.
+/// The propagation delay from the reference clock to a device, ns, as the MainDevice wrote it to
+/// both.
 pub(crate) fn delay(observer: &Observer, device: &Device) -> Option<i64> {
     let reference = &observer.devices.list[reference(observer)?];
     if std::ptr::eq(reference, device) {
@@ -194,7 +198,8 @@ pub(crate) fn reference(observer: &Observer) -> Option<usize> {
     }
 }
 
-/// How often a source of frames speaks up after another one did, before they are taken to talk at the same time.
+/// How often a source of frames speaks up after another one did, before they are taken to talk at
+/// the same time.
 const LEAST_TURNS: u64 = 8;
 /// Frames that a finding names beside its first.
 const MOST_FRAMES: usize = 8;

@@ -1,10 +1,12 @@
 //! A capture of anybody's EtherCAT segment in; what is known of it, and what went wrong, out.
 //!
-//! Data's way: `isocat-captures` reads frames and finds which belong together. `access` takes each exchange apart into
-//! datagrams; `observer` keeps what they say, by subject: `device` (which devices there are) with `known` (registers), `sii` (identity), `state`,
-//! `mailbox`, `sync_unit` and `counters`; `clock` (drift frames), `cycle` (rhythm and working counters), `phase` (frames
-//! against SYNC0), `talker` (sources of frames). All of it is bounded, however long a capture is. At the end `judge` looks what speaks
-//! against the segment, as `finding`s with kinds; `words` makes sentences of them, and [`report`] the document.
+//! Data's way: `isocat-captures` reads frames and finds which belong together. `access` takes each
+//! exchange apart into datagrams; `observer` keeps what they say, by subject: `device` (which
+//! devices there are) with `known` (registers), `sii` (identity), `state`, `mailbox`, `sync_unit`
+//! and `counters`; `clock` (drift frames), `cycle` (rhythm and working counters), `phase` (frames
+//! against SYNC0), `talker` (sources of frames). All of it is bounded, however long a capture is.
+//! At the end `judge` looks what speaks against the segment, as `finding`s with kinds; `words`
+//! makes sentences of them, and [`report`] the document.
 //!
 //! Nothing is guessed: what the capture does not show is told as unknown.
 //!
@@ -103,8 +105,8 @@ impl Diagnosis {
         Self { files: Files::default(), pairing: Pairing::new(), observer: Observer::new() }
     }
 
-    /// Reads a capture, which continues those that were read before. `name` is what frames of it are told with.
-    /// `Err`: it is neither pcapng nor pcap; nothing of it was taken.
+    /// Reads a capture, which continues those that were read before. `name` is what frames of it
+    /// are told with. `Err`: it is neither pcapng nor pcap; nothing of it was taken.
     pub fn read(&mut self, name: &str, source: impl Read) -> Result<(), NoCapture> {
         let mut reader = Reader::new(source)?;
         self.files.begin(name);

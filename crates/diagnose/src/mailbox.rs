@@ -1,7 +1,9 @@
-//! The mailbox traffic of a device: SDO transfers with their values, aborts, mailbox errors, emergencies.
+//! The mailbox traffic of a device: SDO transfers with their values, aborts, mailbox errors,
+//! emergencies.
 //!
-//! A mailbox message is known by its place, where the capture shows SM0 and SM1. Where it does not, as in captures that
-//! begin in operation, a message is one whose header fits what is behind it, and [`Mailbox::by_content`] says so.
+//! A mailbox message is known by its place, where the capture shows SM0 and SM1. Where it does not,
+//! as in captures that begin in operation, a message is one whose header fits what is behind it,
+//! and [`Mailbox::by_content`] says so.
 
 use std::collections::BTreeMap;
 
@@ -252,8 +254,8 @@ impl Mailbox {
     }
 }
 
-/// The entries of a whole 0x1C32 or 0x1C33 whose places are the same in all layouts of the field but the oldest, which is
-/// shorter and is left alone: sub-index and bytes.
+/// The entries of a whole 0x1C32 or 0x1C33 whose places are the same in all layouts of the field
+/// but the oldest, which is shorter and is left alone: sub-index and bytes.
 fn parts_of_sync_object(object: ObjectAddress, bytes: &[u8]) -> Vec<(u8, std::ops::Range<usize>)> {
     let is_sync = matches!(
         object.index,
@@ -292,7 +294,8 @@ fn coe_message(data: &[u8], header: mailbox::Header) -> Option<(Service, &[u8])>
     Some((service, message.get(coe::HEADER_LEN..)?))
 }
 
-/// Whether bytes are a CoE message by their content: lengths agree, and it is a known service with a known command.
+/// Whether bytes are a CoE message by their content: lengths agree, and it is a known service with
+/// a known command.
 fn fits(data: &[u8]) -> bool {
     let Some(header) = data.first_chunk().map(mailbox::Header::parse) else { return false };
     let length = usize::from(header.length);

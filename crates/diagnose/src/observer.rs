@@ -114,14 +114,14 @@ impl Observer {
                 self.access(&access, at, tap);
             }
         }
-        let alone = exchange.request.is_none() && tap.seen == Seen::Both;
         if begins && !judged {
             // The next interval that is judged begins behind this time.
             self.cycle.rhythm.pause();
             self.cycle.by_clock.pause();
         }
         // The first answer may have its request before the beginning of the capture.
-        let alone = alone && self.cycle.rhythm.count > 0;
+        let alone = exchange.request.is_none() && self.cycle.rhythm.count > 0;
+        let alone = alone && tap.seen == Seen::Both;
         if alone && !together.is_empty() && judged {
             self.doubled.push(Known { value: at, frame: first.number });
             return;
@@ -129,19 +129,20 @@ impl Observer {
         if begins && judged {
             let frame = exchange.answer.as_ref().map_or(first.number, |answer| answer.number);
             self.cycle.begins(at, time, frame, &together);
-            match time {
-                Some(time) => self.phases.cyclic(&self.grids, time, first.bytes.len(), frame),
-                None => self.phases.without_time += 1,
+            if let Some(time) = time {
+                self.phases.cyclic(&self.grids, time, first.bytes.len(), frame);
             }
         }
     }
 
-    /// Whether what comes now is judged as operation: some device is in OP, or nothing says in which state they are.
+    /// Whether what comes now is judged as operation: some device is in OP, or nothing says in
+    /// which state they are.
     fn is_judged(&self) -> bool {
         self.operating || self.began_inside || !self.states_seen
     }
 
-    /// A request for a state, before any device was seen in OP or with an error: what was exchanged so far was not operation.
+    /// A request for a state, before any device was seen in OP or with an error: what was exchanged
+    /// so far was not operation.
     fn on_the_way_up(&mut self) {
         let known = |device: &crate::device::Device| {
             let mut seen = device.states.changes.kept.iter();
@@ -153,8 +154,8 @@ impl Observer {
         }
     }
 
-    /// A frame says something of the states of devices. `in_op`: all are in OP, and nothing in the capture has asked any of
-    /// them to.
+    /// A frame says something of the states of devices. `in_op`: all are in OP, and nothing in the
+    /// capture has asked any of them to.
     fn see_states(&mut self, in_op: bool) {
         let exchanged = !self.states_seen && self.cycle.rhythm.count >= LEAST_INSIDE;
         if (exchanged || in_op && self.operation.is_none()) && !self.began_inside_once {
@@ -281,8 +282,8 @@ impl Observer {
         }
     }
 
-    /// A broadcast reading of AL status is the OR of all. Where it has the bit of one state alone, and all devices answered,
-    /// each of them is in that state.
+    /// A broadcast reading of AL status is the OR of all. Where it has the bit of one state alone,
+    /// and all devices answered, each of them is in that state.
     fn states_of_all(&mut self, access: &Access<'_>, at: Duration) {
         let Some(data) = access.read().filter(|_| access.command == Command::Brd) else { return };
         let status = low_and_high(access.ado(), data, register::AL_STATUS.address).map(AlStatus);

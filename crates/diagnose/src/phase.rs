@@ -1,8 +1,9 @@
 //! Where cyclic frames lie against SYNC0, in the time of the reference clock.
 //!
-//! A drift datagram (FRMW, ARMW) brings the reference's system time at the instant at which its frame reached the
-//! reference. SYNC0 comes at the start time and each cycle after it, in the same time. So the distance from a
-//! frame to the next SYNC0 is known to the clock's 10 ns, whatever the stamps of the capture are worth.
+//! A drift datagram (FRMW, ARMW) brings the reference's system time at the instant at which its
+//! frame reached the reference. SYNC0 comes at the start time and each cycle after it, in the same
+//! time. So the distance from a frame to the next SYNC0 is known to the clock's 10 ns, whatever the
+//! stamps of the capture are worth.
 
 use isocat_wire::frame;
 
@@ -37,8 +38,8 @@ pub(crate) struct Distance {
     pub grid: Grid,
     /// Frames that were measured.
     pub count: u64,
-    /// Shortest and longest distance, ns. They go on below 0 and beyond the cycle where frames wander past
-    /// SYNC0.
+    /// Shortest and longest distance, ns. They go on below 0 and beyond the cycle where frames
+    /// wander past SYNC0.
     pub shortest: Known<i64>,
     pub longest: Known<i64>,
     /// The first and the last one.
@@ -71,8 +72,9 @@ impl Distance {
 
     fn push(&mut self, ns: i64, frame: usize) {
         let cycle = self.grid.cycle as i64;
-        // In the neighbourhood of the last few, so that frames that wander through the cycle go on. Hosts are late rather than
-        // early: a frame is taken as late by three quarters of a cycle at most, or early by one.
+        // In the neighbourhood of the last few, so that frames that wander through the cycle go on.
+        // Hosts are late rather than early: a frame is taken as late by three quarters of a cycle
+        // at most, or early by one.
         let turns = (self.recent - ns + cycle / 4).div_euclid(cycle);
         let ns = ns + turns * cycle;
         self.recent += (ns - self.recent) / 4;
@@ -92,11 +94,13 @@ impl Distance {
         }
     }
 
-    /// Whether frames went through half a cycle and on in one direction: they do not follow the reference clock.
+    /// Whether frames went through half a cycle and on in one direction: they do not follow the
+    /// reference clock.
     pub fn slides(&self) -> bool {
         let way = self.last.value - self.first.value;
         let cycle = self.grid.cycle as i64;
-        // A jump goes its way in a few cycles; what slides is in the middle of its way in the middle of the time.
+        // A jump goes its way in a few cycles; what slides is in the middle of its way in the
+        // middle of the time.
         let middle = self.mean() - self.first.value;
         way.abs() > cycle / 2 && (middle - way / 2).abs() < way.abs() / 4
     }
@@ -111,8 +115,6 @@ impl Distance {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Phases {
     pub grids: Vec<Distance>,
-    /// Cyclic frames that had no reference time in them.
-    pub without_time: u64,
 }
 
 impl Phases {

@@ -42,7 +42,8 @@ pub(crate) struct States {
 }
 
 impl StateSeen {
-    /// Whether the error bit is the acknowledge bit of the request: a device without a CPU copies AL control to AL status.
+    /// Whether the error bit is the acknowledge bit of the request: a device without a CPU copies
+    /// AL control to AL status.
     pub fn copied(&self) -> bool {
         let control = self.asked.map(|asked| asked.value.0 & 0x1F);
         control == Some(self.status.0 & 0x1F) && self.code.is_none_or(|code| code.0 == 0)

@@ -1,4 +1,5 @@
-//! The SYNC unit of a device as a MainDevice set it: one entry for each time it was switched on or off.
+//! The SYNC unit of a device as a MainDevice set it: one entry for each time it was switched on or
+//! off.
 
 use std::time::Duration;
 
@@ -59,7 +60,8 @@ pub(crate) struct SyncUnit {
     pub switched: Log<Switched>,
     /// The last entry, also where the log is full.
     pub last: Option<Switched>,
-    /// How often 0x0984 or 0x0990 was read after SYNC had been switched on, and the first of these frames.
+    /// How often 0x0984 or 0x0990 was read after SYNC had been switched on, and the first of these
+    /// frames.
     pub looked: Option<Known<u64>>,
     /// A reading of 0x0990 while SYNC was on: time of the next pulse.
     pub next_pulse: Option<Known<u64>>,
@@ -154,8 +156,8 @@ impl SyncUnit {
         }
     }
 
-    /// When its SYNC0 pulses come, if it was switched on and start and cycle are known. A start time of 32 bits is the one
-    /// nearest to the time at which it was written.
+    /// When its SYNC0 pulses come, if it was switched on and start and cycle are known. A start
+    /// time of 32 bits is the one nearest to the time at which it was written.
     pub fn grid(&self) -> Option<Grid> {
         let last = self.last.filter(Switched::makes_sync0)?;
         Grid::new(last.sync0_cycle?.value, last.full_start()?)

@@ -8,7 +8,8 @@ use isocat_wire::al::{AlStatus, AlStatusCode};
 use crate::counters;
 use crate::finding::Kind;
 
-/// What a finding says: `subject` is the device or the segment, `of` gives the name of a device by its place.
+/// What a finding says: `subject` is the device or the segment, `of` gives the name of a device by
+/// its place.
 pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> String {
     match kind {
         Kind::LeftOp { to, code } => {
@@ -22,8 +23,8 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
                 with_code(*status, *code)
             )
         }
-        Kind::WorkingCounter { which, usual, lowest, frames, who } => {
-            let who = match who[..] {
+        Kind::WorkingCounter { which, usual, lowest, frames, missing } => {
+            let missing = match missing[..] {
                 [] => String::new(),
                 [one] => format!("; {} alone counts what is missing", of(one)),
                 ref all => {
@@ -32,7 +33,7 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
                 }
             };
             format!(
-                "the working counter of {} {:#010x} was down to {lowest} in {frames} frames, {usual} is usual{who}",
+                "the working counter of {} {:#010x} was down to {lowest} in {frames} frames, {usual} is usual{missing}",
                 which.command, which.address
             )
         }

@@ -1,5 +1,5 @@
-//! Each finding at its edge: on one side of it nothing is found, on the other, one step further, it is. The captures are
-//! made by hand, with what one device and its MainDevice would say.
+//! Each finding at its edge: on one side of it nothing is found, on the other, one step further, it
+//! is. The captures are made by hand, with what one device and its MainDevice would say.
 
 use isocat_diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat_wire::coe::{self, Service, sdo};

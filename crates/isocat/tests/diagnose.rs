@@ -1,6 +1,6 @@
-//! `isocat diagnose`: what it says of captures of simulated segments is what the judges in true time know, from wherever
-//! the capture was taken; captures of real segments, if they lie beside the project, give the table of
-//! `docs/diagnose.md`.
+//! `isocat diagnose`: what it says of captures of simulated segments is what the judges in true
+//! time know, from wherever the capture was taken; captures of real segments, if they lie beside
+//! the project, give the table of `docs/diagnose.md`.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -60,8 +60,8 @@ fn faults(report: &DiagnoseReport) -> Vec<&'static str> {
     kinds(report, WeightKind::Fault)
 }
 
-/// From the end of frames to SYNC0 of each device, in ns: what the capture says, shortest and longest, what was true, and
-/// how far these may lie apart.
+/// From the end of frames to SYNC0 of each device, in ns: what the capture says, shortest and
+/// longest, what was true, and how far these may lie apart.
 struct Distances {
     seen: [f64; 2],
     truth: [f64; 2],
@@ -80,7 +80,8 @@ impl Distances {
             Some(Self {
                 seen: [seen.shortest_ns.value as f64, seen.longest_ns.value as f64],
                 truth: [span.min_ns / rate, span.max_ns / rate],
-                // The reference clock's grain, the device's, the tick of its SYNC0 and how far that is off.
+                // The reference clock's grain, the device's, the tick of its SYNC0 and how far that
+                // is off.
                 allowed: 10.0 + 10.0 + 10.0 + error.worst_ns,
             })
         });
@@ -118,8 +119,8 @@ fn a_healthy_run_is_in_sync_and_its_distances_are_true() {
     }
 }
 
-/// The stamps of a capture say nothing about SYNC0: in whole milliseconds, all that comes of the reference clock
-/// stays as it is.
+/// The stamps of a capture say nothing about SYNC0: in whole milliseconds, all that comes of the
+/// reference clock stays as it is.
 #[test]
 fn bad_stamps_change_no_distance() {
     let (file, _) = built_in();
@@ -258,7 +259,8 @@ fn the_first_fault_is_the_one_that_was_made() {
         if truth.in_sync && name != "second-master" {
             assert_eq!(report.verdict.kind, VerdictKind::InSync, "{name}");
         }
-        // Where devices left, the judges count on while the capture shows nothing of them; with a wrong delay SYNC0 is off.
+        // Where devices left, the judges count on while the capture shows nothing of them; with a
+        // wrong delay SYNC0 is off.
         if expected.is_none() && name != "recable" {
             Distances::of(&report, &truth).iter().for_each(|one| one.check(name));
         }

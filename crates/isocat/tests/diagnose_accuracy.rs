@@ -1,5 +1,6 @@
-//! How often `isocat diagnose` is right: segments with seeds, each kind of fault at each device, captured at the MainDevice's port, with
-//! the way back alone, with coarse stamps and from the middle on. The table of `docs/diagnose.md` is made of it.
+//! How often `isocat diagnose` is right: segments with seeds, each kind of fault at each device,
+//! captured at the MainDevice's port, with the way back alone, with coarse stamps and from the
+//! middle on. The table of `docs/diagnose.md` is made of it.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -32,7 +33,8 @@ mode = "dc-sync0"
 name = "axis 3"
 "#;
 
-/// A fault, what it shows first, and whether that has the device in it. `AXIS` stands for each axis in turn.
+/// A fault, what it shows first, and whether that has the device in it. `AXIS` stands for each axis
+/// in turn.
 struct Made {
     what: &'static str,
     kind: Option<&'static str>,
@@ -40,8 +42,8 @@ struct Made {
 }
 
 impl Made {
-    /// On the way back alone, lost frames and such that were never sent look alike, and frames that devices took twice are told by
-    /// their counters.
+    /// On the way back alone, lost frames and such that were never sent look alike, and frames that
+    /// devices took twice are told by their counters.
     fn kind(&self, tap: usize) -> Option<&'static str> {
         match self.kind {
             Some("cycles-skipped" | "frames-lost") if tap == 2 => Some("cycles-missing"),

@@ -31,8 +31,8 @@ pub struct Tap {
     pub behind: u16,
     /// The interface that sees the MainDevice's port, where a file has several; `None`: all count.
     pub interface: Option<u32>,
-    /// Both ends of a ring are captured: the MainDevice sends from two interfaces, and this address is that of its first port. What
-    /// it sends from the other one carries the same.
+    /// Both ends of a ring are captured: the MainDevice sends from two interfaces, and this address
+    /// is that of its first port. What it sends from the other one carries the same.
     pub ring: Option<[u8; 6]>,
 }
 
@@ -89,8 +89,8 @@ fn tells_by_mark(frames: &[(Frame, Signature)]) -> bool {
     !pairs_by_content(frames)
 }
 
-/// Whether neighbours with the same datagrams differ in what devices count: then one is the answer to the
-/// other. Answers alone that follow one another count the same.
+/// Whether neighbours with the same datagrams differ in what devices count: then one is the answer
+/// to the other. Answers alone that follow one another count the same.
 fn pairs_by_content(frames: &[(Frame, Signature)]) -> bool {
     let (mut differ, mut alike) = (0, 0);
     for pair in frames.windows(2) {

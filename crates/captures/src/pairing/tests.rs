@@ -91,7 +91,8 @@ fn without_the_mark_the_content_decides() {
     assert_eq!(pairing.tap().map(|tap| tap.seen), Some(Seen::Out));
 }
 
-/// In the middle of the line all frames have the mark: the positions tell how many devices lie before.
+/// In the middle of the line all frames have the mark: the positions tell how many devices lie
+/// before.
 #[test]
 fn a_tap_in_the_middle_of_the_line() {
     let mut list = Vec::new();
@@ -117,7 +118,8 @@ fn one_direction_alone() {
     assert_eq!(pairing.tap().map(|tap| tap.seen), Some(Seen::Out));
 }
 
-/// A cyclic frame that is lost, where all have the same index: the answers that follow stay where they belong.
+/// A cyclic frame that is lost, where all have the same index: the answers that follow stay where
+/// they belong.
 #[test]
 fn a_lost_frame_among_others_that_look_alike() {
     let mut list = Vec::new();
@@ -132,7 +134,8 @@ fn a_lost_frame_among_others_that_look_alike() {
     assert_eq!((pairing.tally().pairs, pairing.tally().unanswered), (8, 1));
 }
 
-/// At both ends of a ring each frame leaves from both ports; those of the first port come back at the other one.
+/// At both ends of a ring each frame leaves from both ports; those of the first port come back at
+/// the other one.
 #[test]
 fn both_ends_of_a_ring() {
     let mut pairing = Pairing::new();

@@ -24,8 +24,8 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
     vanished(observer, all);
 }
 
-/// Frames that pass fewer devices, with the devices that do not answer from then on; and devices that do not answer where no
-/// frame counts how many it passes.
+/// Frames that pass fewer devices, with the devices that do not answer from then on; and devices
+/// that do not answer where no frame counts how many it passes.
 fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
     let changes = &observer.reach.kept;
     let mut told = Vec::new();
@@ -74,13 +74,14 @@ fn working_counter(logical: &Logical, observer: &Observer, all: &mut Vec<Finding
     let mut falls = logical.changes.kept.iter().filter(|change| change.to < usual);
     let Some(first) = falls.next() else { return };
     let which = Which { command: logical.command, address: logical.address };
-    let who = missing(logical, usual, first.to, observer);
-    let kind = Kind::WorkingCounter { which, usual, lowest, frames, who };
+    let missing = missing(logical, usual, first.to, observer);
+    let kind = Kind::WorkingCounter { which, usual, lowest, frames, missing };
     let more = falls.map(|change| change.frame).take(MOST_FRAMES);
     all.push(Finding::new(kind, None, first.frame).at(first.at).with(more));
 }
 
-/// The devices whose share is just what is missing, if all shares are known and add up to what is usual.
+/// The devices whose share is just what is missing, if all shares are known and add up to what is
+/// usual.
 fn missing(logical: &Logical, usual: u16, found: u16, observer: &Observer) -> Vec<usize> {
     let shares: Vec<(usize, u16)> = observer
         .devices
@@ -135,7 +136,8 @@ pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
     }
 }
 
-/// Cyclic frames without an answer. Those behind the last answer may have theirs behind the end of the capture.
+/// Cyclic frames without an answer. Those behind the last answer may have theirs behind the end of
+/// the capture.
 fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     let mut frames: Vec<_> = observer
         .cycle
@@ -162,7 +164,8 @@ fn doubled(observer: &Observer, all: &mut Vec<Finding>) {
     all.push(Finding::new(kind, None, first.frame).at(first.value).with(more).likely());
 }
 
-/// Intervals that are half a cycle too long, and longer: in the time of the reference clock if it is known.
+/// Intervals that are half a cycle too long, and longer: in the time of the reference clock if it
+/// is known.
 fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
     let cycle = &observer.cycle;
     let by_clock = cycle.by_clock.count >= LEAST;

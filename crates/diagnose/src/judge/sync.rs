@@ -144,7 +144,8 @@ fn minimum(place: usize, device: &Device, all: &mut Vec<Finding>) {
     }
 }
 
-/// Frames that come each third of a SYNC cycle or each third SYNC0 are in order; each 1.3 of them are not.
+/// Frames that come each third of a SYNC cycle or each third SYNC0 are in order; each 1.3 of them
+/// are not.
 fn mismatch(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let by_clock = &observer.cycle.by_clock;
     let Some((cycle_ns, frames_ns)) = local_cycle(device).zip(by_clock.mean()) else { return };
@@ -161,7 +162,8 @@ fn mismatch(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
     }
 }
 
-/// What the way up did not do before SYNC0 was switched on. It is known for devices whose station address was written in the capture.
+/// What the way up did not do before SYNC0 was switched on. It is known for devices whose station
+/// address was written in the capture.
 fn forgotten(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
     let changes = &device.states.changes.kept;
@@ -212,9 +214,9 @@ fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
     }
 }
 
-/// The distances of a device: from the last bit of cyclic frames there to its SYNC0. The first number is what they are
-/// shorter by than at the reference, ns. `None`: they are not known, or its process data do not go in each of the frames that
-/// were measured.
+/// The distances of a device: from the last bit of cyclic frames there to its SYNC0. The first
+/// number is what they are shorter by than at the reference, ns. `None`: they are not known, or its
+/// process data do not go in each of the frames that were measured.
 pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i64, &'a Distance)> {
     let distance = observer.phases.of(device.sync.grid()?)?;
     let frames = observer.cycle.by_clock.median()?;
@@ -225,7 +227,8 @@ pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i
     Some((delay(observer, device)?, distance))
 }
 
-/// Whether the outputs of a device, or its inputs if it has none, go in the frame that begins a cycle.
+/// Whether the outputs of a device, or its inputs if it has none, go in the frame that begins a
+/// cycle.
 fn outputs_with_marker(observer: &Observer, device: &Device) -> bool {
     let logical = || observer.cycle.logical.iter().filter(|logical| share(logical, device) > 0);
     logical().next().is_none() || logical().any(|logical| logical.with_marker)

@@ -1,4 +1,5 @@
-//! The document as text: the verdict first, then what speaks against the segment, then what is known.
+//! The document as text: the verdict first, then what speaks against the segment, then what is
+//! known.
 
 use std::fmt::{self, Write};
 
@@ -221,13 +222,13 @@ impl DiagnoseReport {
     fn write_clock(&self, out: &mut String) -> fmt::Result {
         if let Some(clock) = &self.clock {
             let reference = clock.reference.and_then(|place| self.devices.get(place));
-            let who = reference.map_or(format!("address {:#06x}", clock.address), |d| d.title());
+            let leader = reference.map_or(format!("address {:#06x}", clock.address), |d| d.title());
             let gap = clock.longest_gap_ns.map_or(String::new(), |gap| {
                 format!("; {} without one at most in operation", time(gap as f64))
             });
             writeln!(out, "\nClocks")?;
             let drift = format!(
-                "{who} leads: {} {} of 0x0910, {} bytes, frames {} to {}{gap}",
+                "{leader} leads: {} {} of 0x0910, {} bytes, frames {} to {}{gap}",
                 clock.frames, clock.command, clock.bytes, clock.first.frame, clock.last.frame
             );
             paragraph(out, "  ", &drift)?;
@@ -381,7 +382,8 @@ fn is_time(sub: u8) -> bool {
     matches!(sub, sub::MINIMUM_CYCLE_TIME | sub::CALC_AND_COPY_TIME | sub::DELAY_TIME)
 }
 
-/// A text behind its head; lines after the first are indented two columns further than the head, if that has words.
+/// A text behind its head; lines after the first are indented two columns further than the head, if
+/// that has words.
 fn paragraph(out: &mut String, head: &str, text: &str) -> fmt::Result {
     let words = head.trim_start();
     let indent = head.len() - words.len();

@@ -1,6 +1,6 @@
 //! Replays the capture of a real segment through a chain of modelled ESCs and compares each answer.
 //!
-//! Data's way: `exchange` pairs requests with answers, `parts` takes frames apart, `evidence`
+//! Data's way: `exchange` has requests with their answers, `parts` takes frames apart, `evidence`
 //! gathers what the capture shows of each SubDevice and `guess` which chip that is; `chain` is the
 //! model. Before each request `cpu` does at the PDI what the answer shows that the CPU had done
 //! (`sight` is what an answer shows of a SubDevice's memory); then the request passes the chain,
@@ -25,7 +25,7 @@ mod sight;
 
 use std::fmt;
 
-use isocat_recorders::reading::Reading;
+use isocat_captures::reading::Reading;
 
 use chain::Chain;
 use compare::{Part, Raw, compare};
@@ -150,12 +150,12 @@ pub fn replay(
 /// The number of SubDevices, if there is anything to compare.
 fn countable(reading: &Reading, exchanges: &Exchanges) -> Result<usize, Nothing> {
     let requests = exchanges.list.len();
-    if requests == 0 && exchanges.answers_alone > 0 {
-        return Err(Nothing::NoRequests { answers: exchanges.answers_alone });
+    if requests == 0 && exchanges.tally.answers_alone > 0 {
+        return Err(Nothing::NoRequests { answers: exchanges.tally.answers_alone });
     }
-    let unreadable = reading.cut + reading.other_links + exchanges.broken;
+    let unreadable = reading.tally.cut + reading.tally.other_links + exchanges.tally.broken;
     if requests == 0 {
-        return Err(Nothing::NoFrames { foreign: exchanges.foreign, unreadable });
+        return Err(Nothing::NoFrames { foreign: exchanges.tally.foreign, unreadable });
     }
     if exchanges.unanswered() == requests {
         return Err(Nothing::NoAnswers { requests, unreadable });

@@ -10,12 +10,15 @@
 //! refused. `watch`: 0 in sync when it ended or the gate of `--until` opened, 1 not. `scan`: 0
 //! found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer.
 //! `replay`: 0 every frame is exact or differs by a known variance, 1 one does not, 2 bad input or
-//! nothing to compare. `serve` and `control`: 0 ended or done as asked, 2 could not begin or
-//! refused. `virtual`: 0 in sync, 1 not, 2 bad input, 3 not known, 4 the program failed. `sweep`: 0 every run was as expected, 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
+//! nothing to compare. `diagnose`: 0 no fault was found, 1 one was, 2 not readable or no EtherCAT.
+//! `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `virtual`: 0 in
+//! sync, 1 not, 2 bad input, 3 not known, 4 the program failed. `sweep`: 0 every run was as expected,
+//! 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
 
 mod calibrate;
 mod conform;
 mod devices;
+mod diagnose;
 mod eni;
 mod explain;
 mod files;
@@ -76,6 +79,7 @@ Examples:
   isocat watch --until 100ns --for 5s --within 1min
                                       wait until it is in sync; exit 0 it is, 1 not in time
   isocat sweep my.toml --seeds 1000   a thousand runs with other crystals, jitter and chances
+  isocat diagnose field.pcapng        what is in a capture, what went wrong first, and what to do
   isocat replay field.pcapng          where a captured segment differs from the model of its chips
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
@@ -87,7 +91,7 @@ Examples:
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input, 3 on a real interface: not known. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
 0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
-answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. virtual: 0 in sync, 1 not, 3 not known, 4 the program failed. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
+answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. diagnose: 0 no fault found, 1 a fault, 2 not readable. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. virtual: 0 in sync, 1 not, 3 not known, 4 the program failed. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -142,6 +146,9 @@ enum Verb {
     /// differ
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::Arguments),
+    /// Read captures of any MainDevice's segment: devices, set-up, states, what went wrong first
+    #[command(after_help = diagnose::EXAMPLES)]
+    Diagnose(diagnose::Arguments),
     /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it can be run
     Eni(eni::Arguments),
     /// Print the built-in segment file
@@ -178,6 +185,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Sweep(arguments)) => sweep::run(&arguments),
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
         Some(Verb::Replay(arguments)) => replay::run(&arguments),
+        Some(Verb::Diagnose(arguments)) => diagnose::run(&arguments),
         Some(Verb::Eni(arguments)) => eni::run(&arguments),
         Some(Verb::Example) => print(SegmentFile::built_in_text()),
         Some(Verb::Devices(arguments)) => devices::run(&arguments),

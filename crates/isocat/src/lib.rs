@@ -16,8 +16,10 @@
 //! |---|---|---|
 //! | `isocat-descriptions` | [`esi`], [`eni`], [`start_up`], [`document`], [`quantity`] | files of the field, with places in errors |
 //! | `isocat-segment` | [`profile`], [`segment_file`], [`scenario`] | devices and segments as users write them down |
-//! | `isocat-recorders` | [`capture`], [`reading`], [`waves`], [`trace`], [`series`] | what happened, for other people's tools |
+//! | `isocat-captures` | [`reading`], [`pairing`] | anybody's captures, and which frames belong together |
+//! | `isocat-recorders` | [`capture`], [`waves`], [`trace`], [`series`] | what happened, for other people's tools |
 //! | `isocat-engine` | [`plan`], [`replay`], [`report`], [`scan`], [`calibrate`], [`recording`], [`timeline`], [`diagnosis`], [`status`], [`explain`], `live` | plan, run, judge |
+//! | `isocat-diagnose` | [`diagnose`] | what is in a capture, and what went wrong |
 //! | `isocat-conform` | [`conform`] | tests a SubDevice's synchronization |
 //! | `isocat-serve` | [`serve`] | the virtual segment for anybody's MainDevice |
 //! | `isocat-host` | `host` | a MainDevice on a network interface |
@@ -32,8 +34,10 @@ pub mod picture;
 #[cfg(feature = "cli")]
 pub mod watch;
 
+pub use isocat_captures::{pairing, reading};
 pub use isocat_conform as conform;
 pub use isocat_descriptions::{StartUp, columns, document, eni, esi, quantity, start_up};
+pub use isocat_diagnose as diagnose;
 #[cfg(target_os = "linux")]
 pub use isocat_engine::live;
 pub use isocat_engine::{
@@ -42,7 +46,7 @@ pub use isocat_engine::{
 };
 #[cfg(target_os = "linux")]
 pub use isocat_host as host;
-pub use isocat_recorders::{capture, reading, series, trace, waves};
+pub use isocat_recorders::{capture, series, trace, waves};
 pub use isocat_segment::{
     Scenario, SegmentFile, fault, keys, offline, profile, scenario, segment_file,
 };

@@ -48,7 +48,7 @@ const CORE: [&str; 6] = ["wire", "sync", "esc", "subdevice", "lan925x", "maindev
 fn no_clock_is_read_below_the_host() {
     let clocks =
         ["Instant::now", "SystemTime::", "time::SystemTime", "time::Instant", "clock_gettime"];
-    let more = ["descriptions", "segment", "recorders"];
+    let more = ["captures", "descriptions", "diagnose", "segment", "recorders"];
     for package in BELOW.into_iter().chain(more) {
         nowhere(&sources(&format!("crates/{package}")), &clocks, "`now` is an argument");
     }
@@ -115,8 +115,9 @@ fn neither_side_knows_the_other() {
 }
 
 /// The arrows of the house, all of them, tests aside: what each package may depend on. A package that is not named here may not be.
-const ARROWS: [(&str, &[&str]); 16] = [
+const ARROWS: [(&str, &[&str]); 20] = [
     ("wire", &[]),
+    ("captures", &["wire"]),
     ("sync", &["wire"]),
     ("esc", &["wire"]),
     ("subdevice", &["wire", "sync", "esc"]),
@@ -128,6 +129,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("descriptions", &["wire"]),
     ("segment", &["wire", "sync", "esc", "subdevice", "maindevice", "sim", "descriptions"]),
     ("recorders", &["wire", "sync", "subdevice", "maindevice", "sim"]),
+    ("diagnose", &["wire", "sync", "captures", "descriptions"]),
     ("conform", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment"]),
     (
         "engine",
@@ -142,6 +144,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
             "descriptions",
             "segment",
             "recorders",
+            "captures",
             "conform",
         ],
     ),
@@ -160,6 +163,8 @@ const ARROWS: [(&str, &[&str]); 16] = [
             "descriptions",
             "segment",
             "recorders",
+            "captures",
+            "diagnose",
             "engine",
             "conform",
             "serve",
@@ -233,7 +238,8 @@ fn nothing_is_left_over() {
 }
 
 /// Packages that look at findings, states and plans: judges' documents, diagnoses and views.
-const READERS: [&str; 7] = [
+const READERS: [&str; 8] = [
+    "crates/diagnose/src",
     "crates/engine/src",
     "crates/serve/src",
     "crates/recorders/src",
@@ -244,7 +250,8 @@ const READERS: [&str; 7] = [
 ];
 
 /// Where sentences are made that other code could search.
-const SENTENCES: [&str; 7] = [
+const SENTENCES: [&str; 8] = [
+    "crates/diagnose/src/words.rs",
     "crates/engine/src/report/words.rs",
     "crates/engine/src/live/judge.rs",
     "crates/engine/src/status/verdict.rs",

@@ -2,12 +2,12 @@
 //!
 //! Each recorder is an [`isocat_sim::Tap`]: [`capture`] writes frames (pcapng), [`waves`] the signals of each SubDevice (VCD),
 //! [`trace`] its events on a time line (Perfetto), [`series`] one row a cycle and SubDevice (CSV, Parquet). None knows a plan, a report
-//! or another recorder. [`reading`] is the way back: frames out of anybody's capture.
+//! or another recorder. The way back, frames out of anybody's
+//! capture, is `isocat-captures`.
 #![forbid(unsafe_code)]
 
 pub mod capture;
 pub mod parquet;
-pub mod reading;
 pub mod series;
 pub mod trace;
 pub mod waves;

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 
+use isocat_captures::reading::Reading;
 use isocat_descriptions::columns::{WIDTH, wrap};
-use isocat_recorders::reading::Reading;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -147,21 +147,21 @@ impl ReplayReport {
             agrees: false,
             verdict: String::new(),
             devices: Vec::new(),
-            packets: reading.packets,
+            packets: reading.tally.packets,
             frames: 0,
             exact: 0,
             explained: 0,
             different: 0,
             bytes: 0,
             unanswered: exchanges.unanswered(),
-            answers_alone: exchanges.answers_alone,
-            duplicates: exchanges.duplicates,
-            left_out: exchanges.foreign
-                + exchanges.broken
-                + exchanges.elsewhere
-                + reading.cut
-                + reading.other_links,
-            ended: reading.ended.clone(),
+            answers_alone: exchanges.tally.answers_alone,
+            duplicates: exchanges.tally.duplicates,
+            left_out: exchanges.tally.foreign
+                + exchanges.tally.broken
+                + exchanges.tally.elsewhere
+                + reading.tally.cut
+                + reading.tally.other_links,
+            ended: reading.tally.ended.clone(),
             kinds: Vec::new(),
             differences: Vec::new(),
             differences_left_off: 0,

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use isocat_captures::reading::Reading;
 use isocat_descriptions::limits;
 use isocat_engine::replay::{Told, replay};
-use isocat_recorders::reading::Reading;
 use isocat_segment::SegmentFile;
 
 use super::run::json;

@@ -1,11 +1,12 @@
 //! What must hold of arbitrary bytes at each door of the command: they are taken or refused with a place, and nothing
 //! panics. The fuzz targets in `fuzz/` share these checks.
 
+use isocat_captures::reading::Reading;
 use isocat_descriptions::FileError;
 use isocat_descriptions::eni::Eni;
 use isocat_descriptions::esi::EsiFile;
 use isocat_descriptions::limits;
-use isocat_recorders::reading::Reading;
+use isocat_diagnose::{Diagnosis, Names};
 use isocat_segment::SegmentFile;
 use isocat_segment::profile::Profile;
 use isocat_serve::Order;
@@ -56,7 +57,14 @@ pub fn capture(bytes: &[u8]) {
     if let Ok(reading) = Reading::of(bytes) {
         let held: usize = reading.frames.iter().map(|frame| frame.bytes.len()).sum();
         assert!(held <= bytes.len(), "{held} bytes of frames out of {} bytes", bytes.len());
-        assert!(reading.frames.len() <= reading.packets);
+        assert!(reading.frames.len() <= reading.tally.packets);
+        let mut diagnosis = Diagnosis::new();
+        diagnosis.read("x.pcapng", bytes).expect("what was read once is read again");
+        if let Ok(report) = diagnosis.report(&Names::default()) {
+            assert!(!report.text().is_empty());
+            let packets: usize = report.captures.iter().map(|capture| capture.packets).sum();
+            assert!(report.findings.iter().all(|one| (1..=packets).contains(&one.frame.frame)));
+        }
     }
 }
 

@@ -1,0 +1,135 @@
+//! The reference clock and the frames that lead the others by it.
+
+use std::time::Duration;
+
+use isocat_wire::Command;
+use isocat_wire::register;
+
+use crate::access::{Access, part};
+use crate::known::Known;
+
+/// Which device's clock a drift frame reads.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Reference {
+    /// By station address (FRMW).
+    Station(u16),
+    /// By position (ARMW).
+    Position(u16),
+}
+
+/// The drift frames of a capture.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Drift {
+    /// FRMW and ARMW of 0x0910.
+    pub count: u64,
+    pub first: Option<Known<Duration>>,
+    pub last: Option<Known<Duration>>,
+    /// Whose clock they read last, and the frame from which on it was this one.
+    pub reference: Option<Known<Reference>>,
+    /// How often it became another one.
+    pub changes: u64,
+    /// Command of the last one.
+    pub command: Option<Command>,
+    /// Bytes of the time: 4 or 8.
+    pub bytes: u16,
+    /// The reference's system time as the last one brought it, and when.
+    pub time: Option<(Known<u64>, Duration)>,
+    /// The longest time without one, and the frame at its end; since [`restart`](Self::restart).
+    pub gap: Option<Known<Duration>>,
+    /// How many since then.
+    pub recent: u64,
+}
+
+impl Drift {
+    /// Looks whether an access distributes the reference time; gives its system time, 64 bits, if
+    /// it was read.
+    pub fn access(&mut self, access: &Access<'_>, at: Duration) -> Option<u64> {
+        let reference = match access.command {
+            Command::Frmw => Reference::Station(access.header.adp()),
+            Command::Armw => Reference::Position(access.position?),
+            _ => return self.reading(access, at),
+        };
+        let address = register::SYSTEM_TIME.address;
+        if access.ado() != address || access.header.len < 4 {
+            return None;
+        }
+        let frame = access.frame;
+        if let Some(last) = self.last {
+            let gap = at.saturating_sub(last.value);
+            if self.recent > 0 && self.gap.is_none_or(|longest| gap > longest.value) {
+                self.gap = Some(Known { value: gap, frame });
+            }
+        }
+        self.count += 1;
+        self.recent += 1;
+        self.command = Some(access.command);
+        self.bytes = if access.header.len >= 8 { 8 } else { 4 };
+        self.first.get_or_insert(Known { value: at, frame });
+        self.last = Some(Known { value: at, frame });
+        match self.reference {
+            Some(known) if known.value == reference => {}
+            before => {
+                self.changes += u64::from(before.is_some());
+                self.reference = Some(Known { value: reference, frame });
+            }
+        }
+        let time = self.extended(access.ado(), access.read()?)?;
+        self.time = Some((Known { value: time, frame }, at));
+        Some(time)
+    }
+
+    /// A plain reading of the reference's system time.
+    fn reading(&mut self, access: &Access<'_>, at: Duration) -> Option<u64> {
+        let is_reference = match self.reference?.value {
+            Reference::Station(station) => {
+                access.command == Command::Fprd && access.header.adp() == station
+            }
+            Reference::Position(position) => {
+                access.command == Command::Aprd && access.position == Some(position)
+            }
+        };
+        if is_reference && access.covers(register::SYSTEM_TIME.address, 4) {
+            let time = self.extended(access.ado(), access.read()?)?;
+            // No frame of the drift loop: it only says what time it is.
+            self.time = Some((Known { value: time, frame: access.frame }, at));
+        }
+        None
+    }
+
+    /// The time with all its bits: of a 32-bit one the upper half is that of the nearest time
+    /// before.
+    fn extended(&self, first: u16, data: &[u8]) -> Option<u64> {
+        let address = register::SYSTEM_TIME.address;
+        if let Some(bytes) = part::<8>(first, data, address) {
+            return Some(u64::from_le_bytes(bytes));
+        }
+        let low = u32::from_le_bytes(part::<4>(first, data, address)?);
+        let before = self.time.map_or(u64::from(low), |(known, _)| known.value);
+        Some(nearest(low, before))
+    }
+
+    /// Begins to count gaps anew.
+    pub fn restart(&mut self) {
+        self.gap = None;
+        self.recent = 0;
+    }
+}
+
+/// The 64-bit time with these lower 32 bits that is nearest to `near`.
+pub(crate) fn nearest(low: u32, near: u64) -> u64 {
+    let behind = low.wrapping_sub(near as u32) as i32;
+    near.wrapping_add_signed(behind.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_time_is_completed_by_the_nearest() {
+        let near = 0x5_FFFF_FFF0;
+        assert_eq!(nearest(0xFFFF_FFFF, near), 0x5_FFFF_FFFF);
+        assert_eq!(nearest(0x0000_0010, near), 0x6_0000_0010);
+        assert_eq!(nearest(0xFFFF_FF00, 0x6_0000_0010), 0x5_FFFF_FF00);
+    }
+}

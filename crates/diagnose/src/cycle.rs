@@ -1,0 +1,285 @@
+//! The cyclic exchange: which logical datagrams there are, their rhythm, their working counters.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use isocat_wire::Command;
+
+use crate::access::Access;
+use crate::known::{Known, Log};
+
+/// A logical datagram that is sent again and again.
+#[derive(Clone, Debug)]
+pub(crate) struct Logical {
+    pub command: Command,
+    pub address: u32,
+    pub len: u16,
+    /// Frames with it, in the whole capture.
+    pub frames: u64,
+    /// Frames with it since operation began.
+    recent: u64,
+    /// The first of them.
+    pub first: usize,
+    /// How often each working counter came back while the segment was in operation.
+    pub counts: BTreeMap<u16, u64>,
+    /// Changes of the working counter while the segment was in operation.
+    pub changes: Log<Change>,
+    /// Frames that did not come back while the segment was in operation.
+    pub lost: Log<Known<Duration>>,
+    /// It goes in the same frame as the datagram that begins a cycle.
+    pub with_marker: bool,
+    last: Option<(u16, usize)>,
+}
+
+/// A working counter that came back other than the one before.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Change {
+    pub frame: usize,
+    pub at: Duration,
+    pub from: u16,
+    pub to: u16,
+}
+
+impl Logical {
+    /// The working counter that came back most often while the segment was in operation.
+    pub fn usual(&self) -> Option<u16> {
+        self.counts.iter().max_by_key(|(_, times)| **times).map(|(count, _)| *count)
+    }
+}
+
+/// From one cycle to the next.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rhythm {
+    pub count: u64,
+    last: Option<Duration>,
+    sum: u128,
+    shortest: Option<Known<u64>>,
+    /// The longest intervals, ns, longest first.
+    pub longest: Vec<Gap>,
+    /// How often intervals came, by their length in three digits.
+    bins: BTreeMap<u64, u64>,
+}
+
+/// An interval between two cyclic frames.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Gap {
+    /// The frame at its end.
+    pub frame: usize,
+    /// When it ended, by the stamps of the capture.
+    pub at: Duration,
+    pub ns: u64,
+}
+
+impl Rhythm {
+    /// A cycle began at `instant` of some clock, which was `at` by the stamps of the capture.
+    fn cycle(&mut self, instant: Duration, at: Duration, frame: usize) {
+        let Some(last) = self.last.replace(instant) else { return };
+        let ns = u64::try_from(instant.saturating_sub(last).as_nanos()).unwrap_or(u64::MAX);
+        self.count += 1;
+        self.sum += u128::from(ns);
+        *self.bins.entry(three_digits(ns)).or_default() += 1;
+        if self.shortest.is_none_or(|shortest| ns < shortest.value) {
+            self.shortest = Some(Known { value: ns, frame });
+        }
+        let place = self.longest.partition_point(|gap| gap.ns >= ns);
+        if place < MOST_GAPS {
+            self.longest.insert(place, Gap { frame, at, ns });
+            self.longest.truncate(MOST_GAPS);
+        }
+    }
+
+    /// An interval was not one of operation.
+    pub fn pause(&mut self) {
+        self.last = None;
+    }
+
+    /// The length that half of the intervals have at most, ns.
+    pub fn median(&self) -> Option<u64> {
+        self.share(2)
+    }
+
+    /// The length that all but one in `one_of` intervals have at most, ns, to three digits.
+    pub fn share(&self, one_of: u64) -> Option<u64> {
+        let wanted = self.count - self.count / one_of;
+        let mut sum = 0;
+        self.bins.iter().find_map(|(ns, times)| {
+            sum += times;
+            (sum >= wanted).then_some(*ns)
+        })
+    }
+
+    /// The mean, ns.
+    pub fn mean(&self) -> Option<u64> {
+        (self.count > 0).then(|| (self.sum / u128::from(self.count)) as u64)
+    }
+
+    /// How many are longer than `ns`, but for its rounding to three digits.
+    pub fn longer_than(&self, ns: u64) -> u64 {
+        self.bins.range(three_digits(ns) + 1..).map(|(_, times)| times).sum()
+    }
+
+    pub fn shortest(&self) -> Option<Known<u64>> {
+        self.shortest
+    }
+}
+
+/// Rounded down to three digits: memory stays bounded.
+fn three_digits(ns: u64) -> u64 {
+    let digits = ns.checked_ilog10().unwrap_or(0);
+    let unit = 10_u64.pow(digits.saturating_sub(2));
+    ns / unit * unit
+}
+
+/// The cyclic exchange of a capture.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Cycle {
+    pub logical: Vec<Logical>,
+    /// Logical datagrams that there was no room for.
+    pub left_out: u64,
+    /// Which of them begins a cycle: the first one that was exchanged.
+    pub marker: Option<usize>,
+    /// Since operation began, by the stamps of the capture.
+    pub rhythm: Rhythm,
+    /// The same in the time of the reference clock.
+    pub by_clock: Rhythm,
+    /// The last frame with a logical datagram that came back.
+    pub last_answered: usize,
+}
+
+impl Cycle {
+    /// A logical datagram; tells whether it begins a cycle.
+    pub fn access(&mut self, access: &Access<'_>, at: Duration, operating: bool) -> bool {
+        let Some(place) = self.place(access) else { return false };
+        let logical = &mut self.logical[place];
+        logical.frames += 1;
+        logical.recent += 1;
+        let recent = logical.recent;
+        let marker = *self.marker.get_or_insert(place);
+        // What comes rarely, as the data of a slow group or of the way up, does not begin a cycle.
+        if recent > 2 * self.logical[marker].recent + 16 {
+            self.marker = Some(place);
+            self.rhythm = Rhythm::default();
+            self.by_clock = Rhythm::default();
+        }
+        let begins = self.marker == Some(place);
+        let logical = &mut self.logical[place];
+        if access.wkc().is_some() {
+            self.last_answered = access.frame;
+        }
+        if operating {
+            match access.wkc() {
+                Some(wkc) => logical.count(wkc, at, access.frame),
+                None => logical.lost.push(Known { value: at, frame: access.frame }),
+            }
+        }
+        begins
+    }
+
+    /// The frame that was just taken apart held the beginning of a cycle, and these logical
+    /// datagrams. `time`: the reference's system time when it got there, ns.
+    pub fn begins(
+        &mut self,
+        at: Duration,
+        time: Option<u64>,
+        frame: usize,
+        together: &[(Command, u32)],
+    ) {
+        self.rhythm.cycle(at, at, frame);
+        match time {
+            Some(time) => self.by_clock.cycle(Duration::from_nanos(time), at, frame),
+            // The frame that follows does not tell how far from this one it is.
+            None => self.by_clock.pause(),
+        }
+        for logical in &mut self.logical {
+            logical.with_marker |= together.contains(&(logical.command, logical.address));
+        }
+    }
+
+    /// Operation begins: what was before is told no more.
+    pub fn restart(&mut self) {
+        self.rhythm = Rhythm::default();
+        self.by_clock = Rhythm::default();
+        self.marker = None;
+        for logical in &mut self.logical {
+            logical.counts.clear();
+            logical.changes = Log::new(MOST_CHANGES);
+            logical.lost = Log::new(MOST_CHANGES);
+            logical.last = None;
+            logical.recent = 0;
+            logical.with_marker = false;
+        }
+    }
+
+    fn place(&mut self, access: &Access<'_>) -> Option<usize> {
+        let (command, address, len) = (access.command, access.header.address, access.header.len);
+        let same = |one: &Logical| (one.command, one.address, one.len) == (command, address, len);
+        if let Some(place) = self.logical.iter().position(same) {
+            return Some(place);
+        }
+        if self.logical.len() >= MOST_LOGICAL {
+            self.left_out += 1;
+            return None;
+        }
+        self.logical.push(Logical {
+            command,
+            address,
+            len,
+            frames: 0,
+            recent: 0,
+            first: access.frame,
+            counts: BTreeMap::new(),
+            changes: Log::new(MOST_CHANGES),
+            lost: Log::new(MOST_CHANGES),
+            with_marker: false,
+            last: None,
+        });
+        Some(self.logical.len() - 1)
+    }
+}
+
+impl Logical {
+    fn count(&mut self, wkc: u16, at: Duration, frame: usize) {
+        if self.counts.len() < MOST_COUNTS || self.counts.contains_key(&wkc) {
+            *self.counts.entry(wkc).or_default() += 1;
+        }
+        if let Some((from, _)) = self.last.replace((wkc, frame)).filter(|(last, _)| *last != wkc) {
+            self.changes.push(Change { frame, at, from, to: wkc });
+        }
+    }
+}
+
+/// Logical datagrams that are told apart.
+const MOST_LOGICAL: usize = 256;
+/// Working counters of one datagram that are told apart.
+const MOST_COUNTS: usize = 256;
+/// Changes and losses of one datagram that are kept.
+const MOST_CHANGES: usize = 512;
+/// Long intervals that are kept.
+const MOST_GAPS: usize = 32;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_in_three_digits() {
+        for (ns, rounded) in [(0, 0), (7, 7), (999, 999), (1_234, 1_230), (999_999, 999_000)] {
+            assert_eq!(three_digits(ns), rounded);
+        }
+    }
+
+    #[test]
+    fn the_longest_intervals_are_kept() {
+        let mut rhythm = Rhythm::default();
+        let mut at = Duration::ZERO;
+        for cycle in 0..100 {
+            at += Duration::from_micros(if cycle == 40 { 7_000 } else { 1_000 + cycle % 3 });
+            rhythm.cycle(at, at, cycle as usize);
+        }
+        assert_eq!((rhythm.count, rhythm.median()), (99, Some(1_000_000)));
+        let first = rhythm.longest[0];
+        assert_eq!((first.frame, first.ns), (40, 7_000_000));
+        assert_eq!(rhythm.shortest().map(|known| known.value), Some(1_000_000));
+        assert_eq!(rhythm.longest.len(), MOST_GAPS);
+    }
+}

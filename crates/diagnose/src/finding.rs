@@ -1,0 +1,181 @@
+//! What was found in a capture: kinds with their figures. [`words`](crate::words) makes sentences
+//! of them.
+
+use std::time::Duration;
+
+use isocat_sync::object::SyncType;
+use isocat_wire::al::{AlState, AlStatus, AlStatusCode};
+use isocat_wire::mailbox::ErrorDetail;
+use isocat_wire::{AbortCode, ObjectAddress};
+
+/// How much a finding weighs.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum Weight {
+    /// Something went wrong.
+    Fault,
+    /// Something that was forgotten, or done otherwise than it should be, and did no harm yet.
+    Warning,
+    /// Worth knowing; nothing is wrong with it.
+    Note,
+}
+
+/// How sure a finding is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Sure {
+    /// The frames that are named show it.
+    Shown,
+    /// The frames fit, and something else would show the same.
+    Likely,
+}
+
+/// One finding.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Finding {
+    pub kind: Kind,
+    /// Place of the device in the list; `None`: the segment.
+    pub device: Option<usize>,
+    /// The first frame that shows it, and when that was.
+    pub frame: usize,
+    pub at: Option<Duration>,
+    /// Further frames that belong to it.
+    pub frames: Vec<usize>,
+    pub sure: Sure,
+    /// The frame by which it stands among others, if it began before its own frame showed it.
+    pub order: Option<usize>,
+}
+
+/// Which transmission a working counter belongs to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Which {
+    pub command: isocat_wire::Command,
+    pub address: u32,
+}
+
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $variant:ident { $($field:ident: $type:ty),* $(,)? } $name:literal $weight:ident;)*) => {
+        /// A kind of finding, with its figures.
+        #[derive(Clone, PartialEq, Debug)]
+        pub(crate) enum Kind {
+            $($(#[$doc])* $variant { $($field: $type),* },)*
+        }
+
+        impl Kind {
+            /// Its name in documents.
+            pub fn name(&self) -> &'static str {
+                match self { $(Self::$variant { .. } => $name,)* }
+            }
+
+            /// Its place in the list: of kinds that the same frame shows, what comes first is the
+            /// cause of what follows.
+            pub fn rank(&self) -> usize {
+                KINDS.iter().position(|name| *name == self.name()).unwrap_or(KINDS.len())
+            }
+
+            /// How much it weighs.
+            pub fn weight(&self) -> Weight {
+                match self { $(Self::$variant { .. } => Weight::$weight,)* }
+            }
+        }
+
+        /// The names of all kinds.
+        pub const KINDS: &[&str] = &[$($name),*];
+    };
+}
+
+kinds! {
+    /// Frames of more than one MainDevice.
+    AnotherTalker { first: [u8; 6], other: [u8; 6], frames: u64 } "another-talker" Fault;
+    /// Frames passed fewer devices than before.
+    DevicesVanished { from: u16, to: u16, silent: Vec<usize> } "devices-vanished" Fault;
+    /// A device that was in OP does not answer any more.
+    DeviceSilent {} "device-silent" Fault;
+    /// SYNC0 runs, and nothing leads the clocks.
+    NoDriftFrames {} "no-drift-frames" Fault;
+    /// For a while, or from some frame on, nothing led the clocks.
+    DriftFramesStopped { gap_ns: u64 } "drift-frames-stopped" Fault;
+    /// The SYNC cycle is below what the device says it can do.
+    CycleBelowMinimum { object: ObjectAddress, minimum_ns: u64, cycle_ns: u64 } "cycle-below-minimum" Fault;
+    /// The start time had passed when SYNC was switched on.
+    StartInPast { late_ns: u64 } "start-in-past" Fault;
+    /// The synchronization type needs a SYNC signal that is not switched on.
+    ModeWithoutSync { object: ObjectAddress, mode: SyncType } "mode-without-sync" Fault;
+    /// The process data watchdog is not longer than the cycle.
+    WatchdogBelowCycle { watchdog_ns: u64, cycle_ns: u64 } "watchdog-below-cycle" Fault;
+    /// Cycles without a frame, in the time of the reference clock.
+    CyclesSkipped { count: u64, longest_ns: u64, cycle_ns: u64 } "cycles-skipped" Fault;
+    /// Cyclic frames did not come back.
+    FramesLost { count: u64 } "frames-lost" Fault;
+    /// The cycle of the frames is no whole multiple and no whole part of that of the SYNC unit.
+    CycleMismatch { frames_ns: u64, cycle_ns: u64 } "cycle-mismatch" Fault;
+    /// Frames slide through the cycle: the MainDevice does not follow the reference clock.
+    HostSlides { turns: i64, ppm: f64 } "host-slides" Fault;
+    /// Frames reached a device on the other side of SYNC0 than they usually do.
+    SyncPassed { frames: u64, of: u64, worst_ns: i64 } "sync0-passed" Fault;
+    /// Cycles without an answer, where the capture does not have what went out.
+    CyclesMissing { count: u64, longest_ns: u64, cycle_ns: u64 } "cycles-missing" Fault;
+    /// Answers of cyclic frames came without a request: devices took a frame twice.
+    FramesDoubled { count: u64 } "frames-doubled" Fault;
+    /// A device counted events that it missed, or that came too early.
+    SyncCounted { object: ObjectAddress, count: u64 } "sync-counted" Fault;
+    /// From the frame to SYNC0 there is less time than the device needs to copy its outputs.
+    CopyTimeNotKept { least_ns: i64, needed_ns: u64 } "copy-time-not-kept" Fault;
+    /// A clock was read far from the reference in operation.
+    ClocksApart { ns: u32 } "clocks-apart" Fault;
+    /// Error counters grew between two readings.
+    ErrorsCounted { address: u16, by: u64, operating: bool } "errors-counted" Fault;
+    /// A device left OP, and nothing in the capture asked it to.
+    LeftOp { to: AlStatus, code: Option<AlStatusCode> } "left-op" Fault;
+    /// A device refused a state, or fell into an error.
+    AlError { asked: Option<AlState>, status: AlStatus, code: Option<AlStatusCode>, came_up: bool } "al-error" Fault;
+    /// A working counter was lower than usual.
+    WorkingCounter { which: Which, usual: u16, lowest: u16, frames: u64, missing: Vec<usize> } "working-counter" Fault;
+    /// The same by the stamps of the capture alone.
+    GapSeen { count: u64, longest_ns: u64, cycle_ns: u64 } "gap-seen" Warning;
+    /// SYNC was switched on while the clock was far from the reference.
+    ClocksNotConverged { ns: u32 } "clocks-not-converged" Warning;
+    /// SYNC0 is switched on, and the synchronization type does not use it.
+    SyncWithoutMode { object: ObjectAddress, mode: SyncType } "sync-without-mode" Warning;
+    /// SYNC0 was switched on when the device had left PREOP already.
+    SyncAfterSafeOp { state: AlState } "sync-after-safeop" Warning;
+    /// SYNC0 was switched on, and the way up did not write the device's system time offset.
+    OffsetNotWritten {} "offset-not-written" Warning;
+    /// SYNC0 was switched on, and the way up did not write the device's propagation delay.
+    DelayNotWritten {} "delay-not-written" Warning;
+    /// Nothing looked whether SYNC runs.
+    SyncNotLookedAt {} "sync-not-looked-at" Warning;
+    /// Devices asked for by SDO answered with an abort.
+    SdoAborted { object: ObjectAddress, code: AbortCode, written: bool, count: u64 } "sdo-aborted" Warning;
+    /// A mailbox request that no answer was seen to.
+    MailboxSilent { object: ObjectAddress, count: u64 } "mailbox-silent" Warning;
+    /// The device refused a mailbox message.
+    MailboxError { detail: ErrorDetail, count: u64 } "mailbox-error" Warning;
+    /// A device sent an emergency message.
+    Emergency { code: u16, count: u64 } "emergency" Warning;
+    /// A device was in an error state when it was first seen.
+    ErrorFromBefore { status: AlStatus, code: Option<AlStatusCode> } "error-from-before" Note;
+    /// Error counters were not zero when they were first read.
+    CountersFromBefore { count: u64 } "counters-from-before" Note;
+    /// The EEPROM of a device was written.
+    EepromWritten { count: u64 } "eeprom-written" Note;
+}
+
+impl Finding {
+    /// A finding that its frame shows.
+    pub fn new(kind: Kind, device: Option<usize>, frame: usize) -> Self {
+        Self { kind, device, frame, at: None, frames: Vec::new(), sure: Sure::Shown, order: None }
+    }
+
+    pub fn at(self, at: Duration) -> Self {
+        Self { at: Some(at), ..self }
+    }
+
+    pub fn with(mut self, frames: impl IntoIterator<Item = usize>) -> Self {
+        let own = self.frame;
+        self.frames.extend(frames.into_iter().filter(|frame| *frame != own));
+        self
+    }
+
+    pub fn likely(self) -> Self {
+        Self { sure: Sure::Likely, ..self }
+    }
+}

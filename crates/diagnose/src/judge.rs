@@ -1,0 +1,205 @@
+//! What speaks against a segment, out of what the observer kept. Nothing is judged that the capture
+//! does not show.
+
+use isocat_captures::pairing::{Seen, Tap};
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
+use isocat_wire::al::AlState;
+use isocat_wire::{ObjectAddress, register};
+
+use crate::clock::Reference;
+use crate::device::Device;
+use crate::finding::{Finding, Kind};
+use crate::known::Known;
+use crate::observer::Observer;
+
+pub(crate) mod cyclic;
+pub(crate) mod sync;
+
+/// All findings, the gravest first and these in the order of time.
+pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
+    let mut all = Vec::new();
+    cyclic::judge(observer, tap.seen == Seen::Both, &mut all);
+    sync::judge(observer, &mut all);
+    for (place, device) in observer.devices.list.iter().enumerate() {
+        states(place, device, observer, &mut all);
+        counters(place, device, &mut all);
+        mailbox(place, device, &mut all);
+        sync_counters(place, device, &mut all);
+    }
+    talkers(observer, &mut all);
+    consequences(&mut all);
+    all.sort_by_key(|finding| {
+        (finding.kind.weight(), finding.order.unwrap_or(finding.frame), finding.kind.rank())
+    });
+    all
+}
+
+/// A working counter falls when a device leaves OP; its state is read some frames later. Such a
+/// device comes first.
+fn consequences(all: &mut [Finding]) {
+    let fell: Vec<usize> = all
+        .iter()
+        .filter(|finding| matches!(finding.kind, Kind::WorkingCounter { .. }))
+        .map(|finding| finding.frame)
+        .collect();
+    for finding in all.iter_mut().filter(|one| matches!(one.kind, Kind::LeftOp { .. })) {
+        // Its last frame in OP is among the further ones.
+        let before = finding.frames.iter().copied().max().unwrap_or(0);
+        let caused = fell.iter().filter(|fell| (before..finding.frame).contains(fell)).min();
+        finding.order = caused.copied();
+    }
+}
+
+fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let mut was_op = false;
+    // Where the capture begins in operation and a working counter fell, a device with an error has
+    // left OP since.
+    let fell = observer.cycle.logical.iter().filter_map(|logical| {
+        let usual = logical.usual()?;
+        logical.changes.kept.iter().find(|change| change.to < usual).map(|change| change.frame)
+    });
+    let fell = fell.min().filter(|_| observer.began_inside_once);
+    let changes = &device.states.changes.kept;
+    for (at, seen) in changes.iter().enumerate() {
+        let asked = seen.asked.and_then(|asked| asked.value.state().ok());
+        let (status, code) = (seen.status, seen.code.filter(|code| code.0 != 0));
+        let in_op = status.state() == Ok(AlState::Op) && !seen.error();
+        let finding = if was_op && !in_op && asked.is_none_or(|state| state == AlState::Op) {
+            Some(Kind::LeftOp { to: status, code })
+        } else if seen.error() && seen.asked.is_none() {
+            let left = at == 0 && fell.is_some_and(|fell| fell < seen.frame);
+            let kind = match left {
+                true => Kind::LeftOp { to: status, code },
+                false => Kind::ErrorFromBefore { status, code },
+            };
+            (at == 0).then_some(kind)
+        } else if seen.error() {
+            let later = &changes[at + 1..];
+            let came_up = later.iter().any(|later| Some(later.status.0) == asked.map(|s| s as u16));
+            Some(Kind::AlError { asked, status, code, came_up })
+        } else {
+            None
+        };
+        if let Some(kind) = finding {
+            let frames = seen.before.into_iter().chain(seen.asked.map(|asked| asked.frame));
+            let finding = Finding::new(kind, Some(place), seen.frame).at(seen.at).with(frames);
+            all.push(if seen.before.is_none() { finding.likely() } else { finding });
+        }
+        was_op = in_op;
+    }
+}
+
+fn counters(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    let mut addresses: Vec<u16> =
+        device.errors.grown.kept.iter().map(|grown| grown.address).collect();
+    addresses.sort_unstable();
+    addresses.dedup();
+    for address in addresses {
+        let grown = device.errors.grown.kept.iter().filter(|grown| grown.address == address);
+        let grown: Vec<_> = grown.collect();
+        let by = grown.iter().map(|grown| u64::from(grown.to - grown.from)).sum();
+        let operating = device.states.op.is_some_and(|op| grown[0].before >= op.frame);
+        let frames = grown.iter().flat_map(|grown| [grown.before, grown.frame]).take(MOST_FRAMES);
+        let kind = Kind::ErrorsCounted { address, by, operating };
+        all.push(Finding::new(kind, Some(place), grown[0].frame).with(frames));
+    }
+    if let Some((_, first)) = device.errors.before.first() {
+        let count = device.errors.before.len() as u64;
+        let frames = device.errors.before.iter().map(|(_, known)| known.frame).take(MOST_FRAMES);
+        let kind = Kind::CountersFromBefore { count };
+        all.push(Finding::new(kind, Some(place), first.frame).with(frames));
+    }
+    if let Some(frame) = device.sii.first_write {
+        let kind = Kind::EepromWritten { count: device.sii.writes };
+        all.push(Finding::new(kind, Some(place), frame));
+    }
+}
+
+fn mailbox(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    let mailbox = &device.mailbox;
+    if let Some(first) = mailbox.aborts.kept.first() {
+        let kind = Kind::SdoAborted {
+            object: first.object,
+            code: first.code,
+            written: first.way == crate::mailbox::Way::Written,
+            count: mailbox.aborts.count,
+        };
+        let frames = mailbox.aborts.kept.iter().map(|abort| abort.frame).take(MOST_FRAMES);
+        let frames = first.request.into_iter().chain(frames);
+        all.push(Finding::new(kind, Some(place), first.frame).with(frames));
+    }
+    if let Some(first) = mailbox.unanswered.kept.first() {
+        let kind = Kind::MailboxSilent { object: first.value, count: mailbox.unanswered.count };
+        all.push(Finding::new(kind, Some(place), first.frame).likely());
+    }
+    if let Some(first) = mailbox.errors.kept.first() {
+        let kind = Kind::MailboxError { detail: first.value, count: mailbox.errors.count };
+        all.push(Finding::new(kind, Some(place), first.frame));
+    }
+    if let Some(first) = mailbox.emergencies.kept.first() {
+        let kind = Kind::Emergency { code: first.code, count: mailbox.emergencies.count };
+        all.push(Finding::new(kind, Some(place), first.frame));
+    }
+}
+
+/// The counters of 0x1C32 and 0x1C33, as they were last read.
+fn sync_counters(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    for (index, sub) in [OUTPUT_PARAMETER, INPUT_PARAMETER].into_iter().flat_map(|index| {
+        [sub::SM_EVENT_MISSED, sub::CYCLE_TIME_TOO_SMALL, sub::SHIFT_TIME_TOO_SHORT]
+            .map(|sub| (index, sub))
+    }) {
+        let object = ObjectAddress::new(index, sub);
+        let known = device.mailbox.number(object).filter(|known| known.value > 0);
+        if let Some(known) = known {
+            let kind = Kind::SyncCounted { object, count: known.value };
+            all.push(Finding::new(kind, Some(place), known.frame));
+        }
+    }
+}
+
+/// More than one MainDevice at a time. One that talks after another one has ended is no fault.
+fn talkers(observer: &Observer, all: &mut Vec<Finding>) {
+    let mut talkers: Vec<_> =
+        observer.talkers.list.iter().filter(|one| one.turns >= LEAST_TURNS).collect();
+    talkers.sort_by_key(|talker| std::cmp::Reverse(talker.frames));
+    let [first, other, ..] = talkers[..] else { return };
+    let kind =
+        Kind::AnotherTalker { first: first.address, other: other.address, frames: other.frames };
+    all.push(Finding::new(kind, None, other.first).with([other.last]));
+}
+
+/// A device's synchronization type, by 0x1C32 or, where that has none, by 0x1C33.
+pub(crate) fn mode(device: &Device) -> Option<(ObjectAddress, Known<SyncType>)> {
+    [OUTPUT_PARAMETER, INPUT_PARAMETER].into_iter().find_map(|index| {
+        let object = ObjectAddress::new(index, sub::SYNC_TYPE);
+        let known = device.mailbox.number(object)?;
+        Some((object, known.map(|value| SyncType(value as u16))))
+    })
+}
+
+/// The propagation delay from the reference clock to a device, ns, as the MainDevice wrote it to
+/// both.
+pub(crate) fn delay(observer: &Observer, device: &Device) -> Option<i64> {
+    let reference = &observer.devices.list[reference(observer)?];
+    if std::ptr::eq(reference, device) {
+        return Some(0);
+    }
+    let of = |device: &Device| device.image.latest(register::SYSTEM_TIME_DELAY);
+    // One that was not written is 0 since power-on.
+    let first = of(reference).map_or(0, |known| known.value);
+    Some(i64::from(of(device)?.value) - i64::from(first))
+}
+
+/// The place of the device whose clock leads.
+pub(crate) fn reference(observer: &Observer) -> Option<usize> {
+    match observer.drift.reference?.value {
+        Reference::Station(station) => observer.devices.named(station),
+        Reference::Position(position) => observer.devices.at(position),
+    }
+}
+
+/// How often a source of frames speaks up after another one did, before they are taken to talk at
+/// the same time.
+const LEAST_TURNS: u64 = 8;
+/// Frames that a finding names beside its first.
+const MOST_FRAMES: usize = 8;

@@ -1,0 +1,198 @@
+//! The cyclic exchange: frames that were lost, working counters that fell, cycles without a frame.
+
+use std::time::Duration;
+
+use isocat_wire::fmmu::Fmmu;
+use isocat_wire::{Command, register};
+
+use super::MOST_FRAMES;
+use crate::cycle::{Logical, Rhythm};
+use crate::device::Device;
+use crate::finding::{Finding, Kind, Which};
+use crate::known::Known;
+use crate::observer::Observer;
+
+pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
+    for logical in &observer.cycle.logical {
+        working_counter(logical, observer, all);
+    }
+    if both_ways {
+        lost(observer, all);
+        doubled(observer, all);
+    }
+    skipped(observer, both_ways, all);
+    vanished(observer, all);
+}
+
+/// Frames that pass fewer devices, with the devices that do not answer from then on; and devices
+/// that do not answer where no frame counts how many it passes.
+fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
+    let changes = &observer.reach.kept;
+    let mut told = Vec::new();
+    for (place, reach) in changes.iter().enumerate() {
+        let Some(from) = reach.from.filter(|from| reach.operating && reach.to < *from) else {
+            continue;
+        };
+        let again = changes[place + 1..].iter().find(|later| later.to > reach.to);
+        let span = reach.frame..again.map_or(usize::MAX, |again| again.frame);
+        let silent: Vec<(usize, usize)> = silences(observer)
+            .filter(|(_, silence)| span.contains(&silence.frame))
+            .map(|(device, silence)| (device, silence.frame))
+            .collect();
+        let devices: Vec<usize> = silent.iter().map(|(device, _)| *device).collect();
+        let first = devices.first().copied();
+        let kind = Kind::DevicesVanished { from, to: reach.to, silent: devices };
+        let frames = silent.iter().map(|(_, frame)| *frame).take(MOST_FRAMES);
+        all.push(Finding::new(kind, first, reach.frame).at(reach.at).with(frames));
+        told.extend(silent);
+    }
+    for (device, silence) in silences(observer) {
+        let op = observer.devices.list[device].states.op;
+        let in_op = op.is_some_and(|op| op.frame < silence.frame);
+        if in_op && !told.contains(&(device, silence.frame)) {
+            let finding = Finding::new(Kind::DeviceSilent {}, Some(device), silence.frame);
+            all.push(finding.at(silence.value));
+        }
+    }
+}
+
+/// Each time any device ceased to answer, by the position of the devices.
+fn silences(observer: &Observer) -> impl Iterator<Item = (usize, Known<Duration>)> + '_ {
+    let mut order: Vec<usize> = (0..observer.devices.list.len()).collect();
+    order.sort_by_key(|place| observer.devices.list[*place].position);
+    order.into_iter().flat_map(|place| {
+        let silences = observer.devices.list[place].silences.kept.iter();
+        silences.map(move |silence| (place, *silence))
+    })
+}
+
+fn working_counter(logical: &Logical, observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(usual) = logical.usual() else { return };
+    let lower = || logical.counts.range(..usual);
+    let Some(lowest) = lower().next().map(|(count, _)| *count) else { return };
+    let frames = lower().map(|(_, times)| times).sum();
+    let mut falls = logical.changes.kept.iter().filter(|change| change.to < usual);
+    let Some(first) = falls.next() else { return };
+    let which = Which { command: logical.command, address: logical.address };
+    let missing = missing(logical, usual, first.to, observer);
+    let kind = Kind::WorkingCounter { which, usual, lowest, frames, missing };
+    let more = falls.map(|change| change.frame).take(MOST_FRAMES);
+    all.push(Finding::new(kind, None, first.frame).at(first.at).with(more));
+}
+
+/// The devices whose share is just what is missing, if all shares are known and add up to what is
+/// usual.
+fn missing(logical: &Logical, usual: u16, found: u16, observer: &Observer) -> Vec<usize> {
+    let shares: Vec<(usize, u16)> = observer
+        .devices
+        .list
+        .iter()
+        .enumerate()
+        .map(|(place, device)| (place, share(logical, device)))
+        .filter(|(_, share)| *share > 0)
+        .collect();
+    if shares.iter().map(|(_, share)| share).sum::<u16>() != usual {
+        return Vec::new();
+    }
+    let missing = usual - found;
+    // From some device on, all behind it; or one device alone.
+    let mut sum = 0;
+    let behind = shares.iter().rev().take_while(|(_, share)| {
+        let more = sum < missing;
+        sum += if more { share } else { &0 };
+        more
+    });
+    let behind: Vec<usize> = behind.map(|(place, _)| *place).collect();
+    let alone: Vec<usize> =
+        shares.iter().filter(|(_, share)| *share == missing).map(|(place, _)| *place).collect();
+    match (alone.len(), sum == missing && behind.len() > 1) {
+        (0, true) => behind,
+        (1, false) => alone,
+        (0, false) => Vec::new(),
+        // Several answers: none is given.
+        _ => Vec::new(),
+    }
+}
+
+/// What a device counts in a logical datagram, by the FMMUs that the capture shows.
+pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
+    let window = u64::from(logical.address)..u64::from(logical.address) + u64::from(logical.len);
+    let mut kinds = 0;
+    for number in 0..16 {
+        let Some(fmmu) = device.image.latest(register::fmmu(number)) else { continue };
+        let fmmu = fmmu.value;
+        let start = u64::from(fmmu.logical_start);
+        let end = start + u64::from(fmmu.length);
+        if fmmu.is_active() && start < window.end && window.start < end {
+            kinds |= fmmu.kind;
+        }
+    }
+    let reads = u16::from(kinds & Fmmu::READ != 0);
+    let writes = u16::from(kinds & Fmmu::WRITE != 0);
+    match logical.command {
+        Command::Lrd => reads,
+        Command::Lwr => writes,
+        _ => reads + 2 * writes,
+    }
+}
+
+/// Cyclic frames without an answer. Those behind the last answer may have theirs behind the end of
+/// the capture.
+fn lost(observer: &Observer, all: &mut Vec<Finding>) {
+    let mut frames: Vec<_> = observer
+        .cycle
+        .logical
+        .iter()
+        .flat_map(|logical| &logical.lost.kept)
+        .filter(|lost| lost.frame < observer.cycle.last_answered)
+        .map(|lost| (lost.frame, lost.value))
+        .collect();
+    frames.sort_unstable();
+    frames.dedup();
+    let Some((first, at)) = frames.first().copied() else { return };
+    let logs = observer.cycle.logical.iter().map(|logical| logical.lost.left_off()).max();
+    let count = frames.len() as u64 + logs.unwrap_or(0);
+    let kind = Kind::FramesLost { count };
+    let more = frames.iter().map(|(frame, _)| *frame).take(MOST_FRAMES);
+    all.push(Finding::new(kind, None, first).at(at).with(more).likely());
+}
+
+fn doubled(observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(first) = observer.doubled.kept.first() else { return };
+    let kind = Kind::FramesDoubled { count: observer.doubled.count };
+    let more = observer.doubled.kept.iter().map(|known| known.frame).take(MOST_FRAMES);
+    all.push(Finding::new(kind, None, first.frame).at(first.value).with(more).likely());
+}
+
+/// Intervals that are half a cycle too long, and longer: in the time of the reference clock if it
+/// is known.
+fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
+    let cycle = &observer.cycle;
+    let by_clock = cycle.by_clock.count >= LEAST;
+    let rhythm = if by_clock { &cycle.by_clock } else { &cycle.rhythm };
+    let Some(cycle_ns) = rhythm.median().filter(|_| rhythm.count >= LEAST) else { return };
+    let limit = cycle_ns + cycle_ns / 2;
+    let mut gaps: Vec<_> = rhythm.longest.iter().filter(|gap| gap.ns > limit).collect();
+    gaps.sort_by_key(|gap| gap.frame);
+    let Some(first) = gaps.first() else { return };
+    let longest_ns = rhythm.longest.first().map_or(0, |gap| gap.ns);
+    let count = count_of(rhythm, limit, gaps.len());
+    let kind = match by_clock {
+        true if both_ways => Kind::CyclesSkipped { count, longest_ns, cycle_ns },
+        true => Kind::CyclesMissing { count, longest_ns, cycle_ns },
+        false => Kind::GapSeen { count, longest_ns, cycle_ns },
+    };
+    let more = gaps.iter().map(|gap| gap.frame).take(MOST_FRAMES);
+    all.push(Finding::new(kind, None, first.frame).at(first.at).with(more));
+}
+
+/// All that were longer; those that are kept are exact.
+fn count_of(rhythm: &Rhythm, limit: u64, kept: usize) -> u64 {
+    match kept == rhythm.longest.len() {
+        true => rhythm.longer_than(limit).max(kept as u64),
+        false => kept as u64,
+    }
+}
+
+/// Intervals below which no cycle is known.
+const LEAST: u64 = 20;

@@ -1,0 +1,288 @@
+//! Clocks, SYNC units and where frames lie against SYNC0.
+
+use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
+use isocat_wire::al::AlState;
+use isocat_wire::{ObjectAddress, register};
+
+use super::cyclic::share;
+use super::{delay, mode, reference};
+use crate::device::Device;
+use crate::finding::{Finding, Kind};
+use crate::observer::Observer;
+use crate::phase::Distance;
+
+pub(super) fn judge(observer: &Observer, all: &mut Vec<Finding>) {
+    drift_frames(observer, all);
+    for (place, device) in observer.devices.list.iter().enumerate() {
+        started(place, device, all);
+        modes(place, device, all);
+        differences(place, device, all);
+        minimum(place, device, all);
+        mismatch(place, device, observer, all);
+        forgotten(place, device, observer, all);
+        watchdog(place, device, observer, all);
+        distances(place, device, observer, all);
+    }
+    slides(observer, all);
+}
+
+/// Whether any device makes SYNC0, as far as the capture shows.
+fn any_sync(observer: &Observer) -> bool {
+    observer.devices.list.iter().any(|device| device.sync.is_on())
+}
+
+fn drift_frames(observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(operation) = observer.operation.filter(|_| any_sync(observer)) else { return };
+    let end = observer.left.map_or(observer.last, |left| left.value);
+    let span = end.saturating_sub(operation.value).as_nanos();
+    let Some(last) = observer.drift.last else {
+        if span > DRIFT_PAUSE_NS {
+            all.push(
+                Finding::new(Kind::NoDriftFrames {}, None, operation.frame).at(operation.value),
+            );
+        }
+        return;
+    };
+    if observer.drift.recent == 0 && span <= DRIFT_PAUSE_NS {
+        return;
+    }
+    let rest = end.saturating_sub(last.value.max(operation.value)).as_nanos();
+    let longest = observer.drift.gap.map_or(0, |gap| gap.value.as_nanos());
+    let gap_ns = longest.max(rest);
+    if gap_ns > DRIFT_PAUSE_NS {
+        let kind = Kind::DriftFramesStopped { gap_ns: gap_ns as u64 };
+        let (frame, at) = match observer.drift.gap.filter(|_| longest >= rest) {
+            Some(gap) => (gap.frame, None),
+            None => (last.frame, Some(last.value)),
+        };
+        all.push(Finding { at, ..Finding::new(kind, None, frame) });
+    }
+}
+
+/// What was wrong when SYNC was switched on.
+fn started(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    for switched in device.sync.switched.kept.iter().filter(|one| one.makes_sync0()) {
+        if let Some((now, start)) = switched.now.zip(switched.full_start()) {
+            let late = now.value.wrapping_sub(start).cast_signed();
+            // The reference's time is from a frame before, so it is later by now, not earlier.
+            if late > 0 {
+                let kind = Kind::StartInPast { late_ns: late as u64 };
+                let frames = switched.start.map(|start| start.frame).into_iter().chain([now.frame]);
+                let finding = Finding::new(kind, Some(place), switched.frame);
+                all.push(finding.at(switched.at).with(frames));
+            }
+        }
+    }
+    let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
+    if device.sync.looked.is_none() {
+        all.push(Finding::new(Kind::SyncNotLookedAt {}, Some(place), last.frame).at(last.at));
+    }
+    if let Some(before) = device.differences.before_sync
+        && before.value.magnitude() > APART_NS
+    {
+        let kind = Kind::ClocksNotConverged { ns: before.value.magnitude() };
+        all.push(Finding::new(kind, Some(place), before.frame).with([last.frame]));
+    }
+}
+
+fn modes(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    let Some((object, known)) = mode(device) else { return };
+    let (mode, frame) = (known.value, known.frame);
+    let last = device.sync.last;
+    let sync0 = last.is_some_and(|last| last.makes_sync0());
+    let sync1 = last.is_some_and(|last| last.word.activates() && last.word.makes_sync1());
+    // What was set up before the capture is not known.
+    let up = device.states.op.filter(|op| frame < op.frame);
+    let lacks = mode == SyncType::DC_SYNC0 && !sync0 || mode == SyncType::DC_SYNC1 && !sync1;
+    let written = device.mailbox.values.get(&object);
+    let written = written.is_some_and(|known| known.value.way == crate::mailbox::Way::Written);
+    if let Some(op) = up.filter(|_| lacks && written) {
+        let kind = Kind::ModeWithoutSync { object, mode };
+        all.push(Finding::new(kind, Some(place), frame).with([op.frame]));
+    }
+    let unused = matches!(mode, SyncType::FREE_RUN | SyncType::SM | SyncType::INPUTS_ON_SM2);
+    if let Some(last) = last.filter(|_| sync0 && unused && written) {
+        let kind = Kind::SyncWithoutMode { object, mode };
+        all.push(Finding::new(kind, Some(place), frame).with([last.frame]));
+    }
+}
+
+fn differences(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    let Some(worst) = device.differences.worst.filter(|_| device.sync.is_on()) else { return };
+    if worst.value.magnitude() > APART_NS {
+        let kind = Kind::ClocksApart { ns: worst.value.magnitude() };
+        all.push(Finding::new(kind, Some(place), worst.frame));
+    }
+}
+
+/// The local cycle that the SYNC unit gives the device, ns: that of SYNC1 where it makes SYNC1.
+pub(crate) fn local_cycle(device: &Device) -> Option<u64> {
+    let last = device.sync.last.filter(|last| last.makes_sync0())?;
+    let sync0 = u64::from(last.sync0_cycle?.value);
+    let sync1 = last.sync1_cycle.filter(|_| last.word.makes_sync1()).map_or(0, |k| k.value.into());
+    // SYNC1 comes that long behind a SYNC0, and again behind the first SYNC0 after it.
+    let pulses = sync1_pulses(sync1, sync0)?;
+    Some(pulses * sync0)
+}
+
+fn sync1_pulses(sync1: u64, sync0: u64) -> Option<u64> {
+    Some(sync1.checked_div(sync0)? + 1)
+}
+
+fn minimum(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    let Some(cycle_ns) = local_cycle(device) else { return };
+    for index in [OUTPUT_PARAMETER, INPUT_PARAMETER] {
+        let object = ObjectAddress::new(index, sub::MINIMUM_CYCLE_TIME);
+        let Some(minimum) = device.mailbox.number(object) else { continue };
+        if minimum.value > cycle_ns {
+            let minimum_ns = minimum.value;
+            let kind = Kind::CycleBelowMinimum { object, minimum_ns, cycle_ns };
+            let set = device.sync.last.and_then(|last| last.sync0_cycle).map(|known| known.frame);
+            all.push(Finding::new(kind, Some(place), minimum.frame).with(set));
+            return;
+        }
+    }
+}
+
+/// Frames that come each third of a SYNC cycle or each third SYNC0 are in order; each 1.3 of them
+/// are not.
+fn mismatch(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let by_clock = &observer.cycle.by_clock;
+    let Some((cycle_ns, frames_ns)) = local_cycle(device).zip(by_clock.mean()) else { return };
+    if by_clock.count < LEAST_CYCLES {
+        return;
+    }
+    let (longer, shorter) = (cycle_ns.max(frames_ns), cycle_ns.min(frames_ns).max(1));
+    let times = (longer + shorter / 2) / shorter;
+    if longer.abs_diff(times * shorter) > longer / MISMATCH {
+        let frame = by_clock.longest.first().map_or(0, |gap| gap.frame);
+        let set = device.sync.last.and_then(|last| last.sync0_cycle).map(|known| known.frame);
+        let kind = Kind::CycleMismatch { frames_ns, cycle_ns };
+        all.push(Finding::new(kind, Some(place), frame).with(set));
+    }
+}
+
+/// What the way up did not do before SYNC0 was switched on. It is known for devices whose station
+/// address was written in the capture.
+fn forgotten(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
+    let changes = &device.states.changes.kept;
+    let before = changes.iter().rev().find(|seen| seen.frame < last.frame);
+    let state = before.and_then(|seen| seen.status.state().ok());
+    if let Some(state) = state.filter(|state| matches!(state, AlState::SafeOp | AlState::Op)) {
+        let kind = Kind::SyncAfterSafeOp { state };
+        all.push(Finding::new(kind, Some(place), last.frame).at(last.at));
+    }
+    if device.image.written(register::STATION_ADDRESS).is_none() {
+        return;
+    }
+    let written = |address| device.image.written_bytes::<4>(address).is_some();
+    let mut forgot = |kind| all.push(Finding::new(kind, Some(place), last.frame).at(last.at));
+    if !written(register::SYSTEM_TIME_OFFSET.address) {
+        forgot(Kind::OffsetNotWritten {});
+    }
+    // The reference has no delay to itself.
+    let leads = reference(observer) == Some(place);
+    if !leads && !written(register::SYSTEM_TIME_DELAY.address) {
+        forgot(Kind::DelayNotWritten {});
+    }
+}
+
+/// The process data watchdog, if both of its registers are known and it is not off.
+pub(crate) fn watchdog_ns(device: &Device) -> Option<(u64, usize)> {
+    let divider = device.image.latest(register::WATCHDOG_DIVIDER)?;
+    let time = device.image.latest(register::WATCHDOG_TIME_PROCESS_DATA)?;
+    let ns = (u64::from(divider.value) + 2) * 40 * u64::from(time.value);
+    (ns > 0).then_some((ns, divider.frame.max(time.frame)))
+}
+
+fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let rhythm = match observer.cycle.by_clock.count {
+        0 => &observer.cycle.rhythm,
+        _ => &observer.cycle.by_clock,
+    };
+    let Some((watchdog_ns, frame)) = watchdog_ns(device) else { return };
+    let Some(cycle_ns) = rhythm.median().filter(|_| rhythm.count >= LEAST_CYCLES) else { return };
+    let outputs = device.image.latest(register::sync_manager(2));
+    let watched = outputs.is_some_and(|sm| {
+        let control = isocat_wire::sync_manager::SyncManager::CONTROL_WATCHDOG;
+        sm.value.is_enabled() && sm.value.control & control != 0
+    });
+    if watched && watchdog_ns <= cycle_ns {
+        let kind = Kind::WatchdogBelowCycle { watchdog_ns, cycle_ns };
+        all.push(Finding::new(kind, Some(place), frame));
+    }
+}
+
+/// The distances of a device: from the last bit of cyclic frames there to its SYNC0. The first
+/// number is what they are shorter by than at the reference, ns. `None`: they are not known, or its
+/// process data do not go in each of the frames that were measured.
+pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i64, &'a Distance)> {
+    let distance = observer.phases.of(device.sync.grid()?)?;
+    let frames = observer.cycle.by_clock.median()?;
+    let slower = distance.grid.cycle > frames + frames / 2;
+    if slower || !outputs_with_marker(observer, device) {
+        return None;
+    }
+    Some((delay(observer, device)?, distance))
+}
+
+/// Whether the outputs of a device, or its inputs if it has none, go in the frame that begins a
+/// cycle.
+fn outputs_with_marker(observer: &Observer, device: &Device) -> bool {
+    let logical = || observer.cycle.logical.iter().filter(|logical| share(logical, device) > 0);
+    logical().next().is_none() || logical().any(|logical| logical.with_marker)
+}
+
+fn distances(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
+    let Some((delay, distance)) = distance(observer, device) else { return };
+    if distance.slides() {
+        return;
+    }
+    let least = distance.shortest.value - delay;
+    let most = distance.longest.value - delay;
+    let cycle = distance.grid.cycle as i64;
+    let usual = (distance.mean() - delay).div_euclid(cycle);
+    let early = most.div_euclid(cycle) > usual;
+    if least.div_euclid(cycle) < usual || early {
+        let worst = if early { distance.longest } else { distance.shortest };
+        let first = distance.first_outside.unwrap_or(worst);
+        let kind = Kind::SyncPassed {
+            frames: distance.outside.max(1),
+            of: distance.count,
+            worst_ns: worst.value - delay,
+        };
+        all.push(Finding::new(kind, Some(place), first.frame).with([worst.frame]));
+        return;
+    }
+    let object = ObjectAddress::new(OUTPUT_PARAMETER, sub::CALC_AND_COPY_TIME);
+    let Some(needed) = device.mailbox.number(object) else { return };
+    let by_sync0 = mode(device).is_some_and(|(_, mode)| mode.value == SyncType::DC_SYNC0);
+    if by_sync0 && least < needed.value as i64 {
+        let kind = Kind::CopyTimeNotKept { least_ns: least, needed_ns: needed.value };
+        let finding = Finding::new(kind, Some(place), distance.shortest.frame);
+        all.push(finding.with([needed.frame]));
+    }
+}
+
+fn slides(observer: &Observer, all: &mut Vec<Finding>) {
+    let Some(distance) = observer.phases.grids.iter().find(|distance| distance.slides()) else {
+        return;
+    };
+    let cycle = distance.grid.cycle as i64;
+    let way = distance.last.value - distance.first.value;
+    let span = cycle as f64 * distance.count as f64;
+    let kind = Kind::HostSlides { turns: way / cycle, ppm: -(way as f64) / span * 1e6 };
+    let frames = distance.first_outside.map(|known| known.frame);
+    let finding = Finding::new(kind, None, distance.first.frame);
+    all.push(finding.with(frames.into_iter().chain([distance.last.frame])));
+}
+
+/// Cycles below which their length is not judged.
+const LEAST_CYCLES: u64 = 20;
+/// The part of the longer of two cycles by which they may miss a whole multiple: 5 %.
+const MISMATCH: u64 = 20;
+/// What a clock may be off the reference, ns, before it is told.
+const APART_NS: u32 = 1_000;
+/// A pause of drift frames in which clocks of 50 ppm run apart by 5 us.
+const DRIFT_PAUSE_NS: u128 = 100_000_000;

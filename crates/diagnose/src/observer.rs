@@ -1,0 +1,366 @@
+//! The observer: takes exchanges one by one and keeps what each says, in bounded memory.
+
+use std::time::Duration;
+
+use isocat_captures::pairing::{Exchange, Seen, Tap};
+use isocat_wire::al::{AlControl, AlState, AlStatus, AlStatusCode};
+use isocat_wire::{Command, register};
+
+use crate::access::{Access, accesses, part, shows_answers};
+use crate::clock::Drift;
+use crate::cycle::Cycle;
+use crate::device::{Devices, Whom};
+use crate::known::{Known, Log};
+use crate::phase::{Grid, MOST_GRIDS, Phases};
+use crate::talker::Talkers;
+
+/// Another number of SubDevices was passed.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Reach {
+    pub frame: usize,
+    pub at: Duration,
+    /// SubDevices; `None`: the first ones that were counted.
+    pub from: Option<u16>,
+    pub to: u16,
+    /// Whether the segment was in operation.
+    pub operating: bool,
+}
+
+/// All that the exchanges of a capture say.
+#[derive(Debug)]
+pub(crate) struct Observer {
+    pub devices: Devices,
+    pub drift: Drift,
+    pub cycle: Cycle,
+    pub phases: Phases,
+    pub talkers: Talkers,
+    /// Answers of cyclic frames without a request, in operation.
+    pub doubled: Log<Known<Duration>>,
+    /// How many SubDevices frames passed.
+    pub reach: Log<Reach>,
+    reach_now: Option<u16>,
+    /// Operation since this frame; `None`: no state of operation was seen.
+    pub operation: Option<Known<Duration>>,
+    /// The first frame that asked all devices to leave operation.
+    pub left: Option<Known<Duration>>,
+    /// Some device is in operation, and asked to be.
+    operating: bool,
+    /// Any AL status or AL control was seen.
+    pub states_seen: bool,
+    /// Process data were exchanged before that: the capture begins in operation.
+    began_inside: bool,
+    /// A broadcast has shown that.
+    all_in_op: bool,
+    /// The same, also when all devices have left operation since.
+    pub began_inside_once: bool,
+    grids: Vec<Grid>,
+    /// Exchanges that were looked at.
+    pub exchanges: u64,
+    /// The first and last instant.
+    pub first: Option<Duration>,
+    pub last: Duration,
+    /// Instants that lay before the one of the frame before.
+    pub backwards: u64,
+}
+
+impl Observer {
+    pub fn new() -> Self {
+        Self {
+            devices: Devices::default(),
+            drift: Drift::default(),
+            cycle: Cycle::default(),
+            phases: Phases::default(),
+            talkers: Talkers::default(),
+            doubled: Log::new(256),
+            reach: Log::new(256),
+            reach_now: None,
+            operation: None,
+            left: None,
+            operating: false,
+            states_seen: false,
+            began_inside: false,
+            all_in_op: false,
+            began_inside_once: false,
+            grids: Vec::new(),
+            exchanges: 0,
+            first: None,
+            last: Duration::ZERO,
+            backwards: 0,
+        }
+    }
+
+    /// Takes the next exchange.
+    pub fn exchange(&mut self, tap: Tap, exchange: &Exchange) {
+        let Some(first) = exchange.request.as_ref().or(exchange.answer.as_ref()) else { return };
+        let at = first.at;
+        self.exchanges += 1;
+        self.first.get_or_insert(at);
+        self.backwards += u64::from(at < self.last);
+        self.last = self.last.max(at);
+        self.talkers.frame(first, at);
+        let judged = self.is_judged();
+        let mut begins = false;
+        let mut time = None;
+        let mut together: Vec<(Command, u32)> = Vec::new();
+        for access in accesses(exchange, tap, self.reach_now) {
+            if let Some(passed) = access.passed {
+                self.reached(passed, access.frame, at);
+            }
+            time = self.drift.access(&access, at).or(time);
+            if access.command.is_logical() {
+                begins |= self.cycle.access(&access, at, judged);
+                together.push((access.command, access.header.address));
+            } else {
+                self.access(&access, at, tap);
+            }
+        }
+        if begins && !judged {
+            // The next interval that is judged begins behind this time.
+            self.cycle.rhythm.pause();
+            self.cycle.by_clock.pause();
+        }
+        // The first answer may have its request before the beginning of the capture.
+        let alone = exchange.request.is_none() && self.cycle.rhythm.count > 0;
+        let alone = alone && tap.seen == Seen::Both;
+        if alone && !together.is_empty() && judged {
+            self.doubled.push(Known { value: at, frame: first.number });
+            return;
+        }
+        if begins && judged {
+            let frame = exchange.answer.as_ref().map_or(first.number, |answer| answer.number);
+            self.cycle.begins(at, time, frame, &together);
+            if let Some(time) = time {
+                self.phases.cyclic(&self.grids, time, first.bytes.len(), frame);
+            }
+        }
+    }
+
+    /// Whether what comes now is judged as operation: some device is in OP, or nothing says in
+    /// which state they are.
+    fn is_judged(&self) -> bool {
+        self.operating || self.began_inside || !self.states_seen
+    }
+
+    /// A request for a state, before any device was seen in OP or with an error: what was exchanged
+    /// so far was not operation.
+    fn on_the_way_up(&mut self) {
+        let known = |device: &crate::device::Device| {
+            let mut seen = device.states.changes.kept.iter();
+            seen.any(|seen| seen.error() || seen.status.state() == Ok(AlState::Op))
+        };
+        if !self.all_in_op && !self.devices.list.iter().any(known) {
+            self.began_inside = false;
+            self.began_inside_once = false;
+        }
+    }
+
+    /// A frame says something of the states of devices. `in_op`: all are in OP, and nothing in the
+    /// capture has asked any of them to.
+    fn see_states(&mut self, in_op: bool) {
+        let exchanged = !self.states_seen && self.cycle.rhythm.count >= LEAST_INSIDE;
+        if (exchanged || in_op && self.operation.is_none()) && !self.began_inside_once {
+            self.began_inside = true;
+            self.began_inside_once = true;
+        }
+        self.all_in_op |= in_op;
+        self.states_seen = true;
+    }
+
+    fn reached(&mut self, passed: u16, frame: usize, at: Duration) {
+        let before = self.reach_now.replace(passed);
+        if before != Some(passed) {
+            let operating = self.is_judged();
+            self.reach.push(Reach { frame, at, from: before, to: passed, operating });
+        }
+    }
+
+    fn access(&mut self, access: &Access<'_>, at: Duration, tap: Tap) {
+        match self.devices.whom(access, shows_answers(tap)) {
+            Whom::One(place) => self.of_device(place, access, at, true),
+            Whom::All => {
+                self.asked_all(access);
+                for place in 0..self.devices.list.len() {
+                    self.of_device(place, access, at, false);
+                }
+                self.states_of_all(access, at);
+            }
+            Whom::Unknown => {}
+        }
+        let taken = access.taken() != Some(false);
+        let control = access.written().filter(|_| taken);
+        if control.is_some() && access.covers(register::AL_CONTROL.address, 1) {
+            self.see_states(false);
+            self.on_the_way_up();
+            self.operation_changed(access.frame, at);
+        }
+    }
+
+    fn asked_all(&mut self, access: &Access<'_>) {
+        let written = access.written().filter(|_| access.taken() != Some(false));
+        let address = register::AL_CONTROL.address;
+        let control = written.and_then(|data| low_and_high(access.ado(), data, address));
+        if let Some(control) = control {
+            let value = AlControl(control);
+            self.devices.asked_all = Some(Known { value, frame: access.frame });
+        }
+    }
+
+    /// A datagram at one device; `alone`: no other device answers it.
+    fn of_device(&mut self, place: usize, access: &Access<'_>, at: Duration, alone: bool) {
+        let operating = self.operating;
+        let now = self.drift.time;
+        let device = &mut self.devices.list[place];
+        let first = access.ado();
+        if alone {
+            device.last = access.frame;
+            device.heard(access, at);
+        }
+        let written = access.written().filter(|_| access.taken() != Some(false));
+        if let Some(data) = written {
+            device.image.write(first, data, access.frame);
+            if let Some(control) = low_and_high(first, data, register::AL_CONTROL.address) {
+                device.states.ask(access.frame, at, AlControl(control));
+            }
+        }
+        // What several devices answer is an OR of all of them.
+        let read = access.read().filter(|_| alone);
+        if let Some(data) = read
+            && first != register::SYSTEM_TIME.address
+        {
+            device.image.note(first, data, access.frame);
+        }
+        if written.is_some() || read.is_some() {
+            device.sii.access(access);
+            device.errors.access(access);
+            device.sync.access(access, at, &device.image, now);
+        }
+        if alone {
+            device.mailbox.access(access, &device.image);
+            device.differences.access(access, operating, device.sync.is_on());
+        }
+        if written.is_some() {
+            self.station_written(place, access);
+            self.sync_written(access);
+        }
+        if let Some(data) = read {
+            self.state_read(place, first, data, access.frame, at);
+        }
+    }
+
+    fn station_written(&mut self, place: usize, access: &Access<'_>) {
+        let address = register::STATION_ADDRESS.address;
+        let data = access.written().unwrap_or(&[]);
+        let Some(bytes) = part::<2>(access.ado(), data, address) else { return };
+        match (access.command, u16::from_le_bytes(bytes)) {
+            (Command::Bwr | Command::Brw, _) => self.devices.forget_names(),
+            (_, 0) => {}
+            (_, station) => self.devices.name(place, station, access.frame),
+        }
+    }
+
+    /// SYNC units that were switched: the grids of their pulses.
+    fn sync_written(&mut self, access: &Access<'_>) {
+        let address = register::SYNC_ACTIVATION.address;
+        if access.covers(address, 1) {
+            let grids = self.devices.list.iter().filter_map(|device| device.sync.grid());
+            let mut grids: Vec<Grid> = grids.collect();
+            grids.sort_by_key(|grid| (grid.cycle, grid.phase));
+            grids.dedup();
+            grids.truncate(MOST_GRIDS);
+            self.grids = grids;
+        }
+    }
+
+    fn state_read(&mut self, place: usize, first: u16, data: &[u8], frame: usize, at: Duration) {
+        let status = low_and_high(first, data, register::AL_STATUS.address).map(AlStatus);
+        let code = part::<2>(first, data, register::AL_STATUS_CODE.address);
+        let code = code.map(|bytes| AlStatusCode(u16::from_le_bytes(bytes)));
+        match (status, code) {
+            (Some(status), code) => self.saw(place, status, code, frame, at),
+            (None, Some(code)) => self.devices.list[place].states.see_code(code),
+            (None, None) => {}
+        }
+    }
+
+    /// A broadcast reading of AL status is the OR of all. Where it has the bit of one state alone,
+    /// and all devices answered, each of them is in that state.
+    fn states_of_all(&mut self, access: &Access<'_>, at: Duration) {
+        let Some(data) = access.read().filter(|_| access.command == Command::Brd) else { return };
+        let status = low_and_high(access.ado(), data, register::AL_STATUS.address).map(AlStatus);
+        let Some(status) = status else { return };
+        let is_op = status.0 == AlState::Op as u16;
+        let all = access.passed.is_some() && access.passed == access.wkc();
+        let asked = self.devices.list.iter().any(|device| device.states.asked.is_some());
+        self.see_states(is_op && all && !asked && self.devices.asked_all.is_none());
+        if all && matches!(status.0, 1 | 2 | 4 | 8) {
+            for place in 0..self.devices.list.len() {
+                self.saw(place, status, None, access.frame, at);
+            }
+        }
+    }
+
+    fn saw(
+        &mut self,
+        place: usize,
+        status: AlStatus,
+        code: Option<AlStatusCode>,
+        frame: usize,
+        at: Duration,
+    ) {
+        self.see_states(false);
+        let states = &mut self.devices.list[place].states;
+        let before = states.now();
+        states.see(frame, at, status, code);
+        if before == Some(status) {
+            return;
+        }
+        let enters = status.state() == Ok(AlState::Op);
+        if enters && states.op.is_none() {
+            states.op = Some(Known { value: at, frame });
+            self.entered(frame, at);
+        }
+        self.operation_changed(frame, at);
+    }
+
+    /// One more device is in OP for the first time: until all are, operation begins anew.
+    fn entered(&mut self, frame: usize, at: Duration) {
+        if self.began_inside {
+            return;
+        }
+        self.operation = Some(Known { value: at, frame });
+        self.cycle.restart();
+        self.phases = Phases::default();
+        self.doubled = Log::new(256);
+        self.drift.restart();
+    }
+
+    fn operation_changed(&mut self, frame: usize, at: Duration) {
+        let operates = self.devices.list.iter().any(|device| {
+            let op = AlState::Op;
+            let asked = device.states.asked.is_none_or(|asked| asked.value.state() == Ok(op));
+            device.states.op.is_some() && asked
+        });
+        let leave = |device: &crate::device::Device| {
+            device.states.asked.is_some_and(|asked| asked.value.state() != Ok(AlState::Op))
+        };
+        if self.devices.list.iter().all(leave) {
+            self.began_inside = false;
+        }
+        if self.operating && !operates {
+            self.left = Some(Known { value: at, frame });
+            self.cycle.rhythm.pause();
+            self.cycle.by_clock.pause();
+        }
+        self.operating = operates;
+    }
+}
+
+/// Cycles before the first word of states from which on a capture is taken to begin in operation.
+const LEAST_INSIDE: u64 = 20;
+
+/// A register of two bytes, of which some write or read the lower one alone.
+fn low_and_high(first: u16, data: &[u8], address: u16) -> Option<u16> {
+    let [low] = part::<1>(first, data, address)?;
+    let high = part::<1>(first, data, address + 1).map_or(0, |[high]| high);
+    Some(u16::from_le_bytes([low, high]))
+}

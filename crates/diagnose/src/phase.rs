@@ -1,0 +1,186 @@
+//! Where cyclic frames lie against SYNC0, in the time of the reference clock.
+//!
+//! A drift datagram (FRMW, ARMW) brings the reference's system time at the instant at which its
+//! frame reached the reference. SYNC0 comes at the start time and each cycle after it, in the same
+//! time. So the distance from a frame to the next SYNC0 is known to the clock's 10 ns, whatever the
+//! stamps of the capture are worth.
+
+use isocat_wire::frame;
+
+use crate::known::Known;
+
+/// Devices whose SYNC0 comes at the same instants.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Grid {
+    /// From one SYNC0 to the next, ns; not 0.
+    pub cycle: u64,
+    /// A SYNC0 came at this system time, ns, less whole cycles.
+    pub phase: u64,
+}
+
+impl Grid {
+    /// The grid of a SYNC unit that starts at `start`.
+    pub fn new(cycle: u32, start: u64) -> Option<Self> {
+        let cycle = u64::from(cycle);
+        Some(Self { cycle, phase: start.checked_rem(cycle)? })
+    }
+
+    /// From `at` to the next SYNC0, ns: 0 to `cycle` - 1.
+    pub fn ahead(self, at: u64) -> u64 {
+        let since = (at % self.cycle + self.cycle - self.phase) % self.cycle;
+        (self.cycle - since) % self.cycle
+    }
+}
+
+/// From the end of cyclic frames at the reference clock to the next SYNC0 of a grid.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Distance {
+    pub grid: Grid,
+    /// Frames that were measured.
+    pub count: u64,
+    /// Shortest and longest distance, ns. They go on below 0 and beyond the cycle where frames
+    /// wander past SYNC0.
+    pub shortest: Known<i64>,
+    pub longest: Known<i64>,
+    /// The first and the last one.
+    pub first: Known<i64>,
+    pub last: Known<i64>,
+    /// A mean of the last few.
+    recent: i64,
+    /// Frames whose distance was below 0 or not below the cycle, and the first of them.
+    pub outside: u64,
+    pub first_outside: Option<Known<i64>>,
+    sum: i128,
+}
+
+impl Distance {
+    fn new(grid: Grid, ns: i64, frame: usize) -> Self {
+        let known = Known { value: ns, frame };
+        Self {
+            grid,
+            count: 1,
+            shortest: known,
+            longest: known,
+            first: known,
+            last: known,
+            recent: ns,
+            outside: 0,
+            first_outside: None,
+            sum: ns.into(),
+        }
+    }
+
+    fn push(&mut self, ns: i64, frame: usize) {
+        let cycle = self.grid.cycle as i64;
+        // In the neighbourhood of the last few, so that frames that wander through the cycle go on.
+        // Hosts are late rather than early: a frame is taken as late by three quarters of a cycle
+        // at most, or early by one.
+        let turns = (self.recent - ns + cycle / 4).div_euclid(cycle);
+        let ns = ns + turns * cycle;
+        self.recent += (ns - self.recent) / 4;
+        let known = Known { value: ns, frame };
+        self.count += 1;
+        self.sum += i128::from(ns);
+        self.last = known;
+        if ns < self.shortest.value {
+            self.shortest = known;
+        }
+        if ns > self.longest.value {
+            self.longest = known;
+        }
+        if !(0..cycle).contains(&ns) {
+            self.outside += 1;
+            self.first_outside.get_or_insert(known);
+        }
+    }
+
+    /// Whether frames went through half a cycle and on in one direction: they do not follow the
+    /// reference clock.
+    pub fn slides(&self) -> bool {
+        let way = self.last.value - self.first.value;
+        let cycle = self.grid.cycle as i64;
+        // A jump goes its way in a few cycles; what slides is in the middle of its way in the
+        // middle of the time.
+        let middle = self.mean() - self.first.value;
+        way.abs() > cycle / 2 && (middle - way / 2).abs() < way.abs() / 4
+    }
+
+    /// The mean, ns.
+    pub fn mean(&self) -> i64 {
+        (self.sum / i128::from(self.count)) as i64
+    }
+}
+
+/// The distances of all grids since operation began.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Phases {
+    pub grids: Vec<Distance>,
+}
+
+impl Phases {
+    /// A cyclic frame of `len` bytes reached the reference at system time `at`.
+    pub fn cyclic(&mut self, grids: &[Grid], at: u64, len: usize, frame: usize) {
+        let end = at.wrapping_add(frame::duration_ns(len));
+        for grid in grids {
+            let ns = grid.ahead(end) as i64;
+            match self.grids.iter().position(|distance| distance.grid == *grid) {
+                Some(place) => self.grids[place].push(ns, frame),
+                None if self.grids.len() < MOST_GRIDS => {
+                    self.grids.push(Distance::new(*grid, ns, frame));
+                }
+                None => {}
+            }
+        }
+    }
+
+    /// The distances of one grid.
+    pub fn of(&self, grid: Grid) -> Option<&Distance> {
+        self.grids.iter().find(|distance| distance.grid == grid)
+    }
+}
+
+/// Grids that are told apart.
+pub(crate) const MOST_GRIDS: usize = 64;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_next_pulse() {
+        let grid = Grid::new(1000, 12_300).expect("a cycle");
+        for (at, ahead) in [(300, 0), (299, 1), (301, 999), (1_300, 0), (12_800, 500)] {
+            assert_eq!(grid.ahead(at), ahead, "{at}");
+        }
+        assert_eq!(Grid::new(0, 7), None);
+    }
+
+    #[test]
+    fn frames_that_wander_past_sync0_go_on() {
+        let grid = Grid::new(1_000_000, 0).expect("a cycle");
+        let mut phases = Phases::default();
+        for cycle in 0..2000_u64 {
+            // 1 us later in each cycle, from 500 us before SYNC0 on.
+            phases.cyclic(&[grid], cycle * 1_001_000 + 500_000, 60, cycle as usize);
+        }
+        let distance = phases.of(grid).expect("measured");
+        let duration = frame::duration_ns(60) as i64;
+        assert_eq!(distance.first.value, 500_000 - duration);
+        assert_eq!(distance.last.value, 500_000 - duration - 1_999_000);
+        assert_eq!(distance.first_outside.map(|k| k.frame), Some(495));
+        assert_eq!((distance.count, distance.outside), (2000, 1505));
+    }
+
+    #[test]
+    fn a_late_frame_alone_is_not_one_of_the_next_cycle() {
+        let grid = Grid::new(1_000_000, 0).expect("a cycle");
+        let mut phases = Phases::default();
+        for cycle in 0..100_u64 {
+            let late = if cycle == 50 { 300_000 } else { 0 };
+            phases.cyclic(&[grid], cycle * 1_000_000 + 800_000 + late, 60, cycle as usize);
+        }
+        let distance = phases.of(grid).expect("measured");
+        assert_eq!((distance.outside, distance.shortest.frame), (1, 50));
+        assert_eq!(distance.shortest.value, -100_000 - frame::duration_ns(60) as i64);
+    }
+}

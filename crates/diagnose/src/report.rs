@@ -1,0 +1,291 @@
+//! What a diagnosis says, for programs and for people.
+
+use std::time::Duration;
+
+use isocat_captures::pairing::{Seen as TapSeen, Tally as Pairs, Tap};
+
+use crate::access::shows_answers;
+use crate::files::Files;
+use crate::finding::{Finding, Sure, Weight};
+use crate::observer::Observer;
+use crate::{clock, cycle, judge, words};
+
+mod device;
+mod document;
+mod text;
+mod unknown;
+
+pub use device::*;
+pub use document::*;
+
+/// Version of the document; changes whenever a reader could be misled by an older schema.
+pub const FORMAT: &str = "isocat-diagnose/1";
+
+/// JSON schema of the document, draft 2020-12.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(DiagnoseReport).to_value()
+}
+
+/// Makes the document.
+pub(crate) fn report(
+    files: &Files,
+    observer: &Observer,
+    pairs: Pairs,
+    tap: Option<Tap>,
+    names: &dyn Fn(Option<u16>, u32, u32) -> Option<String>,
+) -> DiagnoseReport {
+    let order = order(observer);
+    let findings = tap.map_or(Vec::new(), |tap| judge::findings(observer, tap));
+    let builder = Builder { files, observer, order };
+    let devices: Vec<DeviceReport> = (0..builder.order.len())
+        .map(|at| device::report(&builder, builder.order[at], names))
+        .collect();
+    let findings: Vec<FindingReport> =
+        findings.iter().map(|finding| builder.finding(finding, &devices)).collect();
+    let mut report = DiagnoseReport {
+        format: FORMAT,
+        version: env!("CARGO_PKG_VERSION"),
+        verdict: Verdict { kind: VerdictKind::NothingFound, sentence: String::new() },
+        captures: files.reports(),
+        frames: builder.frames(pairs),
+        tap: tap.map(tap_report),
+        findings,
+        devices,
+        reach: builder.reach(),
+        clock: builder.clock(),
+        cycle: builder.cycle(),
+        unknown: Vec::new(),
+    };
+    report.unknown = unknown::unknown(&report, tap.is_some_and(shows_answers));
+    report.unknown.extend(left_out(observer));
+    report.verdict = report.judge();
+    report
+}
+
+/// What there was no room for.
+fn left_out(observer: &Observer) -> impl Iterator<Item = String> {
+    let all = [
+        (observer.devices.left_out, "accesses to further devices"),
+        (observer.cycle.left_out, "frames with further logical datagrams"),
+        (observer.talkers.others, "frames of further source addresses"),
+    ];
+    let all = all.into_iter().filter(|(count, _)| *count > 0);
+    all.map(|(count, what)| format!("what is in {count} {what}: more than are kept apart"))
+}
+
+impl DiagnoseReport {
+    /// Whether a fault was found.
+    pub fn found(&self) -> bool {
+        self.verdict.kind == VerdictKind::Found
+    }
+
+    fn judge(&self) -> Verdict {
+        let faults: Vec<&FindingReport> =
+            self.findings.iter().filter(|one| one.weight == WeightKind::Fault).collect();
+        let measured: Vec<&Distance> =
+            self.devices.iter().filter_map(|device| device.distance.as_ref()).collect();
+        let frames = measured.iter().map(|distance| distance.frames).max().unwrap_or(0);
+        let (kind, sentence) = match (faults.first(), frames) {
+            (Some(first), _) => {
+                let more = match faults.len() - 1 {
+                    0 => String::new(),
+                    1 => "; one more fault was found".to_owned(),
+                    more => format!("; {more} more faults were found"),
+                };
+                let sentence =
+                    format!("First at {}: {}{more}.", self.frame(first.frame), first.what);
+                (VerdictKind::Found, sentence)
+            }
+            (None, 1..) => {
+                let least = measured.iter().map(|distance| distance.shortest_ns.value).min();
+                let sentence = format!(
+                    "In sync as far as the capture shows it: {frames} cyclic frames came before their SYNC0 at {} devices, {} before it at least.",
+                    measured.len(),
+                    words::ns(least.unwrap_or(0).max(0) as u64)
+                );
+                (VerdictKind::InSync, sentence)
+            }
+            (None, 0) => {
+                let sentence = "No fault was found; whether devices were in sync is not known.";
+                (VerdictKind::NothingFound, sentence.to_owned())
+            }
+        };
+        Verdict { kind, sentence }
+    }
+
+    /// `frame 17`; with several captures `frame 17 of b.pcapng`.
+    pub(crate) fn frame(&self, at: FrameRef) -> String {
+        match self.captures.get(at.capture) {
+            Some(capture) if self.captures.len() > 1 => {
+                format!("frame {} of {}", at.frame, capture.name)
+            }
+            _ => format!("frame {}", at.frame),
+        }
+    }
+}
+
+/// Places of the observer's devices in the order of the document.
+fn order(observer: &Observer) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..observer.devices.list.len()).collect();
+    order.sort_by_key(|place| {
+        let device = &observer.devices.list[*place];
+        (device.position.is_none(), device.position, *place)
+    });
+    order
+}
+
+/// What all parts of the document are made of.
+pub(crate) struct Builder<'a> {
+    pub files: &'a Files,
+    pub observer: &'a Observer,
+    /// Places of devices in the observer's list, by their place in the document.
+    pub order: Vec<usize>,
+}
+
+impl Builder<'_> {
+    /// The place of a device in the document.
+    fn place(&self, place: usize) -> Option<usize> {
+        self.order.iter().position(|known| *known == place)
+    }
+
+    fn at_ns(&self, at: Duration) -> u64 {
+        let first = self.observer.first.unwrap_or_default();
+        u64::try_from(at.saturating_sub(first).as_nanos()).unwrap_or(u64::MAX)
+    }
+
+    fn finding(&self, finding: &Finding, devices: &[DeviceReport]) -> FindingReport {
+        let name = |place: usize| {
+            let device = self.place(place).and_then(|place| devices.get(place));
+            device.map_or(String::new(), DeviceReport::title)
+        };
+        let subject = finding.device.map_or("the segment".to_owned(), name);
+        let mut evidence: Vec<FrameRef> =
+            finding.frames.iter().map(|frame| self.files.place(*frame)).collect();
+        evidence.sort_unstable();
+        evidence.dedup();
+        FindingReport {
+            kind: finding.kind.name(),
+            weight: match finding.kind.weight() {
+                Weight::Fault => WeightKind::Fault,
+                Weight::Warning => WeightKind::Warning,
+                Weight::Note => WeightKind::Note,
+            },
+            sure: match finding.sure {
+                Sure::Shown => SureKind::Shown,
+                Sure::Likely => SureKind::Likely,
+            },
+            device: finding.device.and_then(|place| self.place(place)),
+            what: words::what(&finding.kind, &subject, name),
+            frame: self.files.place(finding.frame),
+            at_ns: finding.at.map(|at| self.at_ns(at)),
+            evidence,
+            remedies: words::remedies(&finding.kind),
+        }
+    }
+
+    fn frames(&self, pairs: Pairs) -> FramesReport {
+        let sources = self.observer.talkers.list.iter().map(|talker| SourceReport {
+            address: words::mac(talker.address),
+            frames: talker.frames,
+            first: self.files.place(talker.first),
+        });
+        FramesReport {
+            pairs: pairs.pairs,
+            unanswered: pairs.unanswered,
+            answers_alone: pairs.answers_alone,
+            duplicates: pairs.duplicates,
+            elsewhere: pairs.elsewhere,
+            broken: pairs.broken,
+            foreign: pairs.foreign,
+            span_ns: self.at_ns(self.observer.last),
+            backwards: self.observer.backwards,
+            sources: sources.collect(),
+        }
+    }
+
+    fn reach(&self) -> Vec<ReachReport> {
+        let reach = self.observer.reach.kept.iter();
+        reach
+            .map(|reach| ReachReport { subdevices: reach.to, frame: self.files.place(reach.frame) })
+            .collect()
+    }
+
+    fn clock(&self) -> Option<ClockReport> {
+        let drift = &self.observer.drift;
+        let reference = drift.reference?.value;
+        Some(ClockReport {
+            command: drift.command?.name(),
+            reference: judge::reference(self.observer).and_then(|place| self.place(place)),
+            address: match reference {
+                clock::Reference::Station(address) | clock::Reference::Position(address) => address,
+            },
+            frames: drift.count,
+            first: self.files.place(drift.first?.frame),
+            last: self.files.place(drift.last?.frame),
+            bytes: drift.bytes,
+            longest_gap_ns: drift
+                .gap
+                .filter(|_| self.observer.operation.is_some())
+                .map(|gap| gap.value.as_nanos() as u64),
+            changes: drift.changes,
+        })
+    }
+
+    fn cycle(&self) -> Option<CycleReport> {
+        let cycle = &self.observer.cycle;
+        if cycle.logical.is_empty() {
+            return None;
+        }
+        Some(CycleReport {
+            operation: self.observer.operation.map(|known| self.files.place(known.frame)),
+            by_stamps: self.rhythm(&cycle.rhythm),
+            by_clock: self.rhythm(&cycle.by_clock),
+            transmissions: cycle.logical.iter().map(|one| self.transmission(one)).collect(),
+        })
+    }
+
+    fn rhythm(&self, rhythm: &cycle::Rhythm) -> Option<RhythmReport> {
+        let (shortest, longest) = (rhythm.shortest()?, rhythm.longest.first()?);
+        let shown = |value, frame| Shown { value, frame: self.files.place(frame) };
+        Some(RhythmReport {
+            count: rhythm.count,
+            mean_ns: rhythm.mean()?,
+            median_ns: rhythm.median()?,
+            most_99_ns: rhythm.share(100)?,
+            shortest_ns: shown(shortest.value, shortest.frame),
+            longest_ns: shown(longest.ns, longest.frame),
+        })
+    }
+
+    fn transmission(&self, logical: &cycle::Logical) -> TransmissionReport {
+        let devices = self.observer.devices.list.iter();
+        let computed: u16 = devices.map(|device| judge::cyclic::share(logical, device)).sum();
+        let usual = logical.usual();
+        let low = usual.map(|usual| logical.counts.range(..usual).map(|(_, times)| times).sum());
+        TransmissionReport {
+            command: logical.command.name(),
+            address: logical.address,
+            bytes: logical.len,
+            frames: logical.frames,
+            first: self.files.place(logical.first),
+            usual_working_counter: usual,
+            computed_working_counter: (computed > 0).then_some(computed),
+            low: low.unwrap_or(0),
+            lost: logical.lost.count,
+        }
+    }
+}
+
+fn tap_report(tap: Tap) -> TapReport {
+    TapReport {
+        seen: match tap.seen {
+            TapSeen::Both => SeenKind::Both,
+            TapSeen::Out => SeenKind::Out,
+            TapSeen::Back => SeenKind::Back,
+        },
+        marked: tap.marked,
+        behind: tap.behind,
+        interface: tap.interface,
+        ring: tap.ring.is_some(),
+    }
+}

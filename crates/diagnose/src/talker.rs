@@ -1,0 +1,57 @@
+//! Where frames come from: source addresses, as the MainDevice has them.
+
+use std::time::Duration;
+
+use isocat_captures::reading::Frame;
+use isocat_wire::frame::LOCALLY_ADMINISTERED;
+
+/// Frames of one source address.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Talker {
+    /// Without the bit that the first SubDevice sets.
+    pub address: [u8; 6],
+    pub frames: u64,
+    /// How often a frame of it followed one of another.
+    pub turns: u64,
+    pub first: usize,
+    pub last: usize,
+    pub last_at: Duration,
+}
+
+/// All of them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Talkers {
+    pub list: Vec<Talker>,
+    /// Frames of further ones.
+    pub others: u64,
+    last: Option<[u8; 6]>,
+}
+
+impl Talkers {
+    /// A frame as it was first seen.
+    pub fn frame(&mut self, frame: &Frame, at: Duration) {
+        let Some(source) = frame.bytes.get(6..12) else { return };
+        let mut address = [0; 6];
+        address.copy_from_slice(source);
+        address[0] &= !LOCALLY_ADMINISTERED;
+        let number = frame.number;
+        let turn = self.last.replace(address) != Some(address);
+        match self.list.iter().position(|talker| talker.address == address) {
+            Some(place) => {
+                let talker = &mut self.list[place];
+                talker.frames += 1;
+                talker.turns += u64::from(turn);
+                talker.last = number;
+                talker.last_at = at;
+            }
+            None if self.list.len() < MOST_TALKERS => {
+                let (first, last) = (number, number);
+                self.list.push(Talker { address, frames: 1, turns: 1, first, last, last_at: at });
+            }
+            None => self.others += 1,
+        }
+    }
+}
+
+/// Source addresses that are told apart.
+const MOST_TALKERS: usize = 16;

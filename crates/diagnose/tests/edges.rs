@@ -1,0 +1,424 @@
+//! Each finding at its edge: on one side of it nothing is found, on the other, one step further, it
+//! is. The captures are made by hand, with what one device and its MainDevice would say.
+
+use isocat_diagnose::{DiagnoseReport, Diagnosis, Names};
+use isocat_wire::coe::{self, Service, sdo};
+use isocat_wire::datagram::Address;
+use isocat_wire::frame::{FrameWriter, duration_ns};
+use isocat_wire::mailbox::{self, Protocol};
+use isocat_wire::{AutoIncrementAddress, Command, ObjectAddress, StationAddress};
+
+const CYCLE: u64 = 1_000_000;
+const STATION: u16 = 0x1001;
+/// System time of the reference when SYNC is switched on.
+const NOW: u64 = 5_000_000_000;
+
+/// What the segment of one device does.
+#[derive(Clone)]
+struct Setup {
+    /// SYNC0 start time.
+    start: u64,
+    /// From the start of a frame at the device to the next SYNC0.
+    ahead: u64,
+    /// 0x1C32:01, :05 and :06.
+    mode: u16,
+    minimum: u32,
+    copy: u32,
+    /// 0x0400 and 0x0420.
+    divider: u16,
+    watchdog: u16,
+    /// 0x092C in operation.
+    difference: u32,
+    /// Cycle 50 comes so much later than it should, in the time of the reference.
+    late: u64,
+    /// Each cycle comes so much later than the one before, beside its length.
+    drift: i64,
+    /// Cyclic frames have the reference's time.
+    led: bool,
+    /// A pause of cyclic frames by the stamps, behind cycle 60.
+    pause_us: u64,
+    /// SYNC0 cycle in the place of the frames' own.
+    cycle: u64,
+    /// 0x0920 is written, and SYNC is switched on before SAFEOP.
+    offset: bool,
+    in_preop: bool,
+    /// AssignActivate.
+    sync: [u8; 2],
+    /// AL status and code that are read after cycle 70.
+    status: [u8; 6],
+    /// AL control that is written before that.
+    control: Option<u8>,
+    /// Frames of another source, one after each of the last cycles.
+    strangers: usize,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self {
+            start: NOW + 100 * CYCLE,
+            ahead: CYCLE / 2,
+            mode: 2,
+            minimum: 100_000,
+            copy: 50_000,
+            divider: 2498,
+            watchdog: 1000,
+            difference: 0,
+            late: 0,
+            drift: 0,
+            led: true,
+            pause_us: 0,
+            cycle: CYCLE,
+            offset: true,
+            in_preop: true,
+            sync: [0, 3],
+            status: [8, 0, 0, 0, 0, 0],
+            control: None,
+            strangers: 0,
+        }
+    }
+}
+
+/// A datagram: command, address, data on the way out, data on the way back, working counter.
+type Sent<'a> = (Command, Address, &'a [u8], &'a [u8], u16);
+
+/// A pcap file in the making.
+struct Wire {
+    file: Vec<u8>,
+    micros: u64,
+    index: u8,
+}
+
+impl Wire {
+    fn new() -> Self {
+        let mut file = 0xA1B2_C3D4_u32.to_le_bytes().to_vec();
+        file.extend([2, 0, 4, 0]);
+        file.extend([0; 8]);
+        file.extend(0xFFFF_u32.to_le_bytes());
+        file.extend(1_u32.to_le_bytes());
+        Self { file, micros: 0, index: 0 }
+    }
+
+    /// A frame goes out and comes back 20 us later.
+    fn exchange(&mut self, list: &[Sent<'_>]) -> usize {
+        self.exchange_of(0x10, list)
+    }
+
+    fn exchange_of(&mut self, source: u8, list: &[Sent<'_>]) -> usize {
+        self.index = self.index.wrapping_add(1);
+        let mut len = 0;
+        for back in [false, true] {
+            let mut buffer = [0; 1514];
+            let mark = if back { 2 } else { 0 };
+            let mut writer = FrameWriter::new(&mut buffer, [source | mark, 1, 2, 3, 4, 5]);
+            let mut ends = Vec::new();
+            for (command, address, out, answer, wkc) in list {
+                let data = if back { answer } else { out };
+                let at = writer.push(*command, self.index, *address, data).expect("room");
+                ends.push((at, data.len(), command.increments_position(), *wkc));
+            }
+            len = writer.finish();
+            for (at, data, counts, wkc) in ends.into_iter().filter(|_| back) {
+                buffer[at + data..at + data + 2].copy_from_slice(&wkc.to_le_bytes());
+                if counts {
+                    // One device is passed.
+                    let position = u16::from_le_bytes([buffer[at - 8], buffer[at - 7]]);
+                    let position = position.wrapping_add(1).to_le_bytes();
+                    buffer[at - 8..at - 6].copy_from_slice(&position);
+                }
+            }
+            self.packet(&buffer[..len]);
+            self.micros += 20;
+        }
+        len
+    }
+
+    fn packet(&mut self, bytes: &[u8]) {
+        for number in [self.micros / 1_000_000, self.micros % 1_000_000] {
+            self.file.extend((number as u32).to_le_bytes());
+        }
+        for _ in 0..2 {
+            self.file.extend((bytes.len() as u32).to_le_bytes());
+        }
+        self.file.extend(bytes);
+    }
+
+    fn write(&mut self, address: u16, data: &[u8]) {
+        let to = Address::Station(StationAddress(STATION), address);
+        self.exchange(&[(Command::Fpwr, to, data, data, 1)]);
+    }
+
+    fn read(&mut self, address: u16, data: &[u8]) {
+        let to = Address::Station(StationAddress(STATION), address);
+        self.exchange(&[(Command::Fprd, to, &vec![0; data.len()], data, 1)]);
+    }
+
+    /// An SDO message in one of the mailboxes.
+    fn mail(&mut self, service: Service, initiate: sdo::Initiate) -> Vec<u8> {
+        let mut data = mailbox::Header::new(10, 0, Protocol::COE, 1).emit().to_vec();
+        data.extend(coe::Header::new(service).emit());
+        data.extend(initiate.emit());
+        data.resize(64, 0);
+        data
+    }
+
+    /// The MainDevice reads an entry, or writes it.
+    fn sdo(&mut self, index: u16, sub: u8, value: &[u8], written: bool) {
+        let object = ObjectAddress::new(index, sub);
+        let mut data = [0; 4];
+        data[..value.len()].copy_from_slice(value);
+        let (request, answer) = match written {
+            true => (
+                sdo::Command::download_expedited(value.len(), false),
+                sdo::Command::download_response(false),
+            ),
+            false => (
+                sdo::Command::upload_request(false),
+                sdo::Command::upload_expedited(value.len(), false),
+            ),
+        };
+        let out =
+            sdo::Initiate { command: request, object, data: if written { data } else { [0; 4] } };
+        let back =
+            sdo::Initiate { command: answer, object, data: if written { [0; 4] } else { data } };
+        let out = self.mail(Service::SDO_REQUEST, out);
+        let back = self.mail(Service::SDO_RESPONSE, back);
+        self.write(0x1000, &out);
+        self.read(0x1080, &back);
+    }
+
+    /// A cyclic frame that reaches the device at this system time.
+    fn cycle(&mut self, at: u64, led: bool) -> usize {
+        let time = Address::Station(StationAddress(STATION), 0x0910);
+        let exchanged = (Command::Lrw, Address::Logical(0), &[1_u8, 2][..], &[1_u8, 2][..], 3);
+        match led {
+            true => {
+                let time = (Command::Frmw, time, &[0_u8; 8][..], &at.to_le_bytes()[..], 1);
+                self.exchange(&[time, exchanged])
+            }
+            false => self.exchange(&[exchanged]),
+        }
+    }
+}
+
+impl Setup {
+    fn report(&self) -> DiagnoseReport {
+        let mut wire = Wire::new();
+        let first = Address::Position(AutoIncrementAddress(0), 0x0010);
+        let station = STATION.to_le_bytes();
+        wire.exchange(&[(Command::Apwr, first, &station, &station, 1)]);
+        wire.read(0x0130, &[1, 0, 0, 0, 0, 0]);
+        wire.write(0x0800, &[0x00, 0x10, 64, 0, 0x26, 0, 1, 0, 0x80, 0x10, 64, 0, 0x22, 0, 1, 0]);
+        wire.write(0x0120, &[2, 0]);
+        wire.read(0x0130, &[2, 0, 0, 0, 0, 0]);
+        wire.sdo(0x1C32, 1, &self.mode.to_le_bytes(), true);
+        wire.sdo(0x1C32, 5, &self.minimum.to_le_bytes(), false);
+        wire.sdo(0x1C32, 6, &self.copy.to_le_bytes(), false);
+        wire.write(0x0810, &[0x00, 0x11, 2, 0, 0x64, 0, 1, 0]);
+        wire.write(0x0400, &self.divider.to_le_bytes());
+        wire.write(0x0420, &self.watchdog.to_le_bytes());
+        let time = Address::Station(StationAddress(STATION), 0x0910);
+        if self.led {
+            wire.exchange(&[(Command::Frmw, time, &[0; 8], &NOW.to_le_bytes(), 1)]);
+        }
+        if self.offset {
+            wire.write(0x0920, &[0; 8]);
+        }
+        if !self.in_preop {
+            wire.write(0x0120, &[4, 0]);
+            wire.read(0x0130, &[4, 0, 0, 0, 0, 0]);
+        }
+        wire.write(0x09A0, &(self.cycle as u32).to_le_bytes());
+        wire.write(0x0990, &self.start.to_le_bytes());
+        wire.write(0x0980, &self.sync);
+        wire.read(0x0984, &[0]);
+        wire.write(0x0120, &[4, 0]);
+        wire.read(0x0130, &[4, 0, 0, 0, 0, 0]);
+        wire.write(0x0120, &[8, 0]);
+        wire.read(0x0130, &[8, 0, 0, 0, 0, 0]);
+        self.operate(&mut wire);
+        let mut diagnosis = Diagnosis::new();
+        diagnosis.read("made", &wire.file[..]).expect("a capture");
+        diagnosis.report(&Names::default()).expect("EtherCAT")
+    }
+
+    fn operate(&self, wire: &mut Wire) {
+        let first = self.start + 100 * CYCLE - self.ahead;
+        let begin = wire.micros + 1000;
+        for cycle in 0..100 {
+            let pause = if cycle > 60 { self.pause_us } else { 0 };
+            wire.micros = begin + cycle * 1000 + pause;
+            let late = if cycle == 50 { self.late } else { 0 };
+            let slid = self.drift * cycle as i64;
+            let at = (first + cycle * CYCLE + late).wrapping_add_signed(slid);
+            wire.cycle(at, self.led);
+            if cycle == 40 {
+                wire.read(0x092C, &self.difference.to_le_bytes());
+            }
+            if cycle == 70 {
+                if let Some(control) = self.control {
+                    wire.write(0x0120, &[control, 0]);
+                }
+                wire.read(0x0130, &self.status);
+            }
+            if cycle as usize + self.strangers >= 100 {
+                let all = Address::Broadcast(0x0130);
+                wire.exchange_of(0x20, &[(Command::Brd, all, &[0, 0], &[8, 0], 1)]);
+            }
+        }
+    }
+
+    fn found(&self) -> Vec<&'static str> {
+        self.report().findings.iter().map(|finding| finding.kind).collect()
+    }
+}
+
+/// Nothing is found in one segment, and this kind first in the other.
+fn edge(good: Setup, bad: Setup, kind: &str) {
+    assert_eq!(good.found(), [""; 0], "the good side of {kind}: {}", good.report().text());
+    let report = bad.report();
+    assert_eq!(bad.found().first(), Some(&kind), "{}", report.text());
+    let finding = &report.findings[0];
+    assert!(finding.frame.frame > 0 && !finding.what.is_empty() && !finding.remedies.is_empty());
+}
+
+/// From the first to the last bit of the cyclic frame.
+fn duration() -> u64 {
+    duration_ns(Wire::new().cycle(0, true))
+}
+
+#[test]
+fn the_good_segment() {
+    let report = Setup::default().report();
+    assert_eq!(Setup::default().found(), [""; 0], "{}", report.text());
+    let device = &report.devices[0];
+    let distance = device.distance.as_ref().expect("measured");
+    let expected = (CYCLE / 2 - duration()) as i64;
+    assert_eq!((distance.shortest_ns.value, distance.longest_ns.value), (expected, expected));
+    assert_eq!(distance.frames, 100);
+    assert_eq!((device.position, device.state.as_deref()), (Some(0), Some("OP")));
+    assert_eq!(device.watchdog_ns, Some(100_000_000));
+    let mailbox = device.mailbox.as_ref().expect("messages");
+    let values: Vec<_> = mailbox.sync_objects.iter().map(|one| (one.sub, one.value)).collect();
+    assert_eq!(values, [(1, 2), (5, 100_000), (6, 50_000)]);
+    assert_eq!((mailbox.transfers, mailbox.by_content), (3, false));
+}
+
+#[test]
+fn copy_time() {
+    let left = (CYCLE / 2 - duration()) as u32;
+    let good = Setup { copy: left, ..Setup::default() };
+    edge(good, Setup { copy: left + 1, ..Setup::default() }, "copy-time-not-kept");
+    // Outputs that act at SYNC1, or with the frame, need none.
+    let at_sync1 = Setup { copy: left + 1, mode: 3, sync: [0, 7], ..Setup::default() };
+    assert_eq!(at_sync1.found(), [""; 0]);
+}
+
+#[test]
+fn minimum_cycle() {
+    let of = |minimum: u64| Setup { minimum: minimum as u32, ..Setup::default() };
+    edge(of(CYCLE), of(CYCLE + 1), "cycle-below-minimum");
+}
+
+#[test]
+fn what_was_forgotten() {
+    let good = Setup::default();
+    edge(good.clone(), Setup { offset: false, ..good.clone() }, "offset-not-written");
+    edge(good.clone(), Setup { in_preop: false, ..good }, "sync-after-safeop");
+}
+
+/// Half of the frames' cycle is right, and so is twice of it; 5 % beside it is the edge.
+#[test]
+fn cycles_that_do_not_fit() {
+    let of = |cycle| Setup { cycle, led: true, copy: 0, minimum: 0, ..Setup::default() };
+    for cycle in [CYCLE / 2, 2 * CYCLE] {
+        assert!(!of(cycle).found().contains(&"cycle-mismatch"), "{cycle}");
+    }
+    // Twice 475 000 ns is 5 % short of the frames' cycle.
+    for (cycle, found) in [(CYCLE / 40 * 19, false), (CYCLE / 40 * 19 - 1, true)] {
+        assert_eq!(of(cycle).found().contains(&"cycle-mismatch"), found, "{cycle}");
+    }
+}
+
+#[test]
+fn start_time() {
+    let of = |start| Setup { start, ..Setup::default() };
+    edge(of(NOW), of(NOW - 1), "start-in-past");
+}
+
+#[test]
+fn clocks_apart() {
+    let of = |difference| Setup { difference, ..Setup::default() };
+    edge(of(1000), of(1001), "clocks-apart");
+    // Whatever the sign.
+    edge(of(0x8000_0000 | 1000), of(0x8000_0000 | 1001), "clocks-apart");
+}
+
+#[test]
+fn watchdog() {
+    // Steps of 80 ns.
+    let of = |watchdog| Setup { divider: 0, watchdog, ..Setup::default() };
+    edge(of(12_501), of(12_500), "watchdog-below-cycle");
+    assert_eq!(of(0).found(), [""; 0], "a watchdog that is off is none");
+}
+
+#[test]
+fn skipped_cycles() {
+    // SYNC0 close behind: half a cycle later a frame is still before it.
+    let of = |late| Setup { late, ahead: CYCLE - 1000, copy: 1000, ..Setup::default() };
+    edge(of(CYCLE / 2), of(CYCLE / 2 + 1), "cycles-skipped");
+}
+
+#[test]
+fn frames_behind_sync0() {
+    let left = CYCLE / 2 - duration();
+    let of = |late| Setup { late, copy: 0, ..Setup::default() };
+    edge(of(left), of(left + 1), "sync0-passed");
+}
+
+/// Half a cycle in 99 cycles, towards earlier frames, which stay before the same SYNC0.
+#[test]
+fn a_host_that_slides() {
+    let of = |drift| Setup { drift, ..Setup::default() };
+    edge(of(-5050), of(-5051), "host-slides");
+}
+
+#[test]
+fn pauses_of_drift_frames() {
+    let of = |pause_us| Setup { pause_us, ..Setup::default() };
+    edge(of(99_000), of(99_001), "drift-frames-stopped");
+}
+
+#[test]
+fn nothing_leads() {
+    let report = Setup { led: false, pause_us: 200_000, ..Setup::default() };
+    assert!(report.found().contains(&"no-drift-frames"), "{}", report.report().text());
+    let report = report.report();
+    assert!(report.clock.is_none() && report.devices[0].distance.is_none());
+}
+
+#[test]
+fn modes_and_sync() {
+    let of = |mode, sync| Setup { mode, sync: [0, sync], ..Setup::default() };
+    edge(of(2, 3), of(2, 0), "mode-without-sync");
+    edge(of(3, 7), of(3, 3), "mode-without-sync");
+    edge(of(2, 3), of(1, 3), "sync-without-mode");
+    assert_eq!(of(1, 0).found(), [""; 0], "neither");
+}
+
+#[test]
+fn devices_that_leave_op() {
+    let of = |status, control| Setup { status, control, ..Setup::default() };
+    let good = of([8, 0, 0, 0, 0, 0], None);
+    edge(good, of([0x14, 0, 0, 0, 0x1A, 0], None), "left-op");
+    // Asked for, it is none; refused, it is an error.
+    assert_eq!(of([4, 0, 0, 0, 0, 0], Some(4)).found(), [""; 0]);
+    edge(of([4, 0, 0, 0, 0, 0], Some(4)), of([0x14, 0, 0, 0, 0x1B, 0], Some(2)), "al-error");
+    // A device without a CPU copies the acknowledge bit.
+    assert_eq!(of([0x14, 0, 0, 0, 0, 0], Some(0x14)).found(), [""; 0]);
+}
+
+#[test]
+fn another_talker() {
+    let of = |strangers| Setup { strangers, ..Setup::default() };
+    edge(of(7), of(8), "another-talker");
+}

@@ -1,5 +1,7 @@
 //! The bus in virtual time, with a MainDevice that is none of the simulation's.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
 use isocat_segment::fault::Order;
 use isocat_segment::{Scenario, SegmentFile};
@@ -33,9 +35,10 @@ fn count() -> Vec<u8> {
     buffer[..len].to_vec()
 }
 
-/// Drives a MainDevice for `span`. While it waits, time moves in steps of `look`, or at once.
-fn run(bus: &mut Bus, main: &mut MainDevice, span: Nanos, look: Option<Nanos>) {
+/// Drives a MainDevice for `span`. While it waits, time moves in steps of `look`, or at once. Gives a hash of all answers.
+fn run(bus: &mut Bus, main: &mut MainDevice, span: Nanos, look: Option<Nanos>) -> u64 {
     let end = bus.now() + span;
+    let mut wire = DefaultHasher::new();
     while bus.now() < end {
         let mut buffer = [0; FRAME_LEN];
         while let Some(len) = main.poll_transmit(bus.now(), &mut buffer) {
@@ -53,10 +56,14 @@ fn run(bus: &mut Bus, main: &mut MainDevice, span: Nanos, look: Option<Nanos>) {
         }
         bus.advance(due).expect("time goes on");
         match bus.receive() {
-            Some(arrival) => main.handle_frame(arrival.at, &arrival.frame),
+            Some(arrival) => {
+                (arrival.at.count(), &arrival.frame).hash(&mut wire);
+                main.handle_frame(arrival.at, &arrival.frame);
+            }
             None => main.handle_timeout(bus.now()),
         }
     }
+    wire.finish()
 }
 
 fn session(look: Option<Nanos>) -> Summary {
@@ -75,6 +82,26 @@ fn a_main_device_comes_up_and_steps_of_time_change_nothing() {
     assert!(judged.in_sync && judged.in_op == 3, "{}", summary.text());
     assert_eq!(session(None), summary, "the same again");
     assert_eq!(session(Some(Nanos::micros(77))), summary, "in small steps");
+}
+
+#[test]
+fn a_look_at_states_changes_nothing_on_the_wire() {
+    let wire = |asks: bool| {
+        let mut bus = bus("");
+        let mut main = MainDevice::new(Config::new(Nanos::millis(1)), BEGIN);
+        let mut wire = Vec::new();
+        for _ in 0..500 {
+            wire.push(run(&mut bus, &mut main, Nanos::micros(777), None));
+            if asks {
+                bus.state(0);
+                bus.outputs(1);
+                bus.summary("a test", "virtual time");
+            }
+        }
+        assert_eq!(bus.state(2).map(|(state, _)| state), Some(AlState::Op));
+        wire
+    };
+    assert_eq!(wire(false), wire(true));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::device::DeviceReport;
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DiagnoseReport {
-    /// [`FORMAT`].
+    /// Name and number of this format.
     pub format: &'static str,
     /// Version of the program.
     pub version: &'static str,

@@ -89,8 +89,8 @@ code() { local expected=$1; shift; local got=0; "$@" > "$folder/out.txt" 2> "$fo
 says() { grep -qE -- "$1" "$folder/err.txt" || failed "no \"$1\"" "$folder/err.txt"; }
 code 0 "$isocat" watch --speed max --until 100ns --for 5s --within 60s
 says '3 SubDevices with SYNC within 100 ns for 5 s, at 5\.[4-9]00 s \[t\]'
-code 1 "$isocat" watch --speed max --until 10ns --for 5s --within 10s
-says 'not within 10 ns for 5 s; worst: SubDevice [0-9] \(.*\) with [0-9.]+ ns at .*; the last stretch, of .*, was broken at .*: SubDevice .*: SYNC error'
+code 1 "$isocat" watch --speed max --until 13ns --for 5s --within 10s
+says 'not within 13 ns for 5 s; worst: SubDevice [0-9] \(.*\) with [0-9.]+ ns at .*; the last stretch, of .*, was broken at .*: SubDevice .*: SYNC error'
 code 1 "$isocat" watch --speed max --until 100ns --for 5s --within 20s --no-drift-compensation
 printf 'cycle = "125us"\n[[subdevice]]\ndevice = "kollmorgen_akd2g"\n' > "$folder/short.toml"
 code 1 "$isocat" watch "$folder/short.toml" --speed max --until 100ns --for 1s

@@ -1,5 +1,6 @@
-//! Gives the shared library the name by which programs find it: one that changes with what they can't be linked with any more. And
-//! packs its relocations, a twentieth of its size; a linker that does not know how says so and goes on.
+//! Gives the shared library the name by which programs find it: one that changes with what they
+//! can't be linked with any more. And packs its relocations, a twentieth of its size; a linker that
+//! does not know how says so and goes on.
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");

@@ -299,8 +299,8 @@ const TWICE_NS: u64 = 100_000;
 const GIVEN_UP_NS: u64 = 1_000_000_000;
 /// Requests that wait for their answers at once.
 pub const MOST_OPEN: usize = 256;
-/// Exchanges that wait for an answer before them. A MainDevice with a cycle of 100 us sends so many
-/// in 1.6 s.
+/// Exchanges that wait for an answer before them. A MainDevice with a cycle of 100 us sends this
+/// number in 1.6 s.
 pub const MOST_WAITING: usize = 16_384;
 /// EtherCAT frames that are looked at before the first one is paired.
 pub const LOOK_AHEAD: usize = 8192;

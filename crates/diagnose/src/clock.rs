@@ -108,7 +108,7 @@ impl Drift {
         Some(nearest(low, before))
     }
 
-    /// Begins to count gaps anew.
+    /// Forgets the gaps counted so far, and counts from here on.
     pub fn restart(&mut self) {
         self.gap = None;
         self.recent = 0;

@@ -322,7 +322,8 @@ impl Observer {
         self.operation_changed(frame, at);
     }
 
-    /// One more device is in OP for the first time: until all are, operation begins anew.
+    /// One more device is in OP for the first time. Operation is judged from the last such device
+    /// on.
     fn entered(&mut self, frame: usize, at: Duration) {
         if self.began_inside {
             return;

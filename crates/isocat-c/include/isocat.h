@@ -22,7 +22,8 @@
 #include <stdint.h>
 
 /**
- * What read_object and write_object answer for an object that the application does not have: the SubDevice's own store has it.
+ * What read_object and write_object answer for an object that the application does not have: the
+ * SubDevice's own store has it.
  */
 #define ISOCAT_NOT_MINE 4294967295
 
@@ -37,7 +38,8 @@
 #define ISOCAT_LONGEST_FRAME 1514
 
 /**
- * The interface of this header: it is raised when programs can't be linked with a newer library any more.
+ * The interface of this header: it is raised when programs can't be linked with a newer library
+ * any more.
  */
 #define ISOCAT_ABI_VERSION 0
 
@@ -120,7 +122,8 @@ enum isocat_code
      */
     ISOCAT_STRUCT_SIZE = -8,
     /**
-     * A fault of this library. A bus or segment on which it happened is of no use any more, but to be freed.
+     * A fault of this library. A bus or segment on which it happened is of no use any more, but to
+     * be freed.
      */
     ISOCAT_PANIC = -9,
 };
@@ -135,8 +138,9 @@ typedef int32_t isocat_code;
 /**
  * A segment in virtual time.
  *
- * Instants are ns of the caller's clock. The bus has a present, which moves when the caller says so: by isocat_bus_advance, and
- * by isocat_bus_send to the instant of the frame. It never goes back, moves by an hour at once at most, and by 30 days in all.
+ * Instants are ns of the caller's clock. The bus has a present, which moves when the caller says
+ * so: by isocat_bus_advance, and by isocat_bus_send to the instant of the frame. It never goes
+ * back, moves by an hour at once at most, and by 30 days in all.
  */
 typedef struct isocat_bus isocat_bus;
 
@@ -151,7 +155,8 @@ typedef struct isocat_error isocat_error;
 typedef struct isocat_plan isocat_plan;
 
 /**
- * A segment: which SubDevices stand on the wire, and how they are set up. Buses and plans are made of it, and do not need it afterwards.
+ * A segment: which SubDevices stand on the wire, and how they are set up. Buses and plans are made
+ * of it, and do not need it afterwards.
  */
 typedef struct isocat_segment isocat_segment;
 
@@ -251,7 +256,8 @@ typedef struct isocat_plan_summary {
      */
     int64_t send_phase_ns;
     /**
-     * Phase of the pulse at which outputs act, the same for all SubDevices with SYNC, ns; 0 without.
+     * Phase of the pulse at which outputs act, the same for all SubDevices with SYNC, ns; 0
+     * without.
      */
     int64_t acting_phase_ns;
     /**
@@ -323,8 +329,8 @@ typedef struct isocat_plan_device {
      */
     int64_t sync0_cycle_ns;
     /**
-     * Phase of SYNC0 behind the frame at the reference clock, ns: what SOEM's ecx_dcsync0 takes as CyclShift where frames reach the
-     * reference clock at 0 of the cycle. 0 without.
+     * Phase of SYNC0 behind the frame at the reference clock, ns: what SOEM's ecx_dcsync0 takes as
+     * CyclShift where frames reach the reference clock at 0 of the cycle. 0 without.
      */
     int64_t sync0_phase_ns;
     /**
@@ -342,11 +348,13 @@ typedef struct isocat_plan_device {
 } isocat_plan_device;
 
 /**
- * The application of a SubDevice. Every function may be NULL: then nothing is done in that step. Set all of it to 0, then `size`.
+ * The application of a SubDevice. Every function may be NULL: then nothing is done in that step.
+ * Set all of it to 0, then `size`.
  *
- * Functions are called out of the calls of a bus (send, advance, and whatever looks at SubDevices), on the thread that made the
- * call, one at a time, in the order of virtual time. They must return: no longjmp, no exceptions. Calls on the same bus are refused
- * meanwhile (ISOCAT_BUSY). Memory that they are given is theirs until they return.
+ * Functions are called out of the calls of a bus (send, advance, and whatever looks at
+ * SubDevices), on the thread that made the call, one at a time, in the order of virtual time. They
+ * must return: no longjmp, no exceptions. Calls on the same bus are refused meanwhile
+ * (ISOCAT_BUSY). Memory that they are given is theirs until they return.
  */
 typedef struct isocat_application {
     /**
@@ -362,7 +370,8 @@ typedef struct isocat_application {
      */
     void (*map_outputs)(void *user, const uint8_t *outputs, size_t length);
     /**
-     * The application's own work, once in a cycle of so many ns; 0 where the cycle is not known.
+     * The application's own work, called once in each cycle. `cycle_ns` is the cycle in ns, and 0
+     * where it is not known.
      */
     void (*work)(void *user, int64_t cycle_ns);
     /**
@@ -374,7 +383,8 @@ typedef struct isocat_application {
      */
     void (*latch_inputs)(void *user);
     /**
-     * Inputs are to be put into the process image to the MainDevice. Bytes that are left alone stay as they were.
+     * Inputs are to be put into the process image to the MainDevice. Bytes that are left alone
+     * stay as they were.
      */
     void (*map_inputs)(void *user, uint8_t *inputs, size_t length);
     /**
@@ -382,12 +392,12 @@ typedef struct isocat_application {
      */
     void (*safe_outputs)(void *user);
     /**
-     * The SubDevice lost its power; it will start anew.
+     * The SubDevice lost its power. When it comes back, it starts from INIT.
      */
     void (*power_off)(void *user);
     /**
-     * An object is read: its value goes into `value`, which has room for `capacity` bytes, and its length into `length`. Gives 0,
-     * an SDO abort code, or ISOCAT_NOT_MINE.
+     * An object is read: its value goes into `value`, which has room for `capacity` bytes, and its
+     * length into `length`. Gives 0, an SDO abort code, or ISOCAT_NOT_MINE.
      */
     uint32_t (*read_object)(void *user,
                             uint16_t index,
@@ -396,7 +406,8 @@ typedef struct isocat_application {
                             size_t capacity,
                             size_t *length);
     /**
-     * An object was written. Gives 0 or ISOCAT_NOT_MINE where the value may be stored, or an SDO abort code.
+     * An object was written. Gives 0 or ISOCAT_NOT_MINE where the value may be stored, or an SDO
+     * abort code.
      */
     uint32_t (*write_object)(void *user,
                              uint16_t index,
@@ -430,7 +441,8 @@ typedef struct isocat_verdict_summary {
      */
     uint64_t overrun;
     /**
-     * MainDevices, one after the other: a new one begins where addresses are given anew, or after a long silence.
+     * MainDevices, one after the other: a new one begins where addresses are given anew, or after
+     * a long silence.
      */
     size_t sessions;
     /**
@@ -442,11 +454,13 @@ typedef struct isocat_verdict_summary {
      */
     int64_t judged_ns;
     /**
-     * ISOCAT_NOT_IN_SYNC if something speaks against any session; else that of the last one: ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
+     * ISOCAT_NOT_IN_SYNC if something speaks against any session; else that of the last one:
+     * ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
      */
     int32_t answer;
     /**
-     * What became of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED, ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.
+     * What became of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
+     * ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.
      */
     int32_t expected;
 } isocat_verdict_summary;
@@ -518,10 +532,11 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Makes a bus of a segment: all SubDevices that are there from the start are switched on at `now_ns`.
+ * Makes a bus of a segment: all SubDevices that are there from the start are switched on at
+ * `now_ns`.
  *
- * `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at most.
- * `bus`: where the handle goes; freed by isocat_bus_free.
+ * `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at
+ * most. `bus`: where the handle goes; freed by isocat_bus_free.
  */
 isocat_code isocat_bus_new(const struct isocat_segment *segment,
                            uint64_t now_ns,
@@ -529,7 +544,8 @@ isocat_code isocat_bus_new(const struct isocat_segment *segment,
                            struct isocat_error **error);
 
 /**
- * Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes from, nothing is done.
+ * Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes
+ * from, nothing is done.
  */
 void isocat_bus_free(struct isocat_bus *bus);
 
@@ -541,13 +557,12 @@ isocat_code isocat_bus_now(const struct isocat_bus *bus,
                            struct isocat_error **error);
 
 /**
- * Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to have left. The answer, if one comes
- * back, is handed out by isocat_bus_receive.
+ * Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to
+ * have left. The answer, if one comes back, is handed out by isocat_bus_receive.
  *
- * `port`: 0, or 1 for the other end of a ring.
- * `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME bytes from the destination address on, without check sequence. On the wire a
- * short one takes as long as one of 60.
- * `sent`: what becomes of it; may be NULL.
+ * `port`: 0, or 1 for the other end of a ring. `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME
+ * bytes from the destination address on, without check sequence. On the wire a short one takes as
+ * long as one of 60. `sent`: what becomes of it; may be NULL.
  */
 isocat_code isocat_bus_send(struct isocat_bus *bus,
                             uint32_t port,
@@ -558,20 +573,19 @@ isocat_code isocat_bus_send(struct isocat_bus *bus,
                             struct isocat_error **error);
 
 /**
- * When the next answer is back, ns: at whichever port, and in the past where one has not been received yet. ISOCAT_NOTHING if none is
- * under way.
+ * When the next answer is back, ns: at whichever port, and in the past where one has not been
+ * received yet. ISOCAT_NOTHING if none is under way.
  */
 isocat_code isocat_bus_next_arrival(const struct isocat_bus *bus,
                                     uint64_t *at_ns,
                                     struct isocat_error **error);
 
 /**
- * Takes the next answer that is back by now: those of frames, and their copies where a fault doubled them. ISOCAT_NOTHING if there is
- * none. Time does not move.
+ * Takes the next answer that is back by now: those of frames, and their copies where a fault
+ * doubled them. ISOCAT_NOTHING if there is none. Time does not move.
  *
- * `port`: 0, 1, or ISOCAT_ANY_PORT.
- * `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the answer stays, and `arrival` says how long it is.
- * `arrival`: what came; `size` has to be set.
+ * `port`: 0, 1, or ISOCAT_ANY_PORT. `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the
+ * answer stays, and `arrival` says how long it is. `arrival`: what came; `size` has to be set.
  */
 isocat_code isocat_bus_receive(struct isocat_bus *bus,
                                uint32_t port,
@@ -581,15 +595,15 @@ isocat_code isocat_bus_receive(struct isocat_bus *bus,
                                struct isocat_error **error);
 
 /**
- * Time goes on to `to_ns`: SubDevices do what they do by themselves. To the present is allowed, and does nothing.
+ * Time goes on to `to_ns`: SubDevices do what they do by themselves. To the present is allowed,
+ * and does nothing.
  */
-isocat_code isocat_bus_advance(struct isocat_bus *bus,
-                               uint64_t to_ns,
-                               struct isocat_error **error);
+isocat_code isocat_bus_advance(struct isocat_bus *bus, uint64_t to_ns, struct isocat_error **error);
 
 /**
- * When the bus looks at its SubDevices by itself the next time, ns: for programs that want to know when something may happen.
- * isocat_bus_advance needs no help: it looks at all such instants on its way. ISOCAT_NOTHING if nothing will ever happen by itself.
+ * When the bus looks at its SubDevices by itself the next time, ns: for programs that want to know
+ * when something may happen. isocat_bus_advance needs no help: it looks at all such instants on
+ * its way. ISOCAT_NOTHING if nothing will ever happen by itself.
  */
 isocat_code isocat_bus_next_timeout(const struct isocat_bus *bus,
                                     uint64_t *at_ns,
@@ -606,9 +620,9 @@ isocat_code isocat_bus_link(struct isocat_bus *bus,
 /**
  * Lets something go wrong now.
  *
- * `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as "drop 3", "pull axis 2 for 500ms",
- * "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of the host (stall, late-wake-ups, slow-send, clock of the host) are
- * refused: the caller is the host.
+ * `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as "drop
+ * 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of the
+ * host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the host.
  */
 isocat_code isocat_bus_fault(struct isocat_bus *bus,
                              const char *fault,
@@ -623,10 +637,10 @@ isocat_code isocat_bus_fault_at(struct isocat_bus *bus,
                                 struct isocat_error **error);
 
 /**
- * The MainDevice is done: its session ends as of its last frame. Frames that come all the same begin another session.
+ * The MainDevice is done: its session ends as of its last frame. Frames that come all the same
+ * begin another session.
  */
-isocat_code isocat_bus_finish(struct isocat_bus *bus,
-                              struct isocat_error **error);
+isocat_code isocat_bus_finish(struct isocat_bus *bus, struct isocat_error **error);
 
 /**
  * The state of a SubDevice as of now.
@@ -639,7 +653,8 @@ isocat_code isocat_device_get_state(struct isocat_bus *bus,
                                     struct isocat_error **error);
 
 /**
- * The outputs of a SubDevice as it took them last. ISOCAT_NOTHING while they are in their safe state.
+ * The outputs of a SubDevice as it took them last. ISOCAT_NOTHING while they are in their safe
+ * state.
  *
  * `buffer`: room for `capacity` bytes.
  * `length`: how many bytes there are; with ISOCAT_TOO_SMALL, how many there would be.
@@ -652,8 +667,9 @@ isocat_code isocat_device_outputs(struct isocat_bus *bus,
                                   struct isocat_error **error);
 
 /**
- * Sets the inputs of a SubDevice: they are on the wire when it has mapped its inputs the next time, and stay until they are set
- * anew. Bytes of the process image beyond `length` stay its application's.
+ * Sets the inputs of a SubDevice: they are on the wire when it has mapped its inputs the next
+ * time, and stay until they are set again. Bytes of the process image beyond `length` stay its
+ * application's.
  *
  * `inputs`: is copied; not more bytes than the SubDevice can have.
  */
@@ -676,13 +692,14 @@ isocat_code isocat_device_release_inputs(struct isocat_bus *bus,
 isocat_code isocat_error_code(const struct isocat_error *error);
 
 /**
- * What is wrong, in words: the place, what was found and what was expected. One line, or two where there is a hint. It lives as
- * long as the error; NULL for NULL.
+ * What is wrong, in words: the place, what was found and what was expected. One line, or two where
+ * there is a hint. It lives as long as the error; NULL for NULL.
  */
 const char *isocat_error_text(const struct isocat_error *error);
 
 /**
- * The file in which it is wrong, as it was named; empty where no file is wrong. It lives as long as the error; NULL for NULL.
+ * The file in which it is wrong, as it was named; empty where no file is wrong. It lives as long
+ * as the error; NULL for NULL.
  */
 const char *isocat_error_file(const struct isocat_error *error);
 
@@ -702,7 +719,8 @@ uint32_t isocat_error_column(const struct isocat_error *error);
 void isocat_error_free(struct isocat_error *error);
 
 /**
- * Frees a text that the caller owns: one that a function gave through a `char **`. NULL is nothing to free.
+ * Frees a text that the caller owns: one that a function gave through a `char **`. NULL is nothing
+ * to free.
  */
 void isocat_text_free(char *text);
 
@@ -789,9 +807,9 @@ isocat_code isocat_segment_read(const char *path,
 /**
  * Reads the same from memory.
  *
- * `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them.
- * `path`: what errors call it, and beside which the files lie that it names. NULL: it is called "segment", and they are looked for
- * in the working directory.
+ * `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them. `path`: what errors
+ * call it, and beside which the files lie that it names. NULL: it is called "segment", and they
+ * are looked for in the working directory.
  */
 isocat_code isocat_segment_parse(const uint8_t *text,
                                  size_t length,
@@ -820,17 +838,20 @@ int64_t isocat_segment_cycle_ns(const struct isocat_segment *segment);
 uint32_t isocat_segment_ports(const struct isocat_segment *segment);
 
 /**
- * Sets the seed of everything random, for buses that are made from now on. Without it, that of the file.
+ * Sets the seed of everything random, for buses that are made from now on. Without it, that of the
+ * file.
  */
 isocat_code isocat_segment_set_seed(struct isocat_segment *segment,
                                     uint64_t seed,
                                     struct isocat_error **error);
 
 /**
- * Gives a SubDevice an application of the caller's own, in buses that are made from now on. Its process data, objects and times stay
- * those of its profile. A second call for the same SubDevice replaces the first one.
+ * Gives a SubDevice an application of the caller's own, in buses that are made from now on. Its
+ * process data, objects and times stay those of its profile. A second call for the same SubDevice
+ * replaces the first one.
  *
- * `application`: is copied; `size` has to be set. What `user` points to has to live as long as the buses.
+ * `application`: is copied; `size` has to be set. What `user` points to has to live as long as the
+ * buses.
  */
 isocat_code isocat_segment_plug_in(struct isocat_segment *segment,
                                    size_t position,
@@ -861,7 +882,8 @@ isocat_code isocat_verdict_get_summary(const struct isocat_verdict *verdict,
                                        struct isocat_error **error);
 
 /**
- * What is said of a SubDevice, in the last session. ISOCAT_OUT_OF_RANGE if nothing is: no SubDevice came to operation there.
+ * What is said of a SubDevice, in the last session. ISOCAT_OUT_OF_RANGE if nothing is: no
+ * SubDevice came to operation there.
  *
  * `device`: where it goes; `size` has to be set.
  */
@@ -871,7 +893,8 @@ isocat_code isocat_verdict_get_device(const struct isocat_verdict *verdict,
                                       struct isocat_error **error);
 
 /**
- * What speaks against a SubDevice, as a sentence; NULL where there is nothing more. It lives as long as the verdict.
+ * What speaks against a SubDevice, as a sentence; NULL where there is nothing more. It lives as
+ * long as the verdict.
  *
  * `number`: from 0 to isocat_device_verdict.findings - 1.
  */
@@ -880,7 +903,8 @@ const char *isocat_verdict_finding(const struct isocat_verdict *verdict,
                                    size_t number);
 
 /**
- * All of it in words, as `isocat serve` tells it: what the MainDevice did, what it left out, and the verdict. Many lines.
+ * All of it in words, as `isocat serve` tells it: what the MainDevice did, what it left out, and
+ * the verdict. Many lines.
  *
  * `text`: where it goes; the caller owns it, and frees it by isocat_text_free.
  */

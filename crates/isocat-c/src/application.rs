@@ -6,14 +6,17 @@ use isocat_subdevice::Application;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, ObjectAddress};
 
-/// What read_object and write_object answer for an object that the application does not have: the SubDevice's own store has it.
+/// What read_object and write_object answer for an object that the application does not have: the
+/// SubDevice's own store has it.
 pub const ISOCAT_NOT_MINE: u32 = 0xFFFFFFFF;
 
-/// The application of a SubDevice. Every function may be NULL: then nothing is done in that step. Set all of it to 0, then `size`.
+/// The application of a SubDevice. Every function may be NULL: then nothing is done in that step.
+/// Set all of it to 0, then `size`.
 ///
-/// Functions are called out of the calls of a bus (send, advance, and whatever looks at SubDevices), on the thread that made the
-/// call, one at a time, in the order of virtual time. They must return: no longjmp, no exceptions. Calls on the same bus are refused
-/// meanwhile (ISOCAT_BUSY). Memory that they are given is theirs until they return.
+/// Functions are called out of the calls of a bus (send, advance, and whatever looks at
+/// SubDevices), on the thread that made the call, one at a time, in the order of virtual time. They
+/// must return: no longjmp, no exceptions. Calls on the same bus are refused meanwhile
+/// (ISOCAT_BUSY). Memory that they are given is theirs until they return.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct isocat_application {
@@ -23,20 +26,22 @@ pub struct isocat_application {
     pub user: *mut c_void,
     /// Outputs have come: the process image from the MainDevice. In OP only.
     pub map_outputs: Option<extern "C" fn(user: *mut c_void, outputs: *const u8, length: usize)>,
-    /// The application's own work, once in a cycle of so many ns; 0 where the cycle is not known.
+    /// The application's own work, called once in each cycle. `cycle_ns` is the cycle in ns, and 0
+    /// where it is not known.
     pub work: Option<extern "C" fn(user: *mut c_void, cycle_ns: i64)>,
     /// Outputs act on the process from now on.
     pub outputs_valid: Option<extern "C" fn(user: *mut c_void)>,
     /// Inputs are to be taken from the process now.
     pub latch_inputs: Option<extern "C" fn(user: *mut c_void)>,
-    /// Inputs are to be put into the process image to the MainDevice. Bytes that are left alone stay as they were.
+    /// Inputs are to be put into the process image to the MainDevice. Bytes that are left alone
+    /// stay as they were.
     pub map_inputs: Option<extern "C" fn(user: *mut c_void, inputs: *mut u8, length: usize)>,
     /// OP was left: outputs go to their safe state.
     pub safe_outputs: Option<extern "C" fn(user: *mut c_void)>,
-    /// The SubDevice lost its power; it will start anew.
+    /// The SubDevice lost its power. When it comes back, it starts from INIT.
     pub power_off: Option<extern "C" fn(user: *mut c_void)>,
-    /// An object is read: its value goes into `value`, which has room for `capacity` bytes, and its length into `length`. Gives 0,
-    /// an SDO abort code, or ISOCAT_NOT_MINE.
+    /// An object is read: its value goes into `value`, which has room for `capacity` bytes, and its
+    /// length into `length`. Gives 0, an SDO abort code, or ISOCAT_NOT_MINE.
     pub read_object: Option<
         extern "C" fn(
             user: *mut c_void,
@@ -47,7 +52,8 @@ pub struct isocat_application {
             length: *mut usize,
         ) -> u32,
     >,
-    /// An object was written. Gives 0 or ISOCAT_NOT_MINE where the value may be stored, or an SDO abort code.
+    /// An object was written. Gives 0 or ISOCAT_NOT_MINE where the value may be stored, or an SDO
+    /// abort code.
     pub write_object: Option<
         extern "C" fn(
             user: *mut c_void,

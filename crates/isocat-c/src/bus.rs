@@ -20,8 +20,9 @@ pub const ISOCAT_LONGEST_FRAME: usize = 1514;
 
 /// A segment in virtual time.
 ///
-/// Instants are ns of the caller's clock. The bus has a present, which moves when the caller says so: by isocat_bus_advance, and
-/// by isocat_bus_send to the instant of the frame. It never goes back, moves by an hour at once at most, and by 30 days in all.
+/// Instants are ns of the caller's clock. The bus has a present, which moves when the caller says
+/// so: by isocat_bus_advance, and by isocat_bus_send to the instant of the frame. It never goes
+/// back, moves by an hour at once at most, and by 30 days in all.
 pub struct isocat_bus {
     inside: Mutex<Inside>,
 }
@@ -88,10 +89,11 @@ const fn number(port: MainPort) -> u32 {
     }
 }
 
-/// Makes a bus of a segment: all SubDevices that are there from the start are switched on at `now_ns`.
+/// Makes a bus of a segment: all SubDevices that are there from the start are switched on at
+/// `now_ns`.
 ///
-/// `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at most.
-/// `bus`: where the handle goes; freed by isocat_bus_free.
+/// `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at
+/// most. `bus`: where the handle goes; freed by isocat_bus_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_new(
     segment: *const isocat_segment,
@@ -119,7 +121,8 @@ pub unsafe extern "C" fn isocat_bus_new(
     })
 }
 
-/// Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes from, nothing is done.
+/// Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes
+/// from, nothing is done.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_free(bus: *mut isocat_bus) {
     let used = sys::borrow("bus", bus)
@@ -142,13 +145,12 @@ pub unsafe extern "C" fn isocat_bus_now(
     })
 }
 
-/// Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to have left. The answer, if one comes
-/// back, is handed out by isocat_bus_receive.
+/// Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to
+/// have left. The answer, if one comes back, is handed out by isocat_bus_receive.
 ///
-/// `port`: 0, or 1 for the other end of a ring.
-/// `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME bytes from the destination address on, without check sequence. On the wire a
-/// short one takes as long as one of 60.
-/// `sent`: what becomes of it; may be NULL.
+/// `port`: 0, or 1 for the other end of a ring. `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME
+/// bytes from the destination address on, without check sequence. On the wire a short one takes as
+/// long as one of 60. `sent`: what becomes of it; may be NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_send(
     bus: *mut isocat_bus,
@@ -187,8 +189,8 @@ impl isocat_sent {
     }
 }
 
-/// When the next answer is back, ns: at whichever port, and in the past where one has not been received yet. ISOCAT_NOTHING if none is
-/// under way.
+/// When the next answer is back, ns: at whichever port, and in the past where one has not been
+/// received yet. ISOCAT_NOTHING if none is under way.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_next_arrival(
     bus: *const isocat_bus,
@@ -203,12 +205,11 @@ pub unsafe extern "C" fn isocat_bus_next_arrival(
     })
 }
 
-/// Takes the next answer that is back by now: those of frames, and their copies where a fault doubled them. ISOCAT_NOTHING if there is
-/// none. Time does not move.
+/// Takes the next answer that is back by now: those of frames, and their copies where a fault
+/// doubled them. ISOCAT_NOTHING if there is none. Time does not move.
 ///
-/// `port`: 0, 1, or ISOCAT_ANY_PORT.
-/// `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the answer stays, and `arrival` says how long it is.
-/// `arrival`: what came; `size` has to be set.
+/// `port`: 0, 1, or ISOCAT_ANY_PORT. `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the
+/// answer stays, and `arrival` says how long it is. `arrival`: what came; `size` has to be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_receive(
     bus: *mut isocat_bus,
@@ -239,7 +240,8 @@ pub unsafe extern "C" fn isocat_bus_receive(
     })
 }
 
-/// Time goes on to `to_ns`: SubDevices do what they do by themselves. To the present is allowed, and does nothing.
+/// Time goes on to `to_ns`: SubDevices do what they do by themselves. To the present is allowed,
+/// and does nothing.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_advance(
     bus: *mut isocat_bus,
@@ -249,8 +251,9 @@ pub unsafe extern "C" fn isocat_bus_advance(
     guard(error, || isocat_bus::with(bus, |inside| Ok(inside.bus.advance(Time::new(to_ns))?)))
 }
 
-/// When the bus looks at its SubDevices by itself the next time, ns: for programs that want to know when something may happen.
-/// isocat_bus_advance needs no help: it looks at all such instants on its way. ISOCAT_NOTHING if nothing will ever happen by itself.
+/// When the bus looks at its SubDevices by itself the next time, ns: for programs that want to know
+/// when something may happen. isocat_bus_advance needs no help: it looks at all such instants on
+/// its way. ISOCAT_NOTHING if nothing will ever happen by itself.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_next_timeout(
     bus: *const isocat_bus,
@@ -281,9 +284,9 @@ pub unsafe extern "C" fn isocat_bus_link(
 
 /// Lets something go wrong now.
 ///
-/// `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as "drop 3", "pull axis 2 for 500ms",
-/// "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of the host (stall, late-wake-ups, slow-send, clock of the host) are
-/// refused: the caller is the host.
+/// `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as "drop
+/// 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of the
+/// host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the host.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_fault(
     bus: *mut isocat_bus,
@@ -324,7 +327,8 @@ fn order(inside: &Inside, text: &str) -> Result<Order, Failure> {
     order.map_err(|wrong| Failure::bad_input(format!("{text}: {wrong}")))
 }
 
-/// The MainDevice is done: its session ends as of its last frame. Frames that come all the same begin another session.
+/// The MainDevice is done: its session ends as of its last frame. Frames that come all the same
+/// begin another session.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_finish(
     bus: *mut isocat_bus,

@@ -50,7 +50,8 @@ pub unsafe extern "C" fn isocat_device_get_state(
     })
 }
 
-/// The outputs of a SubDevice as it took them last. ISOCAT_NOTHING while they are in their safe state.
+/// The outputs of a SubDevice as it took them last. ISOCAT_NOTHING while they are in their safe
+/// state.
 ///
 /// `buffer`: room for `capacity` bytes.
 /// `length`: how many bytes there are; with ISOCAT_TOO_SMALL, how many there would be.
@@ -74,8 +75,9 @@ pub unsafe extern "C" fn isocat_device_outputs(
     })
 }
 
-/// Sets the inputs of a SubDevice: they are on the wire when it has mapped its inputs the next time, and stay until they are set
-/// anew. Bytes of the process image beyond `length` stay its application's.
+/// Sets the inputs of a SubDevice: they are on the wire when it has mapped its inputs the next
+/// time, and stay until they are set again. Bytes of the process image beyond `length` stay its
+/// application's.
 ///
 /// `inputs`: is copied; not more bytes than the SubDevice can have.
 #[unsafe(no_mangle)]

@@ -35,7 +35,8 @@ pub enum isocat_code {
     ISOCAT_BUSY = -7,
     /// The size of a struct was not set.
     ISOCAT_STRUCT_SIZE = -8,
-    /// A fault of this library. A bus or segment on which it happened is of no use any more, but to be freed.
+    /// A fault of this library. A bus or segment on which it happened is of no use any more, but to
+    /// be freed.
     ISOCAT_PANIC = -9,
 }
 
@@ -125,7 +126,8 @@ impl From<()> for isocat_code {
     }
 }
 
-/// Does the work of a call: errors and panics become a code, and an error where the caller wants one.
+/// Does the work of a call: errors and panics become a code, and an error where the caller wants
+/// one.
 pub(crate) fn guard<C: Into<isocat_code>>(
     error: *mut *mut isocat_error,
     work: impl FnOnce() -> Result<C, Failure>,
@@ -167,14 +169,15 @@ pub unsafe extern "C" fn isocat_error_code(error: *const isocat_error) -> isocat
     sys::borrow("error", error).map_or(isocat_code::ISOCAT_OK, |error| error.code)
 }
 
-/// What is wrong, in words: the place, what was found and what was expected. One line, or two where there is a hint. It lives as
-/// long as the error; NULL for NULL.
+/// What is wrong, in words: the place, what was found and what was expected. One line, or two where
+/// there is a hint. It lives as long as the error; NULL for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_error_text(error: *const isocat_error) -> *const c_char {
     sys::borrow("error", error).map_or(ptr::null(), |error| error.text.as_ptr())
 }
 
-/// The file in which it is wrong, as it was named; empty where no file is wrong. It lives as long as the error; NULL for NULL.
+/// The file in which it is wrong, as it was named; empty where no file is wrong. It lives as long
+/// as the error; NULL for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_error_file(error: *const isocat_error) -> *const c_char {
     sys::borrow("error", error).map_or(ptr::null(), |error| error.file.as_ptr())
@@ -198,7 +201,8 @@ pub unsafe extern "C" fn isocat_error_free(error: *mut isocat_error) {
     sys::take(error);
 }
 
-/// Frees a text that the caller owns: one that a function gave through a `char **`. NULL is nothing to free.
+/// Frees a text that the caller owns: one that a function gave through a `char **`. NULL is nothing
+/// to free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_text_free(text: *mut c_char) {
     sys::take_text(text);

@@ -39,7 +39,8 @@ pub struct isocat_plan_summary {
     pub cycle_ns: i64,
     /// Phase of the frame in the system-time cycle, ns.
     pub send_phase_ns: i64,
-    /// Phase of the pulse at which outputs act, the same for all SubDevices with SYNC, ns; 0 without.
+    /// Phase of the pulse at which outputs act, the same for all SubDevices with SYNC, ns; 0
+    /// without.
     pub acting_phase_ns: i64,
     /// Least slack of all lines of the cycle, ns; negative: it does not fit.
     pub least_slack_ns: i64,
@@ -81,8 +82,8 @@ pub struct isocat_plan_device {
     pub delay_ns: i64,
     /// Cycle of SYNC0 (0x09A0), ns; 0 without.
     pub sync0_cycle_ns: i64,
-    /// Phase of SYNC0 behind the frame at the reference clock, ns: what SOEM's ecx_dcsync0 takes as CyclShift where frames reach the
-    /// reference clock at 0 of the cycle. 0 without.
+    /// Phase of SYNC0 behind the frame at the reference clock, ns: what SOEM's ecx_dcsync0 takes as
+    /// CyclShift where frames reach the reference clock at 0 of the cycle. 0 without.
     pub sync0_phase_ns: i64,
     /// From SYNC0 to SYNC1 (0x09A4), ns; 0 without.
     pub sync1_ns: i64,

@@ -12,10 +12,12 @@ use crate::application::{Own, isocat_application};
 use crate::failure::{Failure, guard, isocat_code, isocat_error, lock};
 use crate::sys;
 
-/// The interface of this header: it is raised when programs can't be linked with a newer library any more.
+/// The interface of this header: it is raised when programs can't be linked with a newer library
+/// any more.
 pub const ISOCAT_ABI_VERSION: u32 = 0;
 
-/// A segment: which SubDevices stand on the wire, and how they are set up. Buses and plans are made of it, and do not need it afterwards.
+/// A segment: which SubDevices stand on the wire, and how they are set up. Buses and plans are made
+/// of it, and do not need it afterwards.
 pub struct isocat_segment {
     described: Mutex<Described>,
     names: Vec<CString>,
@@ -103,9 +105,9 @@ pub unsafe extern "C" fn isocat_segment_read(
 
 /// Reads the same from memory.
 ///
-/// `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them.
-/// `path`: what errors call it, and beside which the files lie that it names. NULL: it is called "segment", and they are looked for
-/// in the working directory.
+/// `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them. `path`: what errors
+/// call it, and beside which the files lie that it names. NULL: it is called "segment", and they
+/// are looked for in the working directory.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_parse(
     text: *const u8,
@@ -151,7 +153,8 @@ pub unsafe extern "C" fn isocat_segment_ports(segment: *const isocat_segment) ->
     sys::borrow("segment", segment).map_or(0, |segment| segment.ports)
 }
 
-/// Sets the seed of everything random, for buses that are made from now on. Without it, that of the file.
+/// Sets the seed of everything random, for buses that are made from now on. Without it, that of the
+/// file.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_set_seed(
     segment: *mut isocat_segment,
@@ -166,10 +169,12 @@ pub unsafe extern "C" fn isocat_segment_set_seed(
     })
 }
 
-/// Gives a SubDevice an application of the caller's own, in buses that are made from now on. Its process data, objects and times stay
-/// those of its profile. A second call for the same SubDevice replaces the first one.
+/// Gives a SubDevice an application of the caller's own, in buses that are made from now on. Its
+/// process data, objects and times stay those of its profile. A second call for the same SubDevice
+/// replaces the first one.
 ///
-/// `application`: is copied; `size` has to be set. What `user` points to has to live as long as the buses.
+/// `application`: is copied; `size` has to be set. What `user` points to has to live as long as the
+/// buses.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_plug_in(
     segment: *mut isocat_segment,

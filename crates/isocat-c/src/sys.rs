@@ -1,7 +1,8 @@
-//! What C hands over and takes, at its word: pointers are NULL or as the header says. All unsafe code stands here.
+//! What C hands over and takes, at its word: pointers are NULL or as the header says. All unsafe
+//! code stands here.
 //!
-//! Only exported functions call these, with what their own caller gave them. NULL, lengths, and sizes of structs are
-//! checked here; whether memory is really there, no library can check.
+//! Only exported functions call these, with what their own caller gave them. NULL, lengths, and
+//! sizes of structs are checked here; whether memory is really there, no library can check.
 #![allow(unsafe_code)]
 
 use std::ffi::{CStr, CString, c_char};
@@ -52,8 +53,8 @@ versioned! {
     isocat_device_verdict to findings: usize,
 }
 
-// SAFETY: the library never looks behind `user`. It goes back to the caller's functions on the thread that uses the bus, one at a
-// time: the handle of the bus is locked meanwhile.
+// SAFETY: the library never looks behind `user`. It goes back to the caller's functions on the
+// thread that uses the bus, one at a time: the handle of the bus is locked meanwhile.
 unsafe impl Send for Own {}
 
 /// The bytes at `pointer`. None are needed there if there are none.
@@ -73,7 +74,7 @@ pub(crate) fn bytes<'a>(
     if pointer.is_null() {
         return Err(Failure::null(what));
     }
-    // SAFETY: so many bytes stand there, as the header asks; no object of Rust is longer than `most`.
+    // SAFETY: the header asks for `length` bytes there; no object of Rust is longer than `most`.
     Ok(unsafe { std::slice::from_raw_parts(pointer, length) })
 }
 
@@ -139,7 +140,8 @@ pub(crate) fn fill<T: Versioned>(to: *mut T, value: T) -> Result<(), Failure> {
     let first = size_of::<usize>();
     let from = (&raw const value).cast::<MaybeUninit<u8>>();
     let to = to.cast::<MaybeUninit<u8>>();
-    // SAFETY: the caller has `size` bytes, of which `size` itself stays; `value` has at least `known`.
+    // SAFETY: the caller has `size` bytes, of which `size` itself stays; `value` has at least
+    // `known`.
     unsafe {
         std::ptr::copy_nonoverlapping(from.add(first), to.add(first), known - first);
         to.add(known).write_bytes(0, size - known);

@@ -111,7 +111,8 @@ pub fn count() -> Vec<u8> {
     frame
 }
 
-/// Sends it; how many SubDevices counted and where the answer came to, if one came, and how many copies of it.
+/// Sends it; how many SubDevices counted and where the answer came to, if one came, and how many
+/// copies of it.
 pub fn counted(bus: *mut isocat_bus, port: u32, at: u64) -> Option<(u8, u32, usize)> {
     let frame = count();
     let mut sent =

@@ -55,15 +55,18 @@ pub struct isocat_verdict_summary {
     pub lost: u64,
     /// Answers that were lost since more than 8192 were not received.
     pub overrun: u64,
-    /// MainDevices, one after the other: a new one begins where addresses are given anew, or after a long silence.
+    /// MainDevices, one after the other: a new one begins where addresses are given anew, or after
+    /// a long silence.
     pub sessions: usize,
     /// SubDevices that the last one had in OP when the judging began last.
     pub in_op: usize,
     /// How long the last one was judged since then, ns.
     pub judged_ns: i64,
-    /// ISOCAT_NOT_IN_SYNC if something speaks against any session; else that of the last one: ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
+    /// ISOCAT_NOT_IN_SYNC if something speaks against any session; else that of the last one:
+    /// ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
     pub answer: i32,
-    /// What became of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED, ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.
+    /// What became of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
+    /// ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.
     pub expected: i32,
 }
 
@@ -187,7 +190,8 @@ pub unsafe extern "C" fn isocat_verdict_get_summary(
     })
 }
 
-/// What is said of a SubDevice, in the last session. ISOCAT_OUT_OF_RANGE if nothing is: no SubDevice came to operation there.
+/// What is said of a SubDevice, in the last session. ISOCAT_OUT_OF_RANGE if nothing is: no
+/// SubDevice came to operation there.
 ///
 /// `device`: where it goes; `size` has to be set.
 #[unsafe(no_mangle)]
@@ -220,7 +224,8 @@ pub unsafe extern "C" fn isocat_verdict_get_device(
     })
 }
 
-/// What speaks against a SubDevice, as a sentence; NULL where there is nothing more. It lives as long as the verdict.
+/// What speaks against a SubDevice, as a sentence; NULL where there is nothing more. It lives as
+/// long as the verdict.
 ///
 /// `number`: from 0 to isocat_device_verdict.findings - 1.
 #[unsafe(no_mangle)]
@@ -235,7 +240,8 @@ pub unsafe extern "C" fn isocat_verdict_finding(
     sys::borrow("verdict", verdict).ok().and_then(finding).unwrap_or(ptr::null())
 }
 
-/// All of it in words, as `isocat serve` tells it: what the MainDevice did, what it left out, and the verdict. Many lines.
+/// All of it in words, as `isocat serve` tells it: what the MainDevice did, what it left out, and
+/// the verdict. Many lines.
 ///
 /// `text`: where it goes; the caller owns it, and frees it by isocat_text_free.
 #[unsafe(no_mangle)]

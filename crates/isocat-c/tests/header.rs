@@ -1,4 +1,5 @@
-//! The header that is checked in is the one that the sources make. With `UPDATE_HEADER=1` it is written.
+//! The header that is checked in is the one that the sources make. With `UPDATE_HEADER=1` it is
+//! written.
 
 use std::path::Path;
 

@@ -1,10 +1,12 @@
 //! A bus in virtual time: the served segment behind a clock that its caller moves.
 //!
-//! Frames go in at instants, and each answer waits until its last bit is back. Nothing here knows a real clock, a socket or a thread,
-//! so the same calls give the same answers, bit for bit. Doors for programs stand on it: C, tests in Rust.
+//! Frames go in at instants, and each answer waits until its last bit is back. Nothing here knows a
+//! real clock, a socket or a thread, so the same calls give the same answers, bit for bit. Doors
+//! for programs stand on it: C, tests in Rust.
 //!
-//! Time moves when the caller says so, and never back. How often it is moved changes nothing: SubDevices are looked at when a frame
-//! comes, when the caller asks for what they do, and ten times a second.
+//! Time moves when the caller says so, and never back. How often it is moved changes nothing:
+//! SubDevices are looked at when a frame comes, when the caller asks for what they do, and ten
+//! times a second.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -15,12 +17,14 @@ use isocat_wire::{AlState, AlStatusCode, frame};
 
 use crate::{Answer, Event, Order, Server, Setup, Summary};
 
-/// The longest virtual time of a bus: a month. The segment's own time counts picoseconds, which last for three of them.
+/// The longest virtual time of a bus: a month. The segment's own time counts picoseconds, which
+/// last for three of them.
 pub const LONGEST: Nanos = Nanos::millis(30 * 24 * 3_600_000);
-/// How far time moves at once at most: an hour, which takes seconds while SYNC pulses come each millisecond.
+/// How far time moves at once at most: an hour, which takes seconds while SYNC pulses come each
+/// millisecond.
 pub const LONGEST_STEP: Nanos = Nanos::millis(3_600_000);
-/// Answers and events that may wait for a caller who does not take them. More answers are lost, as at a port whose memory is full; of
-/// events the oldest go.
+/// Answers and events that may wait for a caller who does not take them. More answers are lost, as
+/// at a port whose memory is full; of events the oldest go.
 pub const MOST_WAITING: usize = 8_192;
 /// Lengths of frames, bytes from the destination address on, without check sequence.
 pub const LENGTHS: std::ops::RangeInclusive<usize> = frame::ETHERNET_HEADER_LEN..=frame::MAX_LEN;
@@ -28,9 +32,11 @@ pub const LENGTHS: std::ops::RangeInclusive<usize> = frame::ETHERNET_HEADER_LEN.
 /// A segment in virtual time.
 ///
 /// - [`send`](Self::send) frames; time goes on to their instants.
-/// - [`advance`](Self::advance) time, to [`next_arrival`](Self::next_arrival) or to whatever the caller waits for.
+/// - [`advance`](Self::advance) time, to [`next_arrival`](Self::next_arrival) or to whatever the
+///   caller waits for.
 /// - [`receive`](Self::receive) what is back by then.
-/// - [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs), [`inject`](Self::inject) on the way.
+/// - [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs), [`inject`](Self::inject) on the
+///   way.
 /// - [`summary`](Self::summary) at any time, and at the end after [`finish`](Self::finish).
 pub struct Bus {
     server: Server,
@@ -38,7 +44,8 @@ pub struct Bus {
     now: Time<Host>,
     /// When the segment was looked at last.
     looked: Time<Host>,
-    /// Answers under way, by the instant at which they are back, and then in the order of their frames.
+    /// Answers under way, by the instant at which they are back, and then in the order of their
+    /// frames.
     arrivals: VecDeque<Arrival>,
     events: VecDeque<Event>,
     /// Answers that were lost since too many waited.
@@ -93,8 +100,8 @@ impl Bus {
         }
     }
 
-    /// Sends a frame, whose first bit leaves the port at `at` or as soon as the frame before it has left. Gives whether and when it
-    /// comes back; [`receive`](Self::receive) has it then.
+    /// Sends a frame, whose first bit leaves the port at `at` or as soon as the frame before it has
+    /// left. Gives whether and when it comes back; [`receive`](Self::receive) has it then.
     pub fn send(
         &mut self,
         port: MainPort,
@@ -164,7 +171,8 @@ impl Bus {
         Ok(())
     }
 
-    /// When SubDevices are looked at next without a frame, for callers that wait: [`advance`](Self::advance) does it on its way.
+    /// When SubDevices are looked at next without a frame, for callers that wait:
+    /// [`advance`](Self::advance) does it on its way.
     pub fn next_timeout(&self) -> Option<Time<Host>> {
         self.server.next_timeout(self.looked)
     }
@@ -174,20 +182,22 @@ impl Bus {
         self.now
     }
 
-    /// The outputs of the device at `position`, as it took them last; `None` while they are in their safe state, and where there is
-    /// no such device.
+    /// The outputs of the device at `position`, as it took them last; `None` while they are in
+    /// their safe state, and where there is no such device.
     pub fn outputs(&mut self, position: usize) -> Option<Vec<u8>> {
         self.look(self.now);
         self.server.outputs(position)
     }
 
-    /// Sets the inputs of the device at `position` from now on; `None` gives them back to its application.
+    /// Sets the inputs of the device at `position` from now on; `None` gives them back to its
+    /// application.
     pub fn set_inputs(&mut self, position: usize, inputs: Option<&[u8]>) {
         self.look(self.now);
         self.server.set_inputs(position, inputs);
     }
 
-    /// The state of the device at `position`, and why it is there; `None` where there is no such device.
+    /// The state of the device at `position`, and why it is there; `None` where there is no such
+    /// device.
     pub fn state(&mut self, position: usize) -> Option<(AlState, AlStatusCode)> {
         self.look(self.now);
         let stack = &self.server.served().segment().devices().get(position)?.stack;
@@ -234,7 +244,8 @@ impl Bus {
         Summary::new(&self.server, segment_file, interface, self.now - self.began)
     }
 
-    /// The MainDevice is done: its session ends as of its last frame. One that sends again begins another.
+    /// The MainDevice is done: its session ends as of its last frame. One that sends again begins
+    /// another.
     pub fn finish(&mut self) {
         self.look(self.now);
         self.server.finish(self.now);

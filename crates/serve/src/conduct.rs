@@ -1,5 +1,5 @@
-//! How a MainDevice conducts itself, seen from its frames alone: the order of its steps, the rhythm of its
-//! cycle, where in the cycle its frames come.
+//! How a MainDevice conducts itself, seen from its frames alone: the order of its steps, the rhythm
+//! of its cycle, where in the cycle its frames come.
 
 use isocat_sim::Statistics;
 use isocat_wire::datagram::{Header, Layout, Layouts, datagrams};
@@ -110,7 +110,8 @@ impl Conduct {
         }
     }
 
-    /// A frame that left the MainDevice at `at`, as it came back: `source` is its source address as it was sent.
+    /// A frame that left the MainDevice at `at`, as it came back: `source` is its source address as
+    /// it was sent.
     pub fn frame(&mut self, at: Time<True>, source: [u8; 6], bytes: &[u8]) -> Seen {
         self.last = at;
         self.frames += 1;
@@ -130,8 +131,8 @@ impl Conduct {
         seen
     }
 
-    /// A frame at the secondary port, as it came back: what it has in it the primary port says too. Tells whether it carried
-    /// process data.
+    /// A frame at the secondary port, as it came back: what it has in it the primary port says too.
+    /// Tells whether it carried process data.
     pub fn second_port(&mut self, bytes: &[u8]) -> bool {
         self.second_port_frames += 1;
         let Ok(payload) = frame::payload(bytes) else { return false };
@@ -224,8 +225,8 @@ impl CycleConduct {
         }
         let phase = system_ps.rem_euclid(cycle);
         let first = *self.first_phase.get_or_insert(phase);
-        // In the neighbourhood of the last few, so that frames that wander through the cycle go on growing,
-        // and a single late one does not seem to be of the next cycle.
+        // In the neighbourhood of the last few, so that frames that wander through the cycle go on
+        // growing, and a single late one does not seem to be of the next cycle.
         let offset = phase - first;
         let turns = (self.recent_phase - offset + cycle / 2).div_euclid(cycle);
         let unwrapped = offset + turns * cycle;

@@ -1,11 +1,12 @@
 //! Requests to a service that runs: a socket in the file system, a line each way.
 //!
-//! Each client has a thread for as long as its request takes, two seconds at most, whatever it sends or does not send;
-//! with too many of them the oldest is sent away. A thread hands its request to the service and wakes it; so nobody who
-//! connects and says nothing can hold up a frame, nor the request of another.
+//! Each client has a thread for as long as its request takes, two seconds at most, whatever it
+//! sends or does not send; with too many of them the oldest is sent away. A thread hands its
+//! request to the service and wakes it; so nobody who connects and says nothing can hold up a
+//! frame, nor the request of another.
 //!
-//! The socket stands in a folder that nobody else can write to, and a client asks only a service of its own user or of
-//! root: another user's socket may answer anything, without end, or never.
+//! The socket stands in a folder that nobody else can write to, and a client asks only a service of
+//! its own user or of root: another user's socket may answer anything, without end, or never.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -36,8 +37,8 @@ const SERVICE: Duration = PATIENCE.saturating_add(CLIENT);
 /// How soon a client notices that it is to stop.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// Where the requests to the service of an interface go: in `XDG_RUNTIME_DIR` if that is this user's own, else in
-/// `/run` for root, else in `isocat-UID` in the folder for temporary files.
+/// Where the requests to the service of an interface go: in `XDG_RUNTIME_DIR` if that is this
+/// user's own, else in `/run` for root, else in `isocat-UID` in the folder for temporary files.
 pub fn path_of(interface: &str) -> PathBuf {
     let user = rustix::process::geteuid();
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from);
@@ -76,8 +77,8 @@ fn file_of(interface: &str) -> String {
     format!("isocat-{interface}.sock")
 }
 
-/// A folder in which no other user can put a socket in the place of ours: its owner is this user or root, and others
-/// may not write, or may not remove what is not theirs.
+/// A folder in which no other user can put a socket in the place of ours: its owner is this user or
+/// root, and others may not write, or may not remove what is not theirs.
 fn check_folder(path: &Path) -> io::Result<()> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new("."));

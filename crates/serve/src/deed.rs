@@ -93,8 +93,8 @@ deeds! {
 }
 
 impl Deed {
-    /// Tells `did` what a datagram with this header and data does; one that wrote several registers at once
-    /// does several things.
+    /// Tells `did` what a datagram with this header and data does; one that wrote several registers
+    /// at once does several things.
     pub fn read(header: &Header, data: &[u8], mut did: impl FnMut(Deed)) {
         use Command::*;
         let Ok(command) = header.command() else { return };
@@ -221,8 +221,8 @@ fn word(span: Span, data: &[u8], address: u16) -> Option<[u8; 2]> {
     Some([low, data.get(at + 1).copied().unwrap_or(0)])
 }
 
-/// What a mailbox message asks for; `None` for other protocols than CoE and what follows an initiate
-/// message.
+/// What a mailbox message asks for; `None` for other protocols than CoE and what follows an
+/// initiate message.
 fn mailbox_service(data: &[u8]) -> Option<Deed> {
     let header = mailbox::Header::parse(data.first_chunk()?);
     let coe_header = coe::Header::parse(*data.get(mailbox::HEADER_LEN..)?.first_chunk()?);

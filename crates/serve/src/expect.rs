@@ -1,8 +1,8 @@
 //! What is expected of a served segment, held against what its judges saw in true time.
 //!
-//! The whole service is one run: from the first instant at which all SubDevices that a MainDevice asked for are in OP, to where the
-//! last MainDevice begins to take the segment down, or its frames stop. What lies between, a MainDevice that is started anew
-//! among it, is part of the run.
+//! The whole service is one run: from the first instant at which all SubDevices that a MainDevice
+//! asked for are in OP, to where the last MainDevice begins to take the segment down, or its frames
+//! stop. What lies between, a MainDevice that is started anew among it, is part of the run.
 
 use isocat_sim::bench::{Intent, Measured};
 use isocat_sim::course::Course;
@@ -23,7 +23,8 @@ pub(crate) struct Watch {
     has_host_faults: bool,
     /// Of the whole service since it first came into operation.
     course: Option<Course>,
-    /// By position: the judges know the grid of its SYNC0. While a SubDevice is brought back, its SYNC unit may be written anew.
+    /// By position: the judges know the grid of its SYNC0. While a SubDevice is brought back, its
+    /// SYNC unit may be written anew.
     on_grid: Vec<bool>,
     /// The end of the run, should nothing follow.
     end: Option<End>,
@@ -44,7 +45,8 @@ impl Watch {
         Self { expectations, has_host_faults, course: None, on_grid, end: None }
     }
 
-    /// All SubDevices that were asked for are in OP, for the first time or again, on the grids that are written into them now.
+    /// All SubDevices that were asked for are in OP, for the first time or again, on the grids that
+    /// are written into them now.
     pub fn in_operation(&mut self, at: Time<True>, intent: &Intent, states: &[AlState]) {
         if self.expectations.is_empty() {
             return;
@@ -62,7 +64,8 @@ impl Watch {
         self.course.is_some()
     }
 
-    /// Something happened at a SubDevice, and what the judges measured with it. `is_judged`: the segment is in operation.
+    /// Something happened at a SubDevice, and what the judges measured with it. `is_judged`: the
+    /// segment is in operation.
     pub fn observe(
         &mut self,
         device: usize,
@@ -80,8 +83,9 @@ impl Watch {
         course.observe(device, at, event, measured);
     }
 
-    /// The MainDevice asks for a state, and asked for another one before. From the first request for a lower one on it takes
-    /// the segment down, unless it leads SubDevices upward again: to OP, or to any state while others are in OP.
+    /// The MainDevice asks for a state, and asked for another one before. From the first request
+    /// for a lower one on it takes the segment down, unless it leads SubDevices upward again: to
+    /// OP, or to any state while others are in OP.
     pub fn asked(&mut self, at: Time<True>, (before, now): (AlState, AlState), states: &[AlState]) {
         let Some(course) = &self.course else { return };
         let is_upward = now == AlState::Op || now as u8 > before as u8;
@@ -94,7 +98,8 @@ impl Watch {
         }
     }
 
-    /// Frames have stopped after the one that left at `last`: what comes from here on may be the silence's doing.
+    /// Frames have stopped after the one that left at `last`: what comes from here on may be the
+    /// silence's doing.
     pub fn is_silent(&mut self, last: Time<True>) {
         if let (Some(course), None) = (&self.course, &self.end) {
             self.end = Some(End::of(course, last, false));
@@ -165,7 +170,8 @@ fn unmet(expectation: Expectation, found: Found) -> Judgement {
     Judgement { expectation, met: false, found }
 }
 
-/// What speaks against all stretches of operation, in the order of time; what has no time of its own comes last.
+/// What speaks against all stretches of operation, in the order of time; what has no time of its
+/// own comes last.
 fn findings<'a>(sessions: impl Iterator<Item = &'a Session>) -> Vec<Finding> {
     let stretches = sessions.flat_map(|session| session.earlier.iter().chain(&session.judged));
     let of_stretch = |judged: &'a Judged| {

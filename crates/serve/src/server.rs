@@ -25,13 +25,14 @@ use crate::taps;
 
 /// A virtual segment for frames from outside.
 ///
-/// - For every frame: [`frame`](Self::frame) gives its [`Answer`] ([`frame_at`](Self::frame_at) with two ports); when that is
-///   on its way, [`after`](Self::after).
+/// - For every frame: [`frame`](Self::frame) gives its [`Answer`] ([`frame_at`](Self::frame_at)
+///   with two ports); when that is on its way, [`after`](Self::after).
 /// - Ports of a ring: [`has_two_ports`](Self::has_two_ports), [`link`](Self::link).
-/// - While nothing comes: [`idle`](Self::idle), at [`next_timeout`](Self::next_timeout) at the latest.
+/// - While nothing comes: [`idle`](Self::idle), at [`next_timeout`](Self::next_timeout) at the
+///   latest.
 /// - Process data: [`outputs`](Self::outputs), [`set_inputs`](Self::set_inputs).
-/// - What happened: [`poll_event`](Self::poll_event); all of it at the end: [`sessions`](Self::sessions) after
-///   [`finish`](Self::finish).
+/// - What happened: [`poll_event`](Self::poll_event); all of it at the end:
+///   [`sessions`](Self::sessions) after [`finish`](Self::finish).
 pub struct Server {
     served: Served,
     /// The process data of each SubDevice.
@@ -76,11 +77,11 @@ pub enum Answer {
     Back {
         /// At which port of the MainDevice: in a whole ring not at the one that it left.
         port: MainPort,
-        /// When its last bit is back at the MainDevice's port, if the wire is all that takes time; a delay that was asked for is in it.
-        /// Never earlier than true time: rounded up to the ns.
+        /// When its last bit is back at the MainDevice's port, if the wire is all that takes time;
+        /// a delay that was asked for is in it. Never earlier than true time: rounded up to the ns.
         last_bit: Time<Host>,
-        /// For a door in real time, whose own answer takes longer than the wire: the answer is held back until then. `None`: it is to
-        /// leave at once.
+        /// For a door in real time, whose own answer takes longer than the wire: the answer is held
+        /// back until then. `None`: it is to leave at once.
         hold: Option<Time<Host>>,
     },
     /// It does not go back.
@@ -120,7 +121,8 @@ pub struct Session {
     pub refused: Vec<Refused>,
     /// The last stretch of operation; `None` if no SubDevice ever was in OP.
     pub judged: Option<Judged>,
-    /// Stretches before it, each ended by a SubDevice that was asked to leave OP, as one that fell is.
+    /// Stretches before it, each ended by a SubDevice that was asked to leave OP, as one that fell
+    /// is.
     pub earlier: Vec<Judged>,
     /// More of them, which are only counted.
     pub earlier_left_out: u64,
@@ -132,7 +134,8 @@ pub struct Session {
     silent: bool,
     /// The state that was last asked for.
     requested: AlState,
-    /// The state that was asked for before the last pause in the exchange, until the exchange goes on.
+    /// The state that was asked for before the last pause in the exchange, until the exchange goes
+    /// on.
     paused: Option<AlState>,
     pending: bool,
 }
@@ -213,14 +216,15 @@ const LEAST_HUSH: Nanos = Nanos::micros(200);
 const LEAD: Nanos = Nanos::millis(1);
 /// While something may happen by itself, the segment is looked at this often.
 pub const TICK: Nanos = Nanos::millis(100);
-/// Silence between the last frame of one session that went back to INIT and the first of another, at least.
+/// Silence between the last frame of one session that went back to INIT and the first of another,
+/// at least.
 const PAUSE_DOWN: Nanos = Nanos::millis(50);
 /// The same after a session that did not.
 const PAUSE: Nanos = Nanos::millis(250);
 /// Who sent a frame this long ago is still there.
 const STILL_THERE: Nanos = Nanos::millis(1_000);
-/// Frames from the secondary port are copies, or what else a MainDevice does for its ring, unless the primary port has been
-/// silent for this long.
+/// Frames from the secondary port are copies, or what else a MainDevice does for its ring, unless
+/// the primary port has been silent for this long.
 const ALONE: Picos = Picos(100_000_000_000);
 /// Refusals that are remembered.
 const MOST_REFUSED: usize = 32;
@@ -310,8 +314,8 @@ impl Server {
         Answer::Back { port: back.port, last_bit, hold }
     }
 
-    /// Shows frames, and what happens at SubDevices, to somebody who keeps it: a capture, waveforms, a trace. What a tap is told of a
-    /// MainDevice of ours it is not told here.
+    /// Shows frames, and what happens at SubDevices, to somebody who keeps it: a capture,
+    /// waveforms, a trace. What a tap is told of a MainDevice of ours it is not told here.
     pub fn with_tap(mut self, tap: Box<dyn Tap + Send>) -> Self {
         self.served.show_everything();
         self.tap = Some(tap);
@@ -323,15 +327,17 @@ impl Server {
         self.ring
     }
 
-    /// The link at a port of the MainDevice went away as of `now`, or came: of a ring the device there notices, as with a cable
-    /// that is pulled, so that frames from the other port turn at it.
+    /// The link at a port of the MainDevice went away as of `now`, or came: of a ring the device
+    /// there notices, as with a cable that is pulled, so that frames from the other port turn at
+    /// it.
     pub fn link(&mut self, now: Time<Host>, port: MainPort, up: bool) {
         self.served.advance(now);
         self.settle();
         self.served.link(port, up);
     }
 
-    /// What follows from the frame that [`frame`](Self::frame) took last, once its answer is on its way.
+    /// What follows from the frame that [`frame`](Self::frame) took last, once its answer is on its
+    /// way.
     pub fn after(&mut self, bytes: &[u8]) {
         let Some(passage) = self.passage.take() else { return };
         let source = self.source;
@@ -373,9 +379,9 @@ impl Server {
         self.follow(seen, passage.start);
     }
 
-    /// Whether a frame says what the MainDevice does: one of the primary port. A MainDevice with a ring sends its copies, or
-    /// frames that only try the way, at the secondary port; it would seem to do all things twice. Where the primary port is
-    /// silent, the secondary one says it.
+    /// Whether a frame says what the MainDevice does: one of the primary port. A MainDevice with a
+    /// ring sends its copies, or frames that only try the way, at the secondary port; it would seem
+    /// to do all things twice. Where the primary port is silent, the secondary one says it.
     fn leads(&mut self, passage: &Passage) -> bool {
         match passage.from {
             MainPort::Primary => {
@@ -439,7 +445,8 @@ impl Server {
         Ok(())
     }
 
-    /// Plans a fault for the instant `at`, or for now where that is over; tells what is wrong with it.
+    /// Plans a fault for the instant `at`, or for now where that is over; tells what is wrong with
+    /// it.
     pub fn inject_at(&mut self, at: Time<Host>, order: Order) -> Result<(), String> {
         let Order { fault, lasts, spare } = order;
         if !self.ring && fault.cable() == Some(RING_CABLE) {
@@ -459,8 +466,8 @@ impl Server {
         Ok(())
     }
 
-    /// Takes an answer beside that of the last frame, of one that was doubled on its way: at which port, and when its last bit
-    /// is back.
+    /// Takes an answer beside that of the last frame, of one that was doubled on its way: at which
+    /// port, and when its last bit is back.
     pub fn take_copy(&mut self) -> Option<(MainPort, Time<Host>, Vec<u8>)> {
         let (port, last_bit, bytes) = self.served.take_copy()?;
         if let Some(tap) = &mut self.tap {
@@ -476,15 +483,17 @@ impl Server {
         self.events.extend(news.into_iter().map(Event::Fault));
     }
 
-    /// The outputs of the device at `position`, as it took them last; `None` while they are in their safe state, and where there is no
-    /// such device or the [`Setup`] does without process data.
+    /// The outputs of the device at `position`, as it took them last; `None` while they are in
+    /// their safe state, and where there is no such device or the [`Setup`] does without process
+    /// data.
     pub fn outputs(&self, position: usize) -> Option<Vec<u8>> {
         self.doors.get(position)?.outputs()
     }
 
-    /// Sets the inputs of the device at `position` from the next time on that it maps them; `None` gives them back to its application.
-    /// Bytes beyond its process image are left out; bytes that are not set stay its application's. Nothing happens where there is no
-    /// such device or the [`Setup`] does without process data.
+    /// Sets the inputs of the device at `position` from the next time on that it maps them; `None`
+    /// gives them back to its application. Bytes beyond its process image are left out; bytes that
+    /// are not set stay its application's. Nothing happens where there is no such device or the
+    /// [`Setup`] does without process data.
     pub fn set_inputs(&mut self, position: usize, inputs: Option<&[u8]>) {
         if let Some(door) = self.doors.get(position) {
             door.set_inputs(inputs);
@@ -502,7 +511,8 @@ impl Server {
         Some(event)
     }
 
-    /// What is known now, for who watches. From the first time on, what is of late is followed, too.
+    /// What is known now, for who watches. From the first time on, what is of late is followed,
+    /// too.
     pub fn status(&mut self, segment: &str) -> Status {
         self.settle();
         let onlooker = self.onlooker.take().unwrap_or_else(|| self.new_onlooker());
@@ -511,8 +521,8 @@ impl Server {
         status
     }
 
-    /// Ends the last session, as of its last frame. One that still goes on at `now` is left open: not the
-    /// MainDevice ended it.
+    /// Ends the last session, as of its last frame. One that still goes on at `now` is left open:
+    /// not the MainDevice ended it.
     pub fn finish(&mut self, now: Time<Host>) {
         self.settle();
         if self.session.is_some() {
@@ -576,8 +586,8 @@ impl Server {
         let sessions = self.ended.iter().chain(&self.session);
         self.watch.judgements(self.served.now(), sessions, self.served.timeline(), self.left_out())
     }
-    /// When SubDevices came into operation for the first time, if anything is expected; what [`judgements`](Self::judgements) tells of
-    /// instants counts from then.
+    /// When SubDevices came into operation for the first time, if anything is expected; what
+    /// [`judgements`](Self::judgements) tells of instants counts from then.
     pub fn first_in_operation(&self) -> Option<Time<True>> {
         self.watch.began()
     }
@@ -725,8 +735,8 @@ impl Server {
         }
     }
 
-    /// Before time goes on to `to` without a frame: if one is overdue in operation, the judges' view is
-    /// kept, for what comes from here on may be the silence's doing.
+    /// Before time goes on to `to` without a frame: if one is overdue in operation, the judges'
+    /// view is kept, for what comes from here on may be the silence's doing.
     fn hush(&mut self, to: Time<Host>) {
         let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) else {
             return;
@@ -762,7 +772,8 @@ impl Server {
         self.forget_oldest(MOST_RECORDS);
     }
 
-    /// Forgets the oldest sessions until no more is remembered than `most` records, but never the last one.
+    /// Forgets the oldest sessions until no more is remembered than `most` records, but never the
+    /// last one.
     fn forget_oldest(&mut self, most: usize) {
         let mut records: usize = self.ended.iter().map(Session::records).sum();
         let mut forgotten = 0;
@@ -813,9 +824,9 @@ impl Session {
         }
     }
 
-    /// Whether a frame that left at `at` begins another session: this one had come to the exchange of process
-    /// data, and after a pause somebody begins at the beginning. Some MainDevices first send a frame or two that
-    /// say nothing, so the pause is remembered until the exchange goes on.
+    /// Whether a frame that left at `at` begins another session: this one had come to the exchange
+    /// of process data, and after a pause somebody begins at the beginning. Some MainDevices first
+    /// send a frame or two that say nothing, so the pause is remembered until the exchange goes on.
     fn is_over(&mut self, at: Time<True>, bytes: &[u8]) -> bool {
         let pause = if self.requested == AlState::Init { PAUSE_DOWN } else { PAUSE };
         let exchanged = self.conduct.done(Deed::ProcessData).is_some();
@@ -849,7 +860,8 @@ impl Session {
     }
 }
 
-/// Whether a fault can't happen here: the host's clock is true time, and other MainDevices do not come from here.
+/// Whether a fault can't happen here: the host's clock is true time, and other MainDevices do not
+/// come from here.
 fn is_left_out(fault: &Fault, has_host: bool) -> bool {
     use Fault::{ClockJump, LateWakeUps, SlowSends, Stall};
     let by_caller = matches!(fault, ClockJump { .. } | Stall | LateWakeUps(_) | SlowSends(_));

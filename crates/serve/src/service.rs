@@ -1,4 +1,5 @@
-//! Frames from one interface, or the two of a ring, to the segment and back, until somebody ends it.
+//! Frames from one interface, or the two of a ring, to the segment and back, until somebody ends
+//! it.
 
 use std::collections::VecDeque;
 use std::io::{self, Read};
@@ -17,7 +18,8 @@ use super::server::{Answer, Event, Server};
 /// How frames are waited for.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Style {
-    /// Spin on the socket instead of sleeping: answers in a few microseconds, for a processor of its own.
+    /// Spin on the socket instead of sleeping: answers in a few microseconds, for a processor of
+    /// its own.
     pub busy: bool,
 }
 
@@ -50,9 +52,9 @@ pub struct Interfaces {
     pub secondary: Option<RawSocket>,
 }
 
-/// Serves until a signal or a request ends it, or an interface has gone. One that goes down is waited for: what
-/// comes meanwhile is lost, as with a cable that is pulled; in a ring the device there loses its link. `wake` becomes
-/// readable when a signal or a request has come.
+/// Serves until a signal or a request ends it, or an interface has gone. One that goes down is
+/// waited for: what comes meanwhile is lost, as with a cable that is pulled; in a ring the device
+/// there loses its link. `wake` becomes readable when a signal or a request has come.
 pub fn run(
     server: &mut Server,
     interfaces: Interfaces,
@@ -158,8 +160,8 @@ struct Service {
 const PORTS: [MainPort; 2] = [MainPort::Primary, MainPort::Secondary];
 /// Longer than any frame: what fills it was cut.
 const BUFFER: usize = 2048;
-/// While spinning, SubDevices are kept this far behind the clock: a frame with a stamp earlier than that would be
-/// taken as of then.
+/// While spinning, SubDevices are kept this far behind the clock: a frame with a stamp earlier than
+/// that would be taken as of then.
 const BEHIND: Nanos = Nanos::micros(30);
 /// While spinning, SubDevices are looked at so often between two frames, and in steps of this size.
 const LOOKS: i64 = 4;
@@ -254,7 +256,8 @@ impl Service {
         }
     }
 
-    /// Looks at interfaces that failed, and in a ring now and then at all of them: whether their links are there.
+    /// Looks at interfaces that failed, and in a ring now and then at all of them: whether their
+    /// links are there.
     fn look_at_links(
         &mut self,
         server: &mut Server,
@@ -288,14 +291,15 @@ impl Service {
         Ok(())
     }
 
-    /// Sleeps until something comes, or the SubDevices want to be looked at; tells whether it is a frame.
+    /// Sleeps until something comes, or the SubDevices want to be looked at; tells whether it is a
+    /// frame.
     fn sleep(&mut self, server: &mut Server, wake: &UnixStream) -> Result<bool, LinkError> {
         if self.ports.iter().any(|port| port.waiting.is_some()) {
             return Ok(true);
         }
         let now = clock::now();
-        // The SubDevices' own work waits for the next frame, or is done in the pause before it: then the
-        // answer to that frame does not wait for it.
+        // The SubDevices' own work waits for the next frame, or is done in the pause before it:
+        // then the answer to that frame does not wait for it.
         let hide = (!self.caught_up && HIDE.contains(&self.distance))
             .then(|| self.last_frame + Nanos(self.distance.0 / 4 * 3));
         let held = self.held.front().map(|(due, ..)| *due);

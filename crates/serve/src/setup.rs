@@ -18,14 +18,16 @@ pub struct Setup {
     pub names: Vec<String>,
     /// The seed of all randomness.
     pub seed: u64,
-    /// What goes wrong of itself. What concerns a host is left out unless [`has_host`](Self::has_host).
+    /// What goes wrong of itself. What concerns a host is left out unless
+    /// [`has_host`](Self::has_host).
     pub faults: Vec<Planned>,
     /// The caller runs the MainDevice's machine and lets stalls, jumps of its clock, late wake-ups and slow sends happen to it, as
     /// [`Event::Fault`] tells. What the host's clock or another MainDevice does is left out all the same. Default false.
     ///
     /// [`Event::Fault`]: crate::server::Event::Fault
     pub has_host: bool,
-    /// What is expected of all this: [`Server::judgements`](crate::Server::judgements) tells what became of it.
+    /// What is expected of all this: [`Server::judgements`](crate::Server::judgements) tells what
+    /// became of it.
     pub expectations: Vec<Expectation>,
     /// SubDevices that may come in the place of others.
     pub spares: Vec<DeviceSetup>,
@@ -33,8 +35,9 @@ pub struct Setup {
     pub sync0_limit: Picos,
     /// Largest spread of outputs behind their pulse with which a SubDevice counts as synchronized.
     pub outputs_spread: Picos,
-    /// The server's caller may look at process data and set them. A service that nobody asks for them does without, and saves some
-    /// hundred instructions for each device and cycle. Default true.
+    /// The server's caller may look at process data and set them. A service that nobody asks for
+    /// them does without, and saves some hundred instructions for each device and cycle. Default
+    /// true.
     pub shows_process_data: bool,
 }
 

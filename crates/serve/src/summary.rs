@@ -26,7 +26,8 @@ pub fn schema() -> serde_json::Value {
     settings.into_generator().into_root_schema_for::<Summary>().to_value()
 }
 
-/// The whole document. All times are nanoseconds; points of time count from the beginning of the service.
+/// The whole document. All times are nanoseconds; points of time count from the beginning of the
+/// service.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Summary {
@@ -48,7 +49,8 @@ pub struct Summary {
     pub lost: u64,
     /// Answers held back since frames came faster than 100 Mbit/s.
     pub held: u64,
-    /// What the segment file expects, and whether it came so; empty if it expects nothing in particular.
+    /// What the segment file expects, and whether it came so; empty if it expects nothing in
+    /// particular.
     pub expected: Vec<Expected>,
     /// Faults that were asked for while it was served; of very many the newest ones.
     pub faults: Vec<Injected>,
@@ -107,9 +109,11 @@ pub struct SessionSummary {
     pub abrupt: bool,
     /// Frames; in a ring those at the primary port.
     pub frames: u64,
-    /// In a ring, frames at the secondary port: copies of the others, and what else the MainDevice sends to see the ring.
+    /// In a ring, frames at the secondary port: copies of the others, and what else the MainDevice
+    /// sends to see the ring.
     pub second_port_frames: u64,
-    /// Source addresses of its frames, most frames first. More than one: there were several MainDevices.
+    /// Source addresses of its frames, most frames first. More than one: there were several
+    /// MainDevices.
     pub sources: Vec<String>,
     /// What it did, in the order in which it first did it.
     pub steps: Vec<Step>,
@@ -119,8 +123,8 @@ pub struct SessionSummary {
     pub cycle: Option<Cycle>,
     /// What it left out or did badly, in words.
     pub remarks: Vec<String>,
-    /// What it comes to, by true time: `in-sync`; `except`, for what `judged` names; `not-known`, as no SubDevice was in
-    /// OP.
+    /// What it comes to, by true time: `in-sync`; `except`, for what `judged` names; `not-known`,
+    /// as no SubDevice was in OP.
     pub answer: &'static str,
     /// What the judges say of the exchange in operation; null if no SubDevice was in OP.
     pub judged: Option<JudgedSummary>,
@@ -162,8 +166,8 @@ pub struct Refusal {
 pub struct Cycle {
     /// From one cycle to the next.
     pub interval: Span,
-    /// When cycles reached the reference clock against SYNC0's cycle, relative to the first; null without a
-    /// reference.
+    /// When cycles reached the reference clock against SYNC0's cycle, relative to the first; null
+    /// without a reference.
     pub phase: Option<Span>,
     /// Drift datagrams in operation.
     pub drift_datagrams: u64,
@@ -177,8 +181,9 @@ pub struct Cycle {
 pub struct JudgedSummary {
     /// Nothing speaks against any SubDevice, in this stretch of operation and in those before.
     pub in_sync: bool,
-    /// Stretches of operation before this one, each ended when a SubDevice was asked to leave OP, as one that
-    /// fell is before it is brought back. The figures are of the last stretch. Of very many, those that were not in sync.
+    /// Stretches of operation before this one, each ended when a SubDevice was asked to leave OP,
+    /// as one that fell is before it is brought back. The figures are of the last stretch. Of very
+    /// many, those that were not in sync.
     pub earlier: Vec<Stretch>,
     /// How many more there were.
     pub earlier_left_out: u64,
@@ -283,7 +288,8 @@ impl Summary {
         }
     }
 
-    /// What all sessions come to: something speaks against one of them, or else that of the last one.
+    /// What all sessions come to: something speaks against one of them, or else that of the last
+    /// one.
     pub fn answer(&self) -> Answer {
         let answers = || self.sessions.iter().map(|session| answer(session.judged.as_ref()));
         match answers().any(|answer| answer == Answer::Except) {

@@ -19,8 +19,8 @@ const QUIET: Style = Style::new().dimmed();
 const MOST: usize = 40;
 
 impl Summary {
-    /// The summary as text, with ANSI styles; print it through a stream that strips them where they are not
-    /// wanted.
+    /// The summary as text, with ANSI styles; print it through a stream that strips them where they
+    /// are not wanted.
     pub fn text(&self) -> String {
         let mut text = String::new();
         // Writing to a String cannot fail.

@@ -22,13 +22,17 @@ use crate::socket::{Queue, Socket};
 
 /// The segment of a run, in virtual time. Cheap to clone; all clones are the same bus.
 ///
-/// - Time: [`now`](Self::now), [`sleep`](Self::sleep), [`within`](Self::within); [`host_sleep`](Self::host_sleep) for an application.
-/// - The application, and what runs beside it: [`spawn`](Self::spawn). Its frames: [`socket`](Self::socket).
+/// - Time: [`now`](Self::now), [`sleep`](Self::sleep), [`within`](Self::within);
+///   [`host_sleep`](Self::host_sleep) for an application.
+/// - The application, and what runs beside it: [`spawn`](Self::spawn). Its frames:
+///   [`socket`](Self::socket).
 /// - The machine: [`device`](Self::device), [`all_op`](Self::all_op).
-/// - What goes wrong: [`fault`](Self::fault), [`fault_after`](Self::fault_after), [`set_lateness`](Self::set_lateness).
+/// - What goes wrong: [`fault`](Self::fault), [`fault_after`](Self::fault_after),
+///   [`set_lateness`](Self::set_lateness).
 /// - How it stands: [`verdict`](Self::verdict).
 ///
-/// What a test asks for and can't be done, as a device that does not exist, is a panic at the line of the test.
+/// What a test asks for and can't be done, as a device that does not exist, is a panic at the line
+/// of the test.
 #[derive(Clone)]
 pub struct Bus(pub(crate) Rc<Shared>);
 
@@ -83,12 +87,14 @@ impl Bus {
         Duration::from_nanos(self.0.clock.now())
     }
 
-    /// Lets virtual time go on, to the nanosecond: for the test itself, and for what it plays of the machine.
+    /// Lets virtual time go on, to the nanosecond: for the test itself, and for what it plays of
+    /// the machine.
     pub fn sleep(&self, time: Duration) -> Sleep {
         Sleep::new(time, false)
     }
 
-    /// The same for an application: its host wakes it late, as [`Segment::lateness`] and faults have it.
+    /// The same for an application: its host wakes it late, as [`Segment::lateness`] and faults
+    /// have it.
     pub fn host_sleep(&self, time: Duration) -> Sleep {
         Sleep::new(time, true)
     }
@@ -122,7 +128,8 @@ impl Bus {
         })
     }
 
-    /// Runs a future beside the test, as an executor of the application would. All run on the test's thread, one at a time.
+    /// Runs a future beside the test, as an executor of the application would. All run on the
+    /// test's thread, one at a time.
     pub fn spawn<F: Future + 'static>(&self, future: F) -> Task<F::Output> {
         self.0.executor.spawn(future)
     }
@@ -270,8 +277,8 @@ impl Device {
         self.bus.0.at_present(|bus| bus.outputs(self.position))
     }
 
-    /// Sets its first inputs, from the next time on that it maps them. Bytes beyond its process image are left out; bytes that are not
-    /// set stay those of its application.
+    /// Sets its first inputs, from the next time on that it maps them. Bytes beyond its process
+    /// image are left out; bytes that are not set stay those of its application.
     pub fn set_inputs(&self, inputs: &[u8]) {
         self.bus.0.at_present(|bus| bus.set_inputs(self.position, Some(inputs)));
     }

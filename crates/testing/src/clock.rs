@@ -1,7 +1,8 @@
 //! The virtual clock of the run on this thread, and the timers that wait for it.
 //!
-//! embassy-time asks for the time through two global functions, and says nothing of whose time it is. So each thread has a clock of its
-//! own: tests that run side by side in one process never see each other's time.
+//! embassy-time asks for the time through two global functions, and says nothing of whose time it
+//! is. So each thread has a clock of its own: tests that run side by side in one process never see
+//! each other's time.
 
 use std::cell::{Cell, RefCell};
 use std::pin::Pin;
@@ -121,8 +122,8 @@ impl Clock {
         }
     }
 
-    /// Forgets the timers of a task, which is about to be polled: those that it still waits for are added again then. So timers
-    /// that were dropped wake nothing.
+    /// Forgets the timers of a task, which is about to be polled: those that it still waits for are
+    /// added again then. So timers that were dropped wake nothing.
     pub fn forget(&self, waker: &Waker) {
         self.timers.borrow_mut().retain(|timer| !timer.waker.will_wake(waker));
     }
@@ -132,7 +133,8 @@ impl Clock {
         self.timers.borrow().iter().map(|timer| timer.wakes).min()
     }
 
-    /// Wakes those whose time has come. A host that is awake, if late, sees all its timers that are due.
+    /// Wakes those whose time has come. A host that is awake, if late, sees all its timers that are
+    /// due.
     pub fn fire(&self) {
         let now = self.now();
         let mut timers = self.timers.borrow_mut();

@@ -1,6 +1,7 @@
 //! ethercrab at the segment.
 //!
-//! This package does not depend on ethercrab: the macro makes code in the test's own package, of the ethercrab that the application has.
+//! This package does not depend on ethercrab: the macro makes code in the test's own package, of
+//! the ethercrab that the application has.
 
 use crate::clock::Clock;
 

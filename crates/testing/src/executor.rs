@@ -1,6 +1,7 @@
 //! Tasks, polled one at a time in the order in which they were woken.
 //!
-//! The executor owns the futures: a stack may keep wakers in memory that outlives the run, and they keep nothing else alive.
+//! The executor owns the futures: a stack may keep wakers in memory that outlives the run, and they
+//! keep nothing else alive.
 
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, VecDeque};
@@ -47,7 +48,8 @@ struct Slot<T> {
     waits: Option<Waker>,
 }
 
-/// A future that runs beside the test; see [`Bus::spawn`](crate::Bus::spawn). Awaiting it gives what it comes to.
+/// A future that runs beside the test; see [`Bus::spawn`](crate::Bus::spawn). Awaiting it gives
+/// what it comes to.
 ///
 /// Where this is dropped, the future runs on until the test ends.
 #[must_use = "what a task comes to, perhaps an error, is lost unless the task is awaited"]

@@ -1,7 +1,8 @@
 //! The machine that the application seems to run on, and its bad luck.
 //!
-//! How late a wake-up is depends on the seed and on the instant at which it is due, and on nothing else. So it does not matter how
-//! often a stack asks for the same timer, or for timers that it drops before they are due.
+//! How late a wake-up is depends on the seed and on the instant at which it is due, and on nothing
+//! else. So it does not matter how often a stack asks for the same timer, or for timers that it
+//! drops before they are due.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! A run: the test's future and its tasks are polled until all of them wait, then time goes on to what comes next.
+//! A run: the test's future and its tasks are polled until all of them wait, then time goes on to
+//! what comes next.
 
 use std::fmt;
 use std::panic::AssertUnwindSafe;
@@ -117,7 +118,8 @@ pub struct Failure {
 /// Why a run can't come to its end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Kind {
-    /// The test and all its tasks wait, and none of them for a time or for a frame that is under way.
+    /// The test and all its tasks wait, and none of them for a time or for a frame that is under
+    /// way.
     Deadlock {
         /// Tasks beside the test.
         tasks: usize,
@@ -154,7 +156,8 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
-/// Turns in which no task waited: from the first number on each costs time, at the second they are called endless.
+/// Turns in which no task waited: from the first number on each costs time, at the second they are
+/// called endless.
 const FREE_TURNS: u64 = 100;
 const MOST_TURNS: u64 = 1_000_000;
 /// What such a turn costs, so that a loop that only asks for the time comes to its end.

@@ -26,7 +26,8 @@ pub struct Segment {
 /// Virtual time after which a run ends with an error, unless a test says otherwise.
 pub const LIMIT: Duration = Duration::from_secs(600);
 
-/// From the last bit of an answer until the application has it, unless a test says otherwise: a PC with a packet socket.
+/// From the last bit of an answer until the application has it, unless a test says otherwise: a PC
+/// with a packet socket.
 pub const LATENCY: Duration = Duration::from_micros(20);
 
 impl Segment {
@@ -48,24 +49,28 @@ impl Segment {
         SegmentFile::parse("the test's segment", text).map(Self::from)
     }
 
-    /// The built-in segment, as `isocat example` prints it: two drives, a coupler with a PWM terminal, a third drive.
+    /// The built-in segment, as `isocat example` prints it: two drives, a coupler with a PWM
+    /// terminal, a third drive.
     pub fn built_in() -> Self {
         Self::from(SegmentFile::built_in())
     }
 
-    /// The seed of everything random, in place of the file's: crystals, jitter, faults by chance, lateness of the host.
+    /// The seed of everything random, in place of the file's: crystals, jitter, faults by chance,
+    /// lateness of the host.
     pub fn seed(mut self, seed: u64) -> Self {
         self.scenario.seed = seed;
         self
     }
 
-    /// The application's wake-ups are late by up to `worst`, a fifth of it in the mean. Default zero.
+    /// The application's wake-ups are late by up to `worst`, a fifth of it in the mean. Default
+    /// zero.
     pub fn lateness(mut self, worst: Duration) -> Self {
         self.lateness = worst;
         self
     }
 
-    /// From the last bit of an answer until the application has it: network controller, interrupt, kernel. Default [`LATENCY`].
+    /// From the last bit of an answer until the application has it: network controller, interrupt,
+    /// kernel. Default [`LATENCY`].
     pub fn latency(mut self, latency: Duration) -> Self {
         self.latency = latency;
         self

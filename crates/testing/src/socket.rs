@@ -13,8 +13,8 @@ use crate::Bus;
 
 /// A packet socket at the segment, for a stack that makes its own frames.
 ///
-/// As with packet sockets of a kernel, each socket hears every frame that comes back at its port. In a ring that is the other port
-/// than the one that the frame left.
+/// As with packet sockets of a kernel, each socket hears every frame that comes back at its port.
+/// In a ring that is the other port than the one that the frame left.
 pub struct Socket {
     bus: Bus,
     port: MainPort,
@@ -55,8 +55,8 @@ impl Socket {
         std::future::poll_fn(|context| self.poll_receive(context)).await
     }
 
-    /// The same for a time; `None` if no frame has come by then. The host that waits wakes late, as from
-    /// [`Bus::host_sleep`].
+    /// The same for a time; `None` if no frame has come by then. The host that waits wakes late, as
+    /// from [`Bus::host_sleep`].
     pub async fn receive_for(&self, time: Duration) -> Option<Vec<u8>> {
         let mut end = self.bus.host_sleep(time);
         std::future::poll_fn(|context| match self.poll_receive(context) {
@@ -71,7 +71,8 @@ impl Socket {
         self.queue.borrow_mut().frames.pop_front()
     }
 
-    /// For futures written by hand: the next frame, or the task is woken when one comes. One task at a time can wait.
+    /// For futures written by hand: the next frame, or the task is woken when one comes. One task
+    /// at a time can wait.
     pub fn poll_receive(&self, context: &mut Context<'_>) -> Poll<Vec<u8>> {
         let mut queue = self.queue.borrow_mut();
         match queue.frames.pop_front() {

@@ -8,7 +8,8 @@ use isocat_serve::summary::{JudgedSummary, Outcome, SessionSummary};
 
 /// What the MainDevice did, and what judges say that watched in the segment's true time.
 ///
-/// As text it is all of that, for the message of an assertion: `assert!(verdict.in_sync(), "{verdict}")`.
+/// As text it is all of that, for the message of an assertion: `assert!(verdict.in_sync(),
+/// "{verdict}")`.
 #[derive(Clone, PartialEq, Debug)]
 #[must_use = "a verdict that is not looked at fails no test"]
 pub struct Verdict {
@@ -20,22 +21,22 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Whether devices came to operation, and nothing speaks against any of them as long as they were asked to be there. Of a
-    /// MainDevice that began anew, each session counts.
+    /// Whether devices came to operation, and nothing speaks against any of them as long as they
+    /// were asked to be there. Of a MainDevice that began anew, each session counts.
     pub fn in_sync(&self) -> bool {
         let sessions = &self.summary.sessions;
         let came_up = |session: &SessionSummary| session.judged.is_some();
         sessions.last().is_some_and(came_up) && self.judged().all(|judged| judged.in_sync)
     }
 
-    /// Whether all came so that the `[[expect]]` tables of the segment file ask for, and all of it could be judged; true if they
-    /// ask for nothing.
+    /// Whether all came so that the `[[expect]]` tables of the segment file ask for, and all of it
+    /// could be judged; true if they ask for nothing.
     pub fn as_expected(&self) -> bool {
         self.summary.outcome() == Outcome::AsExpected
     }
 
-    /// The least time from the end of copying and calculating to SYNC0, ns, of the last stretch of operation and all devices. Negative
-    /// if a device was late; `None` without SYNC0.
+    /// The least time from the end of copying and calculating to SYNC0, ns, of the last stretch of
+    /// operation and all devices. Negative if a device was late; `None` without SYNC0.
     pub fn least_margin_ns(&self) -> Option<f64> {
         let devices = self.judged().last()?.devices.iter();
         devices.filter_map(|device| Some(device.sync0_margin.as_ref()?.min_ns)).reduce(f64::min)
@@ -51,8 +52,8 @@ impl Verdict {
         self.lasted
     }
 
-    /// A hash over all frames that were sent and that came back, with port and instant. Equal hashes of two runs mean that they
-    /// were the same on the wire, to the nanosecond.
+    /// A hash over all frames that were sent and that came back, with port and instant. Equal
+    /// hashes of two runs mean that they were the same on the wire, to the nanosecond.
     pub fn wire_hash(&self) -> u64 {
         self.wire
     }

@@ -1,4 +1,5 @@
-//! Runs that can't come to their end, and tests that ask for what is not there: each ends with a word, and none hangs.
+//! Runs that can't come to their end, and tests that ask for what is not there: each ends with a
+//! word, and none hangs.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::task::Poll;

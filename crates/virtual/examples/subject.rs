@@ -1,5 +1,6 @@
-//! Programs that run under supervision in `tests/supervised.rs`: `subject NAME`. Each looks from inside whether time, threads, pipes and
-//! frames are as on a machine of its own, and fails if they are not.
+//! Programs that run under supervision in `tests/supervised.rs`: `subject NAME`. Each looks from
+//! inside whether time, threads, pipes and frames are as on a machine of its own, and fails if they
+//! are not.
 
 #![cfg(all(target_os = "linux", target_arch = "x86_64"))]
 

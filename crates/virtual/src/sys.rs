@@ -1,4 +1,5 @@
-//! The system calls of the supervisor that no library wraps safely: everything unsafe of this package stands here.
+//! The system calls of the supervisor that no library wraps safely: everything unsafe of this
+//! package stands here.
 #![expect(
     unsafe_code,
     reason = "seccomp notifications and a process's memory have no safe wrapper"
@@ -114,7 +115,8 @@ impl Drop for Shared {
 }
 
 impl Launched {
-    /// Whether the machine does not let the program's addresses be fixed, so that they differ from run to run.
+    /// Whether the machine does not let the program's addresses be fixed, so that they differ from
+    /// run to run.
     pub(crate) fn is_randomized(&self) -> bool {
         self.shared.state().randomized.load(Ordering::SeqCst) != 0
     }
@@ -128,8 +130,8 @@ impl Launched {
 
 /// Starts a program whose calls are filtered. It stops at once, at the call that replaces it.
 ///
-/// The child shares the table of descriptors with its parent until then: that hands over the listener without a call that a
-/// container could refuse.
+/// The child shares the table of descriptors with its parent until then: that hands over the
+/// listener without a call that a container could refuse.
 pub(crate) fn launch(
     program: &CString,
     arguments: &[CString],
@@ -142,7 +144,8 @@ pub(crate) fn launch(
     };
     let (arguments, environment) = (pointers(arguments), pointers(environment));
     let filter = libc::sock_fprog { len: filter.len() as u16, filter: filter.as_ptr().cast_mut() };
-    // SAFETY: the child shares no memory but the page; it calls nothing that takes a lock, then execs or exits.
+    // SAFETY: the child shares no memory but the page; it calls nothing that takes a lock, then
+    // execs or exits.
     let process = unsafe {
         let flags = i64::from(libc::CLONE_FILES | libc::SIGCHLD);
         let process = libc::syscall(libc::SYS_clone, flags, 0, 0, 0, 0) as i32;
@@ -165,7 +168,8 @@ pub(crate) fn launch(
         let error = if number == NOT_YET { libc::ECHILD } else { -number };
         return Err(io::Error::from_raw_os_error(error));
     }
-    // SAFETY: the child made this descriptor in the table that both share; it becomes ours alone when the child execs.
+    // SAFETY: the child made this descriptor in the table that both share; it becomes ours alone
+    // when the child execs.
     let listener = Listener(unsafe { OwnedFd::from_raw_fd(number) });
     // Without it each stop takes far longer; an older kernel says that it does not know it.
     listener.ioctl(SET_FLAGS, SYNC_WAKE_UP as *mut c_void).inspect_err(|_| {
@@ -222,7 +226,8 @@ unsafe fn child(
 }
 
 impl Listener {
-    /// Waits for the next call that stops a thread. A signal to this thread ends the wait with `Interrupted`.
+    /// Waits for the next call that stops a thread. A signal to this thread ends the wait with
+    /// `Interrupted`.
     pub(crate) fn receive(&self) -> io::Result<Stopped> {
         // SAFETY: all-zero is a valid notification, and the kernel wants it so.
         let mut notification: libc::seccomp_notif = unsafe { MaybeUninit::zeroed().assume_init() };
@@ -249,7 +254,8 @@ impl Listener {
         self.ioctl(SEND, (&raw mut response).cast()).map(|_| ())
     }
 
-    /// Gives the stopped process a descriptor of ours, with the lowest free number or with this one.
+    /// Gives the stopped process a descriptor of ours, with the lowest free number or with this
+    /// one.
     pub(crate) fn add_descriptor(
         &self,
         id: u64,
@@ -396,7 +402,8 @@ pub(crate) fn send_timer_signal(
     timer: i32,
     value: u64,
 ) -> io::Result<()> {
-    // The part of `siginfo_t` that timers fill in: number, error, code, padding, timer, overruns, value.
+    // The part of `siginfo_t` that timers fill in: number, error, code, padding, timer, overruns,
+    // value.
     let mut info = [0u8; 128];
     info[0..4].copy_from_slice(&signal.to_ne_bytes());
     info[8..12].copy_from_slice(&libc::SI_TIMER.to_ne_bytes());
@@ -459,7 +466,8 @@ pub(crate) fn adopt_orphans() {
     unsafe { libc::prctl(libc::PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0) };
 }
 
-/// Interrupts a thread of this process in its system call, again and again for as long as it likes: by a signal without effect.
+/// Interrupts a thread of this process in its system call, again and again for as long as it likes:
+/// by a signal without effect.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Interrupter(libc::pthread_t);
 

@@ -17,7 +17,8 @@ pub struct WireAnswer {
 
 /// Something that takes frames and gives answers, in virtual time. Instants never go back.
 pub trait Wire {
-    /// A frame whose first bit is sent at `at` from an interface. What comes back goes to `answers`, in whatever order.
+    /// A frame whose first bit is sent at `at` from an interface. What comes back goes to
+    /// `answers`, in whatever order.
     fn send(
         &mut self,
         interface: usize,

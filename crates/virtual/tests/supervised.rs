@@ -54,8 +54,8 @@ fn options() -> Options {
     }
 }
 
-/// Runs a subject of `examples/subject.rs`, which is built with the tests; gives its end and when its frames set out. `None`: this
-/// machine does not let programs be supervised, and says so.
+/// Runs a subject of `examples/subject.rs`, which is built with the tests; gives its end and when
+/// its frames set out. `None`: this machine does not let programs be supervised, and says so.
 fn run(subject: &str, options: &Options) -> Option<(Ended, Vec<u64>)> {
     let test = std::env::current_exe().expect("a test has a binary");
     let path = test.parent().and_then(Path::parent).expect("folders").join("examples/subject");

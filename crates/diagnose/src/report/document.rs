@@ -214,7 +214,7 @@ pub enum SureKind {
 pub struct ReachReport {
     /// SubDevices.
     pub subdevices: u16,
-    /// The first frame that passed so many.
+    /// The first frame that passed this number of SubDevices.
     #[serde(flatten)]
     pub frame: FrameRef,
 }

@@ -200,8 +200,9 @@ impl Steering {
         let most = (interval * speed_at(range(received.start), received.start)) >> 20;
         let grown = (self.drifted - self.counted).clamp(-most, most);
         let rest = self.drifted - self.counted - grown;
-        // The grain of ticks and nibbles may be left for the next time. A jump is no drift, nor is the first difference. Without a
-        // filter what is left acts at once, and a nibble would make the loop overshoot: there all beyond ticks is a jump.
+        // The grain of ticks and nibbles may be left for the next time. A jump is no drift, nor is
+        // the first difference. Without a filter what is left acts at once, and a nibble would make
+        // the loop overshoot: there all beyond ticks is a jump.
         let (grain, jump) = if received.speed_depth == 0 { (TICKS, TICKS) } else { (NIBBLE, JUMP) };
         let drifts = !received.first && rest.abs() <= jump;
         self.counted = self.drifted - if drifts { rest.clamp(-grain, grain) } else { 0 };
@@ -327,12 +328,14 @@ pub(super) const fn round(fixed: i64) -> i64 {
 
 /// More than this without a received time (17 s) counts as this, ns.
 const LONGEST: i64 = 1 << 34;
-/// Differences come in the ticks of two clocks: so much may be left over for the next received time, ns.
+/// Differences come in the ticks of two clocks: so much may be left over for the next received
+/// time, ns.
 const TICKS: i64 = 32 << FRACTION;
 /// Frames on MII come by nibbles of 40 ns: so much may be left over where speeds are filtered, ns.
 const NIBBLE: i64 = 40 << FRACTION;
-/// More than this at once is no drift, ns. It is beyond two ticks of 10 ns and a nibble of 40 ns, by which frames on MII come: a law that
-/// took a nibble for a jump would learn no speed from frames that follow each other closely, since they drift by nibbles.
+/// More than this at once is no drift, ns. It is beyond two ticks of 10 ns and a nibble of 40 ns,
+/// by which frames on MII come: a law that took a nibble for a jump would learn no speed from
+/// frames that follow each other closely, since they drift by nibbles.
 const JUMP: i64 = 128 << FRACTION;
 /// The largest step of phase, ns. The record asks for no more than some limit between 8 ns and
 /// none.

@@ -50,13 +50,16 @@ pub struct Arguments {
     /// Seed of everything random: the segment, the host's bad luck, the program's random numbers
     #[arg(long)]
     seed: Option<u64>,
-    /// Wake-ups of the program come late by up to this, in the place of what the file says of its host
+    /// Wake-ups of the program come late by up to this, in the place of what the file says of its
+    /// host
     #[arg(long, value_name = "TIME", value_parser = duration)]
     lateness: Option<Nanos>,
-    /// Wake-ups come as late as measured: a histogram as cyclictest -q -h writes it, or lines of microseconds and counts
+    /// Wake-ups come as late as measured: a histogram as cyclictest -q -h writes it, or lines of
+    /// microseconds and counts
     #[arg(long, value_name = "FILE", conflicts_with = "lateness")]
     lateness_from: Option<PathBuf>,
-    /// One of so many system calls takes up to this much longer, as another program has the processor (1000:300us)
+    /// One of so many system calls takes up to this much longer, as another program has the
+    /// processor (1000:300us)
     #[arg(long, value_name = "ONE_OF:TIME", value_parser = luck::preemption)]
     preemption: Option<(u64, Nanos)>,
     /// End the program after this virtual time

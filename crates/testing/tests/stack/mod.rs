@@ -1,4 +1,5 @@
-//! A MainDevice that makes its own frames, as an application of the test: isocat's own one, at a socket of the bus.
+//! A MainDevice that makes its own frames, as an application of the test: isocat's own one, at a
+//! socket of the bus.
 #![allow(dead_code, reason = "each test uses its part")]
 
 use std::cell::RefCell;

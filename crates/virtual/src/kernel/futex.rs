@@ -1,7 +1,7 @@
 //! Futexes: the queues behind mutexes, condition variables and joins.
 //!
-//! The word itself lies in the program's memory, and the caller reads and writes it. As one task runs at a time, to compare a word
-//! and to queue up is one step without any lock.
+//! The word itself lies in the program's memory, and the caller reads and writes it. As one task
+//! runs at a time, to compare a word and to queue up is one step without any lock.
 
 use super::scheduler::TaskId;
 
@@ -101,7 +101,8 @@ impl PiLock {
         }
     }
 
-    /// The word that the lock has when `next` gets it and others may wait behind; without anybody it is free.
+    /// The word that the lock has when `next` gets it and others may wait behind; without anybody
+    /// it is free.
     pub fn hand_over(next: Option<u32>, others_wait: bool) -> u32 {
         next.map_or(0, |thread| thread | if others_wait { WAITERS } else { 0 })
     }

@@ -5,8 +5,8 @@ use isocat_sim::host::Delay;
 use isocat_sim::random::Stream;
 use isocat_wire::time::{Host as Clock, Nanos, Time};
 
-/// What calls cost in virtual time. Each call costs something, so that a loop that asks for the time, or for a frame, again and again
-/// comes to its end.
+/// What calls cost in virtual time. Each call costs something, so that a loop that asks for the
+/// time, or for a frame, again and again comes to its end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Costs {
     /// Reading a clock, and any call that is not named here.
@@ -113,8 +113,9 @@ impl Host {
         self.after_stall(due + late + fault)
     }
 
-    /// How much later a frame that is back reaches the socket: it takes an interrupt, which is as late as a timer's. Without that
-    /// frames that are sent as fast as they come back would be as even as no machine sends them.
+    /// How much later a frame that is back reaches the socket: it takes an interrupt, which is as
+    /// late as a timer's. Without that frames that are sent as fast as they come back would be as
+    /// even as no machine sends them.
     pub fn brings_up(&mut self) -> Nanos {
         let usual = lateness(&self.luck, &mut self.arrivals);
         usual + self.late.map_or(Nanos::ZERO, |late| late.draw(&mut self.faults))

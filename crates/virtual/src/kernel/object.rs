@@ -113,8 +113,8 @@ impl Objects {
         }
     }
 
-    /// A descriptor does not stand for it any more; gives whose state changed by that: the last descriptor ends the object, and an
-    /// end of a pipe is noticed at the other.
+    /// A descriptor does not stand for it any more; gives whose state changed by that: the last
+    /// descriptor ends the object, and an end of a pipe is noticed at the other.
     pub fn release(&mut self, id: ObjectId) -> Vec<ObjectId> {
         let slot = &mut self.slots[id.0 as usize];
         let Some(object) = slot else { return Vec::new() };

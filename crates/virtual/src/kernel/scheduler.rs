@@ -24,9 +24,10 @@ pub enum Source {
 
 /// Decides who runs next, and when.
 ///
-/// A task is added as running. Whoever drives the scheduler says of a running task either that its call
-/// [is answered](Self::answered) or that it [waits](Self::wait); when no task runs any more, [`next`](Self::next) names the one to
-/// go on, after the caller let time [advance](Self::advance) to the instant it is due.
+/// A task is added as running. Whoever drives the scheduler says of a running task either that its
+/// call [is answered](Self::answered) or that it [waits](Self::wait); when no task runs any more,
+/// [`next`](Self::next) names the one to go on, after the caller let time [advance](Self::advance)
+/// to the instant it is due.
 #[derive(Debug)]
 pub struct Scheduler {
     now: Time<Host>,
@@ -39,8 +40,8 @@ struct Task {
     state: State,
     /// From when on it may run; [`Time::NEVER`] until something wakes it.
     due: Time<Host>,
-    /// Of tasks that are due at the same instant the one with the higher priority runs first, and of those with the same the one that
-    /// has been waiting for its turn for longer.
+    /// Of tasks that are due at the same instant the one with the higher priority runs first, and
+    /// of those with the same the one that has been waiting for its turn for longer.
     priority: u8,
     turn: u64,
     sources: Vec<Source>,
@@ -155,8 +156,8 @@ impl Scheduler {
         }
     }
 
-    /// The task that is to go on next, and from when on it may; [`Time::NEVER`] if all wait for what nobody will do. `None`: there is
-    /// none that could.
+    /// The task that is to go on next, and from when on it may; [`Time::NEVER`] if all wait for
+    /// what nobody will do. `None`: there is none that could.
     pub fn next(&self) -> Option<(TaskId, Time<Host>)> {
         self.waiting_for_turn()
             .min_by_key(|(_, task)| {

@@ -12,7 +12,8 @@ pub struct Timer {
 }
 
 impl Timer {
-    /// Sets it: first at an instant, then in this interval; an interval of 0: once. What had expired is forgotten.
+    /// Sets it: first at an instant, then in this interval; an interval of 0: once. What had
+    /// expired is forgotten.
     pub fn set(&mut self, first: Option<Time<Host>>, interval: Nanos) {
         (self.next, self.interval, self.expired) = (first, interval, 0);
     }

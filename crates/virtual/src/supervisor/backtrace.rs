@@ -1,4 +1,5 @@
-//! Where a thread is: the instruction that it is at, and as far as frame pointers lead, those that called it.
+//! Where a thread is: the instruction that it is at, and as far as frame pointers lead, those that
+//! called it.
 
 use std::fs;
 use std::path::Path;
@@ -21,8 +22,8 @@ struct Mapping {
     path: String,
 }
 
-/// The places at which a running thread is, innermost first: `function+0x12 (file)`, or the address where nothing is known. Empty where
-/// the machine does not let it be looked at.
+/// The places at which a running thread is, innermost first: `function+0x12 (file)`, or the address
+/// where nothing is known. Empty where the machine does not let it be looked at.
 pub(super) fn places(process: i32, thread: i32) -> Vec<String> {
     let Ok(registers) = sys::registers(thread) else { return Vec::new() };
     let mappings = mappings(process);

@@ -1,6 +1,7 @@
 //! Which system calls stop a thread: the filter of a program.
 
-/// Those that neither take time, nor wait, nor tell of the real machine: the kernel does them without a stop.
+/// Those that neither take time, nor wait, nor tell of the real machine: the kernel does them
+/// without a stop.
 const HARMLESS: &[i64] = &[
     libc::SYS_stat,
     libc::SYS_fstat,
@@ -122,7 +123,8 @@ pub(super) const X86_64: u32 = 0xC000_003E;
 /// Offset of the architecture in what a filter sees; the number stands at 0.
 const ARCHITECTURE: u32 = 4;
 
-/// The filter: all calls but the harmless ones stop their thread, and so do all of another architecture.
+/// The filter: all calls but the harmless ones stop their thread, and so do all of another
+/// architecture.
 pub(super) fn program() -> Vec<libc::sock_filter> {
     let load = |offset| statement(libc::BPF_LD | libc::BPF_W | libc::BPF_ABS, offset);
     let mut program = vec![

@@ -11,7 +11,8 @@ use crate::kernel::TaskId;
 use crate::sys;
 
 impl Supervisor<'_> {
-    /// Looks at a program that may have been replaced, before its first call is answered. `false`: the thread goes on already.
+    /// Looks at a program that may have been replaced, before its first call is answered. `false`:
+    /// the thread goes on already.
     pub(super) fn prepare_image(&mut self, task: TaskId) -> io::Result<bool> {
         let call = self.thread(task).call;
         if call.number == libc::SYS_close && self.process(task).under.is_some() {
@@ -53,7 +54,8 @@ impl Supervisor<'_> {
         Ok(true)
     }
 
-    /// A process that was made by `vfork` has a program of its own: its parent goes on at this moment, and is waited for.
+    /// A process that was made by `vfork` has a program of its own: its parent goes on at this
+    /// moment, and is waited for.
     pub(super) fn let_parent_run(&mut self, task: TaskId) -> io::Result<()> {
         let is_exec = self.thread(task).call.number == libc::SYS_execve;
         let process = self.process(task);

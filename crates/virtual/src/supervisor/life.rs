@@ -82,7 +82,8 @@ impl Supervisor<'_> {
         self.scheduler.alive().filter(of)
     }
 
-    /// A thread is no more: those that wait for its end go on, and those whose word changed look again.
+    /// A thread is no more: those that wait for its end go on, and those whose word changed look
+    /// again.
     pub(super) fn thread_ended(&mut self, task: TaskId) {
         self.futexes.leave(task);
         self.scheduler.end(task);
@@ -157,7 +158,8 @@ impl Supervisor<'_> {
         Ok(())
     }
 
-    /// One that has been writing for long to the world outside may wait for a reader that is another thread of the program.
+    /// One that has been writing for long to the world outside may wait for a reader that is
+    /// another thread of the program.
     fn let_others_run_beside_writers(&mut self) {
         let running: Vec<TaskId> =
             self.scheduler.alive().filter(|task| self.scheduler.is_running(*task)).collect();
@@ -246,7 +248,8 @@ impl Supervisor<'_> {
 const VFORK: u64 = libc::CLONE_VFORK as u64;
 const MEMORY: u64 = libc::CLONE_VM as u64;
 
-/// How long the kernel may take to end a thread, before it is looked at again and again with pauses.
+/// How long the kernel may take to end a thread, before it is looked at again and again with
+/// pauses.
 const SPINS: u32 = 1_000;
 
 fn wait_until(is: impl Fn() -> bool) {

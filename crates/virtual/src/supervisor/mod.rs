@@ -1,10 +1,11 @@
 //! Runs a program whose system calls are answered from virtual time.
 //!
-//! Data's way: a call stops its thread, `Supervisor` receives it and lets `calls` answer it, or the thread waits. When all threads
-//! have stopped, the virtual kernel's scheduler names the one to go on, time is let on to where that one is due, and it gets its answer.
-//! `launch` looks at the program before it is started, `filter` says which calls stop. `program` keeps processes, threads and
-//! their descriptors, `life` lets them begin and end; `image` changes what a program reads its clocks by, as `vdso` has it.
-//! `watchdog` notices what is no call.
+//! Data's way: a call stops its thread, `Supervisor` receives it and lets `calls` answer it, or the
+//! thread waits. When all threads have stopped, the virtual kernel's scheduler names the one to go
+//! on, time is let on to where that one is due, and it gets its answer. `launch` looks at the
+//! program before it is started, `filter` says which calls stop. `program` keeps processes, threads
+//! and their descriptors, `life` lets them begin and end; `image` changes what a program reads its
+//! clocks by, as `vdso` has it. `watchdog` notices what is no call.
 
 mod backtrace;
 mod calls;
@@ -254,7 +255,8 @@ impl<'w> Supervisor<'w> {
 
     /// Waits until no thread runs, and tries the calls at which they stopped.
     fn collect(&mut self) -> io::Result<()> {
-        // A call may let another thread run, as the one does with which a child gets a program of its own.
+        // A call may let another thread run, as the one does with which a child gets a program of
+        // its own.
         while self.end.is_none() && self.is_any_running() {
             self.collect_once()?;
         }
@@ -408,8 +410,9 @@ impl<'w> Supervisor<'w> {
         }
     }
 
-    /// When the segment wants to be looked at next, if time goes on at all: that alone is no reason for it. It may want it again at
-    /// once, and gets it a little later: else time would stand still.
+    /// When the segment wants to be looked at next, if time goes on at all: that alone is no reason
+    /// for it. It may want it again at once, and gets it a little later: else time would stand
+    /// still.
     fn next_look(&self) -> Option<Time<Clock>> {
         let due = self.wire.next_timeout(self.looked)?;
         Some(due.max(self.looked + LEAST_LOOK))

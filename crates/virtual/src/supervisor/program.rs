@@ -54,7 +54,8 @@ pub(super) struct Process {
     pub gone: bool,
     /// It has ended and its parent has not asked for it yet.
     pub unclaimed: bool,
-    /// The thread that waits in the kernel until this process has a program of its own, as of `vfork`.
+    /// The thread that waits in the kernel until this process has a program of its own, as of
+    /// `vfork`.
     pub stands_for: Option<TaskId>,
 }
 
@@ -195,7 +196,8 @@ impl Supervisor<'_> {
         Ok(Some(task))
     }
 
-    /// A thread replaced the program, and goes on as the first of its process: all others are no more.
+    /// A thread replaced the program, and goes on as the first of its process: all others are no
+    /// more.
     pub(super) fn replaced_by(&mut self, task: TaskId) {
         let process = self.threads[task.0 as usize].process;
         let others: Vec<TaskId> = self

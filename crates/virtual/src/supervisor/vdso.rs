@@ -1,13 +1,15 @@
 //! The clocks that programs read without a system call.
 //!
-//! The kernel maps a small library into each program, the vdso, whose functions read the real clock. They are overwritten: each
-//! makes the system call of its name, which stops at the supervisor. Reading the clock is the most frequent call of all, so
-//! `clock_gettime` gets more: a page that program and supervisor share holds virtual time, and as long as no other thread is due,
-//! the program itself lets it go on by the cost of the call.
+//! The kernel maps a small library into each program, the vdso, whose functions read the real
+//! clock. They are overwritten: each makes the system call of its name, which stops at the
+//! supervisor. Reading the clock is the most frequent call of all, so `clock_gettime` gets more: a
+//! page that program and supervisor share holds virtual time, and as long as no other thread is
+//! due, the program itself lets it go on by the cost of the call.
 //!
-//! Nothing but the program can map that page into its memory. So at one of its first calls, the instructions behind that call are
-//! replaced by a jump into code that stands where `clock_gettime` stood: it maps the page, closes the descriptor, and
-//! jumps back. The supervisor sees the descriptor closed and puts the instructions back.
+//! Nothing but the program can map that page into its memory. So at one of its first calls, the
+//! instructions behind that call are replaced by a jump into code that stands where `clock_gettime`
+//! stood: it maps the page, closes the descriptor, and jumps back. The supervisor sees the
+//! descriptor closed and puts the instructions back.
 
 use object::read::elf::{ElfFile64, FileHeader};
 use object::{Endianness, Object, ObjectSymbol};
@@ -16,7 +18,8 @@ use object::{Endianness, Object, ObjectSymbol};
 pub(super) const PAGE: u64 = 0x2000_0000_0000;
 /// The number of its descriptor while it is being mapped.
 pub(super) const PAGE_DESCRIPTOR: u32 = 1_000;
-/// Real-time clocks count from 1970: virtual time zero is 2026-01-01 00:00 UTC, until a fault lets them jump.
+/// Real-time clocks count from 1970: virtual time zero is 2026-01-01 00:00 UTC, until a fault lets
+/// them jump.
 pub(super) const EPOCH: u64 = 1_767_225_600_000_000_000;
 
 /// Words of the shared page.
@@ -43,8 +46,8 @@ pub(super) struct Patch {
 /// The vdso of a program, as it lies at `base`.
 #[derive(Debug)]
 pub(super) struct Vdso {
-    /// The functions that tell of the real machine: address and size in the image, and the call of each. None for those
-    /// that only say that they don't know.
+    /// The functions that tell of the real machine: address and size in the image, and the call of
+    /// each. None for those that only say that they don't know.
     functions: Vec<(u64, u64, Option<i64>)>,
     /// Where `clock_gettime` stands in the image, and how much room there is.
     clock: Option<(u64, usize)>,
@@ -91,8 +94,8 @@ impl Vdso {
         (self.base + address, call(libc::SYS_clock_gettime))
     }
 
-    /// The clock that counts in the shared page, and the address to jump to so that it is mapped: then goes on at `back`. `None`:
-    /// there is no room for it.
+    /// The clock that counts in the shared page, and the address to jump to so that it is mapped:
+    /// then goes on at `back`. `None`: there is no room for it.
     pub(super) fn counting_clock(&self, back: u64) -> Option<(Patch, u64)> {
         let (address, room) = self.clock?;
         let (mut bytes, stub) = counting_clock_code();
@@ -146,7 +149,8 @@ fn refusal() -> Vec<u8> {
 /// Length of the jump at the end of the code below.
 const LAST_JUMP: usize = 13;
 
-/// `clock_gettime` with the shared page, and behind it what maps that page: all bytes, and where the second part begins.
+/// `clock_gettime` with the shared page, and behind it what maps that page: all bytes, and where
+/// the second part begins.
 fn counting_clock_code() -> (Vec<u8>, u64) {
     let page = PAGE.to_le_bytes();
     let mut code = Vec::new();

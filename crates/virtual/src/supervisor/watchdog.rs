@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 
 use crate::sys::Interrupter;
 
-/// A thread that interrupts the supervisor where a process has ended without a call, and where the program makes no call for too long.
+/// A thread that interrupts the supervisor where a process has ended without a call, and where the
+/// program makes no call for too long.
 #[derive(Debug)]
 pub(super) struct Watchdog {
     shared: Arc<Shared>,
@@ -26,8 +27,8 @@ struct Shared {
     processes: Mutex<Vec<i32>>,
 }
 
-/// A program that makes no call for so long, although nothing keeps it from running, spins. It is measured in what it ran itself, so
-/// that a busy machine does it no wrong.
+/// A program that makes no call for so long, although nothing keeps it from running, spins. It is
+/// measured in what it ran itself, so that a busy machine does it no wrong.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How often processes are looked at.
 const LOOK: Duration = Duration::from_millis(50);
@@ -114,7 +115,8 @@ fn has_ended(process: i32) -> bool {
     stat(process).is_none_or(|rest| rest.starts_with('Z') || rest.starts_with('X'))
 }
 
-/// How long a process has run on processors: user's and system's time, in the ticks of 10 ms that the kernel tells.
+/// How long a process has run on processors: user's and system's time, in the ticks of 10 ms that
+/// the kernel tells.
 fn cpu_time(process: i32) -> Duration {
     let rest = stat(process).unwrap_or_default();
     let ticks = rest.split(' ').skip(11).take(2).filter_map(|ticks| ticks.parse::<u64>().ok());

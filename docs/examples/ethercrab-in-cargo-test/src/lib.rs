@@ -1,4 +1,5 @@
-//! The application: a gate that moves until its end switch closes. The same code runs in production and in tests.
+//! The application: a gate that moves until its end switch closes. The same code runs in production
+//! and in tests.
 
 use std::time::Duration;
 
@@ -10,19 +11,22 @@ use ethercrab::{DcSync, MainDevice, RegisterAddress};
 const GATE: usize = 1;
 const SWITCHES: usize = 0;
 const CYCLE: Duration = Duration::from_millis(2);
-/// The machine starts when its clocks are this near to the reference, ns, for so many cycles in a row.
+/// The machine starts when its clocks are this near to the reference, ns, for so many cycles in a
+/// row.
 const NEAR: u32 = 500;
 const SETTLED: u32 = 500;
 
 /// Bits of that device: of its inputs, and of its outputs.
 pub const END_SWITCH: u8 = 0b01;
 pub const LAMP: u8 = 0b10;
-/// Working counter of a whole exchange: each of the two devices counts 1 for its inputs and 2 for its outputs.
+/// Working counter of a whole exchange: each of the two devices counts 1 for its inputs and 2 for
+/// its outputs.
 const WORKING_COUNTER: u16 = 6;
 
 /// Brings the machine to OP and runs it until the gate is open.
 ///
-/// `now` is the host's time in nanoseconds since 2000-01-01, `sleep` how the application waits where it runs.
+/// `now` is the host's time in nanoseconds since 2000-01-01, `sleep` how the application waits
+/// where it runs.
 pub async fn open_the_gate(
     main_device: MainDevice<'static>,
     now: fn() -> u64,
@@ -35,8 +39,8 @@ pub async fn open_the_gate(
         }
     }
     let group = group.into_pre_op_pdi(&main_device).await?;
-    // Drift frames go on until the clocks have converged: those that `init` sends may not be enough, and a difference that goes through
-    // zero once is none that stays there.
+    // Drift frames go on until the clocks have converged: those that `init` sends may not be
+    // enough, and a difference that goes through zero once is none that stays there.
     let mut near = 0;
     while near < SETTLED {
         group.tx_rx_sync_system_time(&main_device).await?;
@@ -57,7 +61,8 @@ pub async fn open_the_gate(
         let response = group.tx_rx_dc(&main_device).await?;
         let switches = group.subdevice(&main_device, SWITCHES)?;
         let is_open = switches.inputs_raw()[0] & END_SWITCH != 0;
-        // The lamp burns while the gate moves. `all_op` alone does not see a device that no longer answers.
+        // The lamp burns while the gate moves. `all_op` alone does not see a device that no longer
+        // answers.
         let is_whole = response.working_counter == WORKING_COUNTER;
         let moves = response.all_op() && is_whole && !is_open;
         switches.outputs_raw_mut()[0] = if moves { LAMP } else { 0 };

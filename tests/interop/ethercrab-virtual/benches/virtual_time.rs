@@ -1,5 +1,6 @@
-//! What a second of virtual time costs with ethercrab at 1 ms on the built-in segment. The throughput is in seconds of virtual time, so
-//! that `elem/s` is the ratio of virtual to real time, on a machine that does nothing else.
+//! What a second of virtual time costs with ethercrab at 1 ms on the built-in segment. The
+//! throughput is in seconds of virtual time, so that `elem/s` is the ratio of virtual to real time,
+//! on a machine that does nothing else.
 
 use std::cell::Cell;
 use std::time::{Duration, Instant};

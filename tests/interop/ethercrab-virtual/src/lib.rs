@@ -17,8 +17,8 @@ pub type Response = TxRxResponse<MAX_SUBDEVICES, CycleInfo>;
 /// What the machine does each cycle, and how the application waits for the next one.
 pub struct Job<S, C> {
     pub cycle: Duration,
-    /// Drift frames go on in PREOP until no clock is further from the reference than this, ns. `None`: those that ethercrab sends by
-    /// itself have to do.
+    /// Drift frames go on in PREOP until no clock is further from the reference than this, ns.
+    /// `None`: those that ethercrab sends by itself have to do.
     pub clocks_within: Option<u32>,
     pub sleep: S,
     /// Called behind each exchange; false ends the job.
@@ -96,7 +96,8 @@ where
     Ok(())
 }
 
-/// How far the drives' clocks are from the reference clock at most, ns: register 0x092C, whose highest bit is the sign.
+/// How far the drives' clocks are from the reference clock at most, ns: register 0x092C, whose
+/// highest bit is the sign.
 async fn furthest_clock(
     main_device: &MainDevice<'static>,
     group: &SubDeviceGroup<MAX_SUBDEVICES, MAX_PDI, DefaultLock, PreOpPdi>,

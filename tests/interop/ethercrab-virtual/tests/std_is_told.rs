@@ -1,4 +1,5 @@
-//! An ethercrab with its feature `std` waits for the machine's clock: that is told, and is no hang. `cargo test --features std`.
+//! An ethercrab with its feature `std` waits for the machine's clock: that is told, and is no hang.
+//! `cargo test --features std`.
 #![cfg(feature = "std")]
 
 use std::time::Duration;

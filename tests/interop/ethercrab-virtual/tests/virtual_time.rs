@@ -1,4 +1,5 @@
-//! ethercrab as it comes from the registry, on isocat's segment, in virtual time: it comes to OP, is judged, and all of it repeats.
+//! ethercrab as it comes from the registry, on isocat's segment, in virtual time: it comes to OP,
+//! is judged, and all of it repeats.
 #![cfg(not(feature = "std"))]
 
 use std::cell::{Cell, RefCell};
@@ -87,8 +88,9 @@ fn ten_thousand_cycles_are_judged_in_true_time_and_repeat_to_the_byte() {
     assert_eq!(verdict, judged());
 }
 
-/// The 10 000 drift frames that ethercrab sends by itself end before the clocks of this segment's law have converged, and nothing that
-/// it can read says so: all are in OP, and no device counts anything.
+/// The 10 000 drift frames that ethercrab sends by itself end before the clocks of this segment's
+/// law have converged, and nothing that it can read says so: all are in OP, and no device counts
+/// anything.
 #[test]
 fn clocks_that_have_not_converged_are_seen_by_the_judges_alone() {
     let verdict = cycles_with(Segment::built_in(), None, 500);
@@ -118,7 +120,8 @@ fn lateness_of_the_host_takes_from_the_margin_by_the_seed() {
     assert_ne!(least(2, 100), least(3, 100));
 }
 
-/// `cargo test -- --nocapture lateness_table` with `ISOCAT_SEEDS=20` prints the table of docs/testing-rust.md.
+/// `cargo test -- --nocapture lateness_table` with `ISOCAT_SEEDS=20` prints the table of
+/// docs/testing-rust.md.
 #[test]
 fn lateness_table() {
     let count: u64 =
@@ -145,7 +148,8 @@ fn lateness_table() {
 fn a_cable_is_pulled_and_plugged_and_the_application_brings_its_devices_back() {
     let recovered = || {
         run(Segment::built_in(), async |bus| {
-            // What the application sees: the working counter of a cycle that all devices took part in, the last one, and the states.
+            // What the application sees: the working counter of a cycle that all devices took part
+            // in, the last one, and the states.
             let counters = Rc::new(Cell::new((0, 0)));
             let (seen, all_op) = (Rc::clone(&counters), Rc::new(Cell::new(false)));
             let says = Rc::clone(&all_op);

@@ -1,4 +1,5 @@
-//! The files of a run, shared by the segment that shows what happens and the command that ends them.
+//! The files of a run, shared by the segment that shows what happens and the command that ends
+//! them.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -19,8 +19,8 @@ pub fn preemption(text: &str) -> Result<(u64, Nanos), String> {
 /// Values of a histogram, one for each microsecond of a cyclictest that was told -h.
 const MOST_VALUES: usize = 1_000_000;
 
-/// Reads a histogram of latencies: each line a number of microseconds and how often it was seen, of one or of several threads; `#`
-/// begins a remark.
+/// Reads a histogram of latencies: each line a number of microseconds and how often it was seen, of
+/// one or of several threads; `#` begins a remark.
 pub fn histogram(path: &Path) -> Result<Vec<(Nanos, u64)>, String> {
     let at = |line: usize, what: &str| {
         format!(

@@ -10,7 +10,8 @@ use crate::cli::{IN_SYNC, NOT_IN_SYNC, NOT_KNOWN};
 /// Nothing is wrong with synchronization, but the program itself failed.
 pub const PROGRAM_FAILED: u8 = 4;
 
-/// The exit code: what is expected of the segment, or its last session where nothing is, and then the program.
+/// The exit code: what is expected of the segment, or its last session where nothing is, and then
+/// the program.
 pub fn exit_code(summary: &Summary, ended: &Ended) -> u8 {
     let answer = summary.sessions.last().map(|session| session.answer);
     let judged = match (summary.outcome(), answer) {

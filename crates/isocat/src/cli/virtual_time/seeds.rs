@@ -1,4 +1,5 @@
-//! The same program many times, each with a seed of its own: processes of this command, as many at once as there are processors.
+//! The same program many times, each with a seed of its own: processes of this command, as many at
+//! once as there are processors.
 
 mod folder;
 mod row;
@@ -43,8 +44,8 @@ pub struct Options {
     /// Write a row for each run to this file: CSV
     #[arg(long, value_name = "FILE.csv", requires = "seeds")]
     rows: Option<PathBuf>,
-    /// Write segment file, report and output of each run that was not in sync, 100 at most, and of the one with the least margin
-    /// into this folder
+    /// Write segment file, report and output of each run that was not in sync, 100 at most, and of
+    /// the one with the least margin into this folder
     #[arg(long, value_name = "FOLDER", requires = "seeds")]
     failed: Option<PathBuf>,
 }

@@ -136,7 +136,8 @@ impl Supervisor<'_> {
         };
         match self.objects.get(id) {
             Some(Kind::Packet(_)) if first => self.write_packet(task, id, parts),
-            // Time stands still until all is written, so that it makes no difference how fast somebody reads.
+            // Time stands still until all is written, so that it makes no difference how fast
+            // somebody reads.
             Some(Kind::Outside(_)) => Ok(Outcome::Pass),
             Some(Kind::Pipe(_)) => self.write_pipe(task, id, &parts),
             Some(Kind::Event(_)) => {
@@ -323,7 +324,8 @@ impl Supervisor<'_> {
         Ok(Outcome::Pass)
     }
 
-    /// A copy of a descriptor, done here where it stands for something of ours: so its number is known.
+    /// A copy of a descriptor, done here where it stands for something of ours: so its number is
+    /// known.
     fn copy(&mut self, task: TaskId, a: [u64; 6], to: Option<i32>, close_on_exec: bool) -> Answer {
         let Some(object) = self.object(task, a[0]) else {
             if let Some(to) = to {
@@ -418,7 +420,8 @@ impl Supervisor<'_> {
         Ok(if ready { Outcome::Pass } else { Outcome::Outside })
     }
 
-    /// A call on a descriptor that is not ours: the kernel does it, and does not come back before it is done.
+    /// A call on a descriptor that is not ours: the kernel does it, and does not come back before
+    /// it is done.
     pub(super) fn pass_or_outside(&mut self, task: TaskId, number: u64) -> Answer {
         match self.pollable(task, number as i32)? {
             Pollable::Object(id) => self.outside_transfer(id),
@@ -440,7 +443,8 @@ impl Supervisor<'_> {
         if !(kind.is_fifo() || kind.is_char_device() || kind.is_socket()) {
             return Ok(Pollable::Always);
         }
-        // A terminal or a pipe from outside can be opened a second time, and then be waited for here.
+        // A terminal or a pipe from outside can be opened a second time, and then be waited for
+        // here.
         let mut options = fs::OpenOptions::new();
         let again = options.read(true).custom_flags(NON_BLOCKING | libc::O_NOCTTY).open(&path);
         let Ok(again) = again else {

@@ -97,7 +97,8 @@ impl Supervisor<'_> {
         if self.now() >= until {
             return error(libc::ETIMEDOUT);
         }
-        // Nobody woke it, and yet it was to look again: the thread that had the word may have ended.
+        // Nobody woke it, and yet it was to look again: the thread that had the word may have
+        // ended.
         let is_lock = matches!(operation, libc::FUTEX_LOCK_PI | LOCK_PI2);
         if is_lock {
             return self.lock_pi(task, a, operation);
@@ -204,7 +205,8 @@ impl Supervisor<'_> {
         }
     }
 
-    /// A thread of this memory ended: those that wait on words which the kernel changed by that look again.
+    /// A thread of this memory ended: those that wait on words which the kernel changed by that
+    /// look again.
     pub(in crate::supervisor) fn wake_changed_words(&mut self, space: u64) {
         for task in self.scheduler.alive().collect::<Vec<_>>() {
             let here = self.futexes.key_of(task).is_some_and(|key| key.space & !PI == space);
@@ -215,7 +217,8 @@ impl Supervisor<'_> {
     }
 }
 
-/// The place in shared memory behind an address: which file or mapping, and where in it. `None`: it is the process's own.
+/// The place in shared memory behind an address: which file or mapping, and where in it. `None`: it
+/// is the process's own.
 fn shared_place(process: i32, at: u64) -> Option<FutexKey> {
     let maps = fs::read_to_string(format!("/proc/{process}/maps")).ok()?;
     for line in maps.lines() {

@@ -1,4 +1,5 @@
-//! The machine that a program sees: one processor, its own random numbers, its own priorities. And the calls that are not served.
+//! The machine that a program sees: one processor, its own random numbers, its own priorities. And
+//! the calls that are not served.
 
 use super::{Answer, Outcome, done, error};
 use crate::kernel::TaskId;

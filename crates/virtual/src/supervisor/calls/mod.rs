@@ -1,4 +1,5 @@
-//! The system calls, one file for each kind. A call is tried when it comes, and again whenever what it waits for may have come.
+//! The system calls, one file for each kind. A call is tried when it comes, and again whenever what
+//! it waits for may have come.
 
 mod descriptors;
 mod futex;

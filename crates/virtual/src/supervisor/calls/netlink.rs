@@ -1,4 +1,5 @@
-//! What programs ask the kernel about its interfaces through a netlink socket: they are told of the virtual ones, and of no other.
+//! What programs ask the kernel about its interfaces through a netlink socket: they are told of the
+//! virtual ones, and of no other.
 
 use super::packet::FIRST_INTERFACE;
 use super::{Answer, Errno, done, error};

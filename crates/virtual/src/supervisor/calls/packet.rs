@@ -314,7 +314,8 @@ impl Supervisor<'_> {
             self.flying.push(answer);
         }
         self.suffer();
-        // Those that listen to all frames hear those that are sent, too; MainDevices don't ask for that.
+        // Those that listen to all frames hear those that are sent, too; MainDevices don't ask for
+        // that.
     }
 
     pub(super) fn write_packet(

@@ -44,7 +44,8 @@ impl Folder {
         ["toml", "json", "txt"].map(|ending| self.path.join(format!("run-{number}.{ending}")))
     }
 
-    /// Keeps the files of a run that was not in sync, and of the one with the least margin; removes all others.
+    /// Keeps the files of a run that was not in sync, and of the one with the least margin; removes
+    /// all others.
     pub fn consider(&self, row: &Row) -> io::Result<()> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         if self.stays && row.code != i32::from(IN_SYNC) && kept.failed < MOST_FAILED {

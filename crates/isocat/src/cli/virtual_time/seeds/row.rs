@@ -27,7 +27,8 @@ pub struct Row {
     pub answer: String,
     /// Kind of the first finding; empty where there is none.
     pub first_finding: String,
-    /// Least time from the end of copying and calculating to SYNC0, over all SubDevices; negative: SYNC0 came first.
+    /// Least time from the end of copying and calculating to SYNC0, over all SubDevices; negative:
+    /// SYNC0 came first.
     pub margin_ns: Option<f64>,
     /// Worst SYNC0 error of all SubDevices.
     pub sync0_error_ns: Option<f64>,
@@ -74,7 +75,8 @@ fn last_session(report: &Value) -> &Value {
     report["sessions"].as_array().and_then(|sessions| sessions.last()).unwrap_or(&Value::Null)
 }
 
-/// The kind of the first finding of a session: of its first stretch of operation that has some, the earliest there.
+/// The kind of the first finding of a session: of its first stretch of operation that has some, the
+/// earliest there.
 fn first_finding(session: &Value) -> Option<String> {
     let judged = &session["judged"];
     let list = |value: &Value| value.as_array().cloned().unwrap_or_default();

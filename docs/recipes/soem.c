@@ -1,6 +1,7 @@
 /* SOEM 2 on the segment of docs/recipes.md: clocks, SYNC0 by the plan's figures, a look whether it runs, OP.
- * soem INTERFACE */
+ * soem INTERFACE [CYCLES] */
 #include <stdio.h>
+#include <stdlib.h>
 #include <time.h>
 #include "soem/soem.h"
 
@@ -36,7 +37,7 @@ static void ask(uint16 state)
 int main(int argc, char **argv)
 {
    struct timespec due;
-   int at, cycle;
+   int at, cycle, cycles = argc > 2 ? atoi(argv[2]) : 3000;
    if (argc < 2 || !ecx_init(&ctx, argv[1]))
       return 2;
    ctx.manualstatechange = 1; /* else the mapping asks for SAFEOP before SYNC is set up */
@@ -72,7 +73,7 @@ int main(int argc, char **argv)
              next != pulse ? "runs" : "stands");
    }
    clock_gettime(CLOCK_MONOTONIC, &due);
-   for (cycle = 0; cycle < 3000; cycle++)
+   for (cycle = 0; cycle < cycles; cycle++)
    {
       if (cycle == 250) /* in phase again; without a pause in the cycle */
          ask(EC_STATE_SAFE_OP);

@@ -31,6 +31,8 @@ pub static DESCRIPTION: Description = Description {
     }),
     outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 4 },
     inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 4 },
+    further_outputs: &[],
+    further_inputs: &[],
     behaviour: Behaviour::DEFAULT,
 };
 

@@ -43,8 +43,14 @@ pub fn clock(ran: &Ran, position: usize) -> Option<Picture> {
         ran.report.devices[position].name
     );
     let id = format!("clock{position}");
-    let chart =
-        series::Chart { id: &id, title: &title, series: &series, limit: None, marks: &[], length };
+    let chart = series::Chart {
+        id: &id,
+        title: &title,
+        series: &series,
+        limit: None,
+        marks: &[],
+        span: (0.0, length),
+    };
     chart.draw().filter(|_| series.range() != Some((0, 0)))
 }
 
@@ -60,8 +66,15 @@ pub fn sync0(ran: &Ran, position: usize, limit: Nanos) -> Option<Picture> {
     let id = format!("sync0-{position}");
     let length = ran.recorded.length.0 as f64 / 1e3;
     let limit = Some(Picos::from(limit).0);
-    series::Chart { id: &id, title: &title, series: &device.sync0, limit, marks: &marks, length }
-        .draw()
+    series::Chart {
+        id: &id,
+        title: &title,
+        series: &device.sync0,
+        limit,
+        marks: &marks,
+        span: (0.0, length),
+    }
+    .draw()
 }
 
 /// Signals of one device over some cycles, and SYNC0 of the others. `at` counts cycles from the begin of the recording.

@@ -43,8 +43,8 @@ pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
     let file = segment_file(state)?;
     let parsed = SegmentFile::parse(FILE, &file).map_err(|error| {
         let key = key_in_line(&file, error.line).unwrap_or_default();
-        let mut message = error.message;
-        if let Some(hint) = error.hint {
+        let mut message = error.message.clone();
+        if let Some(hint) = &error.hint {
             let _ = write!(message, " ({hint})");
         }
         vec![Problem { key, message }]

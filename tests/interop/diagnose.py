@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """A foreign witness for `isocat diagnose`: what it says of a capture, tshark says of the same frames. Compared are the number of
 frames, drift frames, AL status and codes in the frames that are named, switches of SYNC units with their words, start times and
-cycles, propagation delays, SDO values and aborts. Captures are those of runs with faults, and those of real segments in
+cycles, propagation delays, SDO values and aborts. tshark shows the comments of an annotated copy at the frames of the findings. Captures are those of runs with faults, and those of real segments in
 ../shared/captures (or $ISOCAT_SHARED) where they are there.
 
 Needs tshark. Exit codes: 0 all well, 1 something differs, 77 could not be tried.
@@ -120,6 +120,25 @@ class Witness:
                 self.same(f"{name}: value of {value['object']}", value["value"] in theirs and value["value"], value["value"])
 
 
+def comments(program, captures, folder):
+    """tshark shows each finding's comment at its frame of an annotated copy; gives how many were compared and how many are not there."""
+    copy = Path(folder) / "annotated.pcapng"
+    done = subprocess.run([*program, "diagnose", *captures, "--annotate", copy, "--json"], capture_output=True, text=True)
+    report = json.loads(done.stdout)
+    text = subprocess.run(["tshark", "-r", copy, "-Y", "frame.comment", "-T", "fields", "-e", "frame.number", "-e", "frame.comment"],
+                          capture_output=True, text=True, check=True).stdout
+    shown = dict(line.split("\t", 1) for line in text.splitlines())
+    before = [sum(one["packets"] for one in report["captures"][:place]) for place in range(len(report["captures"]))]
+    expected = [(one["frame"] + before[one["capture"]], f"{one['kind']}: {one['what']}") for one in report["findings"]]
+    expected += [(one["frame"] + before[one["capture"]], f"is in {one['status']}")
+                 for device in report["devices"] for one in device["states"]]
+    wrong = [one for one in expected if one[1] not in shown.get(str(one[0]), "")]
+    for frame, what in wrong:
+        print(f"FAILED: frame {frame} of the copy has no comment \"{what}\"", file=sys.stderr)
+    print(f"annotated copy of {len(captures)} captures: {len(expected)} comments compared, {len(wrong)} missing")
+    return len(expected), len(wrong)
+
+
 def main():
     if not shutil.which("tshark"):
         print("skipped: tshark is missing")
@@ -133,6 +152,7 @@ def main():
             segment = ROOT / "docs" / "faults" / f"{run}.toml"
             subprocess.run([*program, "run", segment, "--capture", capture], stdout=subprocess.DEVNULL)
             captures.append(capture)
+        compared, wrong = comments(program, captures, folder)
         shared = Path(os.environ.get("ISOCAT_SHARED", ROOT / ".." / "shared")) / "captures"
         captures += sorted(shared.glob("*.pcapng"))
         for capture in captures:

@@ -46,8 +46,8 @@ SIMPLE = 'cycle = "1ms"\n[[subdevice]]\ndevice = "simple_io16"\ncount = {}\n'
 # name: segment file (None: the built-in one), cycle, positions that get SYNC0, SDOs to write
 SEGMENTS = {
     "4 simple": (SIMPLE.format(4), 1000, range(4), {}),
-    # A cycle that forgives late frames of a few ms: drives take two missed SM events in a row for a fault.
-    # By default nothing is assigned in device 3, as in its maker's file.
+    # A cycle that forgives late frames of a few ms: drives take two missed SM events in a row for a
+    # fault. By default nothing is assigned in device 3, as in its maker's file.
     "built-in": (None, 4000, [0, 1, 4], {4: [(0x1C12, 0x1600), (0x1C13, 0x1A00)]}),
     "50 simple": (SIMPLE.format(50), 1000, [], {}),
 }
@@ -162,7 +162,7 @@ def broken(arguments, folder, peers, witness):
 class Segment:
     """A segment file and what a MainDevice should find in it."""
 
-    def __init__(self, isocat, folder, name, cycles):
+    def __init__(self, isocat, folder, name, cycles, drift_frames=0):
         self.name = name
         text, cycle_us, sync0, startup = SEGMENTS[name] if name in SEGMENTS else BROKEN[name][:4]
         self.file = None
@@ -180,7 +180,9 @@ class Segment:
                 devices.append(describe(profile, position, position in sync0, startup.get(position, [])))
         self.drives = any(device["application"] != "io" for device in devices)
         self.task = folder / f"{name.replace(' ', '-')}.json"
-        task = {"cycle_us": cycle_us, "cycles": cycles, "watchdog_ms": WATCHDOG_MS, "devices": devices}
+        # Frames with the reference's time before SYNC is switched on, 1 ms apart, beside those that
+        # a MainDevice sends by itself.
+        task = {"cycle_us": cycle_us, "cycles": cycles, "watchdog_ms": WATCHDOG_MS, "drift_frames": drift_frames, "devices": devices}
         self.task.write_text(json.dumps(task))
         self.seconds = cycles * cycle_us / 1e6
 

@@ -76,7 +76,8 @@ class Session:
         seconds, or None. `recover()` brings back SubDevices that left OP, a step a call, and gives how many it began with: the
         machine may stall for longer than a drive forgives."""
         partners = [Partner(position, device) for position, device in enumerate(self.devices)]
-        bad, fell, away, longest = 0, 0, -1, 0.0
+        # `since` counts wrong counters without a right one between: of a SubDevice that fell they belong to its fall.
+        bad, since, fell, away, longest = 0, 0, 0, -1, 0.0
         self.noticed = {"wrong_counters": 0, "fell": 0}
         due = last = time.monotonic()
         for number in range(self.cycles):
@@ -86,15 +87,18 @@ class Session:
                 for position, partner in enumerate(partners):
                     partner.inputs(number, read(position))
                 right = True
+                since = 0
             else:
                 right = False
+                since += number > away
+                bad += number > away
                 self.noticed["wrong_counters"] += 1
             if recover and number % 10 == 0 and (not right or number <= away):
                 found = recover()
                 fell += found
                 self.noticed["fell"] = fell
-                away = number + 400 if found else away
-            bad += not right and number > away
+                if found:
+                    away, bad, since = number + 400, bad - since, 0
             now = time.monotonic()
             longest, last = max(longest, now - last), now
             due = self.next(due, phase)

@@ -7,6 +7,8 @@ import re
 
 # How long after a stall it may still be the cause of an AL status: devices count, wait and ask before they fall.
 REACH = 1.0
+# Stalls within so many cycles add up: two frames that are late, one behind the other, are two missed SM events.
+CLOSE = 4
 # Cycles that a drive is away once it fell.
 AWAY = 400
 # A stall spoils up to so many times the cycles that it takes: frames that waited come at once, and some take each other's place.
@@ -65,4 +67,16 @@ def spoiled(what):
 
 
 def stalled_before(at, stalls, cycle):
-    return any(begin <= at and at - (begin + length) <= REACH and length >= cycle for begin, length in stalls)
+    """Whether the machine stalled for a cycle in all, at most `CLOSE` cycles from the first stall to the last, and not long before."""
+    near = [(begin, begin + length) for begin, length in stalls if begin <= at and at - (begin + length) <= REACH]
+    return any(covered([stall for stall in near if 0 <= stall[0] - first <= CLOSE * cycle + 1e-9]) >= cycle for first, _ in near)
+
+
+def covered(spans):
+    """What spans (begin, end) take together; each processor may have seen the same stall."""
+    total, until = 0.0, float("-inf")
+    for begin, end in sorted(spans):
+        total += max(0.0, end - max(begin, until))
+        until = max(until, end)
+    # Clocks have more digits than differences of them.
+    return round(total, 9)

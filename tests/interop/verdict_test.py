@@ -64,6 +64,15 @@ class Verdicts(unittest.TestCase):
         self.assertIsNone(judge(said, [(101.0, CYCLE * 0.99)], [(101.6, 0x001A)]))
         self.assertIsNone(judge(said, [(101.0, CYCLE)], [(102.1, 0x001A)]))
 
+    def test_short_stalls_that_lie_close_together_add_up(self):
+        said, fell = "not in OP: A 0x14/0x001a", [(101.6, 0x001A)]
+        half = CYCLE / 2
+        self.assertIn("0x001A", judge(said, [(101.0, half), (101.0 + 4 * CYCLE, half)], fell))
+        self.assertIsNone(judge(said, [(101.0, half), (101.0 + 4.01 * CYCLE, half)], fell))
+        self.assertIsNone(judge(said, [(101.0, half), (101.0 + 2 * CYCLE, half * 0.99)], fell))
+        # Both processors saw the same one.
+        self.assertIsNone(judge(said, [(101.0, half), (101.0, half)], fell))
+
     def test_rhythm_needs_stalls_for_a_quarter_of_what_is_spoiled(self):
         for said in ["5000 cycles, 200 with a wrong working counter; longest 20 ms; ",
                      "5000 cycles, 0 with a wrong working counter; longest 20 ms; A: torn 0, moved 4800, lag 3; B: torn 0, moved 4999, lag 101"]:

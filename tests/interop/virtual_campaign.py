@@ -42,6 +42,9 @@ device = "simple_io16"
 name = "io"
 """
 CYCLES = 1000
+# As many as bring the clocks together: a MainDevice that sends fewer is out of sync without any
+# fault.
+DRIFT_FRAMES = 3000
 
 
 class Run:
@@ -85,10 +88,11 @@ def main():
         segment = folder / "segment.toml"
         segment.write_text(SEGMENT)
         SEGMENTS["campaign"] = (SEGMENT, 4000, [0, 1], {})
-        task = Segment(arguments.isocat, folder, "campaign", CYCLES).task
+        task = Segment(arguments.isocat, folder, "campaign", CYCLES, DRIFT_FRAMES).task
         commands = {name: [*command, INTERFACE, str(task), "whole"] for name, command in install(names).items()}
         if arguments.soem and arguments.only in (None, "soem"):
-            commands["soem"] = [arguments.soem.resolve(), INTERFACE]
+            # As long in OP as the others.
+            commands["soem"] = [arguments.soem.resolve(), INTERFACE, "1500"]
         if not commands:
             return 77
         table = {name: tried(arguments, folder, segment, command) for name, command in commands.items()}

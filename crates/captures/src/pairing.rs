@@ -63,7 +63,11 @@ pub struct Pairing {
     /// Exchanges in the order of their requests, and whether each is complete.
     waiting: VecDeque<(Exchange, bool)>,
     open: VecDeque<Open>,
-    last_answer: Option<Frame>,
+    /// The last answers, by which the same ones again are known as copies.
+    last_answers: VecDeque<Frame>,
+    /// Answers that no request was seen to, and whose request may still follow.
+    early: VecDeque<Early>,
+    taken: u64,
     /// How long answers take on the average, ns.
     usual_ns: Option<u64>,
     tally: Tally,
@@ -77,6 +81,18 @@ struct Open {
     exchange: u64,
     at: u64,
     signature: Signature,
+    /// Frames that were taken before it.
+    taken: u64,
+}
+
+/// An answer that stands before its request in the file.
+#[derive(Debug)]
+struct Early {
+    exchange: u64,
+    at: u64,
+    signature: Signature,
+    /// Frames that were taken before it.
+    taken: u64,
 }
 
 impl Pairing {
@@ -101,6 +117,16 @@ impl Pairing {
         }
     }
 
+    /// Decides how the tap sees the segment by the frames so far, if answers are among them, and
+    /// does not wait for more: for frames that are looked at as they come. Tells whether it is
+    /// decided.
+    pub fn decide_early(&mut self) -> bool {
+        if self.tap.is_none() && Tap::of(&self.ahead).seen != Seen::Out {
+            self.decide();
+        }
+        self.tap.is_some()
+    }
+
     /// No more frames come: what is still open stays so.
     pub fn end(&mut self) {
         if self.tap.is_none() {
@@ -118,6 +144,9 @@ impl Pairing {
         let (exchange, _) = self.waiting.pop_front()?;
         while self.open.front().is_some_and(|open| open.exchange <= self.first) {
             self.open.pop_front();
+        }
+        while self.early.front().is_some_and(|early| early.exchange <= self.first) {
+            self.early.pop_front();
         }
         self.first += 1;
         match (&exchange.request, &exchange.answer) {
@@ -155,12 +184,18 @@ impl Pairing {
             return self.tally.elsewhere += 1;
         }
         let at = nanos(&frame);
+        self.taken += 1;
+        self.let_go();
+        let is_answer = tap.is_answer(&frame);
         self.give_up(at);
         let found = self.candidate(at, &signature);
-        let is_answer = tap.is_answer(&frame);
         match found {
-            Some(found) if self.comes_back(tap, &frame, found) => self.answered(found, at, frame),
-            _ if is_answer => self.answer_alone(frame),
+            Some(found) if self.comes_back(tap, &frame, at, found) => {
+                self.answered(found, at, frame)
+            }
+            _ if is_answer || self.is_again(tap, &frame) => {
+                self.answer_alone(tap, at, frame, signature);
+            }
             Some(found) if self.is_copy(found, &frame) => self.tally.duplicates += 1,
             _ => self.request(at, frame, signature),
         }
@@ -176,14 +211,17 @@ impl Pairing {
         };
         let oldest = alike().next()?;
         let Some(usual) = self.usual_ns else { return Some(oldest) };
-        let in_time = |place: &usize| at.saturating_sub(self.open[*place].at) <= 2 * usual + 20_000;
+        let in_time =
+            |place: &usize| at.saturating_sub(self.open[*place].at) <= 2 * usual + SHORT_NS;
         alike().find(in_time).or_else(|| alike().next_back())
     }
 
     /// Requests whose answers do not come any more.
     fn give_up(&mut self, at: u64) {
         while let Some(open) = self.open.front() {
-            let old = at.saturating_sub(open.at) >= GIVEN_UP_NS;
+            // One frame alone may be late because the stamps jump.
+            let few = self.taken - open.taken < GIVEN_UP_FRAMES;
+            let old = at.saturating_sub(open.at) >= GIVEN_UP_NS && !few;
             if !old && self.open.len() < MOST_OPEN {
                 return;
             }
@@ -196,18 +234,36 @@ impl Pairing {
     }
 
     /// Whether this frame, whose datagrams are those of an open request, is its answer.
-    fn comes_back(&self, tap: Tap, frame: &Frame, found: usize) -> bool {
+    fn comes_back(&self, tap: Tap, frame: &Frame, at: u64, found: usize) -> bool {
         let Some(request) = self.request_of(found) else { return false };
         match tap.marked {
             true => tap.is_answer(frame),
             false if frame.sent == Some(true) && tap.behind == 0 => false,
-            // Behind the tap nothing may have touched it.
-            false => frame.bytes != request.bytes || tap.behind > 0,
+            false if tap.directed && frame.sent == request.sent => false,
+            // The file tells directions: an answer in which no SubDevice counted looks like its
+            // request.
+            false if (request.sent, frame.sent) == (Some(true), Some(false)) => true,
+            // Behind the tap nothing may have touched it; and a request with the same index may find
+            // the one before still without answer. The way to the end of the segment is short.
+            false if tap.behind > 0 => {
+                let usual = self.usual_ns.unwrap_or(u64::MAX / 4);
+                !tap::counts(frame).eq(tap::counts(request))
+                    || at.saturating_sub(self.open[found].at) <= 2 * usual + SHORT_NS
+            }
+            false => frame.bytes != request.bytes,
         }
     }
 
     fn is_copy(&self, found: usize, frame: &Frame) -> bool {
         self.request_of(found).is_some_and(|request| is_copy(request, frame))
+    }
+
+    /// Whether this frame, which its source address does not tell to be an answer, is one of the last
+    /// answers again: requests leave with working counters of 0.
+    fn is_again(&self, tap: Tap, frame: &Frame) -> bool {
+        tap.behind == 0
+            && self.last_answers.iter().any(|last| last.bytes == frame.bytes)
+            && counted(&frame.bytes)
     }
 
     fn request_of(&self, found: usize) -> Option<&Frame> {
@@ -239,21 +295,56 @@ impl Pairing {
             waiting.0.answer = Some(frame.clone());
             waiting.1 = true;
         }
-        self.last_answer = Some(frame);
+        self.remember(frame);
     }
 
-    fn answer_alone(&mut self, frame: Frame) {
-        if self.last_answer.as_ref().is_some_and(|last| is_copy(last, &frame)) {
+    fn remember(&mut self, answer: Frame) {
+        if self.last_answers.len() >= COPIES {
+            self.last_answers.pop_front();
+        }
+        self.last_answers.push_back(answer);
+    }
+
+    fn answer_alone(&mut self, tap: Tap, at: u64, frame: Frame, signature: Signature) {
+        if self.last_answers.iter().any(|last| is_copy(last, &frame)) {
             return self.tally.duplicates += 1;
         }
-        self.last_answer = Some(frame.clone());
-        self.waiting.push_back((Exchange { request: None, answer: Some(frame) }, true));
+        self.remember(frame.clone());
+        let waits = tap.seen == Seen::Both;
+        if waits {
+            let exchange = self.first + self.waiting.len() as u64;
+            self.early.push_back(Early { exchange, at, signature, taken: self.taken });
+        }
+        self.waiting.push_back((Exchange { request: None, answer: Some(frame) }, !waits));
     }
 
     fn request(&mut self, at: u64, frame: Frame, signature: Signature) {
+        let is_its = |early: &Early| {
+            let later = early.at.checked_sub(at);
+            early.signature == signature && later.is_some_and(|ns| (1..EARLY_NS).contains(&ns))
+        };
+        if let Some(early) = self.early.iter().position(is_its) {
+            let Some(Early { exchange, .. }) = self.early.remove(early) else { return };
+            if let Some(waiting) = self.waiting.get_mut((exchange - self.first) as usize) {
+                waiting.0.request = Some(frame);
+                waiting.1 = true;
+            }
+            return;
+        }
         let exchange = self.first + self.waiting.len() as u64;
         self.waiting.push_back((Exchange { request: Some(frame), answer: None }, false));
-        self.open.push_back(Open { exchange, at, signature });
+        self.open.push_back(Open { exchange, at, signature, taken: self.taken });
+    }
+
+    /// Answers whose requests do not follow any more.
+    fn let_go(&mut self) {
+        let old = |early: &Early| self.taken - early.taken > EARLY;
+        while self.early.front().is_some_and(old) {
+            let Some(early) = self.early.pop_front() else { return };
+            if let Some(waiting) = self.waiting.get_mut((early.exchange - self.first) as usize) {
+                waiting.1 = true;
+            }
+        }
     }
 }
 
@@ -278,16 +369,28 @@ impl Signature {
     }
 }
 
-/// Whether the file has a frame twice, as a mirror of both ports of a switch does.
+/// Whether any SubDevice has counted in a frame.
+fn counted(bytes: &[u8]) -> bool {
+    let payload = frame::payload(bytes).unwrap_or(&[]);
+    datagrams(payload).map_while(Result::ok).any(|datagram| datagram.wkc > 0)
+}
+
+/// Whether the file has a frame twice, as a mirror of both ports of a switch does. One of them may
+/// have a VLAN tag and padding that the other one lacks.
 fn is_copy(one: &Frame, other: &Frame) -> bool {
-    nanos(other).abs_diff(nanos(one)) < TWICE_NS && one.bytes == other.bytes
+    let source =
+        |frame: &Frame| frame.bytes.get(SOURCE..).and_then(|rest| rest.first_chunk::<6>()).copied();
+    nanos(other).abs_diff(nanos(one)) < TWICE_NS
+        && frame::payload(&one.bytes) == frame::payload(&other.bytes)
+        && source(one) == source(other)
 }
 
 fn nanos(frame: &Frame) -> u64 {
     u64::try_from(frame.at.as_nanos()).unwrap_or(u64::MAX)
 }
 
-fn is_marked(bytes: &[u8]) -> bool {
+/// Whether a frame's source address has the bit that the first SubDevice sets.
+pub fn is_marked(bytes: &[u8]) -> bool {
     bytes.get(SOURCE).is_some_and(|octet| octet & LOCALLY_ADMINISTERED != 0)
 }
 
@@ -297,6 +400,16 @@ const SOURCE: usize = 6;
 const TWICE_NS: u64 = 100_000;
 /// What has not come back by then does not come any more.
 const GIVEN_UP_NS: u64 = 1_000_000_000;
+/// Answers take twice as long as usual and this at most, as far as time alone tells them.
+const SHORT_NS: u64 = 20_000;
+/// Answers among which a copy is looked for.
+const COPIES: usize = 8;
+/// Frames behind an answer among which its request is looked for, where packets are out of order.
+const EARLY: u64 = 8;
+/// The stamp of such a request lies less than this before that of its answer.
+const EARLY_NS: u64 = 1_000_000;
+/// Frames behind a request before which it is not given up.
+const GIVEN_UP_FRAMES: u64 = 16;
 /// Requests that wait for their answers at once.
 pub const MOST_OPEN: usize = 256;
 /// Exchanges that wait for an answer before them. A MainDevice with a cycle of 100 us sends this

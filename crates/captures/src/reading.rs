@@ -20,6 +20,7 @@ use pcap_file::pcapng::{Block, PcapNgReader};
 use pcap_file::{DataLink, PcapError, TsResolution};
 
 use crate::link;
+use crate::probe::{Clock, Probe};
 
 #[cfg(test)]
 mod tests;
@@ -46,6 +47,8 @@ pub struct Tally {
     pub packets: usize,
     /// Packets of links that hold no Ethernet frames, which are left out.
     pub other_links: usize,
+    /// The link type of the first of them, as the registry of LINKTYPE_ values numbers it.
+    pub other_link: Option<u32>,
     /// Packets of which the file does not hold all bytes of EtherCAT, which are left out.
     pub cut: usize,
     /// Why reading ended before the end of the file; `None` if it did not.
@@ -75,7 +78,25 @@ impl fmt::Display for NoCapture {
             [0x1F, 0x8B, ..] => f.write_str("a file packed by gzip; expected it unpacked"),
             [b'P', b'K', ..] => f.write_str("a zip archive; expected the capture that is in it"),
             [0x28, 0xB5, 0x2F, 0xFD] => f.write_str("a file packed by zstd; expected it unpacked"),
+            [0xFD, b'7', b'z', b'X'] => f.write_str("a file packed by xz; expected it unpacked"),
+            [b'B', b'Z', b'h', _] => f.write_str("a file packed by bzip2; expected it unpacked"),
+            [b'7', b'z', 0xBC, 0xAF] => f.write_str("a 7z archive; expected the capture in it"),
+            [0x04, 0x22, 0x4D, 0x18] => f.write_str("a file packed by lz4; expected it unpacked"),
             MAGIC_NG => f.write_str("the first block of the pcapng file is damaged or cut off"),
+            [0xD4, 0xC3, 0xB2, 0xA1]
+            | [0xA1, 0xB2, 0xC3, 0xD4]
+            | [0x4D, 0x3C, 0xB2, 0xA1]
+            | [0xA1, 0xB2, 0x3C, 0x4D] => {
+                f.write_str("the header of the pcap file is damaged or cut off")
+            }
+            b"snoo" | b"GMBU" | b"RTSS" | b"XCP\0" | b"TRSN" | [0x34, 0xCD, 0xB2, 0xA1] => f
+                .write_str(
+                    "a capture of another format; editcap -F pcapng IN OUT makes pcapng of it",
+                ),
+            found if found.iter().all(|byte| matches!(byte, b'\t'..=b'\r' | b' '..=b'~')) => {
+                let text = String::from_utf8_lossy(found);
+                write!(f, "a text that begins with {text:?}; expected a capture (pcapng or pcap)")
+            }
             found => write!(f, "no capture begins with {found:02x?}; expected pcapng or pcap"),
         }
     }
@@ -92,6 +113,7 @@ pub struct Reader<R: Read> {
     /// Stamp of the last packet, for those that have none.
     last: Duration,
     tally: Tally,
+    probe: Option<(Probe, Clock)>,
 }
 
 enum Source<R: Read> {
@@ -122,7 +144,14 @@ impl<R: Read> Reader<R> {
             MAGIC_NG => Source::Ng(PcapNgReader::new(source).map_err(unknown)?),
             _ => Source::Classic(PcapReader::new(source).map_err(unknown)?),
         };
-        Ok(Self { source, links: Vec::new(), last: Duration::ZERO, tally: Tally::default() })
+        let (links, last) = (Vec::new(), Duration::ZERO);
+        Ok(Self { source, links, last, tally: Tally::default(), probe: None })
+    }
+
+    /// Packets have the header of a probe: frames are what is left without it, and its instants
+    /// count in the place of the stamps. Packets without the header stay as they are.
+    pub fn with_probe(self, probe: Option<Probe>) -> Self {
+        Self { probe: probe.map(|probe| (probe, Clock::default())), ..self }
     }
 
     /// What was met so far.
@@ -182,10 +211,14 @@ impl<R: Read> Reader<R> {
 
     fn take(&mut self, packet: Packet) -> Option<Frame> {
         self.tally.packets += 1;
-        let Packet { link, at, interface, sent, whole, bytes } = packet;
+        let Packet { link, mut at, interface, sent, whole, mut bytes } = packet;
         self.last = at;
+        if let Some((probe, clock)) = &mut self.probe {
+            at = clock.take(*probe, at, &mut bytes).unwrap_or(at);
+        }
         let Some(taken) = link::take(link, &bytes) else {
             self.tally.other_links += 1;
+            self.tally.other_link.get_or_insert(link.into());
             return None;
         };
         // Of a frame that lacks its padding alone nothing is missing.
@@ -337,7 +370,7 @@ fn direction(packet: &EnhancedPacketBlock<'_>) -> Option<bool> {
     })
 }
 
-fn words(error: &PcapError) -> String {
+pub(crate) fn words(error: &PcapError) -> String {
     match error {
         PcapError::IncompleteBuffer => CUT_OFF.to_owned(),
         PcapError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof => CUT_OFF.to_owned(),
@@ -350,7 +383,7 @@ fn words(error: &PcapError) -> String {
 /// Units of a pcapng interface that does not say which.
 const MICROSECONDS: u8 = 6;
 /// How pcapng begins, whatever its byte order.
-const MAGIC_NG: &[u8] = &[0x0A, 0x0D, 0x0D, 0x0A];
+pub(crate) const MAGIC_NG: &[u8] = &[0x0A, 0x0D, 0x0D, 0x0A];
 /// Interfaces of a section: what a file may make the reader remember.
 const MOST_INTERFACES: usize = 65_536;
-const CUT_OFF: &str = "the file ends in the middle of a block";
+pub(crate) const CUT_OFF: &str = "the file ends in the middle of a block";

@@ -120,6 +120,7 @@ pub fn examine(
         let mut result = match (&broken_off, &survey) {
             (Some(why), _) => RuleResult::not_judged(rule, &format!("not tried: {why}")),
             (None, Err(Stop::NotJudged(why))) => RuleResult::not_judged(rule, why),
+            (None, Err(Stop::NotApplicable(why))) => RuleResult::not_applicable(rule, why),
             (None, Err(Stop::Trouble(trouble))) if rule.id != "MODE-01" => {
                 RuleResult::blocked(rule, "MODE-01", &trouble.what)
             }
@@ -148,9 +149,20 @@ pub fn examine(
 /// What the SubDevice tells about itself; and why no rule but MODE-01 can be tried, if so.
 fn survey(t: &mut Tester<'_>, hints: &Hints) -> (Subject, Result<(), Stop>) {
     for attempt in 1.. {
+        if t.has_device_emulation() == Ok(true) {
+            let why = "device emulation (0x0141 bit 0): the ESC answers requests of states itself, and there is no \
+                       program that could keep a rule";
+            return (Subject::default(), Err(Stop::NotApplicable(why.to_owned())));
+        }
         let asked = Subject::survey(t, hints);
         match (asked, t.disturbance()) {
-            (Ok((subject, al)), _) if al.is(AlState::PreOp) => return (subject, Ok(())),
+            (Ok((subject, al)), _) if al.is(AlState::PreOp) => {
+                let known = match subject.shares_a_direction() {
+                    true => Err(Stop::NotApplicable(SHARED.to_owned())),
+                    false => Ok(()),
+                };
+                return (subject, known);
+            }
             (Err(trouble), _) if trouble.ends_all() => {
                 return (Subject::default(), Err(trouble.into()));
             }
@@ -219,6 +231,9 @@ fn not_judged(disturbance: &Disturbance, attempts: u32) -> String {
     )
 }
 
+/// Why a device with several SyncManagers in one direction is not tried.
+const SHARED: &str =
+    "outputs or inputs are in several SyncManagers; the rules are made for one of each";
 /// Attempts at a rule while frames are lost or late.
 const MOST_ATTEMPTS: u32 = 3;
 

@@ -184,6 +184,11 @@ impl RuleResult {
         Self { why: vec![format!("needs {by}: {why}")], ..Self::new(rule) }
     }
 
+    /// A rule that is not made for such a SubDevice.
+    pub fn not_applicable(rule: &Rule, why: &str) -> Self {
+        Self { why: vec![why.to_owned()], ..Self::new(rule) }
+    }
+
     /// A rule of which nothing can be said.
     pub fn not_judged(rule: &Rule, why: &str) -> Self {
         let verdict = Verdict::NotJudged;

@@ -167,6 +167,13 @@ impl Subject {
         Ok((subject, al))
     }
 
+    /// Whether outputs or inputs are in more SyncManagers than one.
+    pub fn shares_a_direction(&self) -> bool {
+        [sm_type::OUTPUTS, sm_type::INPUTS].into_iter().any(|kind| {
+            self.sms.iter().filter(|record| record.kind == kind && record.length > 0).count() > 1
+        })
+    }
+
     /// INIT to PREOP.
     pub fn preop(&self, t: &mut Tester<'_>) -> Result<Al, Trouble> {
         if self.has_mailbox() {

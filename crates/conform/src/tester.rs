@@ -183,6 +183,13 @@ impl<'w> Tester<'w> {
         }
     }
 
+    /// Whether the ESC answers AL control itself. Asked by position, before anything else.
+    pub fn has_device_emulation(&mut self) -> Result<bool, Trouble> {
+        let at = AutoIncrementAddress::of_position(self.position);
+        let address = Address::Position(at, register::ESC_CONFIGURATION.address);
+        Ok(self.one(Command::Aprd, address, &[0], 1)?[0] & 1 != 0)
+    }
+
     /// Back to the beginning: after power-on where the wire can do that, else in INIT with its SYNC unit off and
     /// its SyncManagers and FMMUs closed.
     pub fn restart(&mut self) -> Result<(), Trouble> {

@@ -1,7 +1,7 @@
 //! TOML files with a place for every error: tables and values that know where they stand.
 
 use std::fmt;
-use std::ops::RangeInclusive;
+use std::ops::{Deref, RangeInclusive};
 use std::sync::LazyLock;
 
 use isocat_wire::time::Nanos;
@@ -16,8 +16,13 @@ pub mod section;
 use section::Word;
 
 /// What is wrong in a file, and where. Prints in one line, or two with a hint.
+/// Its parts are those of [`Wrong`].
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct FileError {
+pub struct FileError(Box<Wrong>);
+
+/// The parts of a [`FileError`], which has them on the heap: each step of a reader hands one on.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Wrong {
     /// The file, as the user named it.
     pub path: String,
     /// Line, from 1; 0 if the file could not be read at all.
@@ -31,22 +36,35 @@ pub struct FileError {
 }
 
 impl FileError {
+    /// Of its parts.
+    pub fn new(wrong: Wrong) -> Self {
+        Self(Box::new(wrong))
+    }
+
     /// The file could not be read.
     pub fn unreadable(path: &str, reason: &std::io::Error) -> Self {
         let message = format!("can't be read: {reason}");
-        Self { path: path.to_owned(), line: 0, column: 0, message, hint: None }
+        Self::new(Wrong { path: path.to_owned(), line: 0, column: 0, message, hint: None })
     }
 
     /// The same with a hint.
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
-        self.hint = Some(hint.into());
+        self.0.hint = Some(hint.into());
         self
+    }
+}
+
+impl Deref for FileError {
+    type Target = Wrong;
+
+    fn deref(&self) -> &Wrong {
+        &self.0
     }
 }
 
 impl fmt::Display for FileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { path, line, column, message, hint } = self;
+        let Wrong { path, line, column, message, hint } = &**self;
         match line {
             0 => write!(f, "{path}: {message}")?,
             _ => write!(f, "{path}:{line}:{column}: {message}")?,
@@ -121,7 +139,7 @@ impl FilePlace {
     pub fn error(&self, message: impl Into<String>) -> FileError {
         let Self { path, line, column } = self.clone();
         let message = limits::cut(&message.into(), limits::MESSAGE);
-        FileError { path, line, column, message, hint: None }
+        FileError::new(Wrong { path, line, column, message, hint: None })
     }
 }
 
@@ -235,7 +253,7 @@ impl<'a> Table<'a> {
                 (name, Value { source: self.source, name, value })
             })
             .collect();
-        all.sort_by_key(|(_, value)| value.at());
+        all.sort_unstable_by_key(|(_, value)| value.at());
         all
     }
 

@@ -26,9 +26,10 @@ use std::collections::{HashMap, HashSet};
 use std::hash::{Hash, Hasher};
 use std::sync::OnceLock;
 
-use crate::document::{FileError, Source, name_hint};
+use crate::document::{FileError, Source, Wrong};
 use crate::limits;
 
+mod choice;
 mod dc;
 mod decode;
 mod device;
@@ -40,19 +41,22 @@ mod modules;
 mod numbers;
 mod pdo;
 mod read;
+mod sii;
 mod sync_manager;
 mod tree;
 mod warning;
 
+pub use choice::{Choice, NoChoice, Wanted, Wish};
 pub use dc::{CycleTime, EsiDc, EsiOpMode, OpModeAssignment, ShiftTime};
 pub use decode::Encoding;
-pub use device::EsiDevice;
+pub use device::{EsiDevice, EsiGroup};
 pub use dictionary::{EsiEntry, EsiObject, EsiProfile};
 pub use eeprom::{EsiEeprom, EsiTimeouts};
 pub use image::Image;
 pub use mailbox::{EsiCoe, EsiMailbox, InitCommand};
 pub use modules::{EsiModule, EsiSlot, EsiSlots};
 pub use pdo::{Direction, EsiPdo, EsiPdoEntry};
+pub use sii::{EsiImage, ImageNote};
 pub use sync_manager::{EsiSyncManager, Purpose};
 pub(crate) use tree::guard;
 use tree::{Element, Malformed, Problem};
@@ -101,12 +105,14 @@ impl EsiFile {
     /// Reads the bytes of a file; `path` names it in errors.
     pub fn from_bytes(path: &str, bytes: &[u8]) -> Result<Self, FileError> {
         limits::check(path, bytes.len(), limits::XML)?;
-        let decoded = decode::decode(bytes).map_err(|error| FileError {
-            path: path.to_owned(),
-            line: error.line,
-            column: error.column,
-            message: error.message,
-            hint: None,
+        let decoded = decode::decode(bytes).map_err(|error| {
+            FileError::new(Wrong {
+                path: path.to_owned(),
+                line: error.line,
+                column: error.column,
+                message: error.message,
+                hint: None,
+            })
         })?;
         // XML has one line end. Places do not move, and the parser is faster where it need not look for it.
         let text = match decoded.text.contains('\r') {
@@ -117,7 +123,7 @@ impl EsiFile {
         let document = tree::parse(&text).map_err(|error| match error {
             Malformed::At(Problem { at, message }) => source.error(at, message),
             Malformed::Place(line, column, message) => {
-                FileError { path: path.to_owned(), line, column, message, hint: None }
+                FileError::new(Wrong { path: path.to_owned(), line, column, message, hint: None })
             }
         })?;
         let mut warnings = Warnings::default();
@@ -201,11 +207,11 @@ impl EsiFile {
         if let Some(list) = descriptions.child("Modules") {
             self.modules = modules::modules(list, warnings, refused);
         }
-        let groups: HashSet<String> = descriptions
+        let groups: HashMap<String, String> = descriptions
             .child("Groups")
             .iter()
             .flat_map(|groups| groups.children("Group"))
-            .map(|group| group.child_text("Type").into_owned())
+            .map(|group| (group.child_text("Type").into_owned(), read::name(group)))
             .collect();
         let definitions = pdo::Definitions::of(descriptions);
         let list = descriptions.child("Devices");
@@ -253,58 +259,6 @@ impl EsiFile {
                 device.warnings = warnings.0;
             }
         }
-    }
-
-    /// The device of a type: that of a revision, or the newest.
-    ///
-    /// Without a wish it is the highest revision. With one it must be that revision, or else the newest that is not
-    /// newer than the wish.
-    pub fn device(&self, type_name: &str, revision: Option<u32>) -> Result<Choice<'_>, NoChoice> {
-        let type_name = type_name.trim();
-        let of_type = |device: &&EsiDevice| device.type_name == type_name;
-        let known = || self.devices.iter().filter(|device| device.product_code.is_some());
-        let mut candidates: Vec<&EsiDevice> = known().filter(of_type).collect();
-        if candidates.is_empty() {
-            let placeholder = self.devices.iter().any(|device| device.type_name == type_name);
-            let mut names: Vec<&str> = known().map(|device| device.type_name.as_str()).collect();
-            names.dedup();
-            let message = match (placeholder, names.is_empty()) {
-                (true, _) => format!("\"{type_name}\" has no product code: it is a placeholder"),
-                (false, true) => "the file has no device that can be chosen".to_owned(),
-                (false, false) => {
-                    format!("no type \"{type_name}\" in the file; {}", name_hint(type_name, names))
-                }
-            };
-            return Err(NoChoice { of_revision: false, message });
-        }
-        candidates.sort_by_key(|device| device.revision.unwrap_or(0));
-        let number = |device: &EsiDevice| device.revision.unwrap_or(0);
-        let newest = |found: &&&EsiDevice| revision.is_none_or(|wanted| number(found) <= wanted);
-        let Some(device) = candidates.iter().rev().find(newest).copied() else {
-            let all: Vec<_> =
-                candidates.iter().map(|device| format!("{:#010x}", number(device))).collect();
-            let (wanted, all) = (revision.unwrap_or(0), all.join(", "));
-            let message = format!("no revision {wanted:#010x} or older in the file; it has: {all}");
-            return Err(NoChoice { of_revision: true, message });
-        };
-        let mut notes = Vec::new();
-        let found = number(device);
-        match revision {
-            Some(wanted) if wanted != found => notes.push(format!(
-                "no revision {wanted:#010x} in the file; {found:#010x}, the newest below, is taken"
-            )),
-            None if candidates.len() > 1 => {
-                let all = candidates.len();
-                notes.push(format!("the newest of {all} revisions, {found:#010x}, is taken"));
-            }
-            _ => {}
-        }
-        // Types are names for people: some files give one to several products.
-        let same = candidates.iter().filter(|other| number(other) == found).count();
-        if same > 1 {
-            notes.push(format!("{same} devices have this type and revision; the last is taken"));
-        }
-        Ok(Choice { device, note: (!notes.is_empty()).then(|| notes.join("; ")) })
     }
 
     /// The process data of a device, by default or in one of its OpModes.
@@ -355,7 +309,13 @@ impl EsiFile {
     /// An error about something at a byte of the text.
     pub fn error(&self, at: usize, message: impl Into<String>) -> FileError {
         let Place { line, column } = self.place(at);
-        FileError { path: self.path.clone(), line, column, message: message.into(), hint: None }
+        FileError::new(Wrong {
+            path: self.path.clone(),
+            line,
+            column,
+            message: message.into(),
+            hint: None,
+        })
     }
 
     /// All warnings: those of the file, then those of each device.
@@ -372,24 +332,6 @@ impl EsiFile {
 /// The code of a data type as PDOs name it; a name that is unknown or does not fit counts by its bits.
 pub fn data_type(name: &str, bits: u32) -> isocat_wire::coe::DataType {
     dictionary::by_name(name, bits).unwrap_or_else(|| dictionary::by_bits(bits))
-}
-
-/// Why no device of a file was chosen.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub struct NoChoice {
-    /// The type is there, and no revision of it fits; else the type can't be chosen.
-    pub of_revision: bool,
-    /// What was asked for, and what there is.
-    pub message: String,
-}
-
-/// A device of a file, and what should be known about its choice.
-#[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Choice<'f> {
-    /// The device.
-    pub device: &'f EsiDevice,
-    /// Why this one, where there were others.
-    pub note: Option<String>,
 }
 
 fn line_starts(text: &str) -> Vec<usize> {

@@ -6,13 +6,15 @@
 use std::fs::File;
 use std::io::{self, Read};
 
-use crate::document::FileError;
+use crate::document::{FileError, Wrong};
 
 /// Longest XML file (ESI, ENI), bytes. The longest published one has 60 MB.
 pub const XML: usize = 64 << 20;
 /// Longest TOML file (segment files, profiles), bytes: 256 for each of 65 535 devices. What is read of it takes some
 /// fifty times its size.
 pub const TOML: usize = 16 << 20;
+/// Longest EEPROM image (SII), bytes: the largest EEPROM that an ESC addresses, 4 Mbit.
+pub const SII: usize = 512 << 10;
 /// Longest capture, bytes: it is held in memory twice.
 pub const CAPTURE: usize = 1 << 30;
 
@@ -74,7 +76,7 @@ pub fn check(path: &str, length: usize, most: usize) -> Result<(), FileError> {
     // Reading stops one byte behind the limit.
     let found = if length == most + 1 { format!("more than {most}") } else { length.to_string() };
     let message = format!("too long: expected at most {most} bytes, found {found}");
-    Err(FileError { path: path.to_owned(), line: 1, column: 1, message, hint: None })
+    Err(FileError::new(Wrong { path: path.to_owned(), line: 1, column: 1, message, hint: None }))
 }
 
 /// The first `most` characters of a text, and an ellipsis where it was longer.

@@ -14,6 +14,9 @@ pub(crate) struct Access<'a> {
     pub header: Header,
     /// What it carried when it left; `None`: that frame is not in the capture.
     pub sent: Option<&'a [u8]>,
+    /// SubDevices between the MainDevice and the tap have counted it already, and what they had to
+    /// say is in what was [`sent`](Self::sent).
+    pub answered_before: bool,
     /// What it carried when it came back, and its working counter; `None`: it did not come back.
     pub back: Option<(&'a [u8], u16)>,
     /// SubDevices that it passed, counted from the MainDevice; `None`: its command does not count
@@ -97,6 +100,7 @@ pub(crate) fn accesses<'a>(
             command,
             header: first.header,
             sent: sent.map(|datagram| datagram.data),
+            answered_before: tap.behind > 0 && sent.is_some_and(|datagram| datagram.wkc > 0),
             back: back.map(|datagram| (datagram.data, datagram.wkc)),
             passed,
             position: position(command, tap, sent, back, reach),

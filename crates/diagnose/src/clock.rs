@@ -34,10 +34,15 @@ pub(crate) struct Drift {
     pub bytes: u16,
     /// The reference's system time as the last one brought it, and when.
     pub time: Option<(Known<u64>, Duration)>,
-    /// The longest time without one, and the frame at its end; since [`restart`](Self::restart).
+    /// The reference's system time as the last drift frame brought it, ns.
+    led: Option<u64>,
+    /// The longest time without one, and the frame at its end; since [`restart`](Self::restart). By
+    /// the reference's clock where it is known: stamps may jump.
     pub gap: Option<Known<Duration>>,
     /// How many since then.
     pub recent: u64,
+    /// Clocks that they counted, and the frame from which on it was that number.
+    clocks: Vec<Known<u16>>,
 }
 
 impl Drift {
@@ -54,11 +59,25 @@ impl Drift {
             return None;
         }
         let frame = access.frame;
+        // A reference in front of the tap has answered before, whatever becomes of the frame.
+        let before = access.sent.filter(|_| access.answered_before);
+        let read = before.or_else(|| access.read().filter(|read| access.sent != Some(read)));
+        // One that is gone leaves the field as it was sent: the others take that.
+        let time = read.and_then(|data| self.extended(access.ado(), data));
+        let time = time.filter(|time| Some(*time) != self.led);
         if let Some(last) = self.last {
-            let gap = at.saturating_sub(last.value);
+            let by_stamps = at.saturating_sub(last.value);
+            let by_clock = self.led.zip(time).map(|(led, time)| time.saturating_sub(led));
+            let gap = by_clock.map_or(by_stamps, |ns| by_stamps.min(Duration::from_nanos(ns)));
             if self.recent > 0 && self.gap.is_none_or(|longest| gap > longest.value) {
                 self.gap = Some(Known { value: gap, frame });
             }
+        }
+        if let Some(wkc) = access.wkc()
+            && self.clocks.last().is_none_or(|last| last.value != wkc)
+            && self.clocks.len() < MOST_CHANGES
+        {
+            self.clocks.push(Known { value: wkc, frame });
         }
         self.count += 1;
         self.recent += 1;
@@ -73,9 +92,9 @@ impl Drift {
                 self.reference = Some(Known { value: reference, frame });
             }
         }
-        let time = self.extended(access.ado(), access.read()?)?;
-        self.time = Some((Known { value: time, frame }, at));
-        Some(time)
+        self.led = time.or(self.led);
+        self.time = time.map(|value| (Known { value, frame }, at)).or(self.time);
+        time
     }
 
     /// A plain reading of the reference's system time.
@@ -108,12 +127,29 @@ impl Drift {
         Some(nearest(low, before))
     }
 
+    /// Whether drift frames about this frame counted fewer clocks than before; `None`: there are
+    /// none, or too many changes to keep.
+    pub fn fewer(&self, frame: usize) -> Option<bool> {
+        if self.clocks.len() >= MOST_CHANGES {
+            return None;
+        }
+        let until = |limit: usize| self.clocks.iter().take_while(move |known| known.frame < limit);
+        let most = until(frame).map(|known| known.value).max()?;
+        let holds = until(frame + NEAR).last()?.value;
+        Some(holds < most)
+    }
+
     /// Forgets the gaps counted so far, and counts from here on.
     pub fn restart(&mut self) {
         self.gap = None;
         self.recent = 0;
     }
 }
+
+/// Changes of the number of clocks that are kept.
+const MOST_CHANGES: usize = 512;
+/// Drift frames lie this close to the process data of their cycle, frames.
+const NEAR: usize = 8;
 
 /// The 64-bit time with these lower 32 bits that is nearest to `near`.
 pub(crate) fn nearest(low: u32, near: u64) -> u64 {

@@ -33,7 +33,13 @@ pub(crate) struct Errors {
 
 impl Errors {
     pub fn new() -> Self {
-        Self { last: BTreeMap::new(), grown: Log::new(256), before: Vec::new(), readings: 0 }
+        Self { last: BTreeMap::new(), grown: Log::new(MOST_GROWN), before: Vec::new(), readings: 0 }
+    }
+
+    /// What was counted so far is told no more; the last readings stay known.
+    pub fn forget(&mut self) {
+        self.grown = Log::new(MOST_GROWN);
+        self.before.clear();
     }
 
     /// A reading or a write at the device's registers.
@@ -112,6 +118,8 @@ pub(crate) fn port(address: u16) -> Option<u16> {
     }
 }
 
+/// Times that counters of one device grew, which are kept.
+const MOST_GROWN: usize = 256;
 /// Counters that one write clears together: first and last address.
 const GROUPS: [(usize, usize); 5] =
     [(0x0300, 0x030B), (0x030C, 0x030C), (0x030D, 0x030D), (0x0310, 0x0313), (0x0442, 0x0443)];

@@ -29,6 +29,8 @@ pub(crate) struct Logical {
     /// It goes in the same frame as the datagram that begins a cycle.
     pub with_marker: bool,
     last: Option<(u16, usize)>,
+    /// What happened before some instant is told no more.
+    forgot: bool,
 }
 
 /// A working counter that came back other than the one before.
@@ -36,14 +38,21 @@ pub(crate) struct Logical {
 pub(crate) struct Change {
     pub frame: usize,
     pub at: Duration,
+    /// The last frame with the one before.
+    pub before: usize,
     pub from: u16,
     pub to: u16,
 }
 
 impl Logical {
-    /// The working counter that came back most often while the segment was in operation.
+    /// The working counter that the segment has in operation: the highest one that came back more
+    /// than now and then, since a device that was lost may never have come back. A listener that
+    /// goes on for days takes what came back most often: a device may have been taken out for good.
     pub fn usual(&self) -> Option<u16> {
-        self.counts.iter().max_by_key(|(_, times)| **times).map(|(count, _)| *count)
+        let highest = self.counts.iter().rev().find(|(_, times)| **times >= LEAST_USUAL);
+        let most_often = || self.counts.iter().max_by_key(|(_, times)| **times);
+        let usual = highest.filter(|_| !self.forgot).or_else(most_often);
+        usual.map(|(count, _)| *count)
     }
 }
 
@@ -72,8 +81,9 @@ pub(crate) struct Gap {
 
 impl Rhythm {
     /// A cycle began at `instant` of some clock, which was `at` by the stamps of the capture.
-    fn cycle(&mut self, instant: Duration, at: Duration, frame: usize) {
-        let Some(last) = self.last.replace(instant) else { return };
+    /// Gives the time since the one before, ns.
+    fn cycle(&mut self, instant: Duration, at: Duration, frame: usize) -> Option<u64> {
+        let last = self.last.replace(instant)?;
         let ns = u64::try_from(instant.saturating_sub(last).as_nanos()).unwrap_or(u64::MAX);
         self.count += 1;
         self.sum += u128::from(ns);
@@ -86,6 +96,7 @@ impl Rhythm {
             self.longest.insert(place, Gap { frame, at, ns });
             self.longest.truncate(MOST_GAPS);
         }
+        Some(ns)
     }
 
     /// An interval was not one of operation.
@@ -123,11 +134,11 @@ impl Rhythm {
     }
 }
 
-/// Rounded down to three digits: memory stays bounded.
+/// Rounded to three digits: memory stays bounded.
 fn three_digits(ns: u64) -> u64 {
     let digits = ns.checked_ilog10().unwrap_or(0);
     let unit = 10_u64.pow(digits.saturating_sub(2));
-    ns / unit * unit
+    ns.saturating_add(unit / 2) / unit * unit
 }
 
 /// The cyclic exchange of a capture.
@@ -144,6 +155,8 @@ pub(crate) struct Cycle {
     pub by_clock: Rhythm,
     /// The last frame with a logical datagram that came back.
     pub last_answered: usize,
+    /// Indexes of the datagrams that began the last cycle and the one before it.
+    indexes: [Option<u8>; 2],
 }
 
 impl Cycle {
@@ -176,23 +189,50 @@ impl Cycle {
     }
 
     /// The frame that was just taken apart held the beginning of a cycle, and these logical
-    /// datagrams. `time`: the reference's system time when it got there, ns.
+    /// datagrams. `time`: the reference's system time when it got there, ns. Gives how long ago the
+    /// cycle before began, ns: by the stamps and by the reference's clock.
     pub fn begins(
         &mut self,
         at: Duration,
         time: Option<u64>,
         frame: usize,
         together: &[(Command, u32)],
-    ) {
-        self.rhythm.cycle(at, at, frame);
-        match time {
+    ) -> [Option<u64>; 2] {
+        let by_stamps = self.rhythm.cycle(at, at, frame);
+        let by_clock = match time {
             Some(time) => self.by_clock.cycle(Duration::from_nanos(time), at, frame),
             // The frame that follows does not tell how far from this one it is.
-            None => self.by_clock.pause(),
-        }
+            None => {
+                self.by_clock.pause();
+                None
+            }
+        };
         for logical in &mut self.logical {
             logical.with_marker |= together.contains(&(logical.command, logical.address));
         }
+        [by_stamps, by_clock]
+    }
+
+    /// Whether the frame that began the last cycle came once more: the same index within a quarter
+    /// of a cycle, though the MainDevice gives each cycle another one. `time`: as in
+    /// [`begins`](Self::begins). To be asked for each frame that begins a cycle.
+    pub fn is_same_again(&mut self, at: Duration, time: Option<u64>, index: u8) -> bool {
+        let [last, before] = self.indexes;
+        let by_clock = time.zip(self.by_clock.last).map(|(time, last)| {
+            let cycle = self.by_clock.median();
+            (Duration::from_nanos(time).saturating_sub(last), cycle)
+        });
+        let by_stamps =
+            self.rhythm.last.map(|last| (at.saturating_sub(last), self.rhythm.median()));
+        let same = last == Some(index) && before.is_some_and(|before| before != index);
+        if same
+            && let Some((distance, Some(cycle))) = by_clock.or(by_stamps)
+            && distance.as_nanos() < u128::from(cycle / 4)
+        {
+            return true;
+        }
+        self.indexes = [Some(index), last];
+        false
     }
 
     /// Operation begins: what was before is told no more.
@@ -207,6 +247,21 @@ impl Cycle {
             logical.last = None;
             logical.recent = 0;
             logical.with_marker = false;
+        }
+    }
+
+    /// What happened so far is told no more. What is usual stays known, though of little weight, so
+    /// that another working counter may become the usual one.
+    pub fn forget(&mut self) {
+        self.rhythm = Rhythm::default();
+        self.by_clock = Rhythm::default();
+        for logical in &mut self.logical {
+            let usual = logical.usual();
+            logical.counts.retain(|count, _| Some(*count) == usual);
+            logical.counts.values_mut().for_each(|times| *times = (*times).min(USUAL_WEIGHT));
+            logical.changes = Log::new(MOST_CHANGES);
+            logical.lost = Log::new(MOST_CHANGES);
+            logical.forgot = true;
         }
     }
 
@@ -232,6 +287,7 @@ impl Cycle {
             lost: Log::new(MOST_CHANGES),
             with_marker: false,
             last: None,
+            forgot: false,
         });
         Some(self.logical.len() - 1)
     }
@@ -242,8 +298,9 @@ impl Logical {
         if self.counts.len() < MOST_COUNTS || self.counts.contains_key(&wkc) {
             *self.counts.entry(wkc).or_default() += 1;
         }
-        if let Some((from, _)) = self.last.replace((wkc, frame)).filter(|(last, _)| *last != wkc) {
-            self.changes.push(Change { frame, at, from, to: wkc });
+        let last = self.last.replace((wkc, frame)).filter(|(last, _)| *last != wkc);
+        if let Some((from, before)) = last {
+            self.changes.push(Change { frame, at, before, from, to: wkc });
         }
     }
 }
@@ -254,6 +311,10 @@ const MOST_LOGICAL: usize = 256;
 const MOST_COUNTS: usize = 256;
 /// Changes and losses of one datagram that are kept.
 const MOST_CHANGES: usize = 512;
+/// Frames from which on a working counter came back more than now and then.
+const LEAST_USUAL: u64 = 8;
+/// Frames that a usual working counter of before weighs at most.
+const USUAL_WEIGHT: u64 = 1000;
 /// Long intervals that are kept.
 const MOST_GAPS: usize = 32;
 
@@ -263,7 +324,15 @@ mod tests {
 
     #[test]
     fn intervals_in_three_digits() {
-        for (ns, rounded) in [(0, 0), (7, 7), (999, 999), (1_234, 1_230), (999_999, 999_000)] {
+        for (ns, rounded) in [
+            (0, 0),
+            (7, 7),
+            (999, 999),
+            (1_234, 1_230),
+            (1_235, 1_240),
+            (999_499, 999_000),
+            (999_500, 1_000_000),
+        ] {
             assert_eq!(three_digits(ns), rounded);
         }
     }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use isocat_wire::Command;
 use isocat_wire::al::AlControl;
 use isocat_wire::register;
 
@@ -32,26 +33,59 @@ pub(crate) struct Device {
     /// The last frame that addressed it alone.
     pub last: usize,
     /// Each time it ceased to answer.
-    pub silences: Log<Known<Duration>>,
+    pub silences: Log<Silence>,
     /// It has answered, and does no more.
     silent: bool,
-    answered: bool,
+    /// The last frame that it answered.
+    answered: Option<usize>,
+}
+
+/// A device ceased to answer.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Silence {
+    /// The first frame without its answer.
+    pub frame: usize,
+    pub at: Duration,
+    /// The last frame with its answer.
+    pub before: usize,
+    /// The first frame that it answered again.
+    pub until: Option<Known<Duration>>,
 }
 
 impl Device {
+    /// What happened so far is told no more; what it is and how it was set up stays known.
+    pub fn forget(&mut self, at: Duration) {
+        self.states.forget(at);
+        self.errors.forget();
+        self.differences.worst = None;
+        self.silences = Log::new(MOST_SILENCES);
+    }
+
     /// A datagram to this device alone came back. Registers that each chip has count always; what
     /// lies in other places may be closed or not there.
     pub fn heard(&mut self, access: &Access<'_>, at: Duration) {
-        let always = matches!(access.ado(), 0x0000..0x0140 | 0x0300..0x0314);
-        match access.taken() {
-            Some(true) => (self.silent, self.answered) = (false, true),
-            Some(false) if always && self.answered && !self.silent => {
+        let always = is_always_there(access.ado());
+        match (access.taken(), self.answered) {
+            (Some(true), _) => {
+                if std::mem::take(&mut self.silent)
+                    && let Some(last) = self.silences.kept.last_mut()
+                {
+                    last.until.get_or_insert(Known { value: at, frame: access.frame });
+                }
+                self.answered = Some(access.frame);
+            }
+            (Some(false), Some(before)) if always && !self.silent => {
                 self.silent = true;
-                self.silences.push(Known { value: at, frame: access.frame });
+                self.silences.push(Silence { frame: access.frame, at, before, until: None });
             }
             _ => {}
         }
     }
+}
+
+/// Registers that each chip has, and that answer whatever the device's state is.
+fn is_always_there(address: u16) -> bool {
+    matches!(address, 0x0000..0x0140 | 0x0300..0x0314)
 }
 
 /// All devices.
@@ -60,6 +94,8 @@ pub(crate) struct Devices {
     pub list: Vec<Device>,
     by_position: BTreeMap<u16, usize>,
     by_station: BTreeMap<u16, usize>,
+    /// Station addresses that no device has answered to, and the first frame to each.
+    unanswered: BTreeMap<u16, Known<Duration>>,
     /// Devices that there was no room for.
     pub left_out: u64,
     /// What all devices were asked for by a broadcast, which those that are not in the list yet
@@ -97,7 +133,13 @@ impl Devices {
         let known = by.get(&key).copied();
         match known.or_else(|| self.by_alias(access, key)) {
             Some(place) => Whom::One(place),
-            None if there => self.add(access, key).map_or(Whom::Unknown, Whom::One),
+            None if there => {
+                let by_position = access.command.increments_position();
+                if !by_position {
+                    self.unanswered.remove(&key);
+                }
+                self.add(access.frame, key, by_position).map_or(Whom::Unknown, Whom::One)
+            }
             None => Whom::Unknown,
         }
     }
@@ -118,13 +160,49 @@ impl Devices {
         }
     }
 
-    fn add(&mut self, access: &Access<'_>, key: u16) -> Option<usize> {
+    /// A datagram that none of the known devices is meant by. Stations that answer nothing are those
+    /// of devices that vanished before the capture showed anything of them, if they make the
+    /// segment whole: with the known ones they are as many as were passed before (`from`), as many
+    /// as are passed now (`to`) answer, and these have the lower addresses. All MainDevices give
+    /// addresses in the order of positions. `before`: the last frame that passed as many as before.
+    pub fn find_vanished(
+        &mut self,
+        access: &Access<'_>,
+        at: Duration,
+        (from, to): (u16, u16),
+        before: usize,
+    ) {
+        let by_station = matches!(access.command, Command::Fprd | Command::Fpwr | Command::Fprw);
+        if !by_station || !is_always_there(access.ado()) || access.taken() != Some(false) {
+            return;
+        }
+        if self.unanswered.len() < MOST_DEVICES {
+            let known = Known { value: at, frame: access.frame };
+            self.unanswered.entry(access.header.adp()).or_insert(known);
+        }
+        let (gone, here): (Vec<&Device>, Vec<&Device>) =
+            self.list.iter().filter(|device| device.station.is_some()).partition(|d| d.silent);
+        let all = here.len() + gone.len() + self.unanswered.len();
+        let station = |device: &&Device| device.station.map(|station| station.value);
+        let last = here.iter().filter_map(station).max();
+        let first = gone.iter().filter_map(station).chain(self.unanswered.keys().copied()).min();
+        if all != usize::from(from) || here.len() != usize::from(to) || last >= first {
+            return;
+        }
+        for (station, Known { value: at, frame }) in std::mem::take(&mut self.unanswered) {
+            let Some(place) = self.add(frame, station, false) else { return };
+            self.list[place].silent = true;
+            self.list[place].silences.push(Silence { frame, at, before, until: None });
+        }
+    }
+
+    /// A device that is addressed by its position, or else by its station.
+    fn add(&mut self, frame: usize, key: u16, by_position: bool) -> Option<usize> {
         if self.list.len() >= MOST_DEVICES {
             self.left_out += 1;
             return None;
         }
         let place = self.list.len();
-        let frame = access.frame;
         let mut device = Device {
             position: None,
             station: None,
@@ -136,12 +214,12 @@ impl Devices {
             errors: Errors::new(),
             differences: Differences::default(),
             last: frame,
-            silences: Log::new(64),
+            silences: Log::new(MOST_SILENCES),
             silent: false,
-            answered: false,
+            answered: None,
         };
         device.states.asked = self.asked_all;
-        if access.command.increments_position() {
+        if by_position {
             device.position = Some(key);
             self.by_position.insert(key, place);
         } else {
@@ -185,6 +263,57 @@ impl Devices {
     }
 }
 
+/// Times that a device ceased to answer, which are kept.
+const MOST_SILENCES: usize = 64;
 /// Devices that are kept apart. A segment has 65 535 at most; what is kept of one takes some
 /// kilobytes.
 const MOST_DEVICES: usize = 4096;
+
+#[cfg(test)]
+mod tests {
+    use isocat_wire::StationAddress;
+    use isocat_wire::datagram::{Address, Header};
+
+    use super::*;
+
+    /// A capture that begins in the middle: these stations are asked for their states after frames
+    /// passed `to` SubDevices of `from`. Gives the stations that are taken for vanished.
+    fn vanished(asked: &[(u16, bool)], from: u16, to: u16) -> Vec<u16> {
+        let mut devices = Devices::default();
+        for (frame, (station, answers)) in asked.iter().enumerate() {
+            let address = Address::Station(StationAddress(*station), 0x0130);
+            let header = Header::new(Command::Fprd, 0, address, 2);
+            let access = Access {
+                command: Command::Fprd,
+                header,
+                sent: Some(&[0, 0]),
+                answered_before: false,
+                back: Some((&[8, 0], u16::from(*answers))),
+                passed: None,
+                position: None,
+                frame,
+            };
+            match devices.whom(&access, true) {
+                Whom::One(place) => devices.list[place].heard(&access, Duration::ZERO),
+                _ => devices.find_vanished(&access, Duration::ZERO, (from, to), 0),
+            }
+        }
+        let silent = devices.list.iter().filter(|device| device.silences.count > 0);
+        silent.filter_map(|device| device.station).map(|station| station.value).collect()
+    }
+
+    #[test]
+    fn stations_that_make_the_segment_whole() {
+        let asked = [(0x1001, true), (0x1002, false), (0x1003, false)];
+        assert_eq!(vanished(&asked, 3, 1), [0x1002, 0x1003]);
+        // One more than there were is none of them.
+        assert_eq!(vanished(&asked, 2, 1), [0x1002]);
+        // One too few, another number that answers, another order.
+        assert_eq!(vanished(&asked, 4, 1), [0; 0]);
+        assert_eq!(vanished(&asked, 3, 2), [0; 0]);
+        assert_eq!(vanished(&[(0x1002, true), (0x1001, false), (0x1003, false)], 3, 1), [0; 0]);
+        // One that answers later was there.
+        let late = [(0x1002, false), (0x1001, true), (0x1002, true), (0x1003, false)];
+        assert_eq!(vanished(&late, 3, 2), [0x1003]);
+    }
+}

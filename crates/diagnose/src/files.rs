@@ -26,6 +26,13 @@ impl Files {
         self.list.push(File { name: name.to_owned(), before, tally });
     }
 
+    /// A packet more of what is read.
+    pub fn packet(&mut self) {
+        if let Some(last) = self.list.last_mut() {
+            last.tally.packets += 1;
+        }
+    }
+
     /// The last file is read.
     pub fn end(&mut self, tally: reading::Tally) {
         if let Some(last) = self.list.last_mut() {
@@ -51,6 +58,7 @@ impl Files {
             packets: file.tally.packets,
             cut: file.tally.cut,
             other_links: file.tally.other_links,
+            other_link: file.tally.other_link,
             ended: file.tally.ended.clone(),
         });
         files.collect()

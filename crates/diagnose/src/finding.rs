@@ -141,6 +141,8 @@ kinds! {
     OffsetNotWritten {} "offset-not-written" Warning;
     /// SYNC0 was switched on, and the way up did not write the device's propagation delay.
     DelayNotWritten {} "delay-not-written" Warning;
+    /// Frames come in at another port of the device than 0.
+    PortsSwapped {} "ports-swapped" Warning;
     /// Nothing looked whether SYNC runs.
     SyncNotLookedAt {} "sync-not-looked-at" Warning;
     /// Devices asked for by SDO answered with an abort.

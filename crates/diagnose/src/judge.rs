@@ -4,7 +4,7 @@
 use isocat_captures::pairing::{Seen, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
 use isocat_wire::al::AlState;
-use isocat_wire::{ObjectAddress, register};
+use isocat_wire::{ObjectAddress, PortNumber, register};
 
 use crate::clock::Reference;
 use crate::device::Device;
@@ -21,6 +21,10 @@ pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
     cyclic::judge(observer, tap.seen == Seen::Both, &mut all);
     sync::judge(observer, &mut all);
     for (place, device) in observer.devices.list.iter().enumerate() {
+        // In a ring each end may be the way in.
+        if tap.ring.is_none() {
+            ports(place, device, &mut all);
+        }
         states(place, device, observer, &mut all);
         counters(place, device, &mut all);
         mailbox(place, device, &mut all);
@@ -29,24 +33,47 @@ pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
     talkers(observer, &mut all);
     consequences(&mut all);
     all.sort_by_key(|finding| {
-        (finding.kind.weight(), finding.order.unwrap_or(finding.frame), finding.kind.rank())
+        let place = finding.order.unwrap_or(finding.frame);
+        // A device that is gone stands before the frames that were lost with it.
+        let explains = match finding.kind {
+            _ if finding.order.is_none() => 2,
+            Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => 0,
+            Kind::WorkingCounter { .. } => 1,
+            _ => 2,
+        };
+        (finding.kind.weight(), place, explains, finding.kind.rank())
     });
     all
 }
 
-/// A working counter falls when a device leaves OP; its state is read some frames later. Such a
-/// device comes first.
+/// When a device leaves OP or is gone, working counters fall and frames are lost at once; the frame
+/// that shows the device itself comes some cycles later. Such a device comes first. Frames are lost
+/// while one restarts, too, whose share is missing in the working counters from then on.
 fn consequences(all: &mut [Finding]) {
-    let fell: Vec<usize> = all
-        .iter()
-        .filter(|finding| matches!(finding.kind, Kind::WorkingCounter { .. }))
-        .map(|finding| finding.frame)
-        .collect();
-    for finding in all.iter_mut().filter(|one| matches!(one.kind, Kind::LeftOp { .. })) {
-        // Its last frame in OP is among the further ones.
-        let before = finding.frames.iter().copied().max().unwrap_or(0);
-        let caused = fell.iter().filter(|fell| (before..finding.frame).contains(fell)).min();
-        finding.order = caused.copied();
+    let frames = |is: fn(&Kind) -> bool| -> Vec<usize> {
+        all.iter().filter(|finding| is(&finding.kind)).map(|finding| finding.frame).collect()
+    };
+    let lost = frames(|kind| matches!(kind, Kind::FramesLost { .. }));
+    let fell = frames(|kind| matches!(kind, Kind::WorkingCounter { .. }));
+    let unnamed = all.iter().filter(|finding| finding.device.is_none());
+    let unnamed = unnamed.filter(|finding| matches!(finding.kind, Kind::WorkingCounter { .. }));
+    let unnamed: Vec<usize> = unnamed.map(|finding| finding.frame).collect();
+    for finding in all.iter_mut().filter(|finding| finding.device.is_some()) {
+        let effects = match finding.kind {
+            Kind::LeftOp { .. } | Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => {
+                [&lost[..], &fell[..]]
+            }
+            Kind::WorkingCounter { .. } => [&lost[..], &[]],
+            // Its state was looked at for the first time since OP was asked for.
+            Kind::AlError { .. } => [&unnamed[..], &[]],
+            _ => continue,
+        };
+        // The last frame in which all was well with it is among the further ones.
+        let earlier = finding.frames.iter().copied().filter(|frame| *frame < finding.frame);
+        let before = earlier.max().unwrap_or(0);
+        let caused = effects.into_iter().flatten();
+        let caused = caused.filter(|effect| (before..finding.frame).contains(effect));
+        finding.order = caused.min().copied();
     }
 }
 
@@ -86,6 +113,15 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
             all.push(if seen.before.is_none() { finding.likely() } else { finding });
         }
         was_op = in_op;
+    }
+}
+
+/// A device that answers has a link somewhere: if it has none at port 0, IN and OUT are swapped.
+fn ports(place: usize, device: &Device, all: &mut Vec<Finding>) {
+    let Some(status) = device.image.read(register::DL_STATUS) else { return };
+    let linked = PortNumber::ALL.into_iter().any(|port| status.value.link(port));
+    if linked && !status.value.link(PortNumber::P0) {
+        all.push(Finding::new(Kind::PortsSwapped {}, Some(place), status.frame));
     }
 }
 

@@ -6,7 +6,10 @@
 //! and `counters`; `clock` (drift frames), `cycle` (rhythm and working counters), `phase` (frames
 //! against SYNC0), `talker` (sources of frames). All of it is bounded, however long a capture is.
 //! At the end `judge` looks what speaks against the segment, as `finding`s with kinds; `words`
-//! makes sentences of them, and [`report`] the document.
+//! makes sentences of them, and [`report`] the document. [`Around`] looks at the captures once more
+//! and tells what happened in the frames around the first fault.
+//!
+//! [`live`] is the same for frames that are seen as they come.
 //!
 //! Nothing is guessed: what the capture does not show is told as unknown.
 //!
@@ -22,6 +25,7 @@
 #![forbid(unsafe_code)]
 
 mod access;
+mod around;
 mod clock;
 mod counters;
 mod cycle;
@@ -30,7 +34,9 @@ mod files;
 mod finding;
 mod judge;
 mod known;
+pub mod live;
 mod mailbox;
+mod measured;
 mod observer;
 mod phase;
 pub mod report;
@@ -45,10 +51,13 @@ use std::fmt;
 use std::io::Read;
 
 use isocat_captures::pairing::Pairing;
-use isocat_captures::reading::{NoCapture, Reader};
+use isocat_captures::probe::Probe;
+use isocat_captures::reading::{Frame, NoCapture, Reader, Tally};
 
+pub use around::Around;
 use files::Files;
 pub use finding::KINDS;
+pub use measured::{Grid, Measured, Onlooker};
 use observer::Observer;
 pub use report::DiagnoseReport;
 
@@ -58,6 +67,7 @@ pub struct Diagnosis {
     files: Files,
     pairing: Pairing,
     observer: Observer,
+    probe: Option<Probe>,
 }
 
 /// What devices are called, beside what their EEPROMs say.
@@ -76,18 +86,39 @@ pub struct Nothing {
     pub packets: usize,
     /// Frames of other protocols.
     pub foreign: usize,
-    /// Packets that are cut off, broken or of links without Ethernet frames.
-    pub unreadable: usize,
+    /// Packets of which the captures do not hold all bytes of EtherCAT.
+    pub cut: usize,
+    /// Frames of EtherCAT whose datagrams contradict themselves.
+    pub broken: usize,
+    /// Packets of links without Ethernet frames.
+    pub other_links: usize,
+    /// The link type of the first of them.
+    pub other_link: Option<u32>,
+    /// Why reading ended before the end of a capture.
+    pub ended: Option<String>,
 }
 
 impl fmt::Display for Nothing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { packets, foreign, unreadable } = self;
-        write!(
-            f,
-            "no frame of EtherCAT that can be read (EtherType 0x88A4, or UDP to port 0x88A4); found {packets} packets, {foreign} of \
-             other protocols, {unreadable} cut off, broken or of a link without Ethernet frames"
-        )
+        f.write_str("no frame of EtherCAT that can be read (EtherType 0x88A4, or UDP to port 0x88A4); found ")?;
+        write!(f, "{} packets, {} of other protocols", self.packets, self.foreign)?;
+        if self.cut > 0 {
+            write!(f, ", {} cut by a snap length (capture whole packets)", self.cut)?;
+        }
+        if self.broken > 0 {
+            write!(f, ", {} with damaged datagrams", self.broken)?;
+        }
+        if let Some(link) = self.other_link {
+            let count = self.other_links;
+            write!(
+                f,
+                ", {count} of a link without Ethernet frames (link type {link}; expected 1, 113 or 276)"
+            )?;
+        }
+        match &self.ended {
+            Some(why) => write!(f, "; not read to its end: {why}"),
+            None => Ok(()),
+        }
     }
 }
 
@@ -102,36 +133,79 @@ impl Default for Diagnosis {
 impl Diagnosis {
     /// Nothing was read yet.
     pub fn new() -> Self {
-        Self { files: Files::default(), pairing: Pairing::new(), observer: Observer::new() }
+        let (pairing, observer) = (Pairing::new(), Observer::new());
+        Self { files: Files::default(), pairing, observer, probe: None }
+    }
+
+    /// Packets of the captures have the header of a probe.
+    pub fn with_probe(self, probe: Option<Probe>) -> Self {
+        Self { probe, ..self }
     }
 
     /// Reads a capture, which continues those that were read before. `name` is what frames of it
     /// are told with. `Err`: it is neither pcapng nor pcap; nothing of it was taken.
     pub fn read(&mut self, name: &str, source: impl Read) -> Result<(), NoCapture> {
-        let mut reader = Reader::new(source)?;
+        self.read_with(name, source, &mut |_| {})
+    }
+
+    /// The same; `onlooker` hears what is measured of each cycle.
+    pub fn read_with(
+        &mut self,
+        name: &str,
+        source: impl Read,
+        onlooker: &mut Onlooker<'_>,
+    ) -> Result<(), NoCapture> {
+        let mut reader = Reader::new(source)?.with_probe(self.probe);
         self.files.begin(name);
         while let Some(mut frame) = reader.frame() {
             frame.number = self.files.number(frame.number);
             self.pairing.push(frame);
-            self.observe();
+            self.observe(onlooker);
         }
         self.files.end(reader.tally().clone());
         Ok(())
     }
 
+    /// Takes a frame that is no part of a file; `frame.number` counts from 1.
+    fn take(&mut self, frame: Frame) {
+        self.files.packet();
+        self.pairing.push(frame);
+        self.observe(&mut |_| {});
+    }
+
+    /// A capture that is not there, as the empty file that a ring buffer of captures begins: its
+    /// place among the others is kept.
+    pub fn pass_over(&mut self, name: &str, why: &str) {
+        self.files.begin(name);
+        self.files.end(Tally { ended: Some(why.to_owned()), ..Tally::default() });
+    }
+
     /// Says what was found. `Err`: no frame of EtherCAT is in the captures.
-    pub fn report(mut self, names: &Names) -> Result<DiagnoseReport, Nothing> {
+    pub fn report(self, names: &Names) -> Result<DiagnoseReport, Nothing> {
+        self.report_with(names, &mut |_| {})
+    }
+
+    /// The same; `onlooker` hears what is measured of the last cycles, which wait for their answers
+    /// until then.
+    pub fn report_with(
+        mut self,
+        names: &Names,
+        onlooker: &mut Onlooker<'_>,
+    ) -> Result<DiagnoseReport, Nothing> {
         self.pairing.end();
-        self.observe();
+        self.observe(onlooker);
         let pairs = self.pairing.tally();
         if self.observer.exchanges == 0 {
             let captures = self.files.reports();
             let sum = |of: fn(&report::CaptureReport) -> usize| captures.iter().map(of).sum();
-            let cut: usize = sum(|capture| capture.cut + capture.other_links);
             return Err(Nothing {
                 packets: sum(|capture| capture.packets),
                 foreign: pairs.foreign,
-                unreadable: cut + pairs.broken,
+                cut: sum(|capture| capture.cut),
+                broken: pairs.broken,
+                other_links: sum(|capture| capture.other_links),
+                other_link: captures.iter().find_map(|capture| capture.other_link),
+                ended: captures.iter().find_map(|capture| capture.ended.clone()),
             });
         }
         let tap = self.pairing.tap();
@@ -140,10 +214,10 @@ impl Diagnosis {
         Ok(report::report(&self.files, &self.observer, pairs, tap, &name))
     }
 
-    fn observe(&mut self) {
+    fn observe(&mut self, onlooker: &mut Onlooker<'_>) {
         while let Some(exchange) = self.pairing.exchange() {
             if let Some(tap) = self.pairing.tap() {
-                self.observer.exchange(tap, &exchange);
+                self.observer.exchange(tap, &exchange, onlooker);
             }
         }
     }

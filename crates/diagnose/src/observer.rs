@@ -11,6 +11,7 @@ use crate::clock::Drift;
 use crate::cycle::Cycle;
 use crate::device::{Devices, Whom};
 use crate::known::{Known, Log};
+use crate::measured::{Measured, Onlooker};
 use crate::phase::{Grid, MOST_GRIDS, Phases};
 use crate::talker::Talkers;
 
@@ -19,6 +20,8 @@ use crate::talker::Talkers;
 pub(crate) struct Reach {
     pub frame: usize,
     pub at: Duration,
+    /// The last frame that passed as many as before.
+    pub before: usize,
     /// SubDevices; `None`: the first ones that were counted.
     pub from: Option<u16>,
     pub to: u16,
@@ -39,12 +42,18 @@ pub(crate) struct Observer {
     /// How many SubDevices frames passed.
     pub reach: Log<Reach>,
     reach_now: Option<u16>,
+    /// The last frame that counted them.
+    reached_in: usize,
     /// Operation since this frame; `None`: no state of operation was seen.
     pub operation: Option<Known<Duration>>,
     /// The first frame that asked all devices to leave operation.
     pub left: Option<Known<Duration>>,
     /// Some device is in operation, and asked to be.
     operating: bool,
+    /// Cycles since OP was asked for, while nothing was read of any state.
+    unwatched: Option<u64>,
+    /// Operation was taken to begin then: the MainDevice does not look.
+    assumed: bool,
     /// Any AL status or AL control was seen.
     pub states_seen: bool,
     /// Process data were exchanged before that: the capture begins in operation.
@@ -56,9 +65,13 @@ pub(crate) struct Observer {
     grids: Vec<Grid>,
     /// Exchanges that were looked at.
     pub exchanges: u64,
+    /// The first frame of the last of them.
+    pub frame: usize,
     /// The first and last instant.
     pub first: Option<Duration>,
     pub last: Duration,
+    /// The stamp of the last exchange, which is earlier where stamps jump back.
+    pub now: Duration,
     /// Instants that lay before the one of the frame before.
     pub backwards: u64,
 }
@@ -71,50 +84,67 @@ impl Observer {
             cycle: Cycle::default(),
             phases: Phases::default(),
             talkers: Talkers::default(),
-            doubled: Log::new(256),
-            reach: Log::new(256),
+            doubled: Log::new(MOST_EVENTS),
+            reach: Log::new(MOST_EVENTS),
             reach_now: None,
+            reached_in: 0,
             operation: None,
             left: None,
             operating: false,
+            unwatched: None,
+            assumed: false,
             states_seen: false,
             began_inside: false,
             all_in_op: false,
             began_inside_once: false,
             grids: Vec::new(),
             exchanges: 0,
+            frame: 0,
             first: None,
             last: Duration::ZERO,
+            now: Duration::ZERO,
             backwards: 0,
         }
     }
 
     /// Takes the next exchange.
-    pub fn exchange(&mut self, tap: Tap, exchange: &Exchange) {
+    pub fn exchange(&mut self, tap: Tap, exchange: &Exchange, onlooker: &mut Onlooker<'_>) {
         let Some(first) = exchange.request.as_ref().or(exchange.answer.as_ref()) else { return };
         let at = first.at;
         self.exchanges += 1;
+        self.frame = first.number;
         self.first.get_or_insert(at);
         self.backwards += u64::from(at < self.last);
         self.last = self.last.max(at);
+        self.now = at;
         self.talkers.frame(first, at);
         let judged = self.is_judged();
-        let mut begins = false;
+        // The index of the datagram that begins a cycle.
+        let mut begins = None;
         let mut time = None;
         let mut together: Vec<(Command, u32)> = Vec::new();
+        let operation = self.operation;
         for access in accesses(exchange, tap, self.reach_now) {
             if let Some(passed) = access.passed {
                 self.reached(passed, access.frame, at);
             }
             time = self.drift.access(&access, at).or(time);
             if access.command.is_logical() {
-                begins |= self.cycle.access(&access, at, judged);
+                if self.cycle.access(&access, at, judged) {
+                    begins.get_or_insert(access.header.index);
+                }
                 together.push((access.command, access.header.address));
             } else {
                 self.access(&access, at, tap);
             }
         }
-        if begins && !judged {
+        if self.operation != operation {
+            onlooker(Measured::Restart);
+        }
+        if begins.is_some() {
+            self.assume_operation(at);
+        }
+        if begins.is_some() && !judged {
             // The next interval that is judged begins behind this time.
             self.cycle.rhythm.pause();
             self.cycle.by_clock.pause();
@@ -126,19 +156,55 @@ impl Observer {
             self.doubled.push(Known { value: at, frame: first.number });
             return;
         }
-        if begins && judged {
+        if let Some(index) = begins.filter(|_| judged) {
+            if self.cycle.is_same_again(at, time, index) {
+                self.doubled.push(Known { value: at, frame: first.number });
+                return;
+            }
             let frame = exchange.answer.as_ref().map_or(first.number, |answer| answer.number);
-            self.cycle.begins(at, time, frame, &together);
+            let at_ns = at.saturating_sub(self.first.unwrap_or_default()).as_nanos() as u64;
+            let [by_stamps, by_clock] = self.cycle.begins(at, time, frame, &together);
+            if let Some(ns) = by_stamps {
+                onlooker(Measured::Interval { at_ns, ns });
+            }
+            if let Some(ns) = by_clock {
+                onlooker(Measured::IntervalByClock { at_ns, ns });
+            }
             if let Some(time) = time {
-                self.phases.cyclic(&self.grids, time, first.bytes.len(), frame);
+                let told = |grid, ns| onlooker(Measured::Distance { at_ns, grid, ns });
+                self.phases.cyclic(&self.grids, time, first.bytes.len(), frame, told);
             }
         }
+    }
+
+    /// What happened so far is told no more, so that it leaves room for what comes. What devices
+    /// are and how they were set up stays known.
+    pub fn forget(&mut self) {
+        self.cycle.forget();
+        self.phases = Phases::default();
+        self.doubled = Log::new(MOST_EVENTS);
+        self.reach = Log::new(MOST_EVENTS);
+        self.drift.restart();
+        let now = self.last;
+        self.devices.list.iter_mut().for_each(|device| device.forget(now));
     }
 
     /// Whether what comes now is judged as operation: some device is in OP, or nothing says in
     /// which state they are.
     fn is_judged(&self) -> bool {
         self.operating || self.began_inside || !self.states_seen
+    }
+
+    /// A cycle began. Some MainDevices ask for OP and look at no state from then on: what they
+    /// exchange for long enough is operation.
+    fn assume_operation(&mut self, at: Duration) {
+        let Some(cycles) = self.unwatched.as_mut() else { return };
+        *cycles += 1;
+        if *cycles == LEAST_UNWATCHED && self.operation.is_none() {
+            self.assumed = true;
+            self.entered(self.frame, at);
+            self.operation_changed(self.frame, at);
+        }
     }
 
     /// A request for a state, before any device was seen in OP or with an error: what was exchanged
@@ -167,10 +233,11 @@ impl Observer {
     }
 
     fn reached(&mut self, passed: u16, frame: usize, at: Duration) {
-        let before = self.reach_now.replace(passed);
-        if before != Some(passed) {
+        let from = self.reach_now.replace(passed);
+        let before = std::mem::replace(&mut self.reached_in, frame);
+        if from != Some(passed) {
             let operating = self.is_judged();
-            self.reach.push(Reach { frame, at, from: before, to: passed, operating });
+            self.reach.push(Reach { frame, at, before, from, to: passed, operating });
         }
     }
 
@@ -184,11 +251,22 @@ impl Observer {
                 }
                 self.states_of_all(access, at);
             }
-            Whom::Unknown => {}
+            Whom::Unknown => {
+                let last = self.reach.kept.last().filter(|reach| reach.operating);
+                if let Some(&Reach { from: Some(from), to, before, .. }) = last
+                    && to < from
+                {
+                    self.devices.find_vanished(access, at, (from, to), before);
+                }
+            }
         }
         let taken = access.taken() != Some(false);
         let control = access.written().filter(|_| taken);
-        if control.is_some() && access.covers(register::AL_CONTROL.address, 1) {
+        if let Some(data) = control
+            && let Some(control) = low_and_high(access.ado(), data, register::AL_CONTROL.address)
+        {
+            let op = AlControl(control).state() == Ok(AlState::Op);
+            self.unwatched = op.then_some(0);
             self.see_states(false);
             self.on_the_way_up();
             self.operation_changed(access.frame, at);
@@ -308,6 +386,7 @@ impl Observer {
         at: Duration,
     ) {
         self.see_states(false);
+        self.unwatched = None;
         let states = &mut self.devices.list[place].states;
         let before = states.now();
         states.see(frame, at, status, code);
@@ -325,21 +404,23 @@ impl Observer {
     /// One more device is in OP for the first time. Operation is judged from the last such device
     /// on.
     fn entered(&mut self, frame: usize, at: Duration) {
-        if self.began_inside {
+        if self.began_inside || self.assumed && self.operation.is_some() {
             return;
         }
         self.operation = Some(Known { value: at, frame });
         self.cycle.restart();
         self.phases = Phases::default();
-        self.doubled = Log::new(256);
+        self.doubled = Log::new(MOST_EVENTS);
         self.drift.restart();
     }
 
     fn operation_changed(&mut self, frame: usize, at: Duration) {
         let operates = self.devices.list.iter().any(|device| {
-            let op = AlState::Op;
-            let asked = device.states.asked.is_none_or(|asked| asked.value.state() == Ok(op));
-            device.states.op.is_some() && asked
+            let asked = device.states.asked.map(|asked| asked.value.state() == Ok(AlState::Op));
+            match device.states.op {
+                Some(_) => asked != Some(false),
+                None => self.assumed && asked == Some(true),
+            }
         });
         let leave = |device: &crate::device::Device| {
             device.states.asked.is_some_and(|asked| asked.value.state() != Ok(AlState::Op))
@@ -356,6 +437,10 @@ impl Observer {
     }
 }
 
+/// Cycles without a look at any state, from which on OP that was asked for is taken for reached.
+const LEAST_UNWATCHED: u64 = 100;
+/// Events of one sort that are kept.
+const MOST_EVENTS: usize = 256;
 /// Cycles before the first word of states from which on a capture is taken to begin in operation.
 const LEAST_INSIDE: u64 = 20;
 

@@ -8,25 +8,17 @@
 use isocat_wire::frame;
 
 use crate::known::Known;
-
-/// Devices whose SYNC0 comes at the same instants.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct Grid {
-    /// From one SYNC0 to the next, ns; not 0.
-    pub cycle: u64,
-    /// A SYNC0 came at this system time, ns, less whole cycles.
-    pub phase: u64,
-}
+pub(crate) use crate::measured::Grid;
 
 impl Grid {
     /// The grid of a SYNC unit that starts at `start`.
-    pub fn new(cycle: u32, start: u64) -> Option<Self> {
+    pub(crate) fn new(cycle: u32, start: u64) -> Option<Self> {
         let cycle = u64::from(cycle);
         Some(Self { cycle, phase: start.checked_rem(cycle)? })
     }
 
     /// From `at` to the next SYNC0, ns: 0 to `cycle` - 1.
-    pub fn ahead(self, at: u64) -> u64 {
+    pub(crate) fn ahead(self, at: u64) -> u64 {
         let since = (at % self.cycle + self.cycle - self.phase) % self.cycle;
         (self.cycle - since) % self.cycle
     }
@@ -70,7 +62,8 @@ impl Distance {
         }
     }
 
-    fn push(&mut self, ns: i64, frame: usize) {
+    /// Takes the distance of one more frame; gives it as it goes on from those before.
+    fn push(&mut self, ns: i64, frame: usize) -> i64 {
         let cycle = self.grid.cycle as i64;
         // In the neighbourhood of the last few, so that frames that wander through the cycle go on.
         // Hosts are late rather than early: a frame is taken as late by three quarters of a cycle
@@ -92,6 +85,7 @@ impl Distance {
             self.outside += 1;
             self.first_outside.get_or_insert(known);
         }
+        ns
     }
 
     /// Whether frames went through half a cycle and on in one direction: they do not follow the
@@ -119,14 +113,23 @@ pub(crate) struct Phases {
 
 impl Phases {
     /// A cyclic frame of `len` bytes reached the reference at system time `at`.
-    pub fn cyclic(&mut self, grids: &[Grid], at: u64, len: usize, frame: usize) {
+    /// `told` hears the distance to each grid.
+    pub fn cyclic(
+        &mut self,
+        grids: &[Grid],
+        at: u64,
+        len: usize,
+        frame: usize,
+        mut told: impl FnMut(Grid, i64),
+    ) {
         let end = at.wrapping_add(frame::duration_ns(len));
         for grid in grids {
             let ns = grid.ahead(end) as i64;
             match self.grids.iter().position(|distance| distance.grid == *grid) {
-                Some(place) => self.grids[place].push(ns, frame),
+                Some(place) => told(*grid, self.grids[place].push(ns, frame)),
                 None if self.grids.len() < MOST_GRIDS => {
                     self.grids.push(Distance::new(*grid, ns, frame));
+                    told(*grid, ns);
                 }
                 None => {}
             }
@@ -161,7 +164,7 @@ mod tests {
         let mut phases = Phases::default();
         for cycle in 0..2000_u64 {
             // 1 us later in each cycle, from 500 us before SYNC0 on.
-            phases.cyclic(&[grid], cycle * 1_001_000 + 500_000, 60, cycle as usize);
+            phases.cyclic(&[grid], cycle * 1_001_000 + 500_000, 60, cycle as usize, |_, _| {});
         }
         let distance = phases.of(grid).expect("measured");
         let duration = frame::duration_ns(60) as i64;
@@ -177,7 +180,13 @@ mod tests {
         let mut phases = Phases::default();
         for cycle in 0..100_u64 {
             let late = if cycle == 50 { 300_000 } else { 0 };
-            phases.cyclic(&[grid], cycle * 1_000_000 + 800_000 + late, 60, cycle as usize);
+            phases.cyclic(
+                &[grid],
+                cycle * 1_000_000 + 800_000 + late,
+                60,
+                cycle as usize,
+                |_, _| {},
+            );
         }
         let distance = phases.of(grid).expect("measured");
         assert_eq!((distance.outside, distance.shortest.frame), (1, 50));

@@ -10,6 +10,7 @@ use crate::finding::{Finding, Sure, Weight};
 use crate::observer::Observer;
 use crate::{clock, cycle, judge, words};
 
+mod comments;
 mod device;
 mod document;
 mod text;
@@ -54,12 +55,27 @@ pub(crate) fn report(
         reach: builder.reach(),
         clock: builder.clock(),
         cycle: builder.cycle(),
+        around: None,
         unknown: Vec::new(),
     };
     report.unknown = unknown::unknown(&report, tap.is_some_and(shows_answers));
     report.unknown.extend(left_out(observer));
     report.verdict = report.judge();
     report
+}
+
+/// Findings in words.
+pub(crate) fn told(
+    files: &Files,
+    observer: &Observer,
+    findings: &[Finding],
+    names: &dyn Fn(Option<u16>, u32, u32) -> Option<String>,
+) -> Vec<FindingReport> {
+    let builder = Builder { files, observer, order: order(observer) };
+    let places = builder.order.iter();
+    let devices: Vec<DeviceReport> =
+        places.map(|place| device::report(&builder, *place, names)).collect();
+    findings.iter().map(|finding| builder.finding(finding, &devices)).collect()
 }
 
 /// What there was no room for.
@@ -114,7 +130,7 @@ impl DiagnoseReport {
     }
 
     /// `frame 17`; with several captures `frame 17 of b.pcapng`.
-    pub(crate) fn frame(&self, at: FrameRef) -> String {
+    pub fn frame(&self, at: FrameRef) -> String {
         match self.captures.get(at.capture) {
             Some(capture) if self.captures.len() > 1 => {
                 format!("frame {} of {}", at.frame, capture.name)

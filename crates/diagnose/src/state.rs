@@ -100,6 +100,26 @@ impl States {
         }
     }
 
+    /// What happened so far is told no more; what holds stays known.
+    pub fn forget(&mut self, at: Duration) {
+        let mut changes = Log::new(MOST_EVENTS);
+        let last = self.changes.kept.last().copied();
+        let now = self.now.map(|(status, frame)| StateSeen {
+            frame,
+            at,
+            status,
+            code: None,
+            before: Some(frame),
+            asked: self.asked,
+        });
+        // While events are left off, the last one kept is not the one that holds.
+        if let Some(holds) = last.filter(|_| self.changes.left_off() == 0).or(now) {
+            changes.push(holds);
+        }
+        self.changes = changes;
+        self.requests = Log::new(MOST_EVENTS);
+    }
+
     /// The status that holds.
     pub fn now(&self) -> Option<AlStatus> {
         self.now.map(|(status, _)| status)

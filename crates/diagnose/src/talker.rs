@@ -30,10 +30,7 @@ pub(crate) struct Talkers {
 impl Talkers {
     /// A frame as it was first seen.
     pub fn frame(&mut self, frame: &Frame, at: Duration) {
-        let Some(source) = frame.bytes.get(6..12) else { return };
-        let mut address = [0; 6];
-        address.copy_from_slice(source);
-        address[0] &= !LOCALLY_ADMINISTERED;
+        let Some(address) = source(frame) else { return };
         let number = frame.number;
         let turn = self.last.replace(address) != Some(address);
         match self.list.iter().position(|talker| talker.address == address) {
@@ -51,6 +48,13 @@ impl Talkers {
             None => self.others += 1,
         }
     }
+}
+
+/// The source address of a frame, without the bit that the first SubDevice sets.
+pub(crate) fn source(frame: &Frame) -> Option<[u8; 6]> {
+    let mut address: [u8; 6] = frame.bytes.get(6..)?.first_chunk().copied()?;
+    address[0] &= !LOCALLY_ADMINISTERED;
+    Some(address)
 }
 
 /// Source addresses that are told apart.

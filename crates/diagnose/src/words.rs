@@ -40,16 +40,17 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
         Kind::DevicesVanished { from, to, silent } => {
             let silent: Vec<String> = silent.iter().map(|place| of(*place)).collect();
             let silent = match &silent[..] {
-                [] => String::new(),
+                [] => format!("; in a line SubDevice {to} is the first that is missing"),
                 [one] => format!("; {one} does not answer any more"),
                 all => format!("; these do not answer any more: {}", all.join(", ")),
             };
             format!("frames passed {}, before they passed {from}{silent}", subdevices(*to))
         }
         Kind::DeviceSilent {} => format!("{subject} does not answer any more"),
-        Kind::FramesLost { count } => {
-            format!("{count} cyclic frames have no answer in the capture")
-        }
+        Kind::FramesLost { count } => match count {
+            1 => "1 cyclic frame has no answer in the capture".to_owned(),
+            _ => format!("{count} cyclic frames have no answer in the capture"),
+        },
         Kind::FramesDoubled { count } => {
             format!(
                 "{count} answers of cyclic frames have no request in the capture: devices may have taken frames twice"
@@ -60,18 +61,20 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
             object::name(object.sub).unwrap_or("a counter")
         ),
         Kind::CyclesSkipped { count, longest_ns, cycle_ns } => format!(
-            "{count} intervals between cyclic frames are longer than 1.5 cycles of {}, the longest {}, by the reference clock",
+            "{} longer than 1.5 cycles of {}, the longest {}, by the reference clock",
+            intervals(*count, "cyclic frames"),
             ns(*cycle_ns),
             ns(*longest_ns)
         ),
         Kind::CyclesMissing { count, longest_ns, cycle_ns } => format!(
-            "{count} intervals between answers of cyclic frames are longer than 1.5 cycles of {}, the longest {}, by the reference clock: frames \
-             were lost or never sent",
+            "{} longer than 1.5 cycles of {}, the longest {}, by the reference clock: frames were lost or never sent",
+            intervals(*count, "answers of cyclic frames"),
             ns(*cycle_ns),
             ns(*longest_ns)
         ),
         Kind::GapSeen { count, longest_ns, cycle_ns } => format!(
-            "{count} intervals between cyclic frames are longer than 1.5 cycles of {}, the longest {}, by the stamps of the capture",
+            "{} longer than 1.5 cycles of {}, the longest {}, by the stamps of the capture",
+            intervals(*count, "cyclic frames"),
             ns(*cycle_ns),
             ns(*longest_ns)
         ),
@@ -149,6 +152,9 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
         Kind::DelayNotWritten {} => format!(
             "{subject}: SYNC was switched on, and its propagation delay (0x0928) was not written on the way up"
         ),
+        Kind::PortsSwapped {} => {
+            format!("{subject} has no link at port 0 (0x0110), so frames come in at another one")
+        }
         Kind::SyncNotLookedAt {} => format!(
             "{subject}: SYNC was switched on, and nothing looked whether it runs (0x0984, 0x0990)"
         ),
@@ -287,6 +293,10 @@ pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
         Kind::DelayNotWritten {} => {
             &["latch receive times (write 0x0900) and write 0x0928 of each device"]
         }
+        Kind::PortsSwapped {} => &[
+            "plug the cable that comes from the MainDevice into the port that is marked IN",
+            "delays that a MainDevice computes for the order of ports 0, 3, 1, 2 are wrong until then",
+        ],
         Kind::SyncNotLookedAt {} => {
             &["read 0x0984 after the start time: bit 0 is clear once the first pulse has come"]
         }
@@ -312,6 +322,14 @@ fn with_code(status: AlStatus, code: Option<AlStatusCode>) -> String {
 /// `1 SubDevice`, `3 SubDevices`.
 pub(crate) fn subdevices(count: u16) -> String {
     format!("{count} SubDevice{}", if count == 1 { "" } else { "s" })
+}
+
+/// `1 interval between cyclic frames is`.
+fn intervals(count: u64, between: &str) -> String {
+    match count {
+        1 => format!("1 interval between {between} is"),
+        _ => format!("{count} intervals between {between} are"),
+    }
 }
 
 fn more(count: u64, what: &str) -> String {

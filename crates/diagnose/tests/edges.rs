@@ -37,6 +37,8 @@ struct Setup {
     led: bool,
     /// A pause of cyclic frames by the stamps, behind cycle 60.
     pause_us: u64,
+    /// The same by the stamps alone: they jump.
+    jump_us: u64,
     /// SYNC0 cycle in the place of the frames' own.
     cycle: u64,
     /// 0x0920 is written, and SYNC is switched on before SAFEOP.
@@ -50,6 +52,20 @@ struct Setup {
     control: Option<u8>,
     /// Frames of another source, one after each of the last cycles.
     strangers: usize,
+    /// 0x0110; 0: not read.
+    links: u8,
+    /// Cycles in operation.
+    cycles: u64,
+    /// States are read once OP was asked for.
+    looks: bool,
+    /// The cycle whose frame does not come back.
+    lost: Option<u64>,
+    /// In so many of the last cycles the device counts nothing and leaves frames as they are.
+    gone: u64,
+    /// The frame of cycle 50 comes once more, so many ns later; 0: it does not.
+    again: u64,
+    /// Each frame has the same index.
+    one_index: bool,
 }
 
 impl Default for Setup {
@@ -67,6 +83,7 @@ impl Default for Setup {
             drift: 0,
             led: true,
             pause_us: 0,
+            jump_us: 0,
             cycle: CYCLE,
             offset: true,
             in_preop: true,
@@ -74,6 +91,13 @@ impl Default for Setup {
             status: [8, 0, 0, 0, 0, 0],
             control: None,
             strangers: 0,
+            links: 0,
+            cycles: 100,
+            looks: true,
+            lost: None,
+            gone: 0,
+            again: 0,
+            one_index: false,
         }
     }
 }
@@ -198,6 +222,13 @@ impl Wire {
             false => self.exchange(&[exchanged]),
         }
     }
+
+    /// A cyclic frame that no device takes part in.
+    fn cycle_alone(&mut self) -> usize {
+        let time = Address::Station(StationAddress(STATION), 0x0910);
+        let exchanged = (Command::Lrw, Address::Logical(0), &[1_u8, 2][..], &[1_u8, 2][..], 0);
+        self.exchange(&[(Command::Frmw, time, &[0; 8], &[0; 8], 0), exchanged])
+    }
 }
 
 impl Setup {
@@ -207,6 +238,9 @@ impl Setup {
         let station = STATION.to_le_bytes();
         wire.exchange(&[(Command::Apwr, first, &station, &station, 1)]);
         wire.read(0x0130, &[1, 0, 0, 0, 0, 0]);
+        if self.links != 0 {
+            wire.read(0x0110, &[self.links, 0]);
+        }
         wire.write(0x0800, &[0x00, 0x10, 64, 0, 0x26, 0, 1, 0, 0x80, 0x10, 64, 0, 0x22, 0, 1, 0]);
         wire.write(0x0120, &[2, 0]);
         wire.read(0x0130, &[2, 0, 0, 0, 0, 0]);
@@ -234,7 +268,9 @@ impl Setup {
         wire.write(0x0120, &[4, 0]);
         wire.read(0x0130, &[4, 0, 0, 0, 0, 0]);
         wire.write(0x0120, &[8, 0]);
-        wire.read(0x0130, &[8, 0, 0, 0, 0, 0]);
+        if self.looks {
+            wire.read(0x0130, &[8, 0, 0, 0, 0, 0]);
+        }
         self.operate(&mut wire);
         let mut diagnosis = Diagnosis::new();
         diagnosis.read("made", &wire.file[..]).expect("a capture");
@@ -244,23 +280,40 @@ impl Setup {
     fn operate(&self, wire: &mut Wire) {
         let first = self.start + 100 * CYCLE - self.ahead;
         let begin = wire.micros + 1000;
-        for cycle in 0..100 {
+        for cycle in 0..self.cycles {
             let pause = if cycle > 60 { self.pause_us } else { 0 };
-            wire.micros = begin + cycle * 1000 + pause;
+            let jump = if cycle > 60 { self.jump_us } else { 0 };
+            wire.micros = begin + cycle * 1000 + pause + jump;
             let late = if cycle == 50 { self.late } else { 0 };
             let slid = self.drift * cycle as i64;
-            let at = (first + cycle * CYCLE + late).wrapping_add_signed(slid);
-            wire.cycle(at, self.led);
+            let at = (first + cycle * CYCLE + late + pause * 1000).wrapping_add_signed(slid);
+            let before = wire.file.len();
+            match cycle + self.gone < self.cycles {
+                true => wire.cycle(at, self.led),
+                false => wire.cycle_alone(),
+            };
+            if cycle == 50 && self.again > 0 {
+                wire.index = wire.index.wrapping_sub(1);
+                wire.micros = begin + cycle * 1000 + self.again / 1000;
+                wire.cycle(at + self.again, self.led);
+            }
+            if self.one_index {
+                wire.index = 0;
+            }
+            if self.lost == Some(cycle) {
+                // Both packets are of the same length.
+                wire.file.truncate((before + wire.file.len()) / 2);
+            }
             if cycle == 40 {
                 wire.read(0x092C, &self.difference.to_le_bytes());
             }
-            if cycle == 70 {
+            if cycle == 70 && self.looks {
                 if let Some(control) = self.control {
                     wire.write(0x0120, &[control, 0]);
                 }
                 wire.read(0x0130, &self.status);
             }
-            if cycle as usize + self.strangers >= 100 {
+            if cycle + self.strangers as u64 >= self.cycles {
                 let all = Address::Broadcast(0x0130);
                 wire.exchange_of(0x20, &[(Command::Brd, all, &[0, 0], &[8, 0], 1)]);
             }
@@ -368,6 +421,16 @@ fn skipped_cycles() {
     edge(of(CYCLE / 2), of(CYCLE / 2 + 1), "cycles-skipped");
 }
 
+/// The frame of a cycle comes once more, with another time in it: a device, or what lies before it,
+/// has sent it twice. Within a quarter of a cycle, and only where each cycle has an index of its own.
+#[test]
+fn frames_that_come_twice() {
+    let of = |again| Setup { again, ahead: CYCLE - 1000, copy: 1000, ..Setup::default() };
+    edge(of(CYCLE / 4), of(CYCLE / 4 - 1), "frames-doubled");
+    let same = Setup { one_index: true, ..of(CYCLE / 4 - 1) };
+    assert_eq!(same.found(), [""; 0], "{}", same.report().text());
+}
+
 #[test]
 fn frames_behind_sync0() {
     let left = CYCLE / 2 - duration();
@@ -384,8 +447,14 @@ fn a_host_that_slides() {
 
 #[test]
 fn pauses_of_drift_frames() {
-    let of = |pause_us| Setup { pause_us, ..Setup::default() };
-    edge(of(99_000), of(99_001), "drift-frames-stopped");
+    // The last drift frame lies a cycle before the pause.
+    for (pause_us, found) in [(99_000, false), (99_001, true)] {
+        let setup = Setup { pause_us, ..Setup::default() };
+        assert_eq!(setup.found().contains(&"drift-frames-stopped"), found, "{pause_us}");
+    }
+    // Stamps that jump are no pause by the reference's clock.
+    let setup = Setup { jump_us: 7_200_000_000, ..Setup::default() };
+    assert_eq!(setup.found(), [""; 0]);
 }
 
 #[test]
@@ -421,4 +490,36 @@ fn devices_that_leave_op() {
 fn another_talker() {
     let of = |strangers| Setup { strangers, ..Setup::default() };
     edge(of(7), of(8), "another-talker");
+}
+
+/// Some MainDevices ask for OP and look at no state from then on: a hundred cycles later it is taken
+/// for reached.
+#[test]
+fn operation_that_nothing_looks_at() {
+    let of = |lost| Setup { lost: Some(lost), cycles: 110, looks: false, ..Setup::default() };
+    edge(of(99), of(100), "frames-lost");
+    let looks = Setup { looks: true, ..of(0) };
+    assert_eq!(looks.found().first(), Some(&"frames-lost"), "a state was read");
+}
+
+/// What a segment has in operation is the highest working counter that came more than now and then,
+/// however long it was lower. A clock that is gone tells no time.
+#[test]
+fn working_counters_that_do_not_come_back() {
+    let of = |gone| Setup { gone, ..Setup::default() };
+    let report = of(60).report();
+    let finding = &report.findings[0];
+    assert_eq!(finding.kind, "working-counter", "{}", report.text());
+    assert!(finding.what.contains("down to 0 in 60 frames, 3 is usual"), "{}", finding.what);
+    assert!(!of(60).found().contains(&"cycles-skipped"), "{}", report.text());
+    let found = |gone| of(gone).found().contains(&"working-counter");
+    assert!(found(92) && !found(93), "eight frames, and seven");
+}
+
+/// Bits 4 to 7 are the links of ports 0 to 3.
+#[test]
+fn in_and_out_swapped() {
+    let of = |links| Setup { links, ..Setup::default() };
+    edge(of(0x30), of(0x20), "ports-swapped");
+    assert_eq!(of(0x03).found(), [""; 0], "no link at all, though it answers: nothing is said");
 }

@@ -9,5 +9,5 @@ pub mod job;
 mod judge;
 pub mod scan;
 
-pub use capture::CaptureSink;
+pub use capture::{BothSinks, CaptureSink};
 pub use job::{Job, Outcome};

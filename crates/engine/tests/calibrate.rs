@@ -40,7 +40,7 @@ fn profile_file(law: DriftLaw, polarity: DifferencePolarity) -> PathBuf {
         format!("[esc]\ndrift_law = \"{name}\"\n{phase}difference_polarity = \"{polarity}\"\n");
     let text = profile::built_in_text("kollmorgen_akd2g").expect("a built-in device");
     assert!(text.contains("[esc]\n"));
-    let folder = std::env::temp_dir().join(format!("isocat-calibrate-{}", std::process::id()));
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("calibrate");
     std::fs::create_dir_all(&folder).expect("a folder for profiles");
     let path = folder.join(format!("drive-{number}.toml"));
     std::fs::write(&path, text.replacen("[esc]\n", &keys, 1)).expect("a profile is written");
@@ -66,7 +66,7 @@ fn segment(followers: &[Follower]) -> Scenario {
 struct Rough {
     wire: VirtualWire,
     chance: Stream,
-    /// One of so many frames is lost on each way; 0: none.
+    /// Each way, one frame in this many is lost; 0: none.
     lost_one_of: u64,
     late: u64,
     /// Stops the calibration behind so many frames.
@@ -291,7 +291,7 @@ fn a_pulled_cable_is_told() {
 /// refused.
 #[test]
 fn devices_without_a_clock_are_left_out() {
-    let folder = std::env::temp_dir().join(format!("isocat-calibrate-{}", std::process::id()));
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("calibrate");
     std::fs::create_dir_all(&folder).expect("a folder for profiles");
     let path = folder.join("no-clock.toml");
     let text = profile::built_in_text("simple_io4").expect("a built-in device");

@@ -37,6 +37,11 @@ impl Al {
         self.emulation = registers.load(register::ESC_CONFIGURATION) & 1 != 0;
     }
 
+    /// Whether the ESC answers AL control itself: there is no CPU.
+    pub const fn is_emulated(&self) -> bool {
+        self.emulation
+    }
+
     /// Whether ECAT may write AL control: one request at a time.
     pub const fn may_request(&self) -> bool {
         self.emulation || !self.requested

@@ -2,10 +2,10 @@
 
 use core::ops::Range;
 
-use isocat_wire::Time;
 use isocat_wire::dl::DlStatus;
-use isocat_wire::register;
+use isocat_wire::register::{self, al_event};
 use isocat_wire::time::Device;
+use isocat_wire::{AlStatus, Time};
 
 use crate::dl::{self, ALL_PORTS};
 use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, EscEvent, Flight};
@@ -20,6 +20,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let flight = core::mem::replace(&mut self.flight, Flight::NONE);
         let now = flight.end;
         let before = self.lasting_al_events();
+        let state = self.al.is_emulated().then(|| self.al_status());
         let exchanged = self.sync_managers.end_good_frame(flight.label, &mut self.registers);
         if exchanged.watchdog {
             self.trigger_watchdog(now);
@@ -39,8 +40,19 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         if !self.shadow.is_empty() {
             self.commit(flight.start, now);
         }
-        let after = self.lasting_al_events();
-        EscEvent::FrameEnd { al_events: after & !before }
+        let mut al_events = self.lasting_al_events() & !before;
+        if let Some(state) = state {
+            al_events |= self.seen_without_cpu(exchanged.units, state);
+        }
+        EscEvent::FrameEnd { al_events }
+    }
+
+    /// What the circuit in the place of a CPU sees of a frame. Digital I/O takes each exchange from the SyncManagers
+    /// themselves, whether or not they may interrupt a CPU, and follows AL status.
+    fn seen_without_cpu(&self, exchanged: u16, before: AlStatus) -> u32 {
+        let exchanged = u32::from(exchanged) * al_event::sync_manager(0);
+        let state = if self.al_status() == before { 0 } else { al_event::AL_CONTROL };
+        exchanged | state
     }
 
     /// The AL events that stay until they are acknowledged.

@@ -12,8 +12,9 @@ pub fn now() -> Time<Host> {
     Time::new(read(ClockId::Monotonic))
 }
 
-/// Wall time less host time at this moment, ns.
-pub(crate) fn wall_offset() -> i64 {
+/// Wall time less host time at this moment, ns. Added to later instants of the host's clock it
+/// gives a wall time that does not jump.
+pub fn wall_offset() -> i64 {
     read(ClockId::Realtime).wrapping_sub(now().count()) as i64
 }
 

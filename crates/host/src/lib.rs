@@ -1,9 +1,13 @@
-//! A MainDevice on a network interface: raw Ethernet, the host's clock, the real-time loop, and what a machine can do for it.
+//! A MainDevice on a network interface: raw Ethernet, the host's clock, the real-time loop, and
+//! what a machine can do for it.
 //!
-//! [`Host`] is the whole of it for a program: a MainDevice with its application on a thread of its own. [`Exchange`] is the loop: it drives a MainDevice with a [`RawSocket`], as punctually as the machine lets it, and counts how punctual
-//! that was. [`clock`] is the one host clock. [`RealTime`] asks for what a loop wants of the machine, [`preflight`] looks at what harms
-//! it, [`recorder`] hands frames to a file without the loop waiting for it. [`Veth`] is a pair of interfaces in a network namespace of
-//! its own, for trying things on one machine.
+//! [`Host`] is the whole of it for a program: a MainDevice with its application on a thread of its
+//! own. [`Exchange`] is the loop: it drives a MainDevice with a [`RawSocket`], as punctually as the
+//! machine lets it, and counts how punctual that was. [`clock`] is the one host clock. [`RealTime`]
+//! asks for what a loop wants of the machine, [`preflight`] looks at what harms it, [`recorder`]
+//! hands frames to a file without the loop waiting for it. [`Listener`] hears what others send and
+//! sends nothing. [`Veth`] is a pair of interfaces in a network namespace of its own, for trying
+//! things on one machine.
 //!
 //! All of it is Linux; elsewhere the crate is empty. What is unsafe stands in `sys`.
 #![cfg(target_os = "linux")]
@@ -14,7 +18,9 @@ mod error;
 pub mod exchange;
 mod histogram;
 mod host;
+mod listener;
 mod namespace;
+mod packet;
 pub mod preflight;
 mod realtime;
 pub mod recorder;
@@ -33,6 +39,7 @@ pub use isocat_maindevice::{
     SubDevice,
 };
 pub use isocat_wire::{AlStatus, AlStatusCode, Nanos, ObjectAddress};
+pub use listener::{Heard, Listener};
 pub use namespace::Veth;
 pub use realtime::{RealTime, Wish};
 pub use recorder::Recorder;

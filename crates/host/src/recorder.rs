@@ -15,6 +15,10 @@ pub trait Sink: Send + 'static {
     /// Takes a frame whose first bit left (`sent`) or came in at `at`, wall time since 1970. An error is kept until the end.
     fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]);
 
+    /// There is nothing to take, and it is `now`, wall time since 1970: called every few
+    /// milliseconds as long as that is so.
+    fn idle(&mut self, _now: Duration) {}
+
     /// Writes what is left; gives the first error.
     fn finish(self: Box<Self>) -> io::Result<()>;
 }
@@ -42,16 +46,17 @@ impl Recorder {
     /// threads inherit.
     pub fn new(sink: impl Sink) -> Self {
         let (records, incoming) = sync_channel(ROOM);
-        let writer = std::thread::spawn(move || write(Box::new(sink), &incoming));
-        Self { records, writer, wall: clock::wall_offset(), dropped: 0 }
+        let wall = clock::wall_offset();
+        let writer = std::thread::spawn(move || write(Box::new(sink), &incoming, wall));
+        Self { records, writer, wall, dropped: 0 }
     }
 
     /// Takes a frame that left or came at `at`. With `patient` it blocks until the queue has room;
     /// without, a frame that finds the queue full is dropped and counted.
     pub fn frame(&mut self, at: Time<Host>, sent: bool, bytes: &[u8], patient: bool) {
         let len = bytes.len().min(FRAME_LEN);
-        let ns = at.count().saturating_add_signed(self.wall);
-        let mut record = Record { at: Duration::from_nanos(ns), sent, len, bytes: [0; FRAME_LEN] };
+        let at = wall_time(at, self.wall);
+        let mut record = Record { at, sent, len, bytes: [0; FRAME_LEN] };
         record.bytes[..len].copy_from_slice(&bytes[..len]);
         let taken = match self.records.try_send(record) {
             Ok(()) => true,
@@ -70,14 +75,22 @@ impl Recorder {
 }
 
 /// Looks now and then: a thread that waits would have to be woken by the loop, with a system call.
-fn write(mut sink: Box<dyn Sink>, incoming: &Receiver<Record>) -> Box<dyn Sink> {
+fn write(mut sink: Box<dyn Sink>, incoming: &Receiver<Record>, wall: i64) -> Box<dyn Sink> {
     loop {
         match incoming.try_recv() {
             Ok(record) => sink.frame(record.at, record.sent, &record.bytes[..record.len]),
-            Err(TryRecvError::Empty) => std::thread::sleep(PAUSE),
+            Err(TryRecvError::Empty) => {
+                std::thread::sleep(PAUSE);
+                sink.idle(wall_time(clock::now(), wall));
+            }
             Err(TryRecvError::Disconnected) => return sink,
         }
     }
+}
+
+/// `wall`: wall time less host time, ns.
+fn wall_time(at: Time<Host>, wall: i64) -> Duration {
+    Duration::from_nanos(at.count().saturating_add_signed(wall))
 }
 
 /// Frames that may wait, 25 MB: a tenth of a second of the densest traffic at 100 Mbit/s.

@@ -8,7 +8,7 @@ use rustix::io::Errno;
 use rustix::net::SendFlags;
 
 use super::clock::{self, Stamps};
-use super::namespace;
+use super::packet::{self, Hears};
 use super::{LinkError, sys};
 
 /// An open network interface: EtherCAT frames (EtherType 0x88A4) and nothing else go through it, whole
@@ -35,36 +35,13 @@ impl RawSocket {
     /// Opens an interface of the present network namespace, or of the named one (as `ip netns` names
     /// them). Needs `CAP_NET_RAW`; another namespace needs `CAP_SYS_ADMIN` too.
     pub fn open(interface: &str, namespace: Option<&str>) -> Result<Self, LinkError> {
-        match namespace {
-            None => Self::open_here(interface),
-            Some(namespace) => namespace::inside(namespace, || Self::open_here(interface))?,
-        }
-    }
-
-    fn open_here(interface: &str) -> Result<Self, LinkError> {
-        let failed = |what| move |error| LinkError::os(what, interface, error);
-        let socket = sys::packet_socket().map_err(failed("opening a raw socket for"))?;
-        let index = rustix::net::netdevice::name_to_index(&socket, interface)
-            .map_err(|_| LinkError::unknown_interface(interface))?;
-        let fd = socket.as_fd();
-        // What is only for speed, or for more frames under way than anybody has, may fail.
-        for (level, name, value) in [
+        // For speed, and for more frames under way than anybody has.
+        let options = [
             (libc::SOL_SOCKET, libc::SO_RCVBUFFORCE, BUFFER),
             (libc::SOL_SOCKET, libc::SO_SNDBUFFORCE, BUFFER),
             (libc::SOL_PACKET, libc::PACKET_QDISC_BYPASS, 1),
-        ] {
-            let _ = sys::set_option(fd, level, name, value);
-        }
-        sys::set_option(fd, libc::SOL_SOCKET, libc::SO_TIMESTAMPNS, 1)
-            .map_err(failed("asking for receive time stamps of"))?;
-        sys::bind(fd, index).map_err(failed("binding a raw socket to"))?;
-        match rustix::net::sockopt::socket_error(fd) {
-            Ok(Ok(())) => {}
-            Ok(Err(Errno::NETDOWN)) => return Err(LinkError::Down(interface.to_owned())),
-            Ok(Err(error)) | Err(error) => {
-                return Err(failed("binding a raw socket to")(error.into()));
-            }
-        }
+        ];
+        let (socket, index) = packet::open(interface, namespace, &options, Hears::Arrivals)?;
         Ok(Self { socket, interface: interface.to_owned(), index, stamps: Stamps::new() })
     }
 
@@ -112,7 +89,9 @@ impl RawSocket {
     /// Takes the next frame, if one is there. One system call.
     pub fn receive(&mut self, buffer: &mut [u8]) -> Result<Option<Received>, LinkError> {
         match sys::receive(self.socket.as_fd(), buffer) {
-            Ok((len, stamp)) => Ok(Some(Received { len, at: self.stamps.instant(stamp) })),
+            Ok(taken) => {
+                Ok(Some(Received { len: taken.len, at: self.stamps.instant(taken.stamp) }))
+            }
             Err(error) => match Errno::from_io_error(&error) {
                 Some(Errno::AGAIN | Errno::INTR) => Ok(None),
                 Some(Errno::NETDOWN | Errno::NODEV) => Err(LinkError::Down(self.interface.clone())),

@@ -1,4 +1,4 @@
-//! The few system calls that no library wraps safely: everything unsafe of the project stands here.
+//! The few system calls that no library wraps safely: everything unsafe of this crate stands here.
 #![expect(unsafe_code, reason = "packet sockets and real-time scheduling have no safe wrapper")]
 
 use std::io;
@@ -8,6 +8,9 @@ use std::time::Duration;
 
 /// EtherType of EtherCAT, as the kernel wants it.
 const PROTOCOL: u16 = (0x88A4_u16).to_be();
+
+/// The same for frames of any protocol.
+const EVERY_PROTOCOL: u16 = (libc::ETH_P_ALL as u16).to_be();
 
 /// A packet socket that hears nothing yet.
 pub(super) fn packet_socket() -> io::Result<OwnedFd> {
@@ -19,13 +22,14 @@ pub(super) fn packet_socket() -> io::Result<OwnedFd> {
     }
 }
 
-/// Binds a packet socket to EtherCAT frames of one interface.
-pub(super) fn bind(socket: BorrowedFd<'_>, interface: u32) -> io::Result<()> {
+/// Binds a packet socket to EtherCAT frames of one interface; `all`: to all frames, those that this
+/// machine sends as well.
+pub(super) fn bind(socket: BorrowedFd<'_>, interface: u32, all: bool) -> io::Result<()> {
     // SAFETY: all-zero is a valid address; its length is passed with it.
     let result = unsafe {
         let mut address: libc::sockaddr_ll = MaybeUninit::zeroed().assume_init();
         address.sll_family = libc::AF_PACKET as u16;
-        address.sll_protocol = PROTOCOL;
+        address.sll_protocol = if all { EVERY_PROTOCOL } else { PROTOCOL };
         address.sll_ifindex = interface as i32;
         libc::bind(
             socket.as_raw_fd(),
@@ -56,12 +60,53 @@ pub(super) fn set_option(
     if result < 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
 }
 
-/// Takes one frame, if there is one: its length on the wire (which may be beyond the buffer) and the
-/// kernel's stamp of its arrival, as `CLOCK_REALTIME` shows it.
-pub(super) fn receive(
-    socket: BorrowedFd<'_>,
-    buffer: &mut [u8],
-) -> io::Result<(usize, Option<Duration>)> {
+/// Lets an interface hear frames to other addresses, too, as long as the socket is open.
+pub(super) fn hear_all(socket: BorrowedFd<'_>, interface: u32) -> io::Result<()> {
+    // SAFETY: all-zero is a valid request; it outlives the call and its size is passed with it.
+    let result = unsafe {
+        let mut request: libc::packet_mreq = MaybeUninit::zeroed().assume_init();
+        request.mr_ifindex = interface as i32;
+        request.mr_type = libc::PACKET_MR_PROMISC as u16;
+        libc::setsockopt(
+            socket.as_raw_fd(),
+            libc::SOL_PACKET,
+            libc::PACKET_ADD_MEMBERSHIP,
+            (&raw const request).cast(),
+            size_of::<libc::packet_mreq>() as u32,
+        )
+    };
+    if result < 0 { Err(io::Error::last_os_error()) } else { Ok(()) }
+}
+
+/// Frames that the kernel had no room for since it was asked last.
+pub(super) fn dropped(socket: BorrowedFd<'_>) -> io::Result<u32> {
+    // SAFETY: all-zero is a valid value; it outlives the call and its size is passed with it.
+    unsafe {
+        let mut statistics: libc::tpacket_stats = MaybeUninit::zeroed().assume_init();
+        let mut len = size_of::<libc::tpacket_stats>() as u32;
+        let result = libc::getsockopt(
+            socket.as_raw_fd(),
+            libc::SOL_PACKET,
+            libc::PACKET_STATISTICS,
+            (&raw mut statistics).cast(),
+            &raw mut len,
+        );
+        if result < 0 { Err(io::Error::last_os_error()) } else { Ok(statistics.tp_drops) }
+    }
+}
+
+/// One frame as the kernel gave it.
+pub(super) struct Taken {
+    /// Its length on the wire, which may be beyond the buffer.
+    pub len: usize,
+    /// The kernel's stamp of its arrival, as `CLOCK_REALTIME` shows it.
+    pub stamp: Option<Duration>,
+    /// This machine sent it.
+    pub outgoing: bool,
+}
+
+/// Takes one frame, if there is one.
+pub(super) fn receive(socket: BorrowedFd<'_>, buffer: &mut [u8]) -> io::Result<Taken> {
     let mut part = libc::iovec { iov_base: buffer.as_mut_ptr().cast(), iov_len: buffer.len() };
     // Of the type that gives it the alignment that control messages need.
     let mut control = [MaybeUninit::<libc::cmsghdr>::uninit(); 8];
@@ -69,6 +114,9 @@ pub(super) fn receive(
     // control messages are walked by the macros made for it, and a stamp is read as the kernel wrote it.
     unsafe {
         let mut header: libc::msghdr = MaybeUninit::zeroed().assume_init();
+        let mut from: libc::sockaddr_ll = MaybeUninit::zeroed().assume_init();
+        header.msg_name = (&raw mut from).cast();
+        header.msg_namelen = size_of::<libc::sockaddr_ll>() as u32;
         header.msg_iov = &raw mut part;
         header.msg_iovlen = 1;
         header.msg_control = control.as_mut_ptr().cast();
@@ -90,7 +138,8 @@ pub(super) fn receive(
             }
             message = libc::CMSG_NXTHDR(&raw const header, message);
         }
-        Ok((len as usize, stamp))
+        let outgoing = from.sll_pkttype == libc::PACKET_OUTGOING;
+        Ok(Taken { len: len as usize, stamp, outgoing })
     }
 }
 

@@ -536,7 +536,8 @@ extern "C" {
  * `now_ns`.
  *
  * `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at
- * most. `bus`: where the handle goes; freed by isocat_bus_free.
+ * most.
+ * `bus`: where the handle goes; freed by isocat_bus_free.
  */
 isocat_code isocat_bus_new(const struct isocat_segment *segment,
                            uint64_t now_ns,
@@ -560,9 +561,10 @@ isocat_code isocat_bus_now(const struct isocat_bus *bus,
  * Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to
  * have left. The answer, if one comes back, is handed out by isocat_bus_receive.
  *
- * `port`: 0, or 1 for the other end of a ring. `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME
- * bytes from the destination address on, without check sequence. On the wire a short one takes as
- * long as one of 60. `sent`: what becomes of it; may be NULL.
+ * `port`: 0, or 1 for the other end of a ring.
+ * `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME bytes from the destination address on, without
+ * check sequence. On the wire a short one takes as long as one of 60.
+ * `sent`: what becomes of it; may be NULL.
  */
 isocat_code isocat_bus_send(struct isocat_bus *bus,
                             uint32_t port,
@@ -584,8 +586,10 @@ isocat_code isocat_bus_next_arrival(const struct isocat_bus *bus,
  * Takes the next answer that is back by now: those of frames, and their copies where a fault
  * doubled them. ISOCAT_NOTHING if there is none. Time does not move.
  *
- * `port`: 0, 1, or ISOCAT_ANY_PORT. `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the
- * answer stays, and `arrival` says how long it is. `arrival`: what came; `size` has to be set.
+ * `port`: 0, 1, or ISOCAT_ANY_PORT.
+ * `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the answer stays, and `arrival` says how
+ * long it is.
+ * `arrival`: what came; `size` has to be set.
  */
 isocat_code isocat_bus_receive(struct isocat_bus *bus,
                                uint32_t port,
@@ -620,9 +624,10 @@ isocat_code isocat_bus_link(struct isocat_bus *bus,
 /**
  * Lets something go wrong now.
  *
- * `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as "drop
- * 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of the
- * host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the host.
+ * `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as
+ * "drop 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of
+ * the host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the
+ * host.
  */
 isocat_code isocat_bus_fault(struct isocat_bus *bus,
                              const char *fault,
@@ -807,9 +812,9 @@ isocat_code isocat_segment_read(const char *path,
 /**
  * Reads the same from memory.
  *
- * `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them. `path`: what errors
- * call it, and beside which the files lie that it names. NULL: it is called "segment", and they
- * are looked for in the working directory.
+ * `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them.
+ * `path`: what errors call it, and beside which the files lie that it names. NULL: it is called
+ * "segment", and they are looked for in the working directory.
  */
 isocat_code isocat_segment_parse(const uint8_t *text,
                                  size_t length,

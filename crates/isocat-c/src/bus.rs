@@ -93,7 +93,8 @@ const fn number(port: MainPort) -> u32 {
 /// `now_ns`.
 ///
 /// `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at
-/// most. `bus`: where the handle goes; freed by isocat_bus_free.
+/// most.
+/// `bus`: where the handle goes; freed by isocat_bus_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_new(
     segment: *const isocat_segment,
@@ -148,9 +149,10 @@ pub unsafe extern "C" fn isocat_bus_now(
 /// Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to
 /// have left. The answer, if one comes back, is handed out by isocat_bus_receive.
 ///
-/// `port`: 0, or 1 for the other end of a ring. `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME
-/// bytes from the destination address on, without check sequence. On the wire a short one takes as
-/// long as one of 60. `sent`: what becomes of it; may be NULL.
+/// `port`: 0, or 1 for the other end of a ring.
+/// `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME bytes from the destination address on, without
+/// check sequence. On the wire a short one takes as long as one of 60.
+/// `sent`: what becomes of it; may be NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_send(
     bus: *mut isocat_bus,
@@ -208,8 +210,10 @@ pub unsafe extern "C" fn isocat_bus_next_arrival(
 /// Takes the next answer that is back by now: those of frames, and their copies where a fault
 /// doubled them. ISOCAT_NOTHING if there is none. Time does not move.
 ///
-/// `port`: 0, 1, or ISOCAT_ANY_PORT. `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the
-/// answer stays, and `arrival` says how long it is. `arrival`: what came; `size` has to be set.
+/// `port`: 0, 1, or ISOCAT_ANY_PORT.
+/// `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the answer stays, and `arrival` says how
+/// long it is.
+/// `arrival`: what came; `size` has to be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_receive(
     bus: *mut isocat_bus,
@@ -284,9 +288,10 @@ pub unsafe extern "C" fn isocat_bus_link(
 
 /// Lets something go wrong now.
 ///
-/// `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as "drop
-/// 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of the
-/// host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the host.
+/// `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as
+/// "drop 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of
+/// the host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the
+/// host.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_fault(
     bus: *mut isocat_bus,

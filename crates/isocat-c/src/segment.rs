@@ -105,9 +105,9 @@ pub unsafe extern "C" fn isocat_segment_read(
 
 /// Reads the same from memory.
 ///
-/// `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them. `path`: what errors
-/// call it, and beside which the files lie that it names. NULL: it is called "segment", and they
-/// are looked for in the working directory.
+/// `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them.
+/// `path`: what errors call it, and beside which the files lie that it names. NULL: it is called
+/// "segment", and they are looked for in the working directory.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_parse(
     text: *const u8,

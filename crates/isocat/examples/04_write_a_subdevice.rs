@@ -27,6 +27,8 @@ static DESCRIPTION: Description = Description {
     mailbox: Some(Mailbox { receive: RECEIVE, send: SEND }),
     outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 4 },
     inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 4 },
+    further_outputs: &[],
+    further_inputs: &[],
     behaviour: Behaviour::DEFAULT,
 };
 const RECEIVE: MailboxArea = MailboxArea { start: 0x1000, length: 64 };

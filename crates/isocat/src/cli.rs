@@ -11,27 +11,37 @@
 //! found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer.
 //! `replay`: 0 every frame is exact or differs by a known variance, 1 one does not, 2 bad input or
 //! nothing to compare. `diagnose`: 0 no fault was found, 1 one was, 2 not readable or no EtherCAT.
+//! `record`: 0 nothing happened, 1 something did, 2 could not begin, no EtherCAT, or not written.
 //! `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `virtual`: 0 in
 //! sync, 1 not, 2 bad input, 3 not known, 4 the program failed. `sweep`: 0 every run was as expected,
 //! 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
+//! `new`: 0 the file loads and its plan fits, 1 the plan does not fit, 2 bad input.
+//! `sii`: 0 nothing is doubtful, 1 something is, 2 can't be read or written.
 
 mod calibrate;
 mod conform;
 mod devices;
 mod diagnose;
 mod eni;
+mod eni_run;
 mod explain;
 mod files;
 #[cfg(target_os = "linux")]
 mod interface;
 mod junit;
+#[cfg(target_os = "linux")]
+mod listen;
+mod new;
 mod output;
 mod plan;
+#[cfg(target_os = "linux")]
+mod record;
 mod replay;
 mod run;
 mod scan;
 #[cfg(target_os = "linux")]
 mod serve;
+mod sii;
 mod sweep;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 mod virtual_time;
@@ -70,6 +80,7 @@ Examples:
   isocat plan my.toml --suggest       does it fit, with how much slack, and what would fit better
   isocat plan my.toml --prove         ... and what really happens, next to each line of the plan
   isocat plan my.toml --what-if       each cable pulled, each device without power: what becomes of the others
+  isocat plan my.toml --for igh       the plan for another tool: TwinCAT, IgH, LinuxCNC, ROS 2, SOEM, pysoem, ethercrab, KickCAT
   isocat scan --interface eth0        what is on a wire: tree, delays, clocks, ESCs, objects, doubts
   isocat calibrate --interface eth0   what no data sheet tells: law of the drift loops, crystals, hops, times
   isocat serve --setup-veth ecat      a virtual segment for your MainDevice (root)
@@ -80,18 +91,22 @@ Examples:
                                       wait until it is in sync; exit 0 it is, 1 not in time
   isocat sweep my.toml --seeds 1000   a thousand runs with other crystals, jitter and chances
   isocat diagnose field.pcapng        what is in a capture, what went wrong first, and what to do
+  isocat record --interface eth0      listen beside any MainDevice; what goes wrong goes to a file
   isocat replay field.pcapng          where a captured segment differs from the model of its chips
   isocat conform kollmorgen_akd2g     does a device synchronize as it says
   isocat example > my.toml            the built-in segment as a start for your own
   isocat devices                      the device profiles there are
   isocat eni network.xml              what a configuration tool's ENI file writes, and its doubts
+  isocat new --esi vendor.xml EL7041  a segment file of makers' descriptions, of an ENI, or of what a scan found
+  isocat sii eeprom.bin               what is in an EEPROM, and its doubts; --from vendor.xml writes one
+  isocat run network.xml --esi esi/   the same executed to the letter, judged, and compared with our plan
   isocat explain 0x001A               what a code, an object, a register or a mode means
   isocat devices vendor.xml           what a maker's description (ESI) holds
   isocat explain modes                what each synchronization mode needs of a device
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input, 3 on a real interface: not known. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
 0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
-answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. diagnose: 0 no fault found, 1 a fault, 2 not readable. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. virtual: 0 in sync, 1 not, 3 not known, 4 the program failed. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
+answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. diagnose: 0 no fault found, 1 a fault, 2 not readable. record: 0 nothing happened, 1 something did. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. virtual: 0 in sync, 1 not, 3 not known, 4 the program failed. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -146,11 +161,21 @@ enum Verb {
     /// differ
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::Arguments),
+    /// Listen to an interface, and write the last seconds when something happens on the wire
+    #[cfg(target_os = "linux")]
+    #[command(after_help = record::EXAMPLES)]
+    Record(Box<record::Arguments>),
     /// Read captures of any MainDevice's segment: devices, set-up, states, what went wrong first
     #[command(after_help = diagnose::EXAMPLES)]
     Diagnose(diagnose::Arguments),
     /// Read an ENI file: what it writes at start and in each cycle, what is doubtful, whether it can be run
     Eni(eni::Arguments),
+    /// Read the content of an EEPROM (SII), or write one from a maker's description or a profile
+    #[command(after_help = sii::EXAMPLES)]
+    Sii(sii::Arguments),
+    /// Make a segment file of makers' descriptions and types, of an ENI, or of what a scan found
+    #[command(after_help = new::EXAMPLES)]
+    New(new::Arguments),
     /// Print the built-in segment file
     Example,
     /// List the built-in device profiles; with a name, print that profile; with a maker's description, list it
@@ -185,8 +210,12 @@ pub fn main() -> ExitCode {
         Some(Verb::Sweep(arguments)) => sweep::run(&arguments),
         Some(Verb::Explain(arguments)) => explain::run(&arguments),
         Some(Verb::Replay(arguments)) => replay::run(&arguments),
+        #[cfg(target_os = "linux")]
+        Some(Verb::Record(arguments)) => record::run(&arguments),
         Some(Verb::Diagnose(arguments)) => diagnose::run(&arguments),
         Some(Verb::Eni(arguments)) => eni::run(&arguments),
+        Some(Verb::Sii(arguments)) => sii::run(&arguments),
+        Some(Verb::New(arguments)) => new::run(&arguments),
         Some(Verb::Example) => print(SegmentFile::built_in_text()),
         Some(Verb::Devices(arguments)) => devices::run(&arguments),
     };

@@ -1,10 +1,12 @@
 //! Reports as one HTML file each: no network, light and dark, for screen, phone and paper.
 //!
-//! A [`Page`] is the shell: style, script and the report as JSON are in the file itself. What a page says comes from
-//! [`run`], [`interface`], [`plan`], [`serve`], [`sweep`] or [`conform`]; drawings from [`crate::picture`]. Without its script a page shows all
-//! the same, it cannot be zoomed then.
+//! A [`Page`] is the shell: style, script and the report as JSON are in the file itself. What a
+//! page says comes from [`run`], [`interface`], [`plan`], [`serve`], [`sweep`], [`conform`] or
+//! [`diagnose`]; drawings from [`crate::picture`]. Without its script a page shows all the same, it
+//! cannot be zoomed then.
 
 pub mod conform;
+pub mod diagnose;
 mod expected;
 #[cfg(target_os = "linux")]
 pub mod interface;

@@ -10,18 +10,19 @@
 //! assert!(report.in_sync, "{}", report.verdict);
 //! ```
 //!
-//! This crate is the command (`cli`), its views ([`picture`], [`html`], `watch`, `metrics`), and one door to the crates behind it:
+//! This crate is the command (`cli`), its views ([`picture`], [`html`], [`tool`], `watch`, `metrics`), and one door to the crates behind it:
 //!
 //! | crate | modules | what they do |
 //! |---|---|---|
-//! | `isocat-descriptions` | [`esi`], [`eni`], [`start_up`], [`document`], [`quantity`] | files of the field, with places in errors |
+//! | `isocat-descriptions` | [`esi`], [`eni`], [`sii`], [`start_up`], [`document`], [`quantity`] | files of the field, with places in errors |
 //! | `isocat-segment` | [`profile`], [`segment_file`], [`scenario`] | devices and segments as users write them down |
 //! | `isocat-captures` | [`reading`], [`pairing`] | anybody's captures, and which frames belong together |
-//! | `isocat-recorders` | [`capture`], [`waves`], [`trace`], [`series`] | what happened, for other people's tools |
+//! | `isocat-recorders` | [`capture`], [`waves`], [`trace`], [`series`], [`flight`], [`ring`] | what happened, for other people's tools |
 //! | `isocat-engine` | [`plan`], [`replay`], [`report`], [`scan`], [`calibrate`], [`recording`], [`timeline`], [`diagnosis`], [`status`], [`explain`], `live` | plan, run, judge |
 //! | `isocat-diagnose` | [`diagnose`] | what is in a capture, and what went wrong |
 //! | `isocat-conform` | [`conform`] | tests a SubDevice's synchronization |
 //! | `isocat-serve` | [`serve`] | the virtual segment for anybody's MainDevice |
+//! | `isocat-player` | [`player`] | plays what a configuration tool wrote (ENI), and compares it with our plan |
 //! | `isocat-host` | `host` | a MainDevice on a network interface |
 #![forbid(unsafe_code)]
 
@@ -31,12 +32,14 @@ pub mod html;
 #[cfg(feature = "cli")]
 mod metrics;
 pub mod picture;
+pub mod record;
+pub mod tool;
 #[cfg(feature = "cli")]
 pub mod watch;
 
 pub use isocat_captures::{pairing, reading};
 pub use isocat_conform as conform;
-pub use isocat_descriptions::{StartUp, columns, document, eni, esi, quantity, start_up};
+pub use isocat_descriptions::{StartUp, columns, document, eni, esi, quantity, sii, start_up};
 pub use isocat_diagnose as diagnose;
 #[cfg(target_os = "linux")]
 pub use isocat_engine::live;
@@ -46,9 +49,10 @@ pub use isocat_engine::{
 };
 #[cfg(target_os = "linux")]
 pub use isocat_host as host;
-pub use isocat_recorders::{capture, series, trace, waves};
+pub use isocat_player as player;
+pub use isocat_recorders::{capture, flight, ring, series, trace, waves};
 pub use isocat_segment::{
-    Scenario, SegmentFile, fault, keys, offline, profile, scenario, segment_file,
+    Scenario, SegmentFile, fault, keys, new_file, offline, profile, scenario, segment_file,
 };
 pub use isocat_serve as serve;
 pub use isocat_wire::Nanos;

@@ -1,15 +1,18 @@
 //! Pictures of a run as SVG: what happens in a cycle ([`cycle`]), a series over time ([`series`]),
-//! counts by size (`bars`), digital signals ([`waves`]), the tree of a segment ([`topology`]).
+//! states of devices ([`states`]), counts by size (`bars`), digital signals ([`waves`]), the tree
+//! of a segment ([`topology`]).
 //!
-//! One drawing for every place: a report embeds it and lets it be zoomed, documentation keeps it as a file, a page in a browser
-//! draws it anew. So a picture is a plain text without any script, colours are names of its style (`picture/style.css`, light
-//! and dark), and everything that has a figure carries it as its title. What is in the group `stretch` may be stretched along the
-//! axis of time; texts with the class `moves` keep their shape and move along.
+//! One drawing for every place: a report embeds it and lets it be zoomed, documentation keeps it as
+//! a file, a page in a browser draws it anew. So a picture is a plain text without any script,
+//! colours are names of its style (`picture/style.css`, light and dark), and everything that has a
+//! figure carries it as its title. What is in the group `stretch` may be stretched along the axis
+//! of time; texts with the class `moves` keep their shape and move along.
 
 pub(crate) mod bars;
 pub mod cycle;
 mod frame;
 pub mod series;
+pub mod states;
 #[cfg(test)]
 mod tests;
 pub mod topology;

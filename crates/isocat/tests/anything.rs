@@ -78,6 +78,17 @@ fn descriptions() {
 }
 
 #[test]
+fn eeproms() {
+    let drive = isocat::profile::built_in("kollmorgen_akd2g").expect("a built-in profile");
+    let simple = isocat::profile::built_in("simple_io4").expect("a built-in profile");
+    // What is spoilt in erased bytes is of no interest.
+    let used = |image: &[u8]| {
+        image[..image.iter().rposition(|byte| *byte != 0xFF).unwrap_or(0) + 3].to_vec()
+    };
+    try_all(6, &[&used(&drive.sii), &used(&simple.sii)], 400, checking::sii);
+}
+
+#[test]
 fn networks() {
     let eni = br#"<?xml version="1.0"?><EtherCATConfig><Config><Master><Info><Name>M</Name></Info></Master>
         <Slave><Info><Name>Box</Name><PhysAddr>1001</PhysAddr><VendorId>2</VendorId><ProductCode>3</ProductCode>

@@ -19,7 +19,7 @@ fn text(bytes: &[u8]) -> String {
 
 /// A segment of two drives whose drift loops keep this law.
 fn segment(name: &str, law: &str, phase: u8) -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("isocat-calibrate-cli-{}", std::process::id()));
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("calibrate-cli");
     std::fs::create_dir_all(&folder).expect("a folder");
     let drive = |name: &str, clock: &str| {
         format!(

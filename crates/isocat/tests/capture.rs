@@ -172,6 +172,46 @@ fn probes_see_each_frame_before_and_after_each_subdevice() {
     assert!(before.iter().zip(&back).all(|(left, back)| left.at < back.at));
 }
 
+/// What a tap in a cable has: frames on their way out and back, in true time; and no device notices.
+#[test]
+fn taps_in_cables_see_both_directions() {
+    let mut scenario = Scenario::from(SegmentFile::built_in());
+    scenario.duration = Nanos::millis(20);
+    let mut file = Vec::new();
+    let tap = Capture::new(&mut file).and_then(|tap| tap.with_probes(&[2]));
+    let tap = tap.and_then(|tap| tap.with_cables(&[2, 0])).expect("a Vec takes everything");
+    let outcome = scenario.run().execute(Some(tap), &mut |_| {});
+    let told = serde_json::to_string(&Report::new(&scenario, &outcome)).expect("JSON");
+    let alone = serde_json::to_string(&isocat::run(&scenario)).expect("JSON");
+    assert_eq!(told, alone, "no device notices the taps");
+    outcome.world.into_tap().expect("the tap").finish().expect("a Vec takes everything");
+    let (names, packets) = packets(&file);
+    assert_eq!(names, ["main", "subdevice-2", "cable-0", "cable-2"]);
+    assert!(packets.is_sorted_by_key(|packet| packet.at), "time goes on");
+    let at = |interface: u32, inbound: bool| -> Vec<&Packet> {
+        let of = |packet: &&Packet| packet.interface == interface && packet.inbound == inbound;
+        packets.iter().filter(of).collect()
+    };
+    // The cable at the MainDevice: what was sent, and what comes back, a little later and earlier.
+    let [sent, back, out, inbound] = [at(0, false), at(0, true), at(2, false), at(2, true)];
+    assert!(sent.len() > 1000 && sent.len() == back.len());
+    for (sent, out) in sent.iter().zip(&out) {
+        assert!(sent.data == out.data && sent.at < out.at);
+    }
+    for (inbound, back) in inbound.iter().zip(&back) {
+        assert!(inbound.data == back.data && inbound.at < back.at);
+    }
+    assert_eq!((out.len(), inbound.len()), (sent.len(), back.len()));
+    // The cable in front of a device in the line: what enters the device, and it comes back.
+    let [enters, out, inbound] = [at(1, true), at(3, false), at(3, true)];
+    assert_eq!((out.len(), inbound.len()), (sent.len(), sent.len()));
+    for ((enters, out), inbound) in enters.iter().zip(&out).zip(&inbound) {
+        // A port's clock may take a frame half a period before the mean.
+        assert!(enters.data == out.data && enters.at.abs_diff(out.at) <= 30);
+        assert!(out.at < inbound.at);
+    }
+}
+
 /// Runs `text` until it is in operation, does something to it, and gives the packets with comments.
 fn commented(text: &str, deed: impl FnOnce(&mut World<Motion, Capture<Vec<u8>>>)) -> Vec<Packet> {
     let scenario = Scenario::from(SegmentFile::parse("capture.toml", text).expect("it reads"));

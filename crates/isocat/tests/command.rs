@@ -446,7 +446,7 @@ fn a_file_of_another_kind_is_told_from_a_typing_error() {
         (["devices", toml], "A segment file is for isocat plan"),
         (["devices", "/nowhere/at/all"], "can't be read: No such file"),
         (["devices", "kollmorgen_akd2"], "did you mean \"kollmorgen_akd2g\"?"),
-        (["plan", xml], ":1:1: this is XML; expected TOML"),
+        (["plan", xml], "the root element is EtherCATInfo; expected EtherCATConfig"),
         (["plan", xml], "isocat devices"),
         (["run", eni], "isocat eni"),
         (["explain", "AL"], "a number must follow"),

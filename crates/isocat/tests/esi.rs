@@ -13,6 +13,7 @@ use isocat_sync::SyncMode;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::dc::AssignActivate;
 use isocat_wire::sii::{self, SmRecord, category};
 
 const BOX: &str = include_str!("esi/box.xml");
@@ -134,9 +135,9 @@ fn the_virtual_device_is_what_the_file_says() {
     assert_eq!((value(0x1018, 2), value(0x1600, 2)), (Some(0x101), Some(0x607A_0020)));
     assert_eq!(drive.times.calc_and_copy, Nanos(30_000));
     assert_eq!(drive.startup[0].data, [7, 0, 0, 0]);
-    assert_eq!(drive.startup.len(), 1, "an object that is not there is not written");
+    assert_eq!((drive.startup.len(), value(0x3000, 1)), (2, Some(0)), "a command makes its object");
     let item = |item: &str| drive.assumptions.iter().any(|assumption| assumption.item == item);
-    assert!(item("InitCmd left out") && item("0x1C33:06") && item("ESC") && !item("0x1C32:06"));
+    assert!(item("InitCmd objects") && item("0x1C33:06") && item("ESC") && !item("0x1C32:06"));
 
     let terminal = Profile::from_esi(&file, &file.devices[2], None).unwrap();
     let description = &terminal.description;
@@ -144,8 +145,15 @@ fn the_virtual_device_is_what_the_file_says() {
     assert_eq!(description.outputs.max_length, 1);
     // Ports 0 and 2 are EBUS, port 3 is MII, port 1 is not there.
     assert_eq!(terminal.esc().port_descriptor, 0b11_10_00_10);
-    let assumed = &terminal.assumptions;
-    assert!(assumed.iter().any(|a| a.item == "Sm0 control" && a.value == "0x64"), "{assumed:?}");
+    // Digital I/O sees its exchanges without an event; a program behind the ESC does not.
+    let event = |profile: &Profile| {
+        let assumed = &profile.assumptions;
+        assumed.iter().find(|a| a.item == "Sm0 control").map(|a| a.value.clone())
+    };
+    assert_eq!(event(&terminal), None);
+    let with_program = import(&BOX.replace("0405000000000000", "0504000000000000"));
+    let terminal = Profile::from_esi(&with_program, &with_program.devices[2], None).unwrap();
+    assert_eq!(event(&terminal).as_deref(), Some("0x64"));
 
     let rack = Profile::from_esi(&file, &file.devices[3], None).unwrap();
     assert_eq!(rack.assignment.outputs, [0x1600]);
@@ -193,7 +201,7 @@ fn op_modes_become_modes() {
     assert_eq!(mode(0, 1).mode, SyncMode::DcSync0);
     let fixed = mode(0, 2);
     assert_eq!((fixed.mode, fixed.sync0_cycle), (SyncMode::DcSubordinated, Some(Nanos(250_000))));
-    assert!(fixed.notes.iter().any(|note| note.kind == "latch-units"), "{:?}", fixed.notes);
+    assert_eq!(fixed.unit, Some(AssignActivate(0x0730)), "latch units and all");
     assert_eq!(mode(5, 0).sync0_cycle, Some(Nanos(250_000)));
     // Not a multiple of the fixed time; and one.
     let error = of(0, 2, 900_000).unwrap_err();
@@ -202,6 +210,35 @@ fn op_modes_become_modes() {
     assert!(of(0, 2, 750_000).is_ok());
     let samples = Profile::from_esi(&file, &file.devices[5], Some(0)).unwrap();
     assert_eq!(samples.description.inputs.max_length, 8, "four samples of two bytes");
+}
+
+/// The factor of an OpMode takes the place of the PDO's own; without one the PDO's holds.
+#[test]
+fn an_oversampling_factor_is_applied_once() {
+    for (of_pdo, of_mode, bytes) in [
+        ("OSFac=\"1\"", "OSFac=\"4\"", 8),
+        ("OSFac=\"3\"", "OSFac=\"4\"", 8),
+        ("OSFac=\"3\"", "OSFac=\"1\"", 2),
+        ("OSFac=\"3\"", "", 6),
+        ("", "OSFac=\"4\"", 8),
+        ("", "", 2),
+    ] {
+        let text = BOX.replace("OSFac=\"1\"", of_pdo).replace("OSFac=\"4\"", of_mode);
+        let file = import(&text);
+        let samples = Profile::from_esi(&file, &file.devices[5], Some(0)).unwrap();
+        assert_eq!(samples.description.inputs.max_length, bytes, "{of_pdo} {of_mode}");
+    }
+}
+
+/// How long a MainDevice waits is no deadline of the device: it would fall before its SYNC settles.
+#[test]
+fn a_short_patience_of_the_main_device_ends_no_way_to_op() {
+    let file = import(&BOX.replace("<SafeopOpTimeout> 9000", "<SafeopOpTimeout>100"));
+    assert_eq!(file.devices[0].timeouts.safeop_op, Some(100));
+    let profile = Profile::from_esi(&file, &file.devices[0], Some(1)).unwrap();
+    let behaviour = &profile.description.behaviour;
+    assert_eq!(behaviour.safeop_to_op_timeout, Nanos::millis(9_000));
+    assert!(behaviour.sync_settling < behaviour.safeop_to_op_timeout);
 }
 
 /// All of them, in one segment, by a segment file.
@@ -246,7 +283,11 @@ fn a_segment_of_described_devices_comes_up() {
 
     let error = |rest: &str| {
         let error = parse(rest).unwrap_err();
-        (error.line, error.column, error.message + &error.hint.unwrap_or_default())
+        (
+            error.line,
+            error.column,
+            error.message.clone() + error.hint.as_deref().unwrap_or_default(),
+        )
     };
     let (line, column, words) = error("type = \"Driv\"");
     assert_eq!((line, column), (5, 8));
@@ -259,7 +300,7 @@ fn a_segment_of_described_devices_comes_up() {
     let (line, _, words) = error("type = \"Drive\"\nrevision = 0");
     assert_eq!((line, words.contains("it has: 0x00000001, 0x00010000")), (6, true), "{words}");
     assert!(error("type = \"Cover\"").2.contains("placeholder"));
-    assert!(error("opmode = 1").2.contains("lacks the key \"type\""));
+    assert!(error("opmode = 1").2.contains("expected which of them, such as type = \"Drive\""));
     assert!(error("type = \"Drive\"\ndevice = \"simple_io4\"").2.contains("expected one of them"));
     let alone = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\ntype = \"x\"";
     assert!(SegmentFile::parse("s.toml", alone).unwrap_err().message.contains("without esi"));
@@ -640,11 +681,25 @@ fn what_can_not_be_read_is_refused_at_its_place() {
         "{:?}",
         file.refused
     );
-    // A broken object does not lose its device.
-    let file = import(&BOX.replace("<DefaultData>92010200", "<DefaultData>9201020"));
-    let drive = &file.devices[0];
-    assert!(drive.profile.objects.iter().all(|object| object.index != 0x1000));
-    assert!(drive.warnings.iter().any(|warning| warning.kind == WarningKind::ObjectLeftOut));
+    // A broken value does not lose its object, and a broken object not its device.
+    let told = |text: &str, kind: WarningKind| {
+        let file = import(text);
+        let drive = &file.devices[0];
+        let object = drive.profile.objects.iter().find(|object| object.index == 0x1000).cloned();
+        let warning = drive.warnings.iter().find(|warning| warning.kind == kind);
+        (object, warning.expect("it is told").message.clone())
+    };
+    let broken = BOX.replace("<DefaultData>92010200", "<DefaultData>9201020");
+    let (object, warning) = told(&broken, WarningKind::DefaultLeftOut);
+    assert!(object.expect("the object stays").entries[0].default.is_empty());
+    let expected = "0x1000:00 has DefaultData \"9201020\"; expected two hex digits for each byte";
+    assert!(warning.contains(expected), "{warning}");
+    let broken = BOX.replace(
+        "<Type>UDINT</Type><BitSize>32</BitSize>\n\t\t\t\t\t\t\t\t<Info><DefaultData>92010200",
+        "<Type>UDINT</Type><BitSize>x</BitSize>\n\t\t\t\t\t\t\t\t<Info><DefaultData>92010200",
+    );
+    let (object, warning) = told(&broken, WarningKind::ObjectLeftOut);
+    assert!(object.is_none() && warning.contains("object #x1000: "), "{warning}");
     for (text, expected) in [
         ("<a><b></a>", "x.xml:1:7: not well-formed XML: "),
         ("<EtherCATConfig/>", "x.xml:1:1: the root is <EtherCATConfig>; expected <EtherCATInfo>"),

@@ -115,7 +115,7 @@ fn neither_side_knows_the_other() {
 }
 
 /// The arrows of the house, all of them, tests aside: what each package may depend on. A package that is not named here may not be.
-const ARROWS: [(&str, &[&str]); 20] = [
+const ARROWS: [(&str, &[&str]); 21] = [
     ("wire", &[]),
     ("captures", &["wire"]),
     ("sync", &["wire"]),
@@ -149,6 +149,10 @@ const ARROWS: [(&str, &[&str]); 20] = [
         ],
     ),
     ("serve", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment", "engine"]),
+    (
+        "player",
+        &["wire", "sync", "maindevice", "sim", "descriptions", "segment", "engine", "serve"],
+    ),
     ("isocat-c", &["wire", "sim", "subdevice", "descriptions", "segment", "engine", "serve"]),
     ("testing", &["wire", "subdevice", "sim", "descriptions", "segment", "serve"]),
     (
@@ -168,6 +172,7 @@ const ARROWS: [(&str, &[&str]); 20] = [
             "engine",
             "conform",
             "serve",
+            "player",
             "virtual",
         ],
     ),

@@ -131,14 +131,52 @@ fn files_of_the_field_are_written_while_it_runs() {
 }
 
 #[test]
+fn a_series_has_the_figures_of_the_summary_one_by_one() {
+    let folder = Folder::new("series");
+    let (segment, file) = (folder.segment(""), folder.file("series.csv"));
+    let Some((summary, _)) = supervised(&["--series", &file], &segment) else { return };
+    let text = std::fs::read_to_string(&file).expect("it was written");
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    let column = |name: &str| rows[0].iter().position(|other| *other == name).expect(name);
+    let (position, margin) = (column("position"), column("margin_ns"));
+    for (place, device) in
+        summary["sessions"][0]["judged"]["devices"].as_array().expect("a list").iter().enumerate()
+    {
+        let of_device = rows[1..].iter().filter(|row| row[position] == place.to_string());
+        let margins: Vec<f64> = of_device.filter_map(|row| row[margin].parse().ok()).collect();
+        let told = &device["sync0_margin"];
+        let least = margins.iter().copied().reduce(f64::min);
+        assert_eq!(least, told["min_ns"].as_f64(), "SubDevice {place}");
+        assert_eq!(margins.len() as u64, told["count"].as_u64().unwrap_or(0), "SubDevice {place}");
+    }
+    let output = isocat(&["virtual", "--series", "series.txt", "--", "true"]);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.code() == Some(2) && errors.contains("expected .csv or .parquet"),
+        "{errors}"
+    );
+}
+
+#[test]
 fn many_seeds_are_a_table_in_which_each_can_be_repeated() {
     let folder = Folder::new("seeds");
     let segment = folder.segment("for = \"400ms\"");
     let (rows, failed) = (folder.file("rows.csv"), folder.file("failed"));
     let program = ["--", ISOCAT, "run", &segment, "--interface", "vt0", "--for", "1s"];
     let flags = [
-        "virtual", &segment, "--seeds", "4", "--faults", "swarm", "--rows", &rows, "--failed",
-        &failed, "--json",
+        "virtual",
+        &segment,
+        "--seeds",
+        "4",
+        "--faults",
+        "swarm",
+        "--rows",
+        &rows,
+        "--failed",
+        &failed,
+        "--lateness",
+        "40us",
+        "--json",
     ];
     let output = isocat(&[&flags[..], &program].concat());
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -156,14 +194,12 @@ fn many_seeds_are_a_table_in_which_each_can_be_repeated() {
     let bad = all.iter().find(|row| row["code"] != 0).expect("four swarms leave none in peace");
     let text =
         PathBuf::from(&failed).join(format!("run-{}.toml", bad["number"])).display().to_string();
-    let seed = bad["seed"].to_string();
-    let again = isocat(
-        &[&["virtual", &segment, "--text", &text, "--seed", &seed, "--json"], &program[..]]
-            .concat(),
-    );
-    let said = String::from_utf8_lossy(&again.stdout);
-    let again: Value = serde_json::from_str(said.lines().last().expect("a summary")).expect("JSON");
-    assert_eq!(again["program"]["wire_hash"], bad["wire"]);
+    let text = std::fs::read_to_string(text).expect("it is kept");
+    let command = text.lines().last().and_then(|line| line.strip_prefix("# isocat ")).expect(&text);
+    assert!(command.contains("--lateness 40000ns"), "{command}");
+    let again = Command::new("sh").args(["-c", &format!("{ISOCAT} {command}")]).output();
+    let errors = String::from_utf8_lossy(&again.expect("a shell").stderr).into_owned();
+    assert!(errors.contains(bad["wire"].as_str().expect("a hash")), "{errors}");
 }
 
 #[test]

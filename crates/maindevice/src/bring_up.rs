@@ -304,6 +304,10 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     .await?;
     leave_out(work, failures).await;
     let phase = work.segment.timing.as_ref().and_then(|timing| timing.sync0);
+    let failures =
+        each(config, &mut work.segment, |device| Box::pin(sync::program_unit(link, device)))
+            .await?;
+    leave_out(work, failures).await;
     if let (Some(phase), Some(reference)) = (phase, work.segment.reference) {
         let now = sync::reference_now(link, &work.segment.devices[reference]).await?;
         // The acting pulses of all devices lie on one grid, so on the same points of it at all of them.

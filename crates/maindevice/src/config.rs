@@ -8,6 +8,7 @@ use isocat_sync::budget::Limits;
 use isocat_sync::phase::Direction;
 use isocat_sync::{SyncMode, SyncSignal};
 use isocat_wire::address::ObjectAddress;
+use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
 use crate::segment::SubDevice;
@@ -393,12 +394,17 @@ pub struct DeviceConfig {
     /// travel in that bus cycle only. For all modes but subordinated cycles, which are the other way round. `None`:
     /// the bus cycle.
     pub cycle: Option<Nanos>,
-    /// From SYNC0 to SYNC1 in the modes where SYNC1 is a part of the cycle behind SYNC0. `None`: for "DC
-    /// SYNC1" the time the device needs (0x1C32:06) in whole microseconds, for "DC shift SYNC1" a quarter
-    /// of the cycle.
+    /// From SYNC0 to SYNC1; with subordinated cycles from the SYNC0 that SYNC1 belongs to, less than a
+    /// cycle of SYNC0. `None`: for "DC SYNC1" the time the device needs (0x1C32:06) in whole
+    /// microseconds, for "DC shift SYNC1" a quarter of the cycle, for subordinated cycles 0.
     pub sync1: Option<Nanos>,
     /// Cycle of SYNC0 with subordinated cycles. `None`: as the device has it in 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
+    /// Word for registers 0x0980 (who owns the SYNC unit and the latch units) and 0x0981 (what the
+    /// SYNC unit does), as AssignActivate of a description has it. A mode with DC adds the pulses that
+    /// it needs, and takes the SYNC unit; a mode without makes no pulses. `None`: the pulses of the
+    /// mode; owners stay as they are, but for a SYNC unit that the mode needs.
+    pub unit: Option<AssignActivate>,
     /// PDOs to assign to 0x1C12. `None`: as the device has them.
     pub outputs: Option<Vec<u16>>,
     /// PDOs to assign to 0x1C13. `None`: as the device has them.

@@ -126,7 +126,7 @@ impl CyclicExchange {
         let taken = Taken { chunks: vec![0; image.chunks.len()], ..Taken::default() };
         // Within a group the image follows positions.
         let mut order: Vec<_> = (0..segment.devices.len()).collect();
-        order.sort_by_key(|position| segment.devices[*position].every);
+        order.sort_unstable_by_key(|position| (segment.devices[*position].every, *position));
         let mut cycle = Self {
             cycle: config.cycle,
             send_phase: segment.timing.as_ref().map_or(Nanos::ZERO, |timing| timing.cycle.send),

@@ -239,7 +239,7 @@ fn without_stale(node: &Node, times: [u32; 4], before: [u32; 4], most_change: u3
 }
 
 fn node(device: &SubDevice) -> Node {
-    let mut stay = stay(device.esc.kind);
+    let mut stay = Stay::of_esc(device.esc.kind);
     if !device.dc.has_receive_times() {
         // Its entry is not known either, so what it adds may be the other way round.
         let difference = (stay.processing - stay.forwarding).abs();
@@ -293,30 +293,6 @@ fn receive_period(ports: u8, port: PortNumber) -> Picos {
     match ports >> (2 * port.index()) & 0b11 {
         EBUS => Picos(10_000),
         _ => Picos(40_000),
-    }
-}
-
-/// How long an ESC keeps frames, by its type (register 0x0000). Captured receive times of a line of ET1100 and
-/// ET1200 (loops of 600 and 310 ns) give 155 ns out and 135 ns back, to a tick; for the others, which contain
-/// the same core, the figures are taken over. What is not known counts as equal both ways and as long as
-/// those on the average.
-fn stay(kind: u8) -> Stay {
-    let nanos = |ns: i64| Picos(1_000 * ns);
-    match kind {
-        0x04 | 0x11 | 0x12 | 0x98 | 0xC0 => Stay {
-            kind,
-            processing: nanos(155),
-            forwarding: nanos(135),
-            difference_bound: nanos(10),
-            kind_bound: nanos(20),
-        },
-        _ => Stay {
-            kind,
-            processing: nanos(145),
-            forwarding: nanos(145),
-            difference_bound: nanos(40),
-            kind_bound: nanos(150),
-        },
     }
 }
 

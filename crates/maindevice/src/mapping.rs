@@ -17,7 +17,7 @@ use crate::cycle::MOST_CHUNK;
 use crate::error::{Cause, MappingProblem};
 use crate::link::Link;
 use crate::objects;
-use crate::segment::{Chunk, ProcessData, ProcessImage, SubDevice};
+use crate::segment::{Chunk, Guarded, ProcessData, ProcessImage, SubDevice};
 
 /// Lays out the process image: logical address of each SubDevice, and which of them share a
 /// datagram. Those that are exchanged equally often do; what travels more often lies first.
@@ -86,18 +86,23 @@ pub(crate) fn place_as_known(device: &mut SubDevice) -> Result<(), Cause> {
 /// Which SyncManager guards the outputs or inputs, and where: by object 0x1C00, else by the SII.
 pub(crate) fn place_process_data(device: &mut SubDevice) -> Result<(), Cause> {
     for kind in [sm_type::OUTPUTS, sm_type::INPUTS] {
-        let number = device
-            .sm_types
-            .iter()
-            .position(|found| *found == kind)
+        let data = if kind == sm_type::OUTPUTS { &device.outputs } else { &device.inputs };
+        // Where several share the direction, the first one is known with its PDOs.
+        let shared = data.sync_manager.filter(|_| !data.further.is_empty()).map(usize::from);
+        let number = shared
+            .or_else(|| device.sm_types.iter().position(|found| *found == kind))
             .or_else(|| device.sii.sync_managers.iter().position(|record| record.kind == kind));
         let start = number
             .and_then(|number| device.sii.sync_managers.get(number))
             .map(|record| record.start);
         let place = device.place();
         let data = if kind == sm_type::OUTPUTS { &mut device.outputs } else { &mut device.inputs };
-        let bits: u32 = data.pdos.iter().map(|pdo| pdo.bits()).sum();
-        let length = bits.div_ceil(8);
+        // Each SyncManager has whole bytes.
+        let elsewhere: usize = data.further.iter().map(|guarded| guarded.pdos).sum();
+        let first = data.pdos.len().saturating_sub(elsewhere);
+        let bits: u32 = data.pdos[..first].iter().map(|pdo| pdo.bits()).sum();
+        let further: u32 = data.further.iter().map(|guarded| u32::from(guarded.length)).sum();
+        let length = bits.div_ceil(8) + further;
         let Ok(length) = u16::try_from(length) else {
             let problem = MappingProblem::TooLong { length, most: MOST_CHUNK };
             return Err(Cause::Mapping { place, problem });
@@ -124,8 +129,7 @@ pub(crate) async fn write(
     device: &SubDevice,
     watchdog: Option<Nanos>,
 ) -> Result<(), Cause> {
-    let directions = [&device.outputs, &device.inputs];
-    let needed = directions.iter().filter(|data| data.length > 0).count() as u8;
+    let needed = device.fmmus_needed() as u8;
     if device.esc.fmmus < needed {
         let problem = MappingProblem::NoFmmu { needed, found: device.esc.fmmus };
         return Err(Cause::Mapping { place: device.place(), problem });
@@ -146,12 +150,13 @@ pub(crate) fn writes(device: &SubDevice, watchdog: Option<Nanos>) -> Vec<(u16, V
     let mut writes = Vec::new();
     let mut next_fmmu = 0;
     for (data, kind) in directions {
-        let Some(number) = data.sync_manager else { continue };
-        let manager = sync_manager(device, data, number, kind);
-        let address = register::sync_manager(usize::from(number)).address;
-        writes.push((address, manager.to_bytes().to_vec()));
-        if data.length > 0 {
-            let fmmu = Fmmu::bytes(data.logical, data.length, data.start, kind);
+        for guarded in data.guarded() {
+            let manager = sync_manager(device, guarded, kind);
+            let address = register::sync_manager(usize::from(guarded.sync_manager)).address;
+            writes.push((address, manager.to_bytes().to_vec()));
+        }
+        for Window { logical, start, length } in windows(data) {
+            let fmmu = Fmmu::bytes(logical, length, start, kind);
             writes.push((register::fmmu(next_fmmu).address, fmmu.to_bytes().to_vec()));
             next_fmmu += 1;
         }
@@ -166,9 +171,11 @@ pub(crate) fn writes(device: &SubDevice, watchdog: Option<Nanos>) -> Vec<(u16, V
 /// How long outputs stay valid without new ones: what is wanted, or the reset value of the chip; `None` if the
 /// SyncManager does not trigger the watchdog.
 pub(crate) fn watchdog(device: &SubDevice, wanted: Option<Nanos>) -> Option<Nanos> {
-    let number = device.outputs.sync_manager.filter(|_| device.outputs.length > 0)?;
-    let manager = sync_manager(device, &device.outputs, number, Fmmu::WRITE);
-    let triggers = manager.control & SyncManager::CONTROL_WATCHDOG != 0;
+    let mut guarded = device.outputs.guarded().filter(|guarded| guarded.length > 0);
+    let triggers = guarded.any(|guarded| {
+        let manager = sync_manager(device, guarded, Fmmu::WRITE);
+        manager.control & SyncManager::CONTROL_WATCHDOG != 0
+    });
     triggers.then(|| wanted.unwrap_or(WATCHDOG))
 }
 
@@ -179,11 +186,44 @@ const WATCHDOG: Nanos = Nanos::millis(100);
 
 /// The SyncManager as it must be: control by the SII, length by the mapping, off without process
 /// data.
-fn sync_manager(device: &SubDevice, data: &ProcessData, number: u8, kind: u8) -> SyncManager {
-    let record: Option<&SmRecord> = device.sii.sync_managers.get(usize::from(number));
+fn sync_manager(device: &SubDevice, guarded: Guarded, kind: u8) -> SyncManager {
+    let Guarded { sync_manager, start, length, .. } = guarded;
+    let record: Option<&SmRecord> = device.sii.sync_managers.get(usize::from(sync_manager));
     let usual = if kind == Fmmu::WRITE { SyncManager::OUTPUTS } else { SyncManager::INPUTS };
     let control = record.map_or(usual, |record| record.control);
-    SyncManager::new(data.start, data.length, control, data.length > 0)
+    SyncManager::new(start, length, control, length > 0)
+}
+
+/// A part of a direction that one FMMU maps.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Window {
+    logical: u32,
+    start: u16,
+    length: u16,
+}
+
+impl SubDevice {
+    /// How many FMMUs its process data need.
+    pub fn fmmus_needed(&self) -> usize {
+        windows(&self.outputs).len() + windows(&self.inputs).len()
+    }
+}
+
+/// What the FMMUs of a direction map: one window for each SyncManager, and one for all that lie behind each other
+/// without a gap, as the bytes of digital outputs do. Descriptions count FMMUs in the same way.
+fn windows(data: &ProcessData) -> Vec<Window> {
+    let mut windows: Vec<Window> = Vec::new();
+    let mut logical = data.logical;
+    for Guarded { start, length, .. } in data.guarded().filter(|guarded| guarded.length > 0) {
+        match windows.last_mut() {
+            Some(last) if last.start.checked_add(last.length) == Some(start) => {
+                last.length += length;
+            }
+            _ => windows.push(Window { logical, start, length }),
+        }
+        logical += u32::from(length);
+    }
+    windows
 }
 
 #[cfg(test)]
@@ -251,5 +291,64 @@ mod tests {
         assert_eq!((image.chunks[1].logical, image.chunks[1].first), (u32::from(most) - 10, 1));
         let mut devices = [device(0, most + 1, 0)];
         assert!(matches!(lay_out(&mut devices), Err(Cause::Mapping { .. })));
+    }
+
+    /// The first SyncManager is told by what the further ones leave.
+    fn spread(length: u16, start: u16, further: &[(u8, u16, u16)]) -> ProcessData {
+        let further = further.iter().map(|&(sync_manager, start, length)| Guarded {
+            sync_manager,
+            start,
+            length,
+            pdos: 0,
+        });
+        let further = further.collect();
+        ProcessData {
+            sync_manager: Some(0),
+            start,
+            length,
+            logical: 100,
+            further,
+            ..Default::default()
+        }
+    }
+
+    /// One byte between them makes two windows, and so does an area that lies before.
+    #[test]
+    fn one_fmmu_maps_what_lies_behind_each_other() {
+        let of = |data: &ProcessData| -> Vec<_> {
+            windows(data).iter().map(|w| (w.logical, w.start, w.length)).collect()
+        };
+        assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x0F01, 1)])), [(100, 0x0F00, 2)]);
+        assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x0F02, 1)])), [(100, 0x0F00, 1), (101, 0x0F02, 1)]);
+        assert_eq!(of(&spread(6, 0x1200, &[(1, 0x1000, 3)])), [(100, 0x1200, 3), (103, 0x1000, 3)]);
+        // A SyncManager that is off has no window, and parts none.
+        assert_eq!(of(&spread(2, 0x0F00, &[(1, 0x1000, 0), (2, 0x0F01, 1)])), [(100, 0x0F00, 2)]);
+        assert_eq!(of(&ProcessData::default()), []);
+    }
+
+    #[test]
+    fn each_sync_manager_is_written_and_any_of_them_feeds_the_watchdog() {
+        let mut device = device(0, 0, 0);
+        device.outputs = spread(6, 0x1000, &[(1, 0x1200, 2)]);
+        let control = |first, second| {
+            [first, second].map(|control| SmRecord::parse(&[0, 0, 0, 0, control, 0, 1, 0])).to_vec()
+        };
+        for (first, second, triggers) in
+            [(0x64, 0x24, true), (0x24, 0x64, true), (0x24, 0x24, false)]
+        {
+            device.sii.sync_managers = control(first, second);
+            assert_eq!(watchdog(&device, None).is_some(), triggers);
+            let written: Vec<_> = writes(&device, None);
+            let sm = |start: u16, length: u8, control| {
+                let [low, high] = start.to_le_bytes();
+                [low, high, length, 0, control, 0, 1, 0].to_vec()
+            };
+            assert_eq!(written[0], (0x0800, sm(0x1000, 4, first)));
+            assert_eq!(written[1], (0x0808, sm(0x1200, 2, second)));
+            assert_eq!(
+                written[2..].iter().map(|(at, _)| *at).collect::<Vec<_>>(),
+                [0x0600, 0x0610]
+            );
+        }
     }
 }

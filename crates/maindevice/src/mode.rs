@@ -61,6 +61,7 @@ pub(crate) fn choose(
         |device: &SubDevice, reason| Cause::Mode { place: device.place(), wish: mode, reason };
     device.every = every(mode, config, wish).map_err(|reason| refused(device, reason))?;
     device.pulses = pulses(device, config, wish).map_err(|reason| refused(device, reason))?;
+    device.unit = wish.and_then(|wish| wish.unit).map(|word| sync::unit(mode, word));
     let demands = demands(device, assumed, wish);
     let own = Nanos(config.cycle.0 * i64::from(device.every));
     let jitter = if !mode.uses_dc() { config.host_jitter } else { Nanos::ZERO };
@@ -127,6 +128,7 @@ fn pulses(
             let moved = error.saturating_mul(copy) / cycle.0.max(1);
             Nanos((copy + copy / 10_000 + 10 + moved + 2 + 999) / 1_000 * 1_000)
         }
+        SyncMode::DcSubordinated => Nanos::ZERO,
         _ => Nanos(cycle.0 / 4 / 10 * 10),
     });
     let stated = outputs.sync0_cycle_time.filter(|time| *time > Nanos::ZERO);
@@ -134,6 +136,9 @@ fn pulses(
     if mode == SyncMode::DcSubordinated {
         if sync0 <= Nanos::ZERO {
             return Err(String::from(NO_SYNC0_CYCLE));
+        }
+        if distance >= sync0 {
+            return Err(format!("SYNC1 {distance} behind a SYNC0 that comes every {sync0}"));
         }
         if sync0 >= cycle || cycle.0 % sync0.0 != 0 {
             return Err(format!(

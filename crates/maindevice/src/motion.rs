@@ -197,11 +197,15 @@ fn next_control_word(status: u16) -> u16 {
 /// this length.
 fn byte_of(data: &ProcessData, index: u16, bits: u8) -> Option<usize> {
     let mut bit = 0usize;
-    for entry in data.pdos.iter().flat_map(|pdo| &pdo.entries) {
-        if entry.index == index && entry.sub == 0 {
-            return (bit.is_multiple_of(8) && entry.bits == bits).then_some(bit / 8);
+    for (_, pdos) in data.assigned() {
+        // Each SyncManager begins with a whole byte.
+        bit = bit.next_multiple_of(8);
+        for entry in pdos.iter().flat_map(|pdo| &pdo.entries) {
+            if entry.index == index && entry.sub == 0 {
+                return (bit.is_multiple_of(8) && entry.bits == bits).then_some(bit / 8);
+            }
+            bit += usize::from(entry.bits);
         }
-        bit += usize::from(entry.bits);
     }
     None
 }

@@ -8,14 +8,17 @@ use isocat_sync::object::{
     name, sub,
 };
 use isocat_wire::coe::info::EntryDescription;
-use isocat_wire::sii::{PdoEntryRecord, sm_type};
+use isocat_wire::sii::sm_type::{self, INPUTS, OUTPUTS};
+use isocat_wire::sii::{PdoEntryRecord, SmRecord};
 use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::coe;
 use crate::config::DeviceConfig;
 use crate::error::{Cause, MappingProblem, SdoError};
 use crate::mailbox::Mailbox;
-use crate::segment::{Pdo, PdoEntry, SiiPdo, SubDevice, SyncEntry, SyncObject};
+use crate::segment::{
+    Guarded, Pdo, PdoEntry, ProcessData, SiiPdo, SubDevice, SyncEntry, SyncObject,
+};
 use crate::service::{self, Service};
 
 /// Coe details bit of the SII: the device gives SDO information.
@@ -82,8 +85,41 @@ pub(crate) async fn look(mailbox: &mut Mailbox, device: &mut SubDevice) -> Vec<C
 
 /// Takes assignment and mapping from the SII, for a device without CoE.
 pub(crate) fn from_sii(device: &mut SubDevice) {
-    device.outputs.pdos = assigned_by_sii(&device.sii.rx_pdos);
-    device.inputs.pdos = assigned_by_sii(&device.sii.tx_pdos);
+    spread_by_sii(&mut device.outputs, &device.sii.rx_pdos, &device.sii.sync_managers, OUTPUTS);
+    spread_by_sii(&mut device.inputs, &device.sii.tx_pdos, &device.sii.sync_managers, INPUTS);
+}
+
+/// Takes the PDOs of one direction from the SII. Where they are in several SyncManagers of that direction, each
+/// SyncManager has a part of the process image, in the order of their numbers.
+fn spread_by_sii(data: &mut ProcessData, pdos: &[SiiPdo], records: &[SmRecord], kind: u8) {
+    data.further.clear();
+    data.pdos = assigned_by_sii(pdos);
+    let of_kind = |sm: u8| records.get(usize::from(sm)).is_some_and(|record| record.kind == kind);
+    let mut named: Vec<u8> = pdos.iter().map(|pdo| pdo.record.sm).collect();
+    named.retain(|sm| *sm != NO_SYNC_MANAGER);
+    named.sort_unstable();
+    named.dedup();
+    if named.len() < 2 || !named.iter().all(|sm| of_kind(*sm)) {
+        return;
+    }
+    data.pdos.clear();
+    for (place, sm) in named.into_iter().enumerate() {
+        let of_sm = pdos.iter().filter(|pdo| pdo.record.sm == sm).map(pdo_of_sii);
+        let first = data.pdos.len();
+        data.pdos.extend(of_sm);
+        let assigned = &data.pdos[first..];
+        let bits: u32 = assigned.iter().map(Pdo::bits).sum();
+        let part = Guarded {
+            sync_manager: sm,
+            start: records[usize::from(sm)].start,
+            length: u16::try_from(bits.div_ceil(8)).unwrap_or(u16::MAX),
+            pdos: assigned.len(),
+        };
+        match place {
+            0 => data.sync_manager = Some(sm),
+            _ => data.further.push(part),
+        }
+    }
 }
 
 /// The PDOs that a SyncManager has by default.

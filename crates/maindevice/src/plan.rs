@@ -127,7 +127,10 @@ pub fn writes(
             data: None,
             comment: "first pulse, made by the run",
         });
-        all.push(register(activation, alloc::vec![sync::activation(device).0], "SYNC on"));
+        let (address, data) = sync::activation(device);
+        all.push(register(address, data, "SYNC on"));
+    } else if let Some((address, data)) = sync::unit_without_pulses(device) {
+        all.push(register(address, data, "owners of the SYNC and latch units, and the unit"));
     }
     writes
 }

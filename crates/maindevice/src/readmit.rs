@@ -329,6 +329,7 @@ async fn program_sync(
     segment: &Segment,
     device: &mut SubDevice,
 ) -> Result<(), Cause> {
+    sync::program_unit(link, device).await?;
     let phase = segment.timing.as_ref().and_then(|timing| timing.sync0);
     let (true, Some(phase), Some(reference)) = (device.mode.uses_dc(), phase, segment.reference)
     else {

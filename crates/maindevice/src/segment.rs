@@ -12,7 +12,7 @@ use isocat_sync::{Pulses, SyncMode, SyncType};
 use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::coe::info::{EntryDescription, ObjectDescription};
 use isocat_wire::datagram::Address;
-use isocat_wire::dc::DifferencePolarity;
+use isocat_wire::dc::{AssignActivate, DifferencePolarity};
 use isocat_wire::dl::DlStatus;
 use isocat_wire::sii::{self, PdoEntryRecord, PdoRecord, SmRecord};
 use isocat_wire::time::{Dc, Nanos, Time};
@@ -169,6 +169,8 @@ pub struct SubDevice {
     pub sync: Option<SyncSetting>,
     /// The SYNC pulses that its mode asks for.
     pub pulses: Pulses,
+    /// What registers 0x0980 and 0x0981 get by [`DeviceConfig::unit`](crate::DeviceConfig::unit).
+    pub unit: Option<AssignActivate>,
     /// Its process data travel in every so many bus cycles; 1 or more.
     pub every: u32,
     /// Whether it takes part; a SubDevice that is lost does not until it is admitted again.
@@ -316,14 +318,29 @@ pub struct OperationMode {
 pub struct ProcessData {
     /// The PDOs assigned, with their mappings.
     pub pdos: Vec<Pdo>,
-    /// SyncManager that guards them; `None` without process data in this direction.
+    /// SyncManager that guards them, the first one of several; `None` without process data in this direction.
     pub sync_manager: Option<u8>,
+    /// First byte in the ESC's memory.
+    pub start: u16,
+    /// Bytes in the process image, those of further SyncManagers included.
+    pub length: u16,
+    /// First byte in the process image.
+    pub logical: u32,
+    /// The SyncManagers behind the first one, in the order of the process image.
+    pub further: Vec<Guarded>,
+}
+
+/// What one SyncManager guards of the process data.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Guarded {
+    /// Its number.
+    pub sync_manager: u8,
     /// First byte in the ESC's memory.
     pub start: u16,
     /// Bytes.
     pub length: u16,
-    /// First byte in the process image.
-    pub logical: u32,
+    /// How many of the PDOs lie in it, in the order of [`ProcessData::pdos`].
+    pub pdos: usize,
 }
 
 impl Segment {
@@ -342,6 +359,29 @@ impl Segment {
 }
 
 impl ProcessData {
+    /// All SyncManagers of the direction, in the order of the process image; none without process data.
+    pub fn guarded(&self) -> impl Iterator<Item = Guarded> + '_ {
+        let further: u16 = self.further.iter().map(|guarded| guarded.length).sum();
+        let elsewhere: usize = self.further.iter().map(|guarded| guarded.pdos).sum();
+        let first = self.sync_manager.map(|sync_manager| Guarded {
+            sync_manager,
+            start: self.start,
+            length: self.length.saturating_sub(further),
+            pdos: self.pdos.len().saturating_sub(elsewhere),
+        });
+        first.into_iter().chain(self.further.iter().copied())
+    }
+
+    /// Each SyncManager with the PDOs in it.
+    pub fn assigned(&self) -> impl Iterator<Item = (Guarded, &[Pdo])> {
+        let mut at = 0;
+        self.guarded().map(move |guarded| {
+            let from = at;
+            at += guarded.pdos;
+            (guarded, self.pdos.get(from..at).unwrap_or_default())
+        })
+    }
+
     /// Its bytes in the process image.
     pub(crate) fn range(&self) -> Range<usize> {
         let start = self.logical as usize;
@@ -510,6 +550,7 @@ impl SubDevice {
             difference_polarity: DifferencePolarity::default(),
             mode: SyncMode::FreeRun,
             pulses: Pulses::default(),
+            unit: None,
             every: 1,
             mode_reason: String::new(),
             sync: None,
@@ -530,10 +571,11 @@ impl SubDevice {
             && header.send.length > 0
     }
 
-    /// Whether it has a mailbox of any kind.
+    /// Whether it has a mailbox of any kind. Its areas say so: some devices name no protocol and still want the SyncManagers
+    /// of their mailbox switched on.
     pub fn has_mailbox(&self) -> bool {
         let header = &self.sii.header;
-        header.protocols != 0 && header.receive.length > 0 && header.send.length > 0
+        header.receive.length > 0 && header.send.length > 0
     }
 }
 

@@ -7,7 +7,7 @@ use isocat_sync::SyncMode;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, ShiftBy, sub};
 use isocat_sync::start::Grid;
 use isocat_wire::coe::info::Access;
-use isocat_wire::dc::{ActivationStatus, SyncActivation};
+use isocat_wire::dc::{ActivationStatus, AssignActivate, SyncActivation};
 use isocat_wire::register::{self, Value, features};
 use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{ObjectAddress, StationAddress};
@@ -263,17 +263,32 @@ pub(crate) async fn program(
     }
     link.fpwr(station, register::SYNC0_CYCLE.address, &cycles(device)).expect(1).await?;
     link.write(station, register::SYNC_START_TIME, start.count()).await?;
-    let activation = activation(device);
-    link.write(station, register::SYNC_ACTIVATION, activation).await?;
+    let (register, data) = activation(device);
+    link.fpwr(station, register, &data).expect(1).await?;
     device.sync = Some(SyncSetting {
         start,
         sync0_cycle: pulses.sync0_cycle,
         sync1_cycle: pulses.sync1,
-        activation: activation.0,
+        activation: data.last().copied().unwrap_or_default(),
         next: start,
         next_sync1: None,
     });
     Ok(())
+}
+
+/// Writes owners and SYNC unit of a SubDevice whose mode needs no pulses, if its configuration has
+/// them: a unit that is on without a pulse gives time stamps to the latch units.
+pub(crate) async fn program_unit(link: &Link, device: &SubDevice) -> Result<(), Cause> {
+    if let Some((register, data)) = unit_without_pulses(device) {
+        link.fpwr(device.station, register, &data).expect(1).await?;
+    }
+    Ok(())
+}
+
+/// What [`program_unit`] writes: the register's address and the bytes.
+pub(crate) fn unit_without_pulses(device: &SubDevice) -> Option<(u16, Vec<u8>)> {
+    let word = device.unit.filter(|word| *word != AssignActivate::OFF && !device.mode.uses_dc())?;
+    device.dc.has_clock().then(|| (register::CYCLIC_UNIT_CONTROL.address, word.to_bytes().to_vec()))
 }
 
 /// Registers 0x09A0 and 0x09A4.
@@ -285,10 +300,31 @@ pub(crate) fn cycles(device: &SubDevice) -> [u8; 8] {
     cycles
 }
 
-/// Register 0x0981.
-pub(crate) fn activation(device: &SubDevice) -> SyncActivation {
-    let sync1 = if device.mode.uses_sync1() { SyncActivation::SYNC1 } else { 0 };
-    SyncActivation(SyncActivation::ACTIVE | SyncActivation::SYNC0 | sync1)
+/// What switches the pulses on: the register's address and the bytes. The owners in 0x0980 are
+/// written with it where the configuration has them.
+pub(crate) fn activation(device: &SubDevice) -> (u16, Vec<u8>) {
+    match device.unit {
+        Some(word) => (register::CYCLIC_UNIT_CONTROL.address, word.to_bytes().to_vec()),
+        None => (register::SYNC_ACTIVATION.address, alloc::vec![pulses(device.mode)]),
+    }
+}
+
+/// The word of a configuration as it suits a mode: what [`DeviceConfig::unit`] says of it.
+pub(crate) fn unit(mode: SyncMode, word: AssignActivate) -> AssignActivate {
+    let [mut control, mut activation] = word.0.to_le_bytes();
+    if mode.uses_dc() {
+        control &= !SYNC_OWNED_BY_PDI;
+        activation |= pulses(mode);
+    } else {
+        activation &= !(SyncActivation::SYNC0 | SyncActivation::SYNC1);
+    }
+    AssignActivate(u16::from_le_bytes([control, activation]))
+}
+
+/// Register 0x0981 of a mode with DC.
+fn pulses(mode: SyncMode) -> u8 {
+    let sync1 = if mode.uses_sync1() { SyncActivation::SYNC1 } else { 0 };
+    SyncActivation::ACTIVE | SyncActivation::SYNC0 | sync1
 }
 
 /// Sees that SYNC0 runs, and SYNC1 if it is in use: no first pulse pending (0x0984, where it exists), and

@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use isocat_maindevice::{Event, Port, SegmentChange};
 use isocat_sim::observation::{Observation, Observed};
+use isocat_sim::probe::Sight;
 use isocat_sim::{Lost, Segment, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::ObjectAddress;
@@ -30,7 +31,8 @@ use pcap_file::{DataLink, PcapError};
 /// it back.
 ///
 /// In a simulation frames are seen in front of SubDevices, too ([`Capture::with_probes`]): inbound as they enter the
-/// SubDevice, outbound as they leave it, processed.
+/// SubDevice, outbound as they leave it, processed. And on cables ([`Capture::with_cables`]): outbound away from the
+/// MainDevice, inbound on their way back, as a tap in the line has them.
 pub struct Capture<W: Write = BufWriter<File>> {
     writer: PcapNgWriter<W>,
     /// The first error; later frames are dropped.
@@ -39,6 +41,8 @@ pub struct Capture<W: Write = BufWriter<File>> {
     names: Vec<String>,
     /// Positions that are probed; the interface of each is its place here and one.
     probes: Vec<usize>,
+    /// Positions in front of which the cable is tapped; the interface of each is behind those of the probes.
+    cables: Vec<usize>,
     /// The interface of the secondary port, once there is one.
     secondary: Option<u32>,
     /// By time.
@@ -98,6 +102,7 @@ impl<W: Write> Capture<W> {
             failed: None,
             names: Vec::new(),
             probes: Vec::new(),
+            cables: Vec::new(),
             secondary: None,
             held: VecDeque::with_capacity(WINDOW),
             notes: VecDeque::new(),
@@ -120,6 +125,20 @@ impl<W: Write> Capture<W> {
             let of = self.subject(position);
             let what = format!("in front of {of}: inbound enters it, outbound leaves it processed");
             self.describe(&format!("subdevice-{position}"), &(what + ", in true time"))?;
+        }
+        Ok(self)
+    }
+
+    /// Taps the cables at port 0 of these SubDevices, too: an interface each, `cable-2` in front of position 2. To be
+    /// asked once, after the probes.
+    pub fn with_cables(mut self, positions: &[usize]) -> io::Result<Self> {
+        self.cables = positions.to_vec();
+        self.cables.sort_unstable();
+        self.cables.dedup();
+        for position in self.cables.clone() {
+            let of = self.subject(position);
+            let what = format!("on the cable in front of {of}, in true time");
+            self.describe(&format!("cable-{position}"), &what)?;
         }
         Ok(self)
     }
@@ -224,7 +243,8 @@ impl<W: Write> Tap for Capture<W> {
     }
 
     fn secondary_frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
-        let interface = self.secondary.unwrap_or(MAIN + 1 + self.probes.len() as u32);
+        let interface =
+            self.secondary.unwrap_or(MAIN + 1 + (self.probes.len() + self.cables.len()) as u32);
         if self.secondary.is_none() {
             // Packets of an interface follow its description; those held back are of others.
             let what = "the MainDevice's secondary port, in true time";
@@ -248,9 +268,21 @@ impl<W: Write> Tap for Capture<W> {
         self.probes.clone()
     }
 
-    fn probed(&mut self, at: Time<True>, device: usize, entered: bool, bytes: &[u8]) {
-        if let Ok(number) = self.probes.binary_search(&device) {
-            self.hold(stamp(at), MAIN + 1 + number as u32, !entered, bytes);
+    fn cables(&self) -> Vec<usize> {
+        self.cables.clone()
+    }
+
+    fn probed(&mut self, at: Time<True>, device: usize, sight: Sight, bytes: &[u8]) {
+        let (probe, cable) =
+            (self.probes.binary_search(&device), self.cables.binary_search(&device));
+        let (number, outbound) = match sight {
+            Sight::Enters => (probe, false),
+            Sight::Leaves => (probe, true),
+            Sight::Outbound => (cable.map(|number| self.probes.len() + number), true),
+            Sight::Inbound => (cable.map(|number| self.probes.len() + number), false),
+        };
+        if let Ok(number) = number {
+            self.hold(stamp(at), MAIN + 1 + number as u32, outbound, bytes);
         }
     }
 

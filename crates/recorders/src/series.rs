@@ -14,7 +14,9 @@ use std::io;
 
 use isocat_maindevice::{MainDevice, segment};
 use isocat_sim::bench::{Intent, Measured};
-use isocat_sim::{Segment, Tap};
+use isocat_sim::device::Device;
+use isocat_sim::{Segment, ServedCycle, Tap};
+use isocat_wire::register;
 use isocat_wire::time::{Nanos, Picos, Time, True};
 
 /// A column of the table.
@@ -96,8 +98,8 @@ pub const COLUMNS: [Column; 14] = {
         ),
         column(
             "working_counter_errors",
-            Integer,
-            "wrong working counters so far, from the beginning of the run",
+            Optional,
+            "wrong working counters so far, from the beginning of the run; null of a foreign MainDevice, which knows them alone",
         ),
     ]
 };
@@ -134,8 +136,16 @@ struct Cycle {
     number: u64,
     host_phase_error: Option<Nanos>,
     frames_lost: u64,
-    working_counter_errors: u64,
+    working_counter_errors: Option<u64>,
     cells: Vec<Cell>,
+}
+
+/// What a cycle came to at the MainDevice.
+#[derive(Clone, Copy)]
+struct Counts {
+    host_phase_error: Option<Nanos>,
+    frames_lost: u64,
+    working_counter_errors: Option<u64>,
 }
 
 /// One SubDevice in one cycle.
@@ -179,11 +189,7 @@ impl Series {
     }
 
     /// Cycles up to `number` have ended, the last one at `end`.
-    fn close(&mut self, end: Time<True>, number: u64, main: &MainDevice, segment: &Segment) {
-        let counts = main.statistics();
-        let is_new = counts.phase_error.count != self.phase_errors;
-        self.phase_errors = counts.phase_error.count;
-        let cells = cells(main, segment);
+    fn close(&mut self, end: Time<True>, number: u64, counts: Counts, cells: &[Cell]) {
         let first = self.number.map_or(number, |last| last + 1).min(number);
         let (began, cycles) = (self.end, (number - first + 1) as i64);
         for each in first..=number {
@@ -192,10 +198,10 @@ impl Series {
             self.held.push_back(Cycle {
                 end: began + passed,
                 number: each,
-                host_phase_error: (is_new && each == number).then_some(counts.phase_error.last),
-                frames_lost: counts.frames_missed(),
+                host_phase_error: counts.host_phase_error.filter(|_| each == number),
+                frames_lost: counts.frames_lost,
                 working_counter_errors: counts.working_counter_errors,
-                cells: cells.clone(),
+                cells: cells.to_vec(),
             });
             let open = std::mem::take(&mut self.open);
             for (at, device, measured) in open {
@@ -204,6 +210,19 @@ impl Series {
             self.release(HELD);
         }
         (self.number, self.end) = (Some(number), end);
+    }
+
+    /// The same of a MainDevice of ours.
+    fn close_own(&mut self, end: Time<True>, number: u64, main: &MainDevice, segment: &Segment) {
+        let statistics = main.statistics();
+        let is_new = statistics.phase_error.count != self.phase_errors;
+        self.phase_errors = statistics.phase_error.count;
+        let counts = Counts {
+            host_phase_error: is_new.then_some(statistics.phase_error.last),
+            frames_lost: statistics.frames_missed(),
+            working_counter_errors: Some(statistics.working_counter_errors),
+        };
+        self.close(end, number, counts, &cells(main, segment));
     }
 
     /// Puts into its row what was measured.
@@ -256,29 +275,44 @@ fn values<'a>(
         optional(cell.missed.map(i64::from)),
         optional(cycle.host_phase_error.map(|error| error.0)),
         Value::Integer(cycle.frames_lost as i64),
-        Value::Integer(cycle.working_counter_errors as i64),
+        optional(cycle.working_counter_errors.map(|count| count as i64)),
     ]
 }
 
-/// How the SubDevices stand.
+/// Bit 2 of the ESC's features: it has distributed clocks.
+const HAS_CLOCK: u16 = 1 << 2;
+
+/// How the SubDevices stand, as far as a MainDevice of ours knows what they have.
 fn cells(main: &MainDevice, segment: &Segment) -> Vec<Cell> {
     let found = main.segment().devices.iter().map(Some).chain(std::iter::repeat(None));
-    let cell = |(device, found): (_, Option<&segment::SubDevice>)| {
-        let device: &isocat_sim::device::Device = device;
+    let of = |(device, found): (_, Option<&segment::SubDevice>)| {
         let has_clock = found.is_some_and(|found| found.dc.has_clock());
         let counts = |f: &segment::SubDevice| f.output_sync.is_some() || f.input_sync.is_some();
-        let difference = device.esc.system_time_difference();
-        Cell {
-            pulses: 0,
-            error: None,
-            margin: None,
-            difference: has_clock.then_some(difference),
-            state: device.stack.state().name(),
-            code: device.stack.status_code().0,
-            missed: found.is_some_and(counts).then(|| device.stack.sync().sm_event_missed()),
-        }
+        cell(device, has_clock, found.is_some_and(counts))
     };
-    segment.devices().iter().zip(found).map(cell).collect()
+    segment.devices().iter().zip(found).map(of).collect()
+}
+
+/// The same without one: what they have by themselves.
+fn served_cells(segment: &Segment) -> Vec<Cell> {
+    let of = |device: &Device| {
+        let has_clock = device.esc.register(register::FEATURES) & HAS_CLOCK != 0;
+        // The counters are objects, and those are read by mailbox.
+        cell(device, has_clock, device.stack.description().mailbox.is_some())
+    };
+    segment.devices().iter().map(of).collect()
+}
+
+fn cell(device: &Device, has_clock: bool, counts: bool) -> Cell {
+    Cell {
+        pulses: 0,
+        error: None,
+        margin: None,
+        difference: has_clock.then(|| device.esc.system_time_difference()),
+        state: device.stack.state().name(),
+        code: device.stack.status_code().0,
+        missed: counts.then(|| device.stack.sync().sm_event_missed()),
+    }
 }
 
 impl Tap for Series {
@@ -296,7 +330,7 @@ impl Tap for Series {
 
     fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
         if self.judging {
-            self.close(at, main.statistics().cycles, main, segment);
+            self.close_own(at, main.statistics().cycles, main, segment);
         } else {
             // The phase errors that rows tell are those of their cycles.
             self.phase_errors = main.statistics().phase_error.count;
@@ -308,9 +342,27 @@ impl Tap for Series {
         let begun = main.statistics().cycles;
         let next = self.number.map_or(begun, |last| last + 1);
         if self.judging && (begun > next || !self.open.is_empty()) {
-            self.close(at, begun.max(next), main, segment);
+            self.close_own(at, begun.max(next), main, segment);
         }
         self.judging = false;
         self.release(0);
+    }
+
+    fn served_cycle(&mut self, at: Time<True>, cycle: Option<ServedCycle>, segment: &Segment) {
+        let Some(cycle) = cycle else {
+            self.judging = false;
+            return self.release(0);
+        };
+        if !std::mem::replace(&mut self.judging, true) {
+            // The frame with which the judged time begins: rows are of the cycles behind it.
+            (self.end, self.number) = (at, Some(cycle.number));
+            return self.open.clear();
+        }
+        let counts = Counts {
+            host_phase_error: None,
+            frames_lost: cycle.frames_lost,
+            working_counter_errors: None,
+        };
+        self.close(at, cycle.number, counts, &served_cells(segment));
     }
 }

@@ -13,6 +13,7 @@ pub mod chip_file;
 mod chips;
 pub mod fault;
 pub mod keys;
+pub mod new_file;
 pub mod offline;
 pub mod profile;
 pub mod scenario;

@@ -79,6 +79,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::section::Words;
 use isocat_descriptions::quantity::Ppb;
+use isocat_descriptions::start_up::Transition;
 use isocat_esc::chip::{Chip, PortKind};
 use isocat_sim::Unevenness;
 use isocat_subdevice::{Description, Misbehaviours};
@@ -138,6 +139,12 @@ pub struct Profile {
     pub op_modes: Vec<OpMode>,
     /// Downloads at start that the description asks for.
     pub startup: Vec<Startup>,
+    /// What was not taken over from a description as it stands there: plans and start-up lists tell it.
+    pub doubts: Vec<Doubt>,
+    /// The letters of its ports as a description has them ([`DeviceStartUp::physics`]).
+    ///
+    /// [`DeviceStartUp::physics`]: isocat_descriptions::start_up::DeviceStartUp::physics
+    pub physics: Option<String>,
     /// Values that are not published.
     pub assumptions: Vec<Assumption>,
     /// Where its maker's tables break a rule of `isocat conform`.
@@ -266,6 +273,9 @@ pub struct OpMode {
 /// A download in PREOP, before the synchronization is set.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Startup {
+    /// When the description wants it done: [`Transition::IP`] once PREOP is reached, [`Transition::PS`] before SAFEOP is
+    /// asked for.
+    pub transition: Transition,
     /// The entry.
     pub object: ObjectAddress,
     /// Bytes in the order of the wire.
@@ -367,6 +377,14 @@ impl Profile {
             profile.description.behaviour.misbehaviour = overrides.misbehaviour;
         }
         Ok(Arc::new(profile))
+    }
+
+    /// This device with these bytes in its EEPROM, which may have any length; half a word at the end is filled up with 0xFF.
+    /// What the EEPROM says of the device's identity is not looked at.
+    pub fn with_sii(self: &Arc<Self>, image: &[u8]) -> Arc<Profile> {
+        let mut sii = image.to_vec();
+        sii.resize(sii.len().next_multiple_of(2), 0xFF);
+        Arc::new(Profile { sii: sii.into(), ..Self::clone(self) })
     }
 
     /// This device with another ESC of the same kind.

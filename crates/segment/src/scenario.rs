@@ -282,6 +282,7 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         cycle: device.cycle,
         sync1: device.sync1,
         sync0_cycle: device.sync0_cycle,
+        unit: device.unit,
         measured: device.measured,
         assumed,
         clock: Some(clock_range(device)),

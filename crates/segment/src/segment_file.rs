@@ -22,6 +22,7 @@
 //! esi = "vendor.xml"            # relative to the segment file
 //! type = "EL2502-0010"
 //! revision = 0x0011_0000        # default: the newest
+//! product = 0x09C6_3052         # where several devices have this type and revision
 //! opmode = "DC"                 # by name, or by number from 0; default: the first, for drives the first with SYNC0
 //! ```
 //!
@@ -58,6 +59,7 @@ use isocat_maindevice::{DriftFilters, MeasuredTimes};
 use isocat_sim::plant::PlantSetup;
 use isocat_sim::{ClockModel, Expectation};
 use isocat_sync::SyncMode;
+use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 
 use crate::chips;
@@ -74,6 +76,7 @@ mod operation;
 mod output;
 mod plant;
 mod ring;
+mod sii;
 mod subdevice;
 #[cfg(test)]
 mod tests;
@@ -161,7 +164,7 @@ pub struct SubDevice {
     /// of each then ends in its number among them, from 0.
     pub name: String,
     /// The device, with what the file says differently already in it. Keys `device`, or `esi`,
-    /// `type`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
+    /// `type`, `product`, `revision` and `opmode`; `calc_copy` (what it states in 0x1C32:06), `copy_time`
     /// (what its CPU really needs), `delay` (what it states in 0x1C32:09), `jitter` (of its CPU), `pulse` and
     /// `acknowledge` (how its SYNC signals fall again), `eeprom_burn` (how long its EEPROM burns), `misbehave` (what it
     /// does wrong, by name).
@@ -196,6 +199,8 @@ pub struct SubDevice {
     /// Cycle of SYNC0, for the mode "dc-subordinated". Key `sync0_cycle`; `None`: what the device
     /// states in 0x1C32:0A.
     pub sync0_cycle: Option<Nanos>,
+    /// What its registers 0x0980 and 0x0981 get, by the OpMode of its `esi` file; `None` without.
+    pub unit: Option<AssignActivate>,
     /// Times that it measured once. Table `measured_times`.
     pub measured: MeasuredTimes,
     /// It may be absent, and come while the segment runs (hot connect). Key `optional`.
@@ -212,6 +217,16 @@ impl SegmentFile {
     /// Reads a segment file; `path` names it in errors, and paths of profile files are relative to
     /// its folder.
     pub fn parse(path: &str, text: &str) -> Result<Self, FileError> {
+        Self::parse_with(path, text, &[])
+    }
+
+    /// The same with profiles in hand: the key `device` finds them by their ids, before it looks for built-in ones and
+    /// for files.
+    pub fn parse_with(
+        path: &str,
+        text: &str,
+        profiles: &[Arc<Profile>],
+    ) -> Result<Self, FileError> {
         let source = Source { path, text };
         let document = source.parse()?;
         let root = Keys::open(Table::root(source, &document), &keys::FILE)?;
@@ -233,7 +248,7 @@ impl SegmentFile {
             return Err(root.error(keys::no_device()));
         }
         let mut devices = Devices::on(host.port);
-        let mut files = esi::Files::default();
+        let mut files = esi::Files::with(profiles);
         let bus = subdevice::Bus { cycle, tolerance };
         let mut lines = Lines { text, at: 0, line: 1 };
         for table in &tables {

@@ -34,7 +34,7 @@ fn read(of: &File, text: &str) -> Result<String, FileError> {
 fn folder() -> PathBuf {
     static MADE: std::sync::OnceLock<PathBuf> = std::sync::OnceLock::new();
     let make = || {
-        let folder = std::env::temp_dir().join(format!("isocat-keys-{}", std::process::id()));
+        let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("keys");
         std::fs::create_dir_all(&folder).unwrap();
         let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../isocat/tests/esi/box.xml");
         let text = std::fs::read_to_string(shipped).unwrap();
@@ -42,6 +42,8 @@ fn folder() -> PathBuf {
         assert!(text.contains(drive));
         let renamed = text.replacen(drive, "RevisionNo=\"#x00110000\">EL2502-0010</Type>", 1);
         std::fs::write(folder.join("vendor.xml"), renamed).unwrap();
+        let simple = isocat_segment::profile::built_in("simple_io4").unwrap();
+        std::fs::write(folder.join("eeprom.bin"), &simple.sii).unwrap();
         folder
     };
     MADE.get_or_init(make).clone()
@@ -258,11 +260,17 @@ fn keys_that_go_together() {
                     }
                     // Its base has neither but the first.
                     Rule::Any(one, _) => vec![bases::file(&place(one), None)],
-                    Rule::Needs(one, other) => {
-                        let beside = bases::file(&place(one), Some(&line(one)));
-                        let without = |line: &&str| !line.starts_with(&format!("{other} ="));
-                        vec![beside.lines().filter(without).map(|l| format!("{l}\n")).collect()]
+                    Rule::AnyOf(keys) => {
+                        keys.iter().map(|key| bases::file(&place(key), None)).collect()
                     }
+                    Rule::NotBoth(one, other) => {
+                        vec![bases::file(
+                            &place(one),
+                            Some(&format!("{}\n{}", line(one), line(other))),
+                        )]
+                    }
+                    Rule::Needs(one, other) => vec![alone(&place(one), &[other])],
+                    Rule::NeedsAny(one, others) => vec![alone(&place(one), others)],
                 };
                 for text in wrong {
                     assert!(read(file, &text).is_err(), "{rule:?}\n{text}");
@@ -272,6 +280,14 @@ fn keys_that_go_together() {
         }
     }
     assert!(rules > 8, "{rules}");
+}
+
+/// A file that has this key and none of the others.
+fn alone(place: &Place, others: &[&str]) -> String {
+    let line = format!("{} = {}", place.key.name, place.key.example);
+    let beside = bases::file(place, Some(&line));
+    let without = |line: &&str| !others.iter().any(|other| line.starts_with(&format!("{other} =")));
+    beside.lines().filter(without).map(|line| format!("{line}\n")).collect()
 }
 
 #[test]

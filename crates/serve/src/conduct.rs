@@ -206,7 +206,7 @@ impl Conduct {
     pub fn order(&self) -> Vec<(Deed, Done)> {
         let all = Deed::ALL.iter().filter_map(|deed| Some((*deed, self.done(*deed)?)));
         let mut all: Vec<_> = all.collect();
-        all.sort_by_key(|(_, done)| done.first);
+        all.sort_unstable_by_key(|(deed, done)| (done.first, *deed as usize));
         all
     }
 

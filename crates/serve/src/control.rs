@@ -2,8 +2,8 @@
 //!
 //! Each client has a thread for as long as its request takes, two seconds at most, whatever it
 //! sends or does not send; with too many of them the oldest is sent away. A thread hands its
-//! request to the service and wakes it; so nobody who connects and says nothing can hold up a
-//! frame, nor the request of another.
+//! request to the service and wakes it, so that a client which connects and stays silent holds up
+//! neither a frame nor another client's request.
 //!
 //! The socket stands in a folder that nobody else can write to, and a client asks only a service of
 //! its own user or of root: another user's socket may answer anything, without end, or never.

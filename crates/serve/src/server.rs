@@ -9,7 +9,7 @@ use isocat_segment::scenario;
 use isocat_sim::expect::Judgement;
 use isocat_sim::fault::{Happened, Moment, RING_CABLE};
 use isocat_sim::observation::Observed;
-use isocat_sim::{Connection, Fault, MainPort, Passage, Served, Tap, Timeline};
+use isocat_sim::{Connection, Fault, MainPort, Passage, Served, ServedCycle, Tap, Timeline};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 use isocat_wire::{AlState, AlStatusCode, Command, frame, register};
@@ -68,6 +68,8 @@ pub struct Server {
     watch: Watch,
     /// Keeps what happens.
     tap: Option<Box<dyn Tap + Send>>,
+    /// Judged cycles, of all sessions.
+    cycles: u64,
 }
 
 /// What is to become of a frame.
@@ -258,6 +260,7 @@ impl Server {
             onlooker: None,
             watch,
             tap: None,
+            cycles: 0,
             served: Served::new(segment, seed, now).in_ring(ring).with_faults(timeline),
             ring: ring.is_some(),
             has_host,
@@ -376,7 +379,20 @@ impl Server {
         if let Some(reference) = seen.reference {
             self.take_reference(reference);
         }
+        let back = passage.fate.map_or(passage.start, |back| back.last_bit);
         self.follow(seen, passage.start);
+        if seen.cycle && self.session.as_ref().is_some_and(|session| session.judging) {
+            self.cycles += 1;
+            let cycle = ServedCycle { number: self.cycles, frames_lost: self.counts.lost };
+            self.show_cycle(back, Some(cycle));
+        }
+    }
+
+    /// Tells the tap that a judged cycle is over, or the judged time.
+    fn show_cycle(&mut self, at: Time<True>, cycle: Option<ServedCycle>) {
+        if let Some(tap) = &mut self.tap {
+            tap.served_cycle(at, cycle, self.served.segment());
+        }
     }
 
     /// Whether a frame says what the MainDevice does: one of the primary port. A MainDevice with a
@@ -691,6 +707,7 @@ impl Server {
             if let Some(session) = &mut self.session {
                 session.judging = false;
             }
+            self.show_cycle(at, None);
             return;
         }
         if seen.cycle && session.judging {
@@ -763,6 +780,7 @@ impl Server {
         if let Some(session) = self.session.as_ref().filter(|s| s.judging && !s.silent) {
             self.watch.is_silent(session.conduct.last);
             self.keep_judged();
+            self.show_cycle(self.served.now(), None);
         }
         let Some(mut session) = self.session.take() else { return };
         let abrupt = matches!(session.requested, AlState::SafeOp | AlState::Op);

@@ -33,6 +33,9 @@ pub trait Audience {
     fn link(&mut self, server: &Server, interface: &str, up: bool);
     /// Called about once a second.
     fn tick(&mut self, server: &Server);
+    /// A frame came in at `at` (`answer` is false), or an answer was handed to the kernel then, at
+    /// this port of the MainDevice.
+    fn frame(&mut self, _port: MainPort, _at: Time<Host>, _answer: bool, _bytes: &[u8]) {}
 }
 
 /// The answer to a request.
@@ -68,7 +71,7 @@ pub fn run(
     wake.set_nonblocking(true).map_err(failed)?;
     let mut service = Service::new(interfaces);
     loop {
-        let frames = service.turn(server, wake, style)?;
+        let frames = service.turn(server, wake, style, audience)?;
         service.look_at_links(server, audience)?;
         while let Some(event) = server.poll_event() {
             audience.event(server, event);
@@ -204,17 +207,22 @@ impl Service {
         server: &mut Server,
         wake: &UnixStream,
         style: Style,
+        audience: &mut dyn Audience,
     ) -> Result<bool, LinkError> {
         let frames = match style.busy {
-            true => self.spin(server)?,
-            false => self.sleep(server, wake)? && self.take(server)?,
+            true => self.spin(server, audience)?,
+            false => self.sleep(server, wake)? && self.take(server, audience)?,
         };
-        self.release()?;
+        self.release(audience)?;
         Ok(frames)
     }
 
     /// Takes the frame that came first, if one is there, and answers it.
-    fn take(&mut self, server: &mut Server) -> Result<bool, LinkError> {
+    fn take(
+        &mut self,
+        server: &mut Server,
+        audience: &mut dyn Audience,
+    ) -> Result<bool, LinkError> {
         for port in &mut self.ports {
             port.receive()?;
         }
@@ -229,10 +237,12 @@ impl Service {
         // The answer may leave at the other port, so it does not stay in this one's buffer.
         let mut buffer = port.buffer;
         let frame = &mut buffer[..received.len];
+        audience.frame(PORTS[at], received.at, false, frame);
         match server.frame_at(PORTS[at], received.at, frame) {
             Answer::Back { port, hold: None, .. } => {
-                if let Some(port) = self.ports.get_mut(port as usize) {
-                    port.send(frame)?;
+                if let Some(out) = self.ports.get_mut(port as usize) {
+                    out.send(frame)?;
+                    audience.frame(port, clock::now(), true, frame);
                 }
             }
             Answer::Back { port, hold: Some(due), .. } => self.hold(due, port, frame.to_vec()),
@@ -334,9 +344,13 @@ impl Service {
     }
 
     /// One turn of spinning.
-    fn spin(&mut self, server: &mut Server) -> Result<bool, LinkError> {
+    fn spin(
+        &mut self,
+        server: &mut Server,
+        audience: &mut dyn Audience,
+    ) -> Result<bool, LinkError> {
         self.spins += 1;
-        if self.take(server)? {
+        if self.take(server, audience)? {
             return Ok(true);
         }
         let now = clock::now();
@@ -354,13 +368,14 @@ impl Service {
     }
 
     /// Sends what has waited long enough.
-    fn release(&mut self) -> Result<(), LinkError> {
+    fn release(&mut self, audience: &mut dyn Audience) -> Result<(), LinkError> {
         while let Some((due, ..)) = self.held.front() {
             if *due > clock::now() {
                 break;
             }
             if let Some((_, port, frame)) = self.held.pop_front() {
                 self.ports[port].send(&frame)?;
+                audience.frame(PORTS[port], clock::now(), true, &frame);
             }
         }
         Ok(())

@@ -395,6 +395,9 @@ impl Device {
                 let sm = |area: ProcessDataArea| al_event::sync_manager(area.sync_manager.into());
                 let (outputs, input_area) = (sm(description.outputs), description.inputs);
                 let inputs = sm(input_area);
+                // Further SyncManagers are exchanged with the first one of their direction, and are no event of their own.
+                let further = description.further_outputs.iter().chain(description.further_inputs);
+                let further = further.fold(0, |events, area| events | sm(*area));
                 let content = Content { frame: self.frame, ..Content::default() };
                 if al_events & outputs != 0 {
                     self.event(at, Event::Sm2, (Observed::Sm2, content), watch);
@@ -404,7 +407,7 @@ impl Device {
                     let content = Content { latched, ..content };
                     self.event(at, Event::Sm3, (Observed::Sm3, content), watch);
                 }
-                if al_events & !(outputs | inputs) != 0 {
+                if al_events & !(outputs | inputs | further) != 0 {
                     self.cpu.wake(at);
                 }
             }

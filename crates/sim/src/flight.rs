@@ -15,6 +15,7 @@ use isocat_wire::time::{Device as DeviceClock, Picos, Time, True};
 
 use crate::observation::Observation;
 use crate::path::{Arrival, Loops};
+use crate::probe::{Probed, Sight};
 use crate::segment::{Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
 
@@ -89,6 +90,9 @@ impl Segment {
     ) -> Result<Picos, Lost> {
         let Arrival { device: number, port, after } = arrival;
         let at = flight.start + after;
+        if port == PortNumber::P0 {
+            self.tapped(number, at, Sight::Outbound, flight);
+        }
         let first = !std::mem::replace(&mut self.met[number], true);
         while let Some(notice) = self.disturbances.take_notice(at, Some(number)) {
             self.notice(notice, first, watch);
@@ -150,6 +154,9 @@ impl Segment {
         after: Picos,
     ) -> Result<(Hop, Picos), Lost> {
         let hop = self.wiring.hop(end).ok_or(Lost::NoCable(end))?;
+        if let End::Port(device, PortNumber::P0) = end {
+            self.tapped(device, flight.start + after, Sight::Inbound, flight);
+        }
         let harms = self.disturbances.frames.on_cable(hop.cable, hop.direction);
         if harms.lost {
             return Err(Lost::OnTheWay { cable: hop.cable });
@@ -171,6 +178,13 @@ impl Segment {
             flight.good = false;
         }
         Ok((hop, arrives))
+    }
+
+    /// A frame passes port 0 of a SubDevice: a tap in the cable there sees it, if it is whole.
+    fn tapped(&mut self, device: usize, at: Time<True>, sight: Sight, flight: &Flight<'_>) {
+        if flight.good && self.probes.tap_at(device) {
+            self.probes.see(Probed { device, at, sight, bytes: flight.bytes.to_vec() });
+        }
     }
 
     fn begin_trail(&mut self) {

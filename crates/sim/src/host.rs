@@ -36,7 +36,7 @@ pub struct HostModel {
 pub struct Delay {
     /// Mean of the exponential part.
     pub mean: Nanos,
-    /// One of so many is longer; 0: none.
+    /// One in this many is longer; 0: none.
     pub one_of: u64,
     /// By how much these are longer: evenly from the first to the second.
     pub more: (Nanos, Nanos),

@@ -63,4 +63,4 @@ pub use segment::{Closing, Connection, Lost, Returned, Segment};
 pub use served::{Passage, Served};
 pub use statistics::Statistics;
 pub use wiring::MainPort;
-pub use world::{Setup, Tap, World};
+pub use world::{ServedCycle, Setup, Tap, World};

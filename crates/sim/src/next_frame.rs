@@ -91,7 +91,7 @@ impl Segment {
             arrivals.extend(all.filter(|at| waits(at)).map(|at| (*at, *left)));
         }
         arrivals.extend(own.iter().filter(|at| waits(at)).map(|at| (*at, start)));
-        arrivals.sort_by_key(|(arrival, left)| *left + arrival.after);
+        arrivals.sort_unstable_by_key(|(arrival, left)| (*left + arrival.after, arrival.device));
         for (arrival, left) in arrivals {
             self.stamp(arrival, left);
         }

@@ -1,25 +1,40 @@
-//! Probes in front of SubDevices: what a frame holds where only the simulation can look.
+//! Probes at SubDevices and taps in cables: what a frame holds on its way through the segment.
 
 use isocat_wire::time::{Time, True};
 
-/// A frame at a probe.
+/// Where a frame was seen.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Sight {
+    /// It enters the processing unit of a SubDevice.
+    Enters,
+    /// It leaves the processing unit of a SubDevice.
+    Leaves,
+    /// It arrives at port 0 of a SubDevice, over the cable there.
+    Outbound,
+    /// It leaves port 0 of a SubDevice, into the cable there.
+    Inbound,
+}
+
+/// A frame at a probe or a tap.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Probed {
     /// Position of the SubDevice.
     pub device: usize,
     /// When its first bit passed.
     pub at: Time<True>,
-    /// It enters the SubDevice; else it leaves it, processed.
-    pub entered: bool,
+    /// Where that was.
+    pub sight: Sight,
     /// What it holds.
     pub bytes: Vec<u8>,
 }
 
-/// The probes of a segment, and what they have seen.
+/// The probes and taps of a segment, and what they have seen.
 #[derive(Default)]
 pub(crate) struct Probes {
-    /// Positions, ascending.
+    /// Positions with a probe, ascending.
     devices: Vec<usize>,
+    /// Positions with a tap in the cable at port 0, ascending.
+    cables: Vec<usize>,
     seen: Vec<Probed>,
 }
 
@@ -31,12 +46,29 @@ impl Probes {
         }
     }
 
-    /// Nobody looks anywhere.
+    /// Taps the cable at port 0 of a SubDevice from now on.
+    pub fn tap(&mut self, device: usize) {
+        if let Err(at) = self.cables.binary_search(&device) {
+            self.cables.insert(at, device);
+        }
+    }
+
+    /// Whether any cable has a tap: frames have to be followed from port to port.
+    pub fn are_in_cables(&self) -> bool {
+        !self.cables.is_empty()
+    }
+
+    /// Whether the cable at port 0 of a SubDevice has a tap.
+    pub fn tap_at(&self, device: usize) -> bool {
+        self.cables.binary_search(&device).is_ok()
+    }
+
+    /// No SubDevice has a probe.
     pub fn are_none(&self) -> bool {
         self.devices.is_empty()
     }
 
-    /// Whether somebody looks at a SubDevice.
+    /// Whether a SubDevice has a probe.
     pub fn sees(&self, device: usize) -> bool {
         self.devices.binary_search(&device).is_ok()
     }

@@ -18,7 +18,7 @@ use crate::next_frame::NextFrame;
 use crate::observation::Observation;
 use crate::path::{Arrival, Loops, Path, Reception};
 use crate::plant::{Acted, PlantSetup};
-use crate::probe::{Probed, Probes};
+use crate::probe::{Probed, Probes, Sight};
 use crate::wiring::{End, MainPort, PortTaken, Stay, Wiring};
 
 /// Where a SubDevice hangs, and what it is.
@@ -186,7 +186,7 @@ impl Segment {
         segment.refresh(Time::ZERO);
         let mut later: Vec<_> =
             later.into_iter().enumerate().filter(|(_, at)| *at > Time::ZERO).collect();
-        later.sort_by_key(|(_, at)| *at);
+        later.sort_unstable_by_key(|(device, at)| (*at, *device));
         for (device, _) in &later {
             segment.power_off(*device, Time::ZERO);
         }
@@ -230,7 +230,15 @@ impl Segment {
         }
     }
 
-    /// What the probes have seen since the last look.
+    /// Has frames kept on the cable at port 0 of a SubDevice, in both directions; without effect if there is none.
+    /// All frames are then followed from port to port.
+    pub fn tap(&mut self, device: usize) {
+        if device < self.devices.len() {
+            self.probes.tap(device);
+        }
+    }
+
+    /// What the probes and taps have seen since the last look.
     pub(crate) fn take_probed(&mut self) -> impl Iterator<Item = Probed> + '_ {
         self.probes.take()
     }
@@ -465,6 +473,7 @@ impl Segment {
         let round_trip = path.round_trip;
         let last_bit = start + round_trip + duration;
         let quiet = !self.unsettled && self.disturbances.are_quiet(start, last_bit);
+        let quiet = quiet && !self.probes.are_in_cables();
         let port = match path.end {
             // Against the order of a whole ring: nobody looks into it.
             Some(port) if quiet && path.entries.is_empty() => {
@@ -575,7 +584,8 @@ impl Segment {
         let device = arrival.device;
         let stay = if processed { self.wiring.stay(device).processing } else { Picos::ZERO };
         let at = start + arrival.after + stay;
-        self.probes.see(Probed { device, at, entered: !processed, bytes });
+        let sight = if processed { Sight::Leaves } else { Sight::Enters };
+        self.probes.see(Probed { device, at, sight, bytes });
     }
 
     /// Leads a frame past everybody, where each one has to see all of it.

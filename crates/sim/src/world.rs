@@ -15,6 +15,7 @@ use crate::fault::happen::Scene;
 use crate::fault::{Fault, Foreign, Happened, Moment, Planned, Timeline};
 use crate::host::{HostMachine, HostModel};
 use crate::observation::Observation;
+use crate::probe::Sight;
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
 
@@ -58,22 +59,28 @@ pub trait Tap {
     /// The same at the secondary port of a ring.
     fn secondary_frame(&mut self, _at: Time<True>, _sent: bool, _bytes: &[u8]) {}
 
-    /// The frame that left a port at `at` does not come back to the program: why it was lost, or `None` if it came back
-    /// damaged.
+    /// The frame that left a port at `at` does not come back to the program: why it was lost, or
+    /// `None` if it came back damaged.
     fn lost(&mut self, _at: Time<True>, _port: Port, _why: Option<Lost>) {}
 
-    /// Positions of the SubDevices in front of which frames are to be [`probed`](Self::probed); asked once. Where none
-    /// stands, nothing is seen.
+    /// Positions of the SubDevices in front of which frames are to be [`probed`](Self::probed);
+    /// asked once. Where none stands, nothing is seen.
     fn probes(&self) -> Vec<usize> {
         Vec::new()
     }
 
-    /// The first bit of a frame that a SubDevice processes entered it (`entered`) or left it at `at`, with what it holds
-    /// then. Told when the frame is sent.
-    fn probed(&mut self, _at: Time<True>, _device: usize, _entered: bool, _bytes: &[u8]) {}
+    /// Positions of the SubDevices at whose port 0 the cable has a tap; asked once. Where none
+    /// stands, nothing is seen.
+    fn cables(&self) -> Vec<usize> {
+        Vec::new()
+    }
 
-    /// A frame that left the primary port at `at` has passed the SubDevices: how they stand then. Each is brought up to the last
-    /// frame that concerned it.
+    /// The first bit of a frame passed a probe or a tap at a SubDevice at `at`, with what it holds
+    /// then. Told when the frame is sent.
+    fn probed(&mut self, _at: Time<True>, _device: usize, _sight: Sight, _bytes: &[u8]) {}
+
+    /// A frame that left the primary port at `at` has passed the SubDevices: how they stand then.
+    /// Each is brought up to the last frame that concerned it.
     fn passed(&mut self, _at: Time<True>, _segment: &Segment) {}
 
     /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
@@ -82,7 +89,8 @@ pub trait Tap {
     /// What the judges made of the event that was just observed at a SubDevice, if they did.
     fn measured(&mut self, _at: Time<True>, _device: usize, _measured: &Measured) {}
 
-    /// Something went wrong, or a fault ended. What happens to cables and power is told some milliseconds before its time.
+    /// Something went wrong, or a fault ended. What happens to cables and power is told some
+    /// milliseconds before its time.
     fn fault(&mut self, _happened: &Happened) {}
 
     /// The MainDevice told something, known at `at`.
@@ -94,10 +102,24 @@ pub trait Tap {
     /// The judged time is over: what comes now is in no report. SubDevices are brought up to `at`.
     fn judging_ends(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
 
-    /// A cycle is over at `at`, and the application has had its turn if process data run: how the MainDevice and the
-    /// segment stand then. Every frame of the cycle is in the program's hands, or given up as the next cycle is due.
-    /// SubDevices are brought up to the last frame that passed them.
+    /// A cycle is over at `at`, and the application has had its turn if process data run: how the
+    /// MainDevice and the segment stand then. Every frame of the cycle is in the program's hands,
+    /// or given up as the next cycle is due. SubDevices are brought up to the last frame that
+    /// passed them.
     fn cycle(&mut self, _at: Time<True>, _main: &MainDevice, _segment: &Segment) {}
+
+    /// The same of a MainDevice that is not ours, while it is judged: its frame with process data
+    /// is back. `None`: it is not judged any more.
+    fn served_cycle(&mut self, _at: Time<True>, _cycle: Option<ServedCycle>, _segment: &Segment) {}
+}
+
+/// A cycle of a MainDevice that is not ours, as the segment sees it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct ServedCycle {
+    /// Frames with process data so far, from when it was judged first.
+    pub number: u64,
+    /// Frames of all kinds that did not come back, from the beginning of the run.
+    pub frames_lost: u64,
 }
 
 /// A run in progress.
@@ -133,12 +155,16 @@ struct Returning {
 }
 
 impl<A: Application, T: Tap> World<A, T> {
-    /// Everything switched on at true time zero. Panics if cables do not go together, see [`Segment::new`].
+    /// Everything switched on at true time zero. Panics if cables do not go together, see
+    /// [`Segment::new`].
     pub fn new(setup: Setup, application: A, tap: Option<T>) -> Self {
         let host = HostMachine::new(setup.host, setup.seed);
         let mut segment = Segment::new(setup.segment, setup.seed).in_ring(setup.ring);
         for position in tap.iter().flat_map(Tap::probes) {
             segment.probe(position);
+        }
+        for position in tap.iter().flat_map(Tap::cables) {
+            segment.tap(position);
         }
         let now = Time::ZERO;
         let bench = Bench::new(segment.devices().len());
@@ -219,9 +245,9 @@ impl<A: Application, T: Tap> World<A, T> {
         self.tap
     }
 
-    /// Lets the next thing happen to the MainDevice, if that is not after `limit`: a frame comes back or
-    /// its timer wakes it. False if nothing does; then true time stands at `limit`, for the SubDevices
-    /// too.
+    /// Lets the next thing happen to the MainDevice, if that is not after `limit`: a frame comes
+    /// back or its timer wakes it. False if nothing does; then true time stands at `limit`, for the
+    /// SubDevices too.
     pub fn step(&mut self, limit: Time<True>) -> bool {
         self.let_faults_happen();
         if self.host.awake(self.now) == self.now {
@@ -281,7 +307,8 @@ impl<A: Application, T: Tap> World<A, T> {
         Some(event)
     }
 
-    /// Once the judging begins, it is followed when each SubDevice is in sync: see [`course`](Self::course).
+    /// Once the judging begins, it is followed when each SubDevice is in sync: see
+    /// [`course`](Self::course).
     pub fn follow_course(&mut self) {
         self.follows_course = true;
     }
@@ -438,8 +465,8 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
-    /// A frame passes the segment, or a copy of the one that left `first`, and comes back, or does not; `back` is what
-    /// happens to it then.
+    /// A frame passes the segment, or a copy of the one that left `first`, and comes back, or does
+    /// not; `back` is what happens to it then.
     fn pass(
         &mut self,
         from: Port,
@@ -453,7 +480,7 @@ impl<A: Application, T: Tap> World<A, T> {
         let fate = self.segment.pass_copy(wired, &mut bytes, (first, start), watch);
         if let Some(tap) = &mut self.tap {
             for seen in self.segment.take_probed() {
-                tap.probed(seen.at, seen.device, seen.entered, &seen.bytes);
+                tap.probed(seen.at, seen.device, seen.sight, &seen.bytes);
             }
         }
         if from == Port::Primary {

@@ -21,6 +21,8 @@ static DESCRIPTION: Description = Description {
     mailbox: None,
     outputs: ProcessDataArea { sync_manager: 2, start: 0x1000, max_length: 64 },
     inputs: ProcessDataArea { sync_manager: 3, start: 0x1100, max_length: 64 },
+    further_outputs: &[],
+    further_inputs: &[],
     behaviour: Behaviour::DEFAULT,
 };
 

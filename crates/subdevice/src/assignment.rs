@@ -7,6 +7,7 @@ use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
 use isocat_wire::coe::info::Access;
 use isocat_wire::{AbortCode, ObjectAddress};
 
+use crate::description::ProcessDataArea;
 use crate::dictionary::Dictionary;
 
 /// Indices of the RxPDOs (outputs).
@@ -34,6 +35,11 @@ pub(crate) fn length<S: AsRef<[u8]> + AsMut<[u8]>>(
         }
     }
     Ok(Some(bits.div_ceil(8)))
+}
+
+/// The assignment object of a SyncManager: 0x1C10 and its number.
+pub(crate) fn of_sync_manager(area: ProcessDataArea) -> u16 {
+    FIRST_ASSIGNMENT + u16::from(area.sync_manager)
 }
 
 /// Whether the values of this object can be changed only while its sub-index 0 is 0.

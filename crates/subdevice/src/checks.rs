@@ -3,6 +3,8 @@
 //! The order of the checks is that of the Slave Stack Code, so that a configuration with several
 //! faults gives the status code that the field knows; stricter checks stand behind those they refine.
 
+use core::ops::Range;
+
 use isocat_esc::{Pdi, PdiExt};
 use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
@@ -16,21 +18,24 @@ use crate::assignment;
 use crate::description::{Description, Mailbox, ProcessDataArea};
 use crate::dictionary::Dictionary;
 use crate::misbehaviour::Misbehaviour;
-use crate::process_data::{Buffer, MAX_PROCESS_DATA};
+use crate::process_data::{Buffer, Buffers, MAX_AREAS, MAX_PROCESS_DATA};
 use crate::sync_engine::{Chosen, Setup};
 
 /// What PREOP to SAFEOP found out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(crate) struct SafeOp {
-    /// Buffer of SM2.
-    pub outputs: Buffer,
-    /// Buffer of SM3.
-    pub inputs: Buffer,
-    /// SM2 restarts the process data watchdog.
+    /// Buffers of the outputs, SM2 as a rule.
+    pub outputs: Buffers,
+    /// Buffers of the inputs, SM3 as a rule.
+    pub inputs: Buffers,
+    /// A SyncManager of outputs restarts the process data watchdog.
     pub watchdog: bool,
     /// How the device will be synchronized.
     pub sync: Setup,
 }
+
+/// Bytes by area, in the order of the description.
+type Lengths = [u32; MAX_AREAS];
 
 /// INIT to PREOP: the mailbox SyncManagers must be set as the device has its mailbox.
 pub(crate) fn mailbox(pdi: &mut impl Pdi, mailbox: Option<&Mailbox>) -> Result<(), AlStatusCode> {
@@ -47,18 +52,22 @@ pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
     chosen: Chosen,
 ) -> Result<SafeOp, AlStatusCode> {
     let description = dictionary.description();
-    let sm2 = process_data_manager(pdi, description.outputs);
-    let sm3 = process_data_manager(pdi, description.inputs);
-    let (output_length, input_length) = mapped_lengths(dictionary, &sm2, &sm3)?;
-    let (outputs, inputs) = process_data(pdi, description, output_length, input_length)?;
+    let (output_lengths, input_lengths) = mapped_lengths(pdi, dictionary)?;
+    let (outputs, inputs) = process_data(pdi, description, &output_lengths, &input_lengths)?;
     let sync = sync(pdi, dictionary, chosen, outputs.is_used(), inputs.is_used())?;
-    let one_buffer = |sm: &SyncManager, buffer: Buffer| buffer.is_used() && sm.is_mailbox();
+    let areas = || description.output_areas().chain(description.input_areas());
     if sync.chain.mode == SyncMode::FreeRun
-        && (one_buffer(&sm2, outputs) || one_buffer(&sm3, inputs))
+        && areas().any(|area| {
+            let sm = process_data_manager(pdi, area);
+            effective_length(&sm) > 0 && sm.is_mailbox()
+        })
     {
         return Err(AlStatusCode::FREE_RUN_NEEDS_3_BUFFERS);
     }
-    let watchdog = outputs.is_used() && sm2.control & SyncManager::CONTROL_WATCHDOG != 0;
+    let watchdog = description.output_areas().any(|area| {
+        let sm = process_data_manager(pdi, area);
+        effective_length(&sm) > 0 && sm.control & SyncManager::CONTROL_WATCHDOG != 0
+    });
     let watchdog_time = pdi.load(register::WATCHDOG_TIME_PROCESS_DATA);
     let must_agree = description.behaviour.watchdog_must_agree && outputs.is_used();
     if must_agree && watchdog != (watchdog_time != 0) {
@@ -67,80 +76,122 @@ pub(crate) fn safe_op<S: AsRef<[u8]> + AsMut<[u8]>>(
     Ok(SafeOp { outputs, inputs, watchdog, sync })
 }
 
-/// The buffers of SM2 and SM3, if they are set for so many bytes. Asked for at PREOP to SAFEOP, and again
-/// whenever a SyncManager is switched in SAFEOP or OP.
+/// The buffers of the process data, if their SyncManagers are set for so many bytes each. Asked for at PREOP to SAFEOP,
+/// and again whenever a SyncManager is switched in SAFEOP or OP.
 pub(crate) fn process_data(
     pdi: &mut impl Pdi,
     description: &Description,
-    output_length: u32,
-    input_length: u32,
-) -> Result<(Buffer, Buffer), AlStatusCode> {
-    let sm2 = process_data_manager(pdi, description.outputs);
-    let sm3 = process_data_manager(pdi, description.inputs);
+    output_lengths: &Lengths,
+    input_lengths: &Lengths,
+) -> Result<(Buffers, Buffers), AlStatusCode> {
     let ram_end = u32::from(register::PROCESS_RAM) + 1024 * u32::from(pdi.load(register::RAM_SIZE));
-    let outputs =
-        buffer(&sm2, description.outputs, output_length, SyncManager::CONTROL_ECAT_WRITES, ram_end)
-            .ok_or(AlStatusCode::INVALID_OUTPUT_CONFIGURATION)?;
-    let inputs = buffer(&sm3, description.inputs, input_length, 0, ram_end)
+    let direction = SyncManager::CONTROL_ECAT_WRITES;
+    let areas = description.output_areas();
+    let outputs = buffers(pdi, areas, output_lengths, direction, ram_end)
+        .ok_or(AlStatusCode::INVALID_OUTPUT_CONFIGURATION)?;
+    let inputs = buffers(pdi, description.input_areas(), input_lengths, 0, ram_end)
         .ok_or(AlStatusCode::INVALID_INPUT_CONFIGURATION)?;
-    // Without outputs the read of the inputs is the event that the device lives by.
-    if outputs.is_used() && sm2.control & SyncManager::CONTROL_AL_EVENT == 0 {
+    // Without outputs the read of the inputs is the event that the device lives by. Of several SyncManagers it is
+    // that of the first one.
+    let silent = |sm: SyncManager| sm.control & SyncManager::CONTROL_AL_EVENT == 0;
+    let (first_outputs, first_inputs) = (description.outputs, description.inputs);
+    if outputs.is_used() && silent(process_data_manager(pdi, first_outputs)) {
         return Err(AlStatusCode::INVALID_OUTPUT_CONFIGURATION);
     }
-    if !outputs.is_used() && inputs.is_used() && sm3.control & SyncManager::CONTROL_AL_EVENT == 0 {
+    let lives_by_inputs = !outputs.is_used() && inputs.is_used();
+    if lives_by_inputs && silent(process_data_manager(pdi, first_inputs)) {
         return Err(AlStatusCode::INVALID_INPUT_CONFIGURATION);
     }
-
-    let area = |sm: &SyncManager, used: bool| {
-        let buffers = if sm.is_mailbox() { 1 } else { 3 };
-        let start = u32::from(sm.start);
-        start..start + if used { buffers * u32::from(sm.length) } else { 0 }
-    };
-    let (output_area, input_area) = (area(&sm2, outputs.is_used()), area(&sm3, inputs.is_used()));
-    for mailbox in description.mailbox.iter().flat_map(|m| [m.receive, m.send]) {
-        let start = u32::from(mailbox.start);
-        let mailbox_area = start..start + u32::from(mailbox.length);
-        if overlap(&input_area, &mailbox_area) {
-            return Err(AlStatusCode::INVALID_INPUT_CONFIGURATION);
-        }
-        if overlap(&output_area, &mailbox_area) {
-            return Err(AlStatusCode::INVALID_OUTPUT_CONFIGURATION);
-        }
-    }
-    if overlap(&output_area, &input_area) {
-        return Err(AlStatusCode::INVALID_OUTPUT_CONFIGURATION);
-    }
+    no_overlap(pdi, description)?;
     Ok((outputs, inputs))
 }
 
-/// Bytes of outputs and inputs by the PDO assignment. A device without assignment objects takes what
-/// the SyncManager is set to; without a mailbox nobody could have chosen it, and it has one length only.
+/// The areas of the process data neither touch a mailbox nor each other.
+fn no_overlap(pdi: &mut impl Pdi, description: &Description) -> Result<(), AlStatusCode> {
+    let mut taken: [Range<u32>; 2 + 2 * MAX_AREAS] = core::array::from_fn(|_| 0..0);
+    let mailboxes = description.mailbox.iter().flat_map(|mailbox| [mailbox.receive, mailbox.send]);
+    for (place, mailbox) in taken.iter_mut().zip(mailboxes) {
+        let start = u32::from(mailbox.start);
+        *place = start..start + u32::from(mailbox.length);
+    }
+    let (input, output) =
+        (AlStatusCode::INVALID_INPUT_CONFIGURATION, AlStatusCode::INVALID_OUTPUT_CONFIGURATION);
+    let inputs = description.input_areas().map(|area| (area, input));
+    let outputs = description.output_areas().map(|area| (area, output));
+    for (number, (area, code)) in inputs.chain(outputs).enumerate() {
+        let memory = memory(&process_data_manager(pdi, area));
+        if taken.iter().any(|other| overlap(other, &memory)) {
+            return Err(code);
+        }
+        if let Some(place) = taken.get_mut(2 + number) {
+            *place = memory;
+        }
+    }
+    Ok(())
+}
+
+/// The memory that a SyncManager takes, with all of its buffers. A single byte has one.
+fn memory(sm: &SyncManager) -> Range<u32> {
+    let length = effective_length(sm);
+    let buffers = if sm.is_mailbox() || length == 1 { 1 } else { 3 };
+    let start = u32::from(sm.start);
+    start..start + buffers * length
+}
+
+/// Bytes of outputs and inputs by the PDO assignment of each SyncManager. A device without assignment objects takes what
+/// the SyncManager is set to; without a mailbox nothing could have chosen it, and it has one length only.
 fn mapped_lengths<S: AsRef<[u8]> + AsMut<[u8]>>(
+    pdi: &mut impl Pdi,
     dictionary: &Dictionary<S>,
-    sm2: &SyncManager,
-    sm3: &SyncManager,
-) -> Result<(u32, u32), AlStatusCode> {
+) -> Result<(Lengths, Lengths), AlStatusCode> {
     let fixed = dictionary.description().mailbox.is_none();
-    let length = |index, sm: &SyncManager, area: ProcessDataArea, code| {
+    let mut length = |index, area: ProcessDataArea, code| {
         let most = usize::from(area.max_length).min(MAX_PROCESS_DATA) as u32;
         match assignment::length(dictionary, index) {
             Ok(Some(bytes)) if bytes <= most => Ok(bytes),
             Ok(None) if fixed => Ok(most),
-            Ok(None) => Ok(effective_length(sm)),
+            Ok(None) => Ok(effective_length(&process_data_manager(pdi, area))),
             _ => Err(code),
         }
     };
     let description = dictionary.description();
+    let (mut outputs, mut inputs) = ([0; MAX_AREAS], [0; MAX_AREAS]);
     let code = AlStatusCode::INVALID_INPUT_MAPPING;
-    let inputs = length(INPUT_ASSIGNMENT, sm3, description.inputs, code)?;
+    for (at, area) in description.input_areas().take(MAX_AREAS).enumerate() {
+        let index = if at == 0 { INPUT_ASSIGNMENT } else { assignment::of_sync_manager(area) };
+        inputs[at] = length(index, area, code)?;
+    }
     let code = AlStatusCode::INVALID_OUTPUT_MAPPING;
-    let outputs = length(OUTPUT_ASSIGNMENT, sm2, description.outputs, code)?;
+    for (at, area) in description.output_areas().take(MAX_AREAS).enumerate() {
+        let index = if at == 0 { OUTPUT_ASSIGNMENT } else { assignment::of_sync_manager(area) };
+        outputs[at] = length(index, area, code)?;
+    }
     Ok((outputs, inputs))
 }
 
-/// The SyncManager of a direction.
+/// The SyncManager of an area.
 fn process_data_manager(pdi: &mut impl Pdi, area: ProcessDataArea) -> SyncManager {
     pdi.load(register::sync_manager(usize::from(area.sync_manager)))
+}
+
+/// The buffers of one direction, if all of its SyncManagers are set as the device needs them.
+fn buffers(
+    pdi: &mut impl Pdi,
+    areas: impl Iterator<Item = ProcessDataArea>,
+    lengths: &Lengths,
+    direction: u8,
+    ram_end: u32,
+) -> Option<Buffers> {
+    // Each has its own limit, and the image has one for all.
+    if lengths.iter().sum::<u32>() > MAX_PROCESS_DATA as u32 {
+        return None;
+    }
+    let mut found = Buffers::NONE;
+    for (number, (area, length)) in areas.zip(lengths).enumerate() {
+        let sm = process_data_manager(pdi, area);
+        found.set(number, buffer(&sm, area, *length, direction, ram_end)?);
+    }
+    Some(found)
 }
 
 /// The buffer of a process data SyncManager if it is set as the device needs it.
@@ -157,9 +208,8 @@ fn buffer(
     if length == 0 {
         return Some(Buffer::default());
     }
-    let buffers = if sm.is_mailbox() { 1 } else { 3 };
     let fits = usize::from(sm.length) <= usize::from(area.max_length).min(MAX_PROCESS_DATA)
-        && u32::from(sm.start) + buffers * length <= ram_end;
+        && memory(sm).end <= ram_end;
     let mode = sm.is_mailbox() || sm.control & 0x03 == 0;
     let right = sm.start == area.start && mode && sm.control & 0x0C == direction;
     (fits && right).then_some(Buffer { start: sm.start, length: sm.length })
@@ -170,7 +220,7 @@ fn effective_length(sm: &SyncManager) -> u32 {
     if sm.is_enabled() { u32::from(sm.length) } else { 0 }
 }
 
-fn overlap(a: &core::ops::Range<u32>, b: &core::ops::Range<u32>) -> bool {
+fn overlap(a: &Range<u32>, b: &Range<u32>) -> bool {
     a.start < b.end && b.start < a.end && !a.is_empty() && !b.is_empty()
 }
 
@@ -184,7 +234,7 @@ fn is_mailbox(pdi: &mut impl Pdi, number: usize, area: MailboxArea, direction: u
 }
 
 /// The synchronization: what the SYNC unit is set to, what the MainDevice chose, what the device can.
-fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
+pub(crate) fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     pdi: &mut impl Pdi,
     dictionary: &Dictionary<S>,
     chosen: Chosen,
@@ -205,8 +255,10 @@ fn sync<S: AsRef<[u8]> + AsMut<[u8]>>(
     let unit_on = listens
         && (activation.active() || activation.0 & isocat_wire::dc::SyncActivation::AUTO != 0);
     let (sync0, sync1) = (unit_on && activation.sync0(), unit_on && activation.sync1());
+    let stamps_only = description.behaviour.unit_without_pulses && !sync0 && !sync1;
+    let sync1 = sync1 && (supported.dc_sync1() || !description.behaviour.ignores_sync1);
     let subordinated = sync1 && sync1_cycle > Nanos::ZERO && sync1_cycle >= sync0_cycle;
-    if unit_on {
+    if unit_on && !stamps_only {
         if !sync0 {
             // Nothing enabled, or SYNC1 without the SYNC0 that it follows.
             return Err(AlStatusCode::INVALID_DC_SYNC_CONFIGURATION);

@@ -21,11 +21,26 @@ pub struct Description {
     pub outputs: ProcessDataArea,
     /// Process data to the MainDevice, SM3 as a rule.
     pub inputs: ProcessDataArea,
+    /// Outputs in further SyncManagers, in the order of the process image behind [`outputs`](Self::outputs); at most
+    /// [`MAX_AREAS`](crate::MAX_AREAS) with it. The SM2 event is that of the first one.
+    pub further_outputs: &'static [ProcessDataArea],
+    /// The same for inputs: the SM3 event is that of the first one.
+    pub further_inputs: &'static [ProcessDataArea],
     /// Behaviour that devices differ in.
     pub behaviour: Behaviour,
 }
 
 impl Description {
+    /// All areas of outputs, in the order of the process image.
+    pub fn output_areas(&self) -> impl Iterator<Item = ProcessDataArea> + use<> {
+        core::iter::once(self.outputs).chain(self.further_outputs.iter().copied())
+    }
+
+    /// All areas of inputs, in the order of the process image.
+    pub fn input_areas(&self) -> impl Iterator<Item = ProcessDataArea> + use<> {
+        core::iter::once(self.inputs).chain(self.further_inputs.iter().copied())
+    }
+
     /// The object with this index.
     pub fn object(&self, index: u16) -> Option<&'static Object> {
         let objects = self.objects;
@@ -175,6 +190,14 @@ pub struct Behaviour {
     pub outputs_on_sync1: bool,
     /// With subordinated cycles the application runs at SYNC1 and not at each SYNC0.
     pub application_on_sync1: bool,
+    /// The SYNC unit may be on without a pulse, as for time stamps of the latch units (else 0x0030).
+    pub unit_without_pulses: bool,
+    /// There is no program: the ESC answers AL control by itself (device emulation, register 0x0141 bit 0), and
+    /// the stack stands for the digital I/O that hangs on it. It checks nothing, it refuses nothing, and it has no mailbox.
+    pub device_emulation: bool,
+    /// SYNC1 may be made though 0x1C32:04 and 0x1C33:04 do not announce it (else 0x0030): the device
+    /// does not listen to it.
+    pub ignores_sync1: bool,
     /// The SYNC0 cycle that subordinated cycles need (else 0x0036); zero for any.
     pub subordinated_sync0_cycle: Nanos,
     /// In acknowledge mode (0x0982 is 0) the caller acknowledges SYNC pulses later, by
@@ -292,6 +315,9 @@ impl Behaviour {
         polls_outputs: false,
         outputs_on_sync1: false,
         application_on_sync1: false,
+        unit_without_pulses: false,
+        device_emulation: false,
+        ignores_sync1: false,
         subordinated_sync0_cycle: Nanos::ZERO,
         late_acknowledge: false,
         loss_codes: LossCodes::SLAVE_STACK_CODE,

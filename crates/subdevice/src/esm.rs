@@ -8,6 +8,7 @@ use isocat_wire::{AlControl, AlState, AlStatus, AlStatusCode, register};
 
 use crate::application::Application;
 use crate::checks;
+use crate::description::ProcessDataArea;
 use crate::misbehaviour::{self, Faults, Misbehaviour};
 use crate::stack::SubDevice;
 
@@ -20,14 +21,14 @@ pub(crate) struct Esm {
     pub error: Option<AlStatusCode>,
     /// OP was asked for and is not reached yet.
     pub pending: Option<Pending>,
-    /// SM2 starts the process data watchdog.
+    /// A SyncManager of outputs starts the process data watchdog.
     pub watchdog: bool,
     /// The identification value stands in the status code register.
     identification: bool,
-    /// The process data SyncManager that is closed until the error is acknowledged.
-    closed: Option<usize>,
-    /// The SyncManager of inputs that is being opened again: its buffer is empty.
-    reopening: Option<usize>,
+    /// The process data SyncManagers whose event it lives by are closed until the error is acknowledged.
+    closed: bool,
+    /// The SyncManagers of inputs are being opened again: their buffers are empty.
+    reopening: bool,
     /// SAFEOP is granted as soon as the ESC has opened the process data SyncManagers.
     opening: Option<checks::SafeOp>,
 }
@@ -50,15 +51,15 @@ impl Esm {
             pending: None,
             watchdog: false,
             identification: false,
-            closed: None,
-            reopening: None,
+            closed: false,
+            reopening: false,
             opening: None,
         }
     }
 
     /// Whether SAFEOP waits for the ESC.
     pub fn is_opening(&self) -> bool {
-        self.opening.is_some() || self.reopening.is_some()
+        self.opening.is_some() || self.reopening
     }
 
     /// Whether process data is exchanged.
@@ -83,9 +84,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 return;
             }
             self.esm.error = None;
-            if let Some(number) = self.esm.closed.take() {
-                set_closed(pdi, number, false);
-                self.esm.reopening = (!self.sync.has_outputs()).then_some(number);
+            if core::mem::take(&mut self.esm.closed) {
+                self.set_event_managers_closed(false, pdi);
+                self.esm.reopening = !self.sync.has_outputs();
             }
         }
         self.esm.identification =
@@ -111,7 +112,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.fall(AlState::Init, code, pdi);
         } else if self.esm.is_cyclic() {
             let (outputs, inputs) = self.process_data.lengths();
-            if let Err(code) = checks::process_data(pdi, self.description(), outputs, inputs) {
+            if let Err(code) = checks::process_data(pdi, self.description(), &outputs, &inputs) {
                 self.fall(AlState::PreOp, code, pdi);
             }
         }
@@ -130,6 +131,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     pub(crate) fn supervise(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let sync_lost = self.sync.sync_deadline().is_some_and(|deadline| now >= deadline);
         let codes = self.description().behaviour.loss_codes;
+        if self.is_emulated() {
+            return;
+        }
         if self.esm.state == AlState::Op {
             if sync_lost {
                 self.fall(AlState::SafeOp, codes.sync_lost, pdi);
@@ -169,6 +173,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// When [`Self::supervise`] has something to find without an event.
     pub(crate) fn supervision_due(&self) -> Option<Time<Device>> {
+        if self.is_emulated() {
+            return None;
+        }
         let sync_lost = match (self.esm.state, self.esm.pending) {
             (AlState::Op, _) | (_, Some(_)) => self.sync.sync_deadline(),
             _ => None,
@@ -184,10 +191,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// The ESC opens a SyncManager at the end of the frame that is passing: only then can inputs be put
     /// into it, and SAFEOP be entered.
     pub(crate) fn continue_opening(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
-        if let Some(number) = self.esm.reopening
-            && is_open(pdi, number)
-        {
-            self.esm.reopening = None;
+        let mut inputs = self.description().input_areas();
+        if self.esm.reopening && inputs.all(|area| is_open(pdi, area.sync_manager.into())) {
+            self.esm.reopening = false;
             if self.esm.is_cyclic() {
                 // Nothing else would fill it where the inputs follow the frames that fetch them.
                 self.first_exchange(pdi);
@@ -270,8 +276,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     fn try_enter_safe_op(&mut self, now: Time<Device>, pdi: &mut impl Pdi) -> bool {
-        let (outputs, inputs) = self.process_data_managers();
-        let open = is_open(pdi, outputs) && is_open(pdi, inputs);
+        let mut areas = self.description().output_areas().chain(self.description().input_areas());
+        let open = areas.all(|area| is_open(pdi, area.sync_manager.into()));
         let Some(found) = self.esm.opening.take_if(|_| open) else { return false };
         let chain = found.sync.chain;
         let mode = chain.mode;
@@ -345,10 +351,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         let code = misbehaviour::al_code(self.faults(), self.esm.state, code);
         self.leave_to(state, pdi);
         if state == AlState::SafeOp {
-            let (outputs, inputs) = self.process_data_managers();
-            let number = if self.sync.has_outputs() { outputs } else { inputs };
-            set_closed(pdi, number, true);
-            self.esm.closed = Some(number);
+            self.set_event_managers_closed(true, pdi);
+            self.esm.closed = true;
         }
         self.esm.error = Some(code);
         self.publish(pdi);
@@ -360,16 +364,20 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.publish(pdi);
     }
 
-    /// SyncManagers of outputs and inputs.
-    fn process_data_managers(&self) -> (usize, usize) {
+    /// Closes or opens all SyncManagers of the direction whose event the device lives by: one that stayed open
+    /// would keep the working counter whole.
+    fn set_event_managers_closed(&self, closed: bool, pdi: &mut impl Pdi) {
         let description = self.description();
-        (description.outputs.sync_manager.into(), description.inputs.sync_manager.into())
+        if self.sync.has_outputs() {
+            set_closed(pdi, description.output_areas(), closed);
+        } else {
+            set_closed(pdi, description.input_areas(), closed);
+        }
     }
 
     fn set_process_data_closed(&self, closed: bool, pdi: &mut impl Pdi) {
-        let (outputs, inputs) = self.process_data_managers();
-        set_closed(pdi, outputs, closed);
-        set_closed(pdi, inputs, closed);
+        set_closed(pdi, self.description().output_areas(), closed);
+        set_closed(pdi, self.description().input_areas(), closed);
     }
 
     /// Shows state and error. The code comes first, so that nobody sees the error with an old code.
@@ -388,10 +396,13 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 }
 
-/// Closes or opens a process data SyncManager from this side. The repeat bit stays.
-fn set_closed(pdi: &mut impl Pdi, number: usize, closed: bool) {
-    let kept = pdi.load(register::sm_pdi_control(number)) & SyncManager::REPEAT;
-    pdi.store(register::sm_pdi_control(number), kept | u8::from(closed));
+/// Closes or opens SyncManagers of process data from this side. The repeat bit stays.
+fn set_closed(pdi: &mut impl Pdi, areas: impl Iterator<Item = ProcessDataArea>, closed: bool) {
+    for area in areas {
+        let control = register::sm_pdi_control(area.sync_manager.into());
+        let kept = pdi.load(control) & SyncManager::REPEAT;
+        pdi.store(control, kept | u8::from(closed));
+    }
 }
 
 fn is_open(pdi: &mut impl Pdi, number: usize) -> bool {

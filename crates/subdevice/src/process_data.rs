@@ -1,10 +1,16 @@
-//! The process data of SM2 and SM3 on their way between the ESC and the application.
+//! The process data on their way between the ESC and the application. Each direction is one image for the application;
+//! in the ESC it lies in one buffer or in several, as many as the direction has SyncManagers.
+
+use core::ops::Range;
 
 use isocat_esc::Pdi;
 
 /// Most bytes of process data in one direction. The stack keeps one image of each direction, since a
 /// buffer of the ESC is fetched or filled as a whole.
 pub const MAX_PROCESS_DATA: usize = 256;
+
+/// Most SyncManagers of one direction.
+pub const MAX_AREAS: usize = 8;
 
 /// Where a buffer lies and how long it is; of length 0 if nothing is transmitted.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -22,11 +28,64 @@ impl Buffer {
     }
 }
 
+/// The buffers of one direction, in the order of its image.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub(crate) struct Buffers {
+    all: [Buffer; MAX_AREAS],
+    /// Those behind are not used.
+    used: u8,
+    /// Bytes of the image, at most [`MAX_PROCESS_DATA`].
+    length: u16,
+}
+
+impl Buffers {
+    /// No buffers.
+    pub const NONE: Self =
+        Self { all: [Buffer { start: 0, length: 0 }; MAX_AREAS], used: 0, length: 0 };
+
+    /// The buffer of the area with this number, in the order of the description.
+    pub fn set(&mut self, area: usize, buffer: Buffer) {
+        if let Some(place) = self.all.get_mut(area) {
+            *place = buffer;
+        }
+        let used = self.all.iter().rposition(Buffer::is_used).map_or(0, |last| last + 1);
+        let length: usize = self.all.iter().map(|buffer| usize::from(buffer.length)).sum();
+        self.used = used as u8;
+        self.length = length.min(MAX_PROCESS_DATA) as u16;
+    }
+
+    /// Bytes of each buffer.
+    pub fn lengths(&self) -> [u32; MAX_AREAS] {
+        self.all.map(|buffer| u32::from(buffer.length))
+    }
+
+    /// Whether anything is transmitted.
+    pub fn is_used(&self) -> bool {
+        self.used > 0
+    }
+
+    /// Bytes of the image, at most [`MAX_PROCESS_DATA`].
+    fn length(&self) -> usize {
+        usize::from(self.length)
+    }
+
+    /// Where each buffer that is used begins, and its bytes in the image.
+    fn places(&self) -> impl Iterator<Item = (u16, Range<usize>)> + '_ {
+        let mut at = 0;
+        let used = self.all.iter().take(usize::from(self.used));
+        used.filter(|buffer| buffer.is_used()).map(move |buffer| {
+            let from = at;
+            at = (from + usize::from(buffer.length)).min(MAX_PROCESS_DATA);
+            (buffer.start, from..at)
+        })
+    }
+}
+
 /// The two images.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProcessData {
-    outputs: Buffer,
-    inputs: Buffer,
+    outputs: Buffers,
+    inputs: Buffers,
     output_image: [u8; MAX_PROCESS_DATA],
     input_image: [u8; MAX_PROCESS_DATA],
 }
@@ -35,49 +94,54 @@ impl ProcessData {
     /// No process data.
     pub const fn new() -> Self {
         Self {
-            outputs: Buffer { start: 0, length: 0 },
-            inputs: Buffer { start: 0, length: 0 },
+            outputs: Buffers::NONE,
+            inputs: Buffers::NONE,
             output_image: [0; MAX_PROCESS_DATA],
             input_image: [0; MAX_PROCESS_DATA],
         }
     }
 
-    /// Takes the buffers that SM2 and SM3 guard; their lengths were checked against the maximum.
-    pub fn start(&mut self, outputs: Buffer, inputs: Buffer) {
+    /// Takes the buffers that the SyncManagers guard; their lengths were checked against the maximum.
+    pub fn start(&mut self, outputs: Buffers, inputs: Buffers) {
         *self = Self { outputs, inputs, ..Self::new() };
     }
 
     /// Nothing is exchanged any more.
     pub fn stop(&mut self) {
-        self.outputs = Buffer::default();
-        self.inputs = Buffer::default();
+        self.outputs = Buffers::NONE;
+        self.inputs = Buffers::NONE;
     }
 
-    /// Fetches the outputs. One access of the whole buffer opens and closes it.
+    /// Fetches the outputs. One access of a whole buffer opens and closes it.
     pub fn fetch_outputs(&mut self, pdi: &mut impl Pdi) {
-        let length = usize::from(self.outputs.length);
-        pdi.read(self.outputs.start, &mut self.output_image[..length]);
+        for (start, bytes) in self.outputs.places() {
+            pdi.read(start, &mut self.output_image[bytes]);
+        }
     }
 
     /// Acknowledges outputs that nobody will use.
     pub fn drop_outputs(&self, pdi: &mut impl Pdi) {
         let mut dropped = [0; MAX_PROCESS_DATA];
-        pdi.read(self.outputs.start, &mut dropped[..usize::from(self.outputs.length)]);
+        for (start, bytes) in self.outputs.places() {
+            pdi.read(start, &mut dropped[bytes]);
+        }
     }
 
-    /// Hands the inputs over. One access of the whole buffer opens and closes it.
+    /// Hands the inputs over. One access of a whole buffer opens and closes it.
     pub fn store_inputs(&self, pdi: &mut impl Pdi) {
-        pdi.write(self.inputs.start, &self.input_image[..usize::from(self.inputs.length)]);
+        for (start, bytes) in self.inputs.places() {
+            pdi.write(start, &self.input_image[bytes]);
+        }
     }
 
-    /// Bytes of outputs and inputs.
-    pub fn lengths(&self) -> (u32, u32) {
-        (u32::from(self.outputs.length), u32::from(self.inputs.length))
+    /// Bytes of each buffer of outputs and inputs.
+    pub fn lengths(&self) -> ([u32; MAX_AREAS], [u32; MAX_AREAS]) {
+        (self.outputs.lengths(), self.inputs.lengths())
     }
 
     /// The outputs fetched last.
     pub fn outputs(&self) -> &[u8] {
-        &self.output_image[..usize::from(self.outputs.length)]
+        &self.output_image[..self.outputs.length()]
     }
 
     /// A bit of the outputs fetched last; `None` beyond their end.
@@ -87,6 +151,6 @@ impl ProcessData {
 
     /// The inputs to be handed over.
     pub fn inputs_mut(&mut self) -> &mut [u8] {
-        &mut self.input_image[..usize::from(self.inputs.length)]
+        &mut self.input_image[..self.inputs.length()]
     }
 }

@@ -104,10 +104,11 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// The application can't go on: from OP the device goes to SAFEOP, from there or below it stays, and it shows the error
-    /// with this code until that is acknowledged (registers 0x0130 and 0x0134). Without effect while it shows another error.
+    /// with this code until that is acknowledged (registers 0x0130 and 0x0134). Without effect while it shows another error,
+    /// and on a device with device emulation, which has no program that could fail.
     /// Outputs are in their safe state behind it.
     pub fn fail(&mut self, code: AlStatusCode, pdi: &mut impl Pdi) {
-        if self.esm.error.is_some() {
+        if self.esm.error.is_some() || self.is_emulated() {
             return;
         }
         match self.esm.state {
@@ -118,6 +119,9 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// The main loop: does all that waits and does not belong to the cycle. Cheap when nothing waits.
     pub fn poll(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
+        if self.is_emulated() {
+            return self.follow(now, pdi);
+        }
         let events = pdi.events();
         if events & al_event::AL_CONTROL != 0 {
             // Reading AL control opens it for the next request.

@@ -31,7 +31,7 @@ pub enum SyncSignal {
 
 impl Pulses {
     /// The pulses of a mode. `bus`: the bus cycle; `distance`: from SYNC0 to SYNC1 where SYNC1 is a part of
-    /// the cycle behind SYNC0; `sync0`: the cycle of SYNC0 with subordinated cycles. With
+    /// the cycle behind SYNC0, with subordinated cycles from the SYNC0 that it belongs to; `sync0`: the cycle of SYNC0 with subordinated cycles. With
     /// `outputs_on_sync1` outputs act at SYNC1 also where SYNC0 starts nothing but the calculation.
     pub fn new(
         mode: SyncMode,
@@ -50,7 +50,7 @@ impl Pulses {
             SyncMode::DcSync1 => Self { sync0_cycle: bus, sync1: distance, lead: distance },
             SyncMode::DcSubordinated => {
                 // SYNC1 comes this long after the first SYNC0 behind the last SYNC1: once a bus cycle.
-                let sync1 = bus - sync0;
+                let sync1 = bus - sync0 + distance;
                 Self { sync0_cycle: sync0, sync1, lead: sync1 }
             }
         }
@@ -95,6 +95,11 @@ mod tests {
             assert_eq!((pulses.sync1, pulses.sync1_cycle()), (Nanos(sync1), Nanos(bus)));
             assert_eq!(pulses.behind_sync0(), Nanos::ZERO);
         }
+        // SYNC1 behind the SYNC0 that it belongs to, as some drives want it.
+        let (bus, sync0, behind) = (Nanos(1_000_000), Nanos(15_625), Nanos(580));
+        let shifted = Pulses::new(SyncMode::DcSubordinated, bus, behind, sync0, false);
+        assert_eq!((shifted.sync1, shifted.lead), (Nanos(984_955), Nanos(984_955)));
+        assert_eq!((shifted.sync1_cycle(), shifted.behind_sync0()), (bus, behind));
         let odd = Pulses { sync0_cycle: Nanos(500_000), sync1: Nanos(750_000), lead: Nanos::ZERO };
         assert_eq!((odd.sync1_cycle(), odd.behind_sync0()), (Nanos(1_000_000), Nanos(250_000)));
     }

@@ -22,6 +22,9 @@ fn main() {
         "pipes" => pipes(),
         "deadlocks" => deadlocks(),
         "never_calls" => never_calls(),
+        "asks_for_eth0" => drop(RawSocket::open("eth0", None).expect_err("there is none")),
+        "five_hundred_threads" => five_hundred_threads(),
+        "two_sockets" => two_sockets(),
         other => panic!("there is no subject {other:?}"),
     }
 }
@@ -127,6 +130,30 @@ fn never_calls() {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     loop {
         COUNT.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+fn five_hundred_threads() {
+    let began = Instant::now();
+    let sleep = || std::thread::sleep(Duration::from_secs(1));
+    let threads: Vec<_> = (0..500).map(|_| std::thread::spawn(sleep)).collect();
+    threads.into_iter().for_each(|thread| thread.join().expect("it ends"));
+    assert!(began.elapsed() < Duration::from_millis(1_100), "they sleep at the same time");
+}
+
+/// Both hear the answer to what one of them sent, as two sockets on a real interface do.
+fn two_sockets() {
+    let mut one = RawSocket::open("vt0", None).expect("a packet socket");
+    let mut other = RawSocket::open("vt0", None).expect("another one");
+    one.send(&frame(7)).expect("it is sent");
+    for socket in [&mut one, &mut other] {
+        let mut buffer = [0; 1514];
+        let received = loop {
+            if let Some(received) = socket.receive(&mut buffer).expect("the link is up") {
+                break received;
+            }
+        };
+        assert_eq!((received.len, buffer[20]), (60, 8));
     }
 }
 

@@ -132,10 +132,69 @@ fn threads_that_wait_for_ever_are_named() {
 }
 
 #[test]
+fn a_wait_for_a_signal_that_none_can_send_is_a_deadlock() {
+    let program = Program::find("sleep".as_ref(), &["infinity".into()]).expect("a program");
+    // Some versions sleep for very long in the place of it.
+    let options = Options { limit: Some(Nanos::millis(3_600_000)), ..options() };
+    match supervisor::run(&program, &options, &mut Echo::default()) {
+        Ok(Ended { how: How::Limit, lasted, .. }) => assert_eq!(lasted, Nanos::millis(3_600_000)),
+        Ok(Ended { how: How::Deadlock(who), .. }) => {
+            assert!(who[0].contains("in pause"), "{who:?}")
+        }
+        Ok(ended) => panic!("{:?}", ended.how),
+        Err(error) => println!("skipped: {error}"),
+    }
+}
+
+#[test]
+fn an_interface_of_another_name_is_told() {
+    let Some((ended, _)) = ends_well("asks_for_eth0") else { return };
+    let told = |note: &String| note.contains("interface eth0") && note.ends_with("is vt0");
+    assert!(ended.notes.keys().any(told), "{:?}", ended.notes);
+}
+
+#[test]
+fn a_deadlock_is_told_as_one_though_time_is_limited() {
+    let options = Options { limit: Some(Nanos::millis(1_500)), ..options() };
+    let Some((ended, _)) = run("deadlocks", &options) else { return };
+    assert!(matches!(ended.how, How::Deadlock(_)), "{:?}", ended.how);
+}
+
+#[test]
 fn a_program_without_calls_is_ended_and_told_where_it_is() {
     let Some((ended, _)) = run("never_calls", &options()) else { return };
     let How::Spins(who) = ended.how else { panic!("{:?}", ended.how) };
     assert!(who.len() == 1 && who[0].contains("never_calls"), "{who:?}");
+}
+
+#[test]
+fn five_hundred_threads_sleep_at_the_same_time() {
+    let Some((ended, _)) = ends_well("five_hundred_threads") else { return };
+    assert_eq!(ended.figures.threads, 501);
+}
+
+#[test]
+fn two_sockets_hear_the_same_answer() {
+    let Some((ended, sent)) = ends_well("two_sockets") else { return };
+    assert_eq!((sent.len(), ended.figures.received), (1, 1));
+}
+
+#[test]
+fn a_program_that_ignores_signals_is_ended_all_the_same() {
+    let script = "trap '' TERM INT HUP; while :; do sleep 60; done";
+    let arguments = ["-c", script].map(OsString::from);
+    let program = Program::find("sh".as_ref(), &arguments).expect("a shell");
+    let options = Options { limit: Some(Nanos::millis(600_000)), ..options() };
+    match supervisor::run(&program, &options, &mut Echo::default()) {
+        Ok(ended) => assert_eq!((ended.how, ended.figures.processes), (How::Limit, 11)),
+        Err(error) => println!("skipped: {error}"),
+    }
+    // Asked to stop from outside before it begins.
+    options.stop.store(true, std::sync::atomic::Ordering::SeqCst);
+    match supervisor::run(&program, &options, &mut Echo::default()) {
+        Ok(ended) => assert_eq!(ended.how, How::Stopped),
+        Err(error) => println!("skipped: {error}"),
+    }
 }
 
 #[test]

@@ -27,6 +27,8 @@ pub struct Tap {
     pub seen: Seen,
     /// Bit 1 of the source address tells answers from requests; if not, the content does.
     pub marked: bool,
+    /// The file tells the two directions apart.
+    pub directed: bool,
     /// SubDevices that a frame has passed when the tap first sees it; 0 at the MainDevice's port.
     pub behind: u16,
     /// The interface that sees the MainDevice's port, where a file has several; `None`: all count.
@@ -49,6 +51,8 @@ impl Tap {
             .collect();
         let answers = ours.iter().filter(|frame| is_marked(&frame.bytes)).count();
         let counted = ours.iter().any(|frame| counts(frame).any(|(_, wkc)| wkc > 0));
+        let directed =
+            [true, false].iter().all(|way| ours.iter().any(|frame| frame.sent == Some(*way)));
         let (seen, behind) = match marked {
             true if answers == 0 => (Seen::Out, 0),
             true if answers == ours.len() => (Seen::Back, 0),
@@ -56,7 +60,7 @@ impl Tap {
             false if !counted => (Seen::Out, 0),
             false => (Seen::Both, least_position(&ours)),
         };
-        Self { seen, marked, behind, interface, ring }
+        Self { seen, marked, directed, behind, interface, ring }
     }
 
     /// Whether the source address alone says that this frame comes back.
@@ -107,7 +111,7 @@ fn pairs_by_content(frames: &[(Frame, Signature)]) -> bool {
 }
 
 /// Of each datagram what devices count up: position, if the command has one, and working counter.
-fn counts(frame: &Frame) -> impl Iterator<Item = (u16, u16)> {
+pub(super) fn counts(frame: &Frame) -> impl Iterator<Item = (u16, u16)> {
     let payload = payload(&frame.bytes).unwrap_or(&[]);
     datagrams(payload).map_while(Result::ok).map(|datagram| {
         let counts = datagram.header.command().is_ok_and(Command::increments_position);

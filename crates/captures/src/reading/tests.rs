@@ -125,10 +125,25 @@ fn what_is_no_capture_is_named() {
         (&b"PK\x03\x04 rest"[..], "zip"),
         (&[0x1F, 0x8B, 8, 0], "gzip"),
         (b"", "empty"),
-        (b"<?xml version", "[3c, 3f, 78, 6d]"),
+        (b"<?xml version", "a text that begins with \"<?xm\""),
+        (&[0x28, 0xB5, 0x2F, 0xFD, 0], "zstd"),
+        (&[0xD4, 0xC3, 0xB2, 0xA1, 2, 0], "header of the pcap file"),
+        (b"snoop\0\0\0", "editcap"),
+        (&[0x7F, b'E', b'L', b'F'], "[7f, 45, 4c, 46]"),
         (&[0x0A, 0x0D, 0x0D, 0x0A, 0, 0], "cut off"),
     ] {
         let error = Reading::of(bytes).expect_err("no capture").to_string();
         assert!(error.contains(word), "{error}");
     }
+}
+
+/// Of a link without Ethernet frames nothing is read, and its type is told.
+#[test]
+fn a_link_without_ethernet() {
+    let header = PcapHeader { datalink: DataLink::IEEE802_11, ..Default::default() };
+    let mut writer = PcapWriter::with_header(Vec::new(), header).expect("in memory");
+    writer.write_packet(&PcapPacket::new(Duration::ZERO, 60, &[0; 60])).expect("in memory");
+    let reading = Reading::of(&writer.into_writer()).expect("a capture");
+    let tally = Tally { packets: 1, other_links: 1, other_link: Some(105), ..Tally::default() };
+    assert_eq!((reading.frames.len(), reading.tally), (0, tally));
 }

@@ -67,8 +67,14 @@ pub enum Rule {
     Either(&'static str, &'static str),
     /// At least one of both stands there.
     Any(&'static str, &'static str),
+    /// At least one of them stands there.
+    AnyOf(&'static [&'static str]),
+    /// Not both stand there.
+    NotBoth(&'static str, &'static str),
     /// The first stands only beside the second.
     Needs(&'static str, &'static str),
+    /// The first stands only beside one of the others.
+    NeedsAny(&'static str, &'static [&'static str]),
 }
 
 /// Whether a key must be there.

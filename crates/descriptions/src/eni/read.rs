@@ -27,7 +27,7 @@ pub(super) fn read(path: &str, bytes: &[u8]) -> std::result::Result<Eni, FileErr
         let found = root.tag_name().name();
         let hint = match found {
             "EtherCATInfo" => {
-                "a device description (ESI) describes a kind of device, not a segment"
+                "a device description (ESI) describes a kind of device, not a segment: \"isocat devices FILE\" lists it"
             }
             _ => "an ENI is what a configuration tool exports for a MainDevice",
         };

@@ -8,7 +8,7 @@ use std::borrow::Cow;
 use roxmltree::{Document, Node, ParsingOptions};
 
 use super::warning::{Warning, WarningKind};
-use crate::document::{FileError, Source};
+use crate::document::{FileError, Source, Wrong};
 use crate::esi::guard;
 use crate::limits;
 
@@ -61,13 +61,13 @@ pub(super) fn parse<'a>(path: &str, text: &'a str) -> Result<(Document<'a>, usiz
             let message = error.to_string();
             let message = message.rsplit_once(" at ").map_or(&*message, |(words, _)| words);
             let above = text[..start].matches('\n').count();
-            Err(FileError {
+            Err(FileError::new(Wrong {
                 path: path.to_owned(),
                 line: above + place.row as usize,
                 column: place.col as usize,
                 message: format!("not well-formed XML: {message}"),
                 hint: None,
-            })
+            }))
         }
     }
 }
@@ -90,7 +90,8 @@ impl Reader<'_> {
 
     /// Notes a doubt.
     pub fn warn(&mut self, kind: WarningKind, at: Node, message: impl Into<String>) {
-        let FileError { line, column, message, .. } = self.error(at, message);
+        let error = self.error(at, message);
+        let (line, column, message) = (error.line, error.column, error.message.clone());
         self.warnings.push(Warning { kind, line, column, message });
     }
 

@@ -1,6 +1,6 @@
 //! One device of a file.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use super::dc::{self, EsiDc};
 use super::dictionary::{self, EsiProfile};
@@ -22,6 +22,10 @@ pub struct EsiDevice {
     pub type_name: String,
     /// Product name.
     pub name: String,
+    /// The group that it belongs to.
+    pub group: EsiGroup,
+    /// `EBusCurrent` in mA: what it takes from the EBUS, negative for what it feeds; `None` if not said.
+    pub ebus_ma: Option<i16>,
     /// Product code; `None` for a placeholder, which is never chosen.
     pub product_code: Option<u32>,
     /// Revision, if the file has one.
@@ -54,6 +58,15 @@ pub struct EsiDevice {
     pub warnings: Vec<Warning>,
 }
 
+/// A group of devices.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct EsiGroup {
+    /// `GroupType`.
+    pub kind: String,
+    /// Name in the list of groups; empty if it is not listed.
+    pub name: String,
+}
+
 impl EsiDevice {
     /// OpModes; none for a device without DC.
     pub fn op_modes(&self) -> &[dc::EsiOpMode] {
@@ -61,11 +74,11 @@ impl EsiDevice {
     }
 }
 
-/// Reads a device. `groups` are the types of the file's groups; `left`: how many entries of dictionaries the
+/// Reads a device. `groups` are the names of the file's groups by type; `left`: how many entries of dictionaries the
 /// file may still have.
 pub(super) fn read<'a>(
     element: Element<'a>,
-    groups: &HashSet<String>,
+    groups: &HashMap<String, String>,
     definitions: &pdo::Definitions<'a>,
     modules: &[EsiModule],
     left: &mut usize,
@@ -90,7 +103,8 @@ pub(super) fn read<'a>(
         });
     }
     let group = element.child_text("GroupType");
-    if !groups.contains(&*group) {
+    let group_name = groups.get(&*group);
+    if group_name.is_none() {
         w.add(WarningKind::GroupUnknown, at, || format!("group \"{}\"", cut(&group)));
     }
     let physics = element.attribute("Physics").map(str::to_owned);
@@ -113,6 +127,8 @@ pub(super) fn read<'a>(
     let mut device = EsiDevice {
         at,
         name: read::name(element),
+        group: EsiGroup { kind: group.into_owned(), name: group_name.cloned().unwrap_or_default() },
+        ebus_ma: ebus_current(element, w),
         product_code,
         revision,
         serial: read::attribute(kind, "SerialNo", U32, w)?.unwrap_or(0) as u32,
@@ -134,6 +150,14 @@ pub(super) fn read<'a>(
     default_image(&device, modules, w);
     device.warnings = warnings.0;
     Ok(device)
+}
+
+/// Only an SII has it: one that can't be read is left out.
+fn ebus_current(device: Element<'_>, warnings: &mut Warnings) -> Option<i16> {
+    let info = device.child("Info")?.child("Electrical")?;
+    let range = i16::MIN.into()..=i16::MAX.into();
+    let current = read::child(info, "EBusCurrent", range, warnings).unwrap_or(None);
+    current.map(|ma| ma as i16)
 }
 
 /// What is doubtful about the letters of the ports.

@@ -145,25 +145,34 @@ fn objects(dictionary: Element<'_>, left: &mut usize, warnings: &mut Warnings) -
         match object(element, &types, warnings) {
             Ok(object) if object.entries.len() > *left => {
                 let message = "the dictionaries of the file have too many entries";
-                left_out(Problem::new(object.at, message), "an object", warnings);
+                left_out(Problem::new(object.at, message), &named(element), warnings);
             }
             Ok(object) => {
                 *left -= object.entries.len();
                 all.push(object);
             }
-            Err(problem) => left_out(problem, "an object", warnings),
+            Err(problem) => left_out(problem, &named(element), warnings),
         }
     }
     all.sort_by_key(|object| object.index);
     all.dedup_by(|later, earlier| {
         let same = later.index == earlier.index;
         if same {
-            let message = format!("object 0x{:04X} stands twice; the first counts", later.index);
-            left_out(Problem::new(later.at, message), "an object", warnings);
+            let message = "it stands twice; the first counts";
+            let what = format!("object 0x{:04X}", later.index);
+            left_out(Problem::new(later.at, message), &what, warnings);
         }
         same
     });
     all
+}
+
+/// An object as the file names it.
+fn named(element: Element<'_>) -> String {
+    match element.child_text("Index").as_ref() {
+        "" => "an object without Index".to_owned(),
+        index => format!("object {}", cut(index)),
+    }
 }
 
 fn left_out(problem: Problem, what: &str, warnings: &mut Warnings) {
@@ -252,8 +261,8 @@ fn object(
     };
     if let Some(info) = info {
         match structure {
-            None => entries[0].default = default(info, &entries[0], warnings)?,
-            Some(_) => defaults(info, &mut entries, warnings)?,
+            None => entries[0].default = default(info, index, &entries[0], warnings),
+            Some(_) => defaults(info, index, &mut entries, warnings),
         }
     }
     for pair in entries.windows(2) {
@@ -342,11 +351,7 @@ fn entries(
 }
 
 /// The values of a structure's entries.
-fn defaults(
-    info: Element<'_>,
-    entries: &mut [EsiEntry],
-    warnings: &mut Warnings,
-) -> Result<(), Problem> {
+fn defaults(info: Element<'_>, index: u16, entries: &mut [EsiEntry], warnings: &mut Warnings) {
     let by_order = || info.children("SubItem").enumerate();
     let same_names = by_order().all(|(place, item)| {
         entries.get(place).is_some_and(|entry| entry.name == item.child_text("Name"))
@@ -369,40 +374,38 @@ fn defaults(
             }
         };
         let (Some(found), Some(info)) = (found, item.child("Info")) else { continue };
-        entries[found].default = default(info, &entries[found], warnings)?;
+        entries[found].default = default(info, index, &entries[found], warnings);
         if !same_names && !name.is_empty() {
             entries[found].name = name.into_owned();
         }
     }
-    Ok(())
 }
 
-/// The value that `Info` gives an entry; empty for none.
-fn default(
-    info: Element<'_>,
-    entry: &EsiEntry,
-    warnings: &mut Warnings,
-) -> Result<Vec<u8>, Problem> {
+/// The value that `Info` gives an entry; empty for none, and for one that can't be read.
+fn default(info: Element<'_>, index: u16, entry: &EsiEntry, warnings: &mut Warnings) -> Vec<u8> {
     let length = usize::from(entry.bits.div_ceil(8));
     for child in info.elements() {
         let text = child.text();
-        let mut value = match child.name() {
-            "DefaultData" => hex_bytes(&text).ok_or_else(|| {
-                Problem::new(child.at(), format!("DefaultData \"{}\" is no hex", cut(&text)))
-            })?,
-            "DefaultString" => text.as_bytes().to_vec(),
+        let (value, expected) = match child.name() {
+            "DefaultData" => (hex_bytes(&text), "two hex digits for each byte"),
+            "DefaultString" => (Some(text.as_bytes().to_vec()), ""),
             "DefaultValue" => match number(&text) {
-                Some(number) => {
-                    let bytes = number.value.to_le_bytes();
-                    bytes[..length.min(8)].to_vec()
-                }
+                Some(number) => (Some(number.value.to_le_bytes()[..length.min(8)].to_vec()), ""),
                 None if text.is_empty() => continue,
-                None => real(&text, length).ok_or_else(|| {
-                    let message = format!("DefaultValue \"{}\" is no number", cut(&text));
-                    Problem::new(child.at(), message)
-                })?,
+                None => (real(&text, length), "a number"),
             },
             _ => continue,
+        };
+        let Some(mut value) = value else {
+            warnings.add(WarningKind::DefaultLeftOut, child.at(), || {
+                format!(
+                    "0x{index:04X}:{:02X} has {} \"{}\"; expected {expected}; its value is unknown",
+                    entry.sub,
+                    child.name(),
+                    cut(&text)
+                )
+            });
+            return Vec::new();
         };
         let is_text = matches!(
             entry.data_type,
@@ -414,9 +417,9 @@ fn default(
             });
         }
         value.resize(length, 0);
-        return Ok(value);
+        return value;
     }
-    Ok(Vec::new())
+    Vec::new()
 }
 
 fn real(text: &str, length: usize) -> Option<Vec<u8>> {

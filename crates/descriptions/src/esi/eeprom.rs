@@ -1,8 +1,8 @@
 //! What the file says about the EEPROM.
 
-use isocat_wire::sii::MailboxArea;
+use isocat_wire::sii::{HEADER_LEN, MailboxArea};
 
-use super::read;
+use super::read::{self, U16};
 use super::tree::{Element, Problem};
 use super::warning::{WarningKind, Warnings};
 
@@ -16,6 +16,10 @@ pub struct EsiEeprom {
     pub configuration: Option<[u8; 14]>,
     /// Mailboxes of BOOT, receive and send.
     pub boot: Option<(MailboxArea, MailboxArea)>,
+    /// The whole image (`Data`), where the file has it.
+    pub image: Option<Vec<u8>>,
+    /// Further categories of the SII: type and bytes.
+    pub categories: Vec<(u16, Vec<u8>)>,
 }
 
 /// Reads it.
@@ -31,11 +35,13 @@ pub(super) fn read(
     };
     let most = 4 << 20;
     let byte_size = read::child(element, "ByteSize", 0..=most, warnings)?.unwrap_or(0) as usize;
+    let image = read::bytes(element, "Data")?;
     // A complete image begins with the same words.
     let data = match read::bytes(element, "ConfigData")? {
         Some(data) => Some((data, element.child("ConfigData"))),
-        None => read::bytes(element, "Data")?
-            .map(|data| (data[..data.len().min(14)].to_vec(), element.child("Data"))),
+        None => {
+            image.as_ref().map(|data| (data[..data.len().min(14)].to_vec(), element.child("Data")))
+        }
     };
     let configuration = data.map(|(data, place)| {
         let mut words = [0; 14];
@@ -63,7 +69,16 @@ pub(super) fn read(
         }
         _ => None,
     };
-    Ok(Some(EsiEeprom { byte_size, configuration, boot }))
+    let mut categories = Vec::new();
+    for category in element.children("Category") {
+        // Nothing but an image needs them: one that can't be read is left out.
+        let kind = read::child(category, "CatNo", U16, warnings).unwrap_or(None);
+        let data = read::bytes(category, "Data").unwrap_or(None);
+        categories.extend(kind.map(|kind| (kind as u16, data.unwrap_or_default())));
+    }
+    // What is too short for the header is no image; its first words count all the same.
+    let image = image.filter(|image| image.len() >= HEADER_LEN);
+    Ok(Some(EsiEeprom { byte_size, configuration, boot, image, categories }))
 }
 
 /// `Info/StateMachine/Timeout` and `Info/Mailbox/Timeout`, in ms; `None` where the file is silent.

@@ -42,7 +42,7 @@ impl Image {
             Some((_, pdos)) => pdos.push(pdo),
             None => {
                 list.push((number, vec![pdo]));
-                list.sort_by_key(|(number, _)| *number);
+                list.sort_unstable_by_key(|(number, _)| *number);
             }
         }
     }
@@ -60,7 +60,9 @@ pub(super) fn default(
     for pdo in &known {
         let Some(number) = pdo.sync_manager else { continue };
         match direction(device, number) {
-            Some(right) if right == pdo.direction => image.push(right, number, pdo.clone()),
+            Some(right) if right == pdo.direction => {
+                image.push(right, number, oversampled(pdo, pdo.oversampling));
+            }
             found => w.add(WarningKind::PdoSyncManager, pdo.at, || {
                 let what = match found {
                     Some(direction) => format!("which has {direction:?}"),
@@ -80,6 +82,7 @@ pub(super) fn default(
         for (index, factor) in &assignment.pdos {
             match known.iter().find(|pdo| pdo.index == *index && pdo.direction == direction) {
                 Some(pdo) => {
+                    // The OpMode's factor takes the place of the PDO's own.
                     let factor = factor.unwrap_or(pdo.oversampling);
                     image.push(direction, number, oversampled(pdo, factor));
                 }
@@ -92,10 +95,10 @@ pub(super) fn default(
     image
 }
 
-/// The device's own PDOs and those of its modules, with the indices of their slots.
+/// The device's own PDOs and those of its modules, with the indices of their slots; each entry
+/// once, whatever is oversampled.
 fn every_pdo(device: &EsiDevice, all_modules: &[EsiModule], w: &mut Warnings) -> Vec<EsiPdo> {
-    let mut known: Vec<EsiPdo> =
-        device.pdos.iter().map(|pdo| oversampled(pdo, pdo.oversampling)).collect();
+    let mut known = device.pdos.clone();
     let Some(slots) = &device.slots else { return known };
     let mut taken: HashSet<u16> = known.iter().map(|pdo| pdo.index).collect();
     let mut entries = 0;

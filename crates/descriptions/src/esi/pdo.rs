@@ -138,10 +138,15 @@ fn pdo(
             _ => {}
         }
     }
+    // Channels that share a definition follow each other.
+    let channel = match element.attribute("Ref") {
+        Some(_) => read::attribute(element, "Chn", U8, warnings)?.unwrap_or(0) as u16,
+        None => 0,
+    };
     Ok(EsiPdo {
         at: element.at(),
         direction,
-        index: read::required(body, "Index", U16, warnings)? as u16,
+        index: (read::required(body, "Index", U16, warnings)? as u16).wrapping_add(channel),
         depends_on_slot: depends_on_slot(body)?,
         name: read::name(body),
         sync_manager: read::attribute(element, "Sm", U8, warnings)?.map(|sm| sm as u8),

@@ -149,7 +149,7 @@ fn one(
 
 /// Bits 3:2 tell the direction, bits 1:0 the buffers. One buffer means a mailbox only for a device that
 /// has one and does not call it process data.
-fn by_control(control: u8, named: Option<Purpose>, has_mailbox: bool) -> Purpose {
+pub(super) fn by_control(control: u8, named: Option<Purpose>, has_mailbox: bool) -> Purpose {
     let writes = control & SyncManager::CONTROL_ECAT_WRITES != 0;
     let called_process_data = matches!(named, Some(Purpose::Outputs | Purpose::Inputs));
     let one_buffer = control & BUFFER_MODE == ONE_BUFFER;
@@ -164,4 +164,4 @@ fn by_control(control: u8, named: Option<Purpose>, has_mailbox: bool) -> Purpose
 const BUFFER_MODE: u8 = 0x03;
 const ONE_BUFFER: u8 = 0x02;
 /// Registers 0x0800 to 0x087F.
-const MOST: usize = 16;
+pub(super) const MOST: usize = 16;

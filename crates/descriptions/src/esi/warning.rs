@@ -113,6 +113,8 @@ kinds! {
     ObjectItemsByOrder = "object-items-by-order";
     /// A data type that nobody defines; its bits count.
     DataTypeUnknown = "data-type-unknown";
+    /// A default value that can't be read; its entry has none.
+    DefaultLeftOut = "default-left-out";
     /// A default value whose length is not that of its type.
     DefaultLength = "default-length";
     /// The first OpMode, the default, makes no pulse though another one does.

@@ -92,7 +92,7 @@ all SubDevices, before each one
   PS  FPWR 0x0980     0003                                SYNC0 on
   PSc FPWR 0x0120     0400                                SAFEOP is asked for
   PSc FPRD 0x0130     = 04000000 0000 & 1f000000 0000     SAFEOP must be reached
-  DC: SYNC0 1 ms, SYNC1 0 ns after it, shift -500 ns, its clock leads
+  DC: SYNC0 1 ms, SYNC1 0 ns after it, shift -500 ns, AssignActivate 0x0300, its clock leads
 
 each cycle, with a process image of 0 bytes of inputs, 0 of outputs
   frame 0  ARMW 0x0910         4 bytes  in SAFEOP, OP  system time
@@ -110,7 +110,7 @@ fn what_is_not_there_is_not_shown_as_zero() {
     let text = list.text();
     let title = "Start-up of a segment without a name: no cycle told, 1 SubDevice\n";
     assert!(text.starts_with(title), "{text}");
-    assert!(text.contains("\n  DC: no SYNC, its clock leads\n"), "{text}");
+    assert!(text.contains("\n  DC: no SYNC, AssignActivate 0x0300, its clock leads\n"), "{text}");
 }
 
 #[test]

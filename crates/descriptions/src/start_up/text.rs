@@ -70,11 +70,13 @@ impl DeviceStartUp {
             let lead = if dc.reference { ", its clock leads" } else { "" };
             let [sync0, sync1] = [dc.sync0_ns, dc.sync1_ns].map(|ns| Nanos(ns.into()));
             let shift = Nanos(dc.shift_ns.into());
+            let word = self.assign_activate();
+            let word = word.map_or_else(String::new, |word| format!(", AssignActivate {word}"));
             match (dc.sync0_ns, dc.sync1_ns) {
-                (0, 0) => writeln!(out, "  DC: no SYNC{lead}")?,
+                (0, 0) => writeln!(out, "  DC: no SYNC{word}{lead}")?,
                 _ => writeln!(
                     out,
-                    "  DC: SYNC0 {sync0}, SYNC1 {sync1} after it, shift {shift}{lead}"
+                    "  DC: SYNC0 {sync0}, SYNC1 {sync1} after it, shift {shift}{word}{lead}"
                 )?,
             }
         }

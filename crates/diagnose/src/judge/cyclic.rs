@@ -1,15 +1,12 @@
 //! The cyclic exchange: frames that were lost, working counters that fell, cycles without a frame.
 
-use std::time::Duration;
-
 use isocat_wire::fmmu::Fmmu;
 use isocat_wire::{Command, register};
 
 use super::MOST_FRAMES;
 use crate::cycle::{Logical, Rhythm};
-use crate::device::Device;
+use crate::device::{Device, Silence};
 use crate::finding::{Finding, Kind, Which};
-use crate::known::Known;
 use crate::observer::Observer;
 
 pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
@@ -18,8 +15,8 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
     }
     if both_ways {
         lost(observer, all);
-        doubled(observer, all);
     }
+    doubled(observer, all);
     skipped(observer, both_ways, all);
     vanished(observer, all);
 }
@@ -43,23 +40,35 @@ fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
         let first = devices.first().copied();
         let kind = Kind::DevicesVanished { from, to: reach.to, silent: devices };
         let frames = silent.iter().map(|(_, frame)| *frame).take(MOST_FRAMES);
-        all.push(Finding::new(kind, first, reach.frame).at(reach.at).with(frames));
+        let finding = Finding::new(kind, first, reach.frame).at(reach.at).with(frames);
+        let finding = finding.with([reach.before]);
+        // Without positions the stations tell the order.
+        let placed = first.is_none_or(|first| observer.devices.list[first].position.is_some());
+        all.push(if placed { finding } else { finding.likely() });
         told.extend(silent);
     }
-    for (device, silence) in silences(observer) {
-        let op = observer.devices.list[device].states.op;
-        let in_op = op.is_some_and(|op| op.frame < silence.frame);
-        if in_op && !told.contains(&(device, silence.frame)) {
-            let finding = Finding::new(Kind::DeviceSilent {}, Some(device), silence.frame);
-            all.push(finding.at(silence.value));
-        }
+    let mut silent: Vec<(usize, Silence)> = silences(observer)
+        .filter(|(device, silence)| {
+            let op = observer.devices.list[*device].states.op;
+            op.is_some_and(|op| op.frame < silence.frame)
+                && !told.contains(&(*device, silence.frame))
+        })
+        .collect();
+    // One that comes back and is gone again is told once.
+    silent.dedup_by_key(|(device, _)| *device);
+    for (device, silence) in silent {
+        let finding = Finding::new(Kind::DeviceSilent {}, Some(device), silence.frame);
+        all.push(finding.at(silence.at).with([silence.before]));
     }
 }
 
-/// Each time any device ceased to answer, by the position of the devices.
-fn silences(observer: &Observer) -> impl Iterator<Item = (usize, Known<Duration>)> + '_ {
+/// Each time any device ceased to answer, by the position of the devices, or by their stations where positions are not known.
+fn silences(observer: &Observer) -> impl Iterator<Item = (usize, Silence)> + '_ {
     let mut order: Vec<usize> = (0..observer.devices.list.len()).collect();
-    order.sort_by_key(|place| observer.devices.list[*place].position);
+    order.sort_by_key(|place| {
+        let device = &observer.devices.list[*place];
+        (device.position, device.station.map(|station| station.value))
+    });
     order.into_iter().flat_map(|place| {
         let silences = observer.devices.list[place].silences.kept.iter();
         silences.map(move |silence| (place, *silence))
@@ -74,10 +83,17 @@ fn working_counter(logical: &Logical, observer: &Observer, all: &mut Vec<Finding
     let mut falls = logical.changes.kept.iter().filter(|change| change.to < usual);
     let Some(first) = falls.next() else { return };
     let which = Which { command: logical.command, address: logical.address };
-    let missing = missing(logical, usual, first.to, observer);
+    // Where all clocks are still counted, no device is gone: some take no outputs any more.
+    let missing = match observer.drift.fewer(first.frame) {
+        Some(false) if logical.command == Command::Lrw => Vec::new(),
+        _ => missing(logical, usual, first.to, observer),
+    };
+    // Behind a break or a device without power, all others are missing with the first.
+    let device = missing.iter().copied().min_by_key(|place| observer.devices.list[*place].position);
     let kind = Kind::WorkingCounter { which, usual, lowest, frames, missing };
     let more = falls.map(|change| change.frame).take(MOST_FRAMES);
-    all.push(Finding::new(kind, None, first.frame).at(first.at).with(more));
+    let finding = Finding::new(kind, device, first.frame).at(first.at);
+    all.push(finding.with([first.before]).with(more));
 }
 
 /// The devices whose share is just what is missing, if all shares are known and add up to what is

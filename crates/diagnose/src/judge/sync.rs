@@ -33,7 +33,7 @@ fn any_sync(observer: &Observer) -> bool {
 
 fn drift_frames(observer: &Observer, all: &mut Vec<Finding>) {
     let Some(operation) = observer.operation.filter(|_| any_sync(observer)) else { return };
-    let end = observer.left.map_or(observer.last, |left| left.value);
+    let end = observer.left.map_or(observer.now, |left| left.value);
     let span = end.saturating_sub(operation.value).as_nanos();
     let Some(last) = observer.drift.last else {
         if span > DRIFT_PAUSE_NS {

@@ -58,6 +58,11 @@ pub(super) fn report(
         builder.shown(known.map(|known| known.map(SystemTimeDifference::magnitude)))
     };
     let states = states(builder, device);
+    let silences = device.silences.kept.iter().map(|silence| SilenceReport {
+        frame: builder.files.place(silence.frame),
+        at_ns: builder.at_ns(silence.at),
+        until_ns: silence.until.map(|until| builder.at_ns(until.value)),
+    });
     DeviceReport {
         position: device.position,
         station: builder.shown(device.station),
@@ -68,6 +73,7 @@ pub(super) fn report(
             .shown(device.image.read(register::DL_STATUS).map(|known| known.map(|s| s.0))),
         state: states.last().map(|seen| seen.status.clone()),
         states,
+        silences: silences.collect(),
         sync_managers: sync_managers(builder, device),
         fmmus: fmmus(builder, device),
         watchdog_ns: judge::sync::watchdog_ns(device).map(|(ns, _)| ns),
@@ -141,6 +147,7 @@ fn states(builder: &Builder<'_>, device: &Device) -> Vec<StateReport> {
                 true => AlStatus(seen.status.0 & 0x0F).to_string(),
                 false => seen.status.to_string(),
             },
+            error: seen.error(),
             raw: seen.status.0,
             code: seen.code.map(|code| code.0),
             asked: asked(seen),
@@ -253,6 +260,7 @@ fn distance(builder: &Builder<'_>, device: &Device) -> Option<Distance> {
     Some(Distance {
         frames: distance.count,
         cycle_ns: distance.grid.cycle,
+        grid: distance.grid,
         shortest_ns: shown(distance.shortest),
         mean_ns: distance.mean() - delay,
         longest_ns: shown(distance.longest),

@@ -31,6 +31,8 @@ pub struct DiagnoseReport {
     pub clock: Option<ClockReport>,
     /// The cyclic exchange; null if there is none.
     pub cycle: Option<CycleReport>,
+    /// What happened around the first fault; null without a fault, or if nothing looked for it.
+    pub around: Option<AroundReport>,
     /// What the capture does not show.
     pub unknown: Vec<String>,
 }
@@ -69,6 +71,8 @@ pub struct CaptureReport {
     pub cut: usize,
     /// Packets of links without Ethernet frames.
     pub other_links: usize,
+    /// The link type of the first of them, as the registry of LINKTYPE_ values numbers it.
+    pub other_link: Option<u32>,
     /// Why it was not read to its end; null if it was.
     pub ended: Option<String>,
 }
@@ -184,6 +188,36 @@ pub struct FindingReport {
     pub evidence: Vec<FrameRef>,
     /// What to do, likeliest first.
     pub remedies: Vec<String>,
+}
+
+/// What happened in the frames around the first fault.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct AroundReport {
+    /// Place of the fault in `findings`.
+    pub finding: usize,
+    /// In the order of time; up to 6 before the one that shows the fault, and up to 6 behind it.
+    pub moments: Vec<MomentReport>,
+}
+
+/// A frame that went out and came back, and those behind it that say the same.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct MomentReport {
+    /// As it went out; null: that frame is not in the capture.
+    pub request: Option<FrameRef>,
+    /// As it came back; null: it did not.
+    pub answer: Option<FrameRef>,
+    /// The last frame of those that say the same.
+    pub last: FrameRef,
+    /// How many say the same, at least 1.
+    pub times: u64,
+    /// When the first of them was, ns by the stamps from the one that shows the fault.
+    pub at_ns: i64,
+    /// Commands, devices, registers and working counters.
+    pub what: String,
+    /// Kinds of the findings that name a frame of it.
+    pub findings: Vec<&'static str>,
 }
 
 /// How much a finding weighs.

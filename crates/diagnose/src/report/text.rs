@@ -40,6 +40,7 @@ impl DiagnoseReport {
         }
         self.write_captures(out)?;
         self.write_findings(out)?;
+        self.write_around(out)?;
         self.write_devices(out)?;
         self.write_states(out)?;
         self.write_clock(out)?;
@@ -70,6 +71,10 @@ impl DiagnoseReport {
             (frames.elsewhere, "of other interfaces"),
             (frames.foreign, "of other protocols"),
             (frames.broken + cut, "cut off or broken"),
+            (
+                usize::try_from(frames.backwards).unwrap_or(usize::MAX),
+                "stamped before an earlier one",
+            ),
         ];
         let others = others.iter().filter(|(count, _)| *count > 0);
         let others: String = others.map(|(count, what)| format!(", {count} {what}")).collect();
@@ -161,6 +166,36 @@ impl DiagnoseReport {
         Ok(())
     }
 
+    /// Frames, time and what they say, for each moment around the first fault.
+    fn write_around(&self, out: &mut String) -> fmt::Result {
+        let Some(around) = &self.around else { return Ok(()) };
+        writeln!(out, "\nAround the first fault (frames, ms by the stamps, what they say)")?;
+        for moment in &around.moments {
+            let first = moment.request.or(moment.answer).unwrap_or(moment.last);
+            let frames = match first.frame == moment.last.frame {
+                true => first.frame.to_string(),
+                false => format!("{}-{}", first.frame, moment.last.frame),
+            };
+            let times = match moment.times {
+                1 => String::new(),
+                times => format!("{times} times "),
+            };
+            let found = match &moment.findings[..] {
+                [] => String::new(),
+                kinds => format!("  <- {}", kinds.join(", ")),
+            };
+            let at = moment.at_ns as f64 / 1e6;
+            let head = format!("  {frames:<13} {at:>9.3}  ");
+            let lines = wrap(&format!("{times}{}{found}", moment.what), WIDTH - head.len());
+            let style = if moment.at_ns == 0 && !found.is_empty() { BAD } else { Style::new() };
+            for (number, line) in lines.iter().enumerate() {
+                let head = if number == 0 { head.clone() } else { " ".repeat(head.len()) };
+                writeln!(out, "{head}{style}{line}{style:#}")?;
+            }
+        }
+        Ok(())
+    }
+
     fn write_devices(&self, out: &mut String) -> fmt::Result {
         if self.devices.is_empty() {
             return writeln!(out, "\nNo SubDevice answered.");
@@ -235,7 +270,8 @@ impl DiagnoseReport {
         }
         for device in &self.devices {
             for sync in &device.sync {
-                paragraph(out, &format!("  {}: ", device.title()), &self.switch(sync))?;
+                let what = format!("{} ({})", switched(sync), self.frame(sync.frame));
+                paragraph(out, &format!("  {}: ", device.title()), &what)?;
             }
             if let Some(distance) = &device.distance {
                 let what = format!(
@@ -261,35 +297,6 @@ impl DiagnoseReport {
             }
         }
         Ok(())
-    }
-
-    fn switch(&self, sync: &SyncSwitch) -> String {
-        let word = sync.assign_activate;
-        if word & 0xFF00 == 0 {
-            return format!("SYNC off ({word:#06x}, {})", self.frame(sync.frame));
-        }
-        let mut text =
-            format!("SYNC {word:#06x} ({}): {}", self.frame(sync.frame), sync.words.join(", "));
-        if let Some(cycle) = &sync.sync0_cycle_ns {
-            let _ = write!(text, "; SYNC0 each {}", time(f64::from(cycle.value)));
-        }
-        if let Some(cycle) = sync.sync1_cycle_ns.as_ref().filter(|_| word & 0x0400 != 0) {
-            let _ = write!(text, ", SYNC1 {} behind it", time(f64::from(cycle.value)));
-        }
-        if let Some(start) = &sync.start_ns {
-            let bits = sync.start_bytes.map_or(0, |bytes| bytes * 8);
-            let _ = write!(text, "; start {} ({bits} bits)", start.value);
-        }
-        match sync.ahead_ns {
-            Some(ahead @ 0..) => {
-                let _ = write!(text, ", {} ahead", time(ahead as f64));
-            }
-            Some(passed) => {
-                let _ = write!(text, ", passed by {}", time(-passed as f64));
-            }
-            None => {}
-        }
-        text
     }
 
     fn write_cycle(&self, out: &mut String) -> fmt::Result {
@@ -361,6 +368,35 @@ impl DiagnoseReport {
         }
         Ok(())
     }
+}
+
+/// What a switch of a SYNC unit makes.
+pub(super) fn switched(sync: &SyncSwitch) -> String {
+    let word = sync.assign_activate;
+    if word & 0xFF00 == 0 {
+        return format!("SYNC off, {word:#06x}");
+    }
+    let mut text = format!("SYNC {word:#06x}: {}", sync.words.join(", "));
+    if let Some(cycle) = &sync.sync0_cycle_ns {
+        let _ = write!(text, "; SYNC0 each {}", time(f64::from(cycle.value)));
+    }
+    if let Some(cycle) = sync.sync1_cycle_ns.as_ref().filter(|_| word & 0x0400 != 0) {
+        let _ = write!(text, ", SYNC1 {} behind it", time(f64::from(cycle.value)));
+    }
+    if let Some(start) = &sync.start_ns {
+        let bits = sync.start_bytes.map_or(0, |bytes| bytes * 8);
+        let _ = write!(text, "; start {} ({bits} bits)", start.value);
+    }
+    match sync.ahead_ns {
+        Some(ahead @ 0..) => {
+            let _ = write!(text, ", {} ahead", time(ahead as f64));
+        }
+        Some(passed) => {
+            let _ = write!(text, ", passed by {}", time(-passed as f64));
+        }
+        None => {}
+    }
+    text
 }
 
 /// The synchronization type and the times that the device told.

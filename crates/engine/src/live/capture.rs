@@ -6,6 +6,27 @@ use std::time::Duration;
 use isocat_host::recorder::Sink;
 use isocat_recorders::capture::Capture;
 
+/// Frames that go to two places.
+pub struct BothSinks(pub Box<dyn Sink>, pub Box<dyn Sink>);
+
+impl Sink for BothSinks {
+    fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]) {
+        self.0.frame(at, sent, bytes);
+        self.1.frame(at, sent, bytes);
+    }
+
+    fn idle(&mut self, now: Duration) {
+        self.0.idle(now);
+        self.1.idle(now);
+    }
+
+    fn finish(self: Box<Self>) -> io::Result<()> {
+        let Self(one, other) = *self;
+        let first = one.finish();
+        other.finish().and(first)
+    }
+}
+
 /// Frames of a real interface, in a capture file.
 pub struct CaptureSink(pub Capture);
 

@@ -9,6 +9,7 @@ use isocat_maindevice::plan::{Target, Write, Writes, writes};
 use isocat_maindevice::segment::{ProcessData, SubDevice};
 use isocat_segment::Scenario;
 use isocat_segment::offline;
+use isocat_segment::profile::Startup;
 use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
 use isocat_wire::PortNumber;
 use isocat_wire::al::AlState;
@@ -65,7 +66,10 @@ impl Plan {
         let position16 = u16::try_from(position).unwrap_or(u16::MAX);
         let mut registers =
             vec![RegisterStep::apwr(&ip, position16, address, station, "station address")];
-        let mut objects = Vec::new();
+        let profile = &scenario.devices[position].profile;
+        // They stand first among what is written in PREOP, and here with their own transitions.
+        let mut of_description = if device.has_coe() { &profile.startup[..] } else { &[] };
+        let mut objects: Vec<_> = of_description.iter().map(download).collect();
         for (transition, list) in [(&ip, &writes.to_preop), (&ps, &writes.to_safeop)] {
             for write in list {
                 let Write { target, comment, .. } = write;
@@ -78,6 +82,9 @@ impl Plan {
                         data,
                         *comment,
                     )),
+                    Target::Object(_) if !of_description.is_empty() => {
+                        of_description = &of_description[1..];
+                    }
                     Target::Object(object) => {
                         objects.push(ObjectStep::new(transition, object, data, *comment));
                     }
@@ -114,14 +121,14 @@ impl Plan {
             }),
             sync_managers: [(true, &device.outputs), (false, &device.inputs)]
                 .into_iter()
-                .filter_map(|(outputs, data)| sync_manager(device, outputs, data))
+                .flat_map(|(outputs, data)| sync_managers(device, outputs, data))
                 .collect(),
             outputs: bits(&device.outputs),
             inputs: bits(&device.inputs),
             registers,
             objects,
             dc: self.dc(position),
-            notes: Vec::new(),
+            notes: profile.doubts.iter().map(|doubt| doubt.what.clone()).collect(),
         }
     }
 
@@ -200,21 +207,22 @@ fn zeros(target: Target) -> Vec<u8> {
     vec![0; length]
 }
 
-fn sync_manager(
+fn sync_managers(
     device: &SubDevice,
     outputs: bool,
     data: &ProcessData,
-) -> Option<ProcessSyncManager> {
-    let number = data.sync_manager?;
-    let record = device.sii.sync_managers.get(usize::from(number));
+) -> impl Iterator<Item = ProcessSyncManager> {
     let usual = if outputs { SyncManager::OUTPUTS } else { SyncManager::INPUTS };
-    Some(ProcessSyncManager {
-        number,
-        outputs,
-        start: data.start,
-        control: record.map_or(usual, |record| record.control),
-        enabled: data.length > 0,
-        pdos: data.pdos.iter().map(|pdo| pdo.index).collect(),
+    data.assigned().map(move |(guarded, pdos)| {
+        let record = device.sii.sync_managers.get(usize::from(guarded.sync_manager));
+        ProcessSyncManager {
+            number: guarded.sync_manager,
+            outputs,
+            start: guarded.start,
+            control: record.map_or(usual, |record| record.control),
+            enabled: guarded.length > 0,
+            pdos: pdos.iter().map(|pdo| pdo.index).collect(),
+        }
     })
 }
 
@@ -223,8 +231,19 @@ fn bits(data: &ProcessData) -> Option<ImageBits> {
     (length > 0).then_some(ImageBits { start, length })
 }
 
+/// A download that the description of the device asks for.
+fn download(wanted: &Startup) -> ObjectStep {
+    let comment = "InitCmd of the description";
+    let step = ObjectStep::new(&[wanted.transition], wanted.object, wanted.data.clone(), comment);
+    ObjectStep { complete: wanted.complete_access, ..step }
+}
+
 fn physics(scenario: &Scenario, position: usize) -> String {
-    let chip = scenario.devices[position].profile.esc();
+    let profile = &scenario.devices[position].profile;
+    if let Some(letters) = &profile.physics {
+        return letters.trim_end().to_owned();
+    }
+    let chip = profile.esc();
     let kind = |port| match chip.port(port) {
         PortKind::Mii => 'Y',
         PortKind::Ebus => 'K',

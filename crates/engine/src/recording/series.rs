@@ -85,6 +85,18 @@ impl Series {
         self.width = self.width.max(1) * 2;
     }
 
+    /// The same with all values greater by `by`, ps.
+    pub fn shifted(&self, by: i64) -> Self {
+        let mut shifted = self.clone();
+        for span in &mut shifted.spans {
+            span.least = span.least.saturating_add(by);
+            span.largest = span.largest.saturating_add(by);
+            span.sum += i128::from(by) * i128::from(span.count);
+        }
+        shifted.sum += i128::from(by) * i128::from(self.count);
+        shifted
+    }
+
     /// The spans, in the order of time.
     pub fn spans(&self) -> &[SpanOfTime] {
         &self.spans
@@ -183,6 +195,16 @@ mod tests {
         (0..101).for_each(|value| series.push(Picos(value), value));
         assert_eq!(series.mean(), Some(50.0));
         assert_eq!(Series::new(4).mean(), None);
+    }
+
+    #[test]
+    fn a_shifted_series_is_that_of_shifted_values() {
+        let (mut series, mut other) = (Series::new(4), Series::new(4));
+        for value in 0..9 {
+            series.push(Picos(value), value);
+            other.push(Picos(value), value - 7);
+        }
+        assert_eq!(series.shifted(-7), other);
     }
 
     #[test]

@@ -277,14 +277,28 @@ pub struct Mailbox {
 pub struct ProcessData {
     /// Where the assignment was read: objects or SII.
     pub source: String,
-    /// SyncManager that guards them; null without.
+    /// SyncManager that guards them, the first of several; null without.
     pub sync_manager: Option<u8>,
+    /// First byte in the ESC's memory.
+    pub start: u16,
+    /// Bytes, those of further SyncManagers included.
+    pub length: u16,
+    /// SyncManagers behind the first one, in the order of the process image.
+    pub further: Vec<Guarded>,
+    /// The PDOs assigned.
+    pub pdos: Vec<Pdo>,
+}
+
+/// What a further SyncManager guards of the process data.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Guarded {
+    /// Its number.
+    pub sync_manager: u8,
     /// First byte in the ESC's memory.
     pub start: u16,
     /// Bytes.
     pub length: u16,
-    /// The PDOs assigned.
-    pub pdos: Vec<Pdo>,
 }
 
 /// A PDO with what is mapped into it.

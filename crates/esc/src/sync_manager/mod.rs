@@ -52,6 +52,8 @@ pub(crate) struct Exchanged {
     pub watchdog: bool,
     /// A SyncManager that notes the time (0x09F0) exchanged its buffer.
     pub latch: bool,
+    /// The SyncManagers whose buffer changed hands, a bit each.
+    pub units: u16,
 }
 
 /// All SyncManagers of an ESC.
@@ -196,8 +198,9 @@ impl SyncManagers {
     /// The frame in flight was good: buffers that ECAT closed change hands, those that it wrote
     /// with its `label`.
     pub fn end_good_frame(&mut self, label: u64, registers: &mut Registers) -> Exchanged {
-        let mut exchanged = Exchanged::default();
-        for number in bits(core::mem::take(&mut self.closing)) {
+        let closed = core::mem::take(&mut self.closing);
+        let mut exchanged = Exchanged { units: closed, ..Exchanged::default() };
+        for number in bits(closed) {
             let unit = &mut self.units[number];
             if unit.config.is_ecat_write() {
                 self.labels[number][unit.buffer(Direction::Write)] = label;

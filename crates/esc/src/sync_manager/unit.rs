@@ -1,5 +1,6 @@
 //! One SyncManager: its buffers, its handshake, its status byte.
 
+use isocat_wire::register;
 use isocat_wire::sync_manager::SyncManager;
 
 use super::{Direction, Side};
@@ -71,9 +72,11 @@ impl Unit {
         }
     }
 
-    /// Three buffers; an area of one byte has neither buffers nor a handshake.
+    /// Three buffers; an area of one byte has neither buffers nor a handshake, and registers are there once.
     fn is_buffered(&self) -> bool {
-        !self.config.is_mailbox() && self.config.length > 1
+        !self.config.is_mailbox()
+            && self.config.length > 1
+            && self.config.start >= register::PROCESS_RAM
     }
 
     /// The buffer that `direction` accesses.

@@ -193,6 +193,25 @@ fn device_emulation() {
     assert_eq!(bench.pdi().events(), 0);
 }
 
+/// The circuit in the place of a CPU sees each exchange and each change of state; a CPU only what may interrupt it.
+#[test]
+fn without_a_cpu_exchanges_need_no_interrupt() {
+    for (emulation, exchange) in [(1, register::al_event::sync_manager(0)), (0, 0)] {
+        let mut bench = Bench::with(&ET1100, [0x04, emulation, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+        bench.fpwr(0x0800, &[0x00, 0x0F, 1, 0, 0x44, 0, 1, 0]);
+        bench.fpwr(0x0F00, &[0xA5]);
+        assert_eq!(bench.last_al_events(), exchange);
+        bench.fpwr(0x0F01, &[0xA5]);
+        assert_eq!(bench.last_al_events(), 0, "nothing guards this byte");
+        bench.bwr(0x0120, &[4, 0]);
+        assert_eq!(bench.last_al_events(), register::al_event::AL_CONTROL);
+        if emulation == 1 {
+            bench.bwr(0x0120, &[4, 0]);
+            assert_eq!(bench.last_al_events(), 0, "nothing has changed");
+        }
+    }
+}
+
 #[test]
 fn write_protection() {
     let mut bench = Bench::new(&ET1100);

@@ -21,6 +21,10 @@ pub fn run(arguments: &Arguments) -> u8 {
     let Some(name) = arguments.name.as_deref() else { return print(&built_in()) };
     if name.to_ascii_lowercase().ends_with(".xml") {
         return match EsiFile::read(name) {
+            Ok(file) if file.usable().next().is_none() => {
+                print(&list(&file));
+                fail(&format!("{name}: {}", file.none_usable()))
+            }
             Ok(file) => print(&list(&file)),
             Err(error) => fail(&error.to_string()),
         };
@@ -91,9 +95,15 @@ fn write_device(out: &mut String, file: &EsiFile, device: &EsiDevice) {
     let hidden = if device.hidden { "  (hidden by a newer one)" } else { "" };
     let revision =
         device.revision.map_or("none".to_owned(), |revision| format!("{revision:#010x}"));
+    // The key of a segment file that tells it apart from another of this type and revision.
+    let alike = |other: &&EsiDevice| {
+        (&other.type_name, other.revision) == (&device.type_name, device.revision)
+    };
+    let product = device.product_code.filter(|_| file.usable().filter(alike).count() > 1);
+    let product = product.map_or(String::new(), |code| format!("  product = {code:#010x}"));
     let _ = writeln!(
         out,
-        "\n{}  revision {revision}  {}{hidden}",
+        "\n{}  revision {revision}{product}  {}{hidden}",
         plain(&device.type_name),
         plain(&device.name)
     );

@@ -15,7 +15,8 @@ use isocat_recorders::waves::Waves;
 use isocat_segment::Scenario;
 use isocat_sim::bench::{Intent, Measured};
 use isocat_sim::observation::Observation;
-use isocat_sim::{Lost, Segment, Tap};
+use isocat_sim::probe::Sight;
+use isocat_sim::{Lost, Segment, ServedCycle, Tap};
 use isocat_wire::time::{Time, True};
 
 use super::output::Output;
@@ -29,6 +30,10 @@ pub struct Options {
     /// be given several times
     #[arg(long, value_name = "POSITION", requires = "capture")]
     tap: Vec<usize>,
+    /// With --capture: also frames on the cable in front of the SubDevice at this position, in both directions, as a tap in the
+    /// line sees them, as an interface of their own; may be given several times
+    #[arg(long, value_name = "POSITION", requires = "capture")]
+    tap_cable: Vec<usize>,
     /// Write what happens at the MainDevice and each SubDevice to this file, as a trace for Perfetto
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
@@ -55,6 +60,9 @@ impl Options {
             Self { tap, .. } if !tap.is_empty() => {
                 needs("--tap", "nobody sees the frames between real devices")
             }
+            Self { tap_cable, .. } if !tap_cable.is_empty() => {
+                needs("--tap-cable", "nobody sees the frames between real devices")
+            }
             Self { trace: Some(_), .. } => {
                 needs("--trace", "nobody sees the pulses and steps of real devices")
             }
@@ -73,15 +81,23 @@ impl Options {
     ) -> Result<Wanted<'a>, String> {
         let (trace, series) = (self.trace.as_deref(), self.series.as_deref());
         let form = self.table_form()?;
-        Ok(Wanted { paths: [capture, waves, trace, series], form, probes: &self.tap })
+        let paths = [capture, waves, trace, series];
+        Ok(Wanted { paths, form, probes: &self.tap, cables: &self.tap_cable })
     }
 
     fn table_form(&self) -> Result<TableForm, String> {
-        let Some(path) = &self.series else { return Ok(TableForm::Csv) };
+        TableForm::of(self.series.as_deref())
+    }
+}
+
+impl TableForm {
+    /// As the ending of the file's name says.
+    fn of(path: Option<&Path>) -> Result<Self, String> {
+        let Some(path) = path else { return Ok(Self::Csv) };
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         match ending.to_ascii_lowercase().as_str() {
-            "csv" => Ok(TableForm::Csv),
-            "parquet" => Ok(TableForm::Parquet),
+            "csv" => Ok(Self::Csv),
+            "parquet" => Ok(Self::Parquet),
             _ => Err(format!(
                 "--series {}: the ending says what is written; expected .csv or .parquet, found {ending:?}",
                 path.display()
@@ -98,22 +114,26 @@ pub struct Wanted<'a> {
     form: TableForm,
     /// Positions of the SubDevices in front of which frames are captured, too.
     probes: &'a [usize],
+    /// Positions of the SubDevices in front of which the cable is tapped, too.
+    cables: &'a [usize],
 }
 
 impl<'a> Wanted<'a> {
-    /// Capture, waves and trace at these places; a series, if one is among them, as CSV.
-    pub fn of(paths: [Option<&'a Path>; 4]) -> Self {
-        Self { paths, ..Self::default() }
+    /// Capture, waves, trace and series at these places.
+    pub fn of(paths: [Option<&'a Path>; 4]) -> Result<Self, String> {
+        Ok(Self { paths, form: TableForm::of(paths[3])?, ..Self::default() })
     }
 
     fn check(&self, devices: usize) -> Result<(), String> {
-        let Some(position) = self.probes.iter().find(|position| **position >= devices) else {
-            return Ok(());
-        };
         let last = devices.saturating_sub(1);
-        Err(format!(
-            "--tap {position}: there is no such SubDevice; expected a position from 0 to {last}"
-        ))
+        for (flag, positions) in [("--tap", self.probes), ("--tap-cable", self.cables)] {
+            if let Some(position) = positions.iter().find(|position| **position >= devices) {
+                return Err(format!(
+                    "{flag} {position}: there is no such SubDevice; expected a position from 0 to {last}"
+                ));
+            }
+        }
+        Ok(())
     }
 }
 
@@ -145,7 +165,8 @@ impl Files {
         let failed =
             |number: usize| move |error: io::Error| unwritable(WHAT[number], asked[number], &error);
         let capture = capture.as_ref().map(|output| {
-            Capture::new(buffered(output)?)?.with_names(names.clone()).with_probes(wanted.probes)
+            let capture = Capture::new(buffered(output)?)?.with_names(names.clone());
+            capture.with_probes(wanted.probes)?.with_cables(wanted.cables)
         });
         let waves = waves.as_ref().map(|output| Ok(Waves::new(buffered(output)?, names.clone())));
         let trace = trace.as_ref().map(|output| Trace::new(buffered(output)?, &names));
@@ -227,8 +248,11 @@ impl Tap for Files {
     fn probes(&self) -> Vec<usize> {
         self.capture.as_ref().map_or(Vec::new(), Tap::probes)
     }
-    fn probed(&mut self, at: Time<True>, device: usize, entered: bool, bytes: &[u8]) {
-        self.taps().for_each(|tap| tap.probed(at, device, entered, bytes));
+    fn cables(&self) -> Vec<usize> {
+        self.capture.as_ref().map_or(Vec::new(), Tap::cables)
+    }
+    fn probed(&mut self, at: Time<True>, device: usize, sight: Sight, bytes: &[u8]) {
+        self.taps().for_each(|tap| tap.probed(at, device, sight, bytes));
     }
     fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
         self.taps().for_each(|tap| tap.observed(segment, at, observation));
@@ -247,5 +271,8 @@ impl Tap for Files {
     }
     fn cycle(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
         self.taps().for_each(|tap| tap.cycle(at, main, segment));
+    }
+    fn served_cycle(&mut self, at: Time<True>, cycle: Option<ServedCycle>, segment: &Segment) {
+        self.taps().for_each(|tap| tap.served_cycle(at, cycle, segment));
     }
 }

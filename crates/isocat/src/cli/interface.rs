@@ -5,10 +5,11 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::Receiver;
 
 use clap::{ArgGroup, Args};
 use isocat_engine::live::job::{Job, Machine};
-use isocat_engine::live::{CaptureSink, Outcome};
+use isocat_engine::live::{BothSinks, CaptureSink, Outcome};
 use isocat_engine::report::interface::{self, Asked, InterfaceReport};
 use isocat_engine::status::{Board, Kind, Scribe, Status};
 use isocat_engine::verdict::{self, Answer};
@@ -22,6 +23,7 @@ use isocat_wire::Nanos;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::output::Output;
+use super::record::{self, Recording};
 use super::run::{
     Arguments, argument, command, duration, is_page, progress_bar, refusal, unwritable,
     write_report,
@@ -29,6 +31,7 @@ use super::run::{
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, NOT_KNOWN, fail, print};
 use crate::html;
 use crate::metrics;
+use crate::record::Event;
 
 /// Arguments of `run` for a real interface.
 #[derive(Args, Debug)]
@@ -59,6 +62,8 @@ pub struct Options {
     /// Only look at what on this machine harms punctuality; exit 0 nothing does, 1 something, 2 bad input
     #[arg(long, conflicts_with_all = ["duration", "capture", "waves", "trace", "series", "report", "any"])]
     pub preflight: bool,
+    #[command(flatten)]
+    pub recording: Recording,
 }
 
 impl Options {
@@ -179,11 +184,24 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     let begin = |path: &Path| {
         let output = Output::create(path)?;
         let capture = Capture::of_interface(BufWriter::new(output.file()?), interface)?;
-        Ok((Recorder::new(CaptureSink(capture)), output))
+        Ok((CaptureSink(capture), output))
     };
-    let (recorder, capture) = match arguments.capture.as_deref().map(begin).transpose() {
+    let (capture, file) = match arguments.capture.as_deref().map(begin).transpose() {
         Ok(begun) => begun.unzip(),
         Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
+    };
+    let (guard, events) = match options.recording.begin(interface, names(options, &scenario)) {
+        Ok(begun) => begun.unzip(),
+        Err(message) => return fail(&message),
+    };
+    let written = Written { file, events };
+    let recorder = match (capture, guard) {
+        (Some(capture), Some(guard)) => {
+            Some(Recorder::new(BothSinks(Box::new(capture), Box::new(guard))))
+        }
+        (Some(capture), None) => Some(Recorder::new(capture)),
+        (None, Some(guard)) => Some(Recorder::new(guard)),
+        (None, None) => None,
     };
     let (scribe, _metrics) = match arguments.metrics {
         None => (None, None),
@@ -211,8 +229,24 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     });
     bar.finish_and_clear();
     match outcome {
-        Ok(outcome) => finish(arguments, &scenario, asked, outcome, capture),
+        Ok(outcome) => finish(arguments, &scenario, asked, outcome, written),
         Err(error) => fail(&error.to_string()),
+    }
+}
+
+/// What frames are written to.
+struct Written {
+    /// The file of `--capture`.
+    file: Option<Output>,
+    /// What `--record` says.
+    events: Option<Receiver<Event>>,
+}
+
+/// What the devices are called, by position.
+pub(super) fn names(options: &Options, scenario: &Scenario) -> Vec<String> {
+    match options.any {
+        true => Vec::new(),
+        false => scenario.devices.iter().map(|device| device.name.clone()).collect(),
     }
 }
 
@@ -269,17 +303,22 @@ fn finish(
     scenario: &Scenario,
     asked: Asked<'_>,
     mut outcome: Outcome,
-    capture: Option<Output>,
+    written: Written,
 ) -> u8 {
-    let written = outcome.recorder.take().map(|recorder| {
+    let finished = outcome.recorder.take().map(|recorder| {
         let dropped = recorder.finish()?;
-        capture.map(Output::commit).transpose().map(|_| dropped)
+        written.file.map(Output::commit).transpose().map(|_| dropped)
     });
-    match written {
+    outcome.notes.extend(written.events.iter().flat_map(record::notes));
+    match finished {
         None | Some(Ok(0)) => {}
-        Some(Ok(dropped)) => outcome
-            .notes
-            .push(format!("{dropped} frames are not in the capture: the disk was too slow")),
+        Some(Ok(dropped)) => {
+            let what = match arguments.capture {
+                Some(_) => "in the capture: the disk was too slow",
+                None => "recorded: this machine was too slow",
+            };
+            outcome.notes.push(format!("{dropped} frames are not {what}"));
+        }
         Some(Err(error)) => {
             return fail(&unwritable("capture", arguments.capture.as_deref(), &error));
         }

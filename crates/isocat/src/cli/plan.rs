@@ -1,7 +1,7 @@
 //! `isocat plan`.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -14,20 +14,25 @@ use isocat_wire::Nanos;
 use super::run::{argument, command, duration, is_page, json, progress_bar, write_report};
 use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 use crate::html;
+use crate::tool::{File, Tool};
 
 /// Arguments of `plan`.
 #[derive(Args, Debug)]
 #[command(group = ArgGroup::new("runs").args(["prove", "what_if"]).multiple(true))]
 pub struct Arguments {
-    /// Segment file; without one, the built-in segment is planned
+    /// Segment file, or an ENI (.xml, .eni) to compare with the plan; without one, the built-in segment is planned
     segment: Option<String>,
     /// Run the segment in virtual time with the worst jitter that is planned with, and show next to each line
     /// what really happened
     #[arg(long)]
     prove: bool,
-    /// How long the proof runs once all devices are in OP; default as the segment file says
-    #[arg(long = "for", value_name = "DURATION", value_parser = duration, requires = "prove")]
-    duration: Option<Nanos>,
+    /// With --prove: how long the proof runs once all devices are in OP; default as the segment file says.
+    /// Else print the plan for another tool: twincat, igh, lcec, ros2, soem, pysoem, ethercrab, kickcat
+    #[arg(long = "for", value_name = "DURATION|TOOL", value_parser = purpose)]
+    purpose: Option<Purpose>,
+    /// With --for TOOL: write its file here, or its files into this folder where it wants several (ros2)
+    #[arg(long, value_name = "FILE|FOLDER", requires = "purpose")]
+    out: Option<PathBuf>,
     /// Seed of the runs
     #[arg(long, requires = "runs")]
     seed: Option<u64>,
@@ -60,16 +65,34 @@ pub struct Arguments {
     /// Also write the plan to this file: with timing diagrams if it ends in .html, JSON if in .json, else text
     #[arg(long, value_name = "FILE", conflicts_with = "start_up")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    eni_options: super::eni_run::Options,
+}
+
+/// What `--for` is for.
+#[derive(Clone, Copy, Debug)]
+enum Purpose {
+    /// The proof runs as long.
+    Duration(Nanos),
+    /// The plan is printed for it.
+    Tool(Tool),
 }
 
 /// Plans; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
+    if let Some(path) = arguments.segment.as_deref().filter(|path| super::eni_run::is_eni(path)) {
+        return arguments.compare(path);
+    }
+    if let Some(message) = arguments.eni_options.refused_without_eni().or(arguments.wrong_purpose())
+    {
+        return fail(&message);
+    }
     let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
         Ok(file) => file,
         Err(error) => return fail(&error.to_string()),
     };
     let mut scenario = Scenario::from(file);
-    scenario.duration = arguments.duration.unwrap_or(scenario.duration);
+    scenario.duration = arguments.duration().unwrap_or(scenario.duration);
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
     if let Err(error) = super::apply_chips(arguments.chips.as_deref(), &mut scenario) {
         return fail(&error.to_string());
@@ -84,6 +107,9 @@ pub fn run(arguments: &Arguments) -> u8 {
         if let Err(error) = super::output::write(path, text) {
             return fail(&super::run::unwritable("ENI", Some(path), &error));
         }
+    }
+    if let Some(Purpose::Tool(tool)) = arguments.purpose {
+        return for_tool(tool, arguments.out.as_deref(), &plan, &scenario);
     }
     if arguments.start_up {
         let list = plan.start_up(&scenario);
@@ -121,6 +147,68 @@ pub fn run(arguments: &Arguments) -> u8 {
 }
 
 impl Arguments {
+    /// How long the proof runs, if that is asked for.
+    fn duration(&self) -> Option<Nanos> {
+        match self.purpose {
+            Some(Purpose::Duration(duration)) => Some(duration),
+            _ => None,
+        }
+    }
+
+    /// Why `--for` can't be beside what else is asked for.
+    fn wrong_purpose(&self) -> Option<String> {
+        let others = [
+            ("--prove", self.prove),
+            ("--what-if", self.what_if.is_some()),
+            ("--suggest", self.suggest),
+            ("--start-up", self.start_up),
+            ("--json", self.json),
+            ("--report", self.report.is_some()),
+        ];
+        let given = others.iter().find(|(_, given)| *given);
+        match (self.purpose?, given) {
+            (Purpose::Tool(tool), Some((key, _))) => Some(format!(
+                "--for {} is beside {key}; expected --for TOOL alone, or with --out and --eni",
+                tool.name()
+            )),
+            (Purpose::Duration(_), _) if !self.prove => {
+                Some("--for DURATION is without --prove; expected --prove, or --for TOOL".into())
+            }
+            (Purpose::Duration(_), _) if self.out.is_some() => {
+                Some("--out is beside --for DURATION; expected --for TOOL".into())
+            }
+            _ => None,
+        }
+    }
+
+    /// Compares an ENI with the plan, unless keys are given that go with a segment file alone.
+    fn compare(&self, path: &str) -> u8 {
+        let keys = [
+            ("--prove", self.prove),
+            ("--suggest", self.suggest),
+            ("--what-if", self.what_if.is_some()),
+            ("--start-up", self.start_up),
+            ("--eni", self.eni.is_some()),
+            ("--for TOOL", matches!(self.purpose, Some(Purpose::Tool(_)))),
+            ("--report with .html", is_page(self.report.as_deref())),
+        ];
+        if let Some((key, _)) = keys.iter().find(|(_, given)| *given) {
+            return fail(&format!(
+                "{key} is beside an ENI, which is not supported; expected a segment file (.toml) beside it"
+            ));
+        }
+        let wishes = super::eni_run::Wishes {
+            options: &self.eni_options,
+            chips: self.chips.as_deref(),
+            duration: self.duration(),
+            seed: self.seed,
+            drift_law: self.drift_law,
+            json: self.json,
+            report: self.report.as_deref(),
+        };
+        super::eni_run::plan(path, &wishes)
+    }
+
     fn try_what_if(
         &self,
         plan: &Plan,
@@ -168,6 +256,46 @@ impl Arguments {
     }
 }
 
+/// A tool by its name, or a duration.
+fn purpose(text: &str) -> Result<Purpose, String> {
+    if let Some(tool) = Tool::named(text) {
+        return Ok(Purpose::Tool(tool));
+    }
+    let tools: Vec<_> = Tool::ALL.into_iter().map(Tool::name).collect();
+    let expected = |error| format!("{error}; or the name of a tool: {}", tools.join(", "));
+    duration(text).map(Purpose::Duration).map_err(expected)
+}
+
+/// Prints the plan for a tool, or writes its files; the exit code is that of the plan.
+fn for_tool(tool: Tool, out: Option<&Path>, plan: &Plan, scenario: &Scenario) -> u8 {
+    let files = tool.files(plan, scenario);
+    let code = match out {
+        None => {
+            // Several documents of YAML in one stream are told apart by this line.
+            let texts: Vec<_> = files.into_iter().map(|file| file.text).collect();
+            print(&texts.join("---\n"))
+        }
+        Some(path) => match write_files(tool, path, files) {
+            Ok(()) => IN_SYNC,
+            Err(message) => return fail(&message),
+        },
+    };
+    if plan.fits() || code != IN_SYNC { code } else { NOT_IN_SYNC }
+}
+
+fn write_files(tool: Tool, path: &Path, files: Vec<File>) -> Result<(), String> {
+    let unwritable =
+        |path: &Path, error: &_| super::run::unwritable(tool.name(), Some(path), error);
+    if tool.many_files() {
+        std::fs::create_dir_all(path).map_err(|error| unwritable(path, &error))?;
+    }
+    for File { name, text } in files {
+        let path = if tool.many_files() { path.join(name) } else { path.to_owned() };
+        super::output::write(&path, text).map_err(|error| unwritable(&path, &error))?;
+    }
+    Ok(())
+}
+
 /// A time for which something is gone.
 fn gone(text: &str) -> Result<Nanos, String> {
     let time = duration(text)?;
@@ -208,7 +336,7 @@ fn cases_bar(cases: usize) -> ProgressBar {
 }
 
 /// An error with the place of its device in the segment file.
-fn place(scenario: &Scenario, error: &isocat_maindevice::Error) -> String {
+pub(super) fn place(scenario: &Scenario, error: &isocat_maindevice::Error) -> String {
     let position = error.cause.place().map(|place| place.position);
     match position.and_then(|position| scenario.devices.get(position)) {
         Some(device) => format!("{}:{}: {error}", scenario.source, device.line),

@@ -33,13 +33,14 @@ Examples:
   isocat run --trace run.perfetto-trace     the same with frames and clock errors, for Perfetto
   isocat run --series run.parquet           a row for each SubDevice and cycle; run.csv for CSV
   isocat run --json --report run.txt        the report for a program, and as a text beside it
+  isocat run network.xml --esi esi/         what a configuration tool wrote (ENI), on devices made of these descriptions
 
 docs/exports.md says what is in each file.";
 
 /// Arguments of `run`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Segment file; without one, the built-in segment runs
+    /// Segment file, or the ENI of a configuration tool (.xml, .eni); without one, the built-in segment runs
     pub segment: Option<String>,
     /// How long to run once all devices are in OP, in virtual time or, with --interface, in host time:
     /// 500ms, 10s, 2min
@@ -84,6 +85,8 @@ pub struct Arguments {
     /// With --interface: answer GET /metrics for Prometheus here while it runs: a port of this machine, or an address
     #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
     pub metrics: Option<std::net::SocketAddr>,
+    #[command(flatten)]
+    pub eni: super::eni_run::Options,
     #[cfg(target_os = "linux")]
     #[command(flatten)]
     pub wire: super::interface::Options,
@@ -103,6 +106,12 @@ const LONGEST: Nanos = Nanos::millis(24 * 3_600_000);
 /// Runs the verb; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
     let path = arguments.segment.as_deref();
+    if let Some(eni) = path.filter(|path| super::eni_run::is_eni(path)) {
+        return run_eni(arguments, eni);
+    }
+    if let Some(message) = arguments.eni.refused_without_eni() {
+        return fail(&message);
+    }
     let file = match super::segment_or_built_in(path) {
         Ok(file) => file,
         Err(error) => return fail(&(error.to_string() + &path.map(verb_hint).unwrap_or_default())),
@@ -132,6 +141,12 @@ pub fn run(arguments: &Arguments) -> u8 {
             };
         }
         None => {}
+    }
+    #[cfg(target_os = "linux")]
+    if arguments.wire.recording.is_given() {
+        return fail(
+            "--record and its keys go with --interface; expected --capture FILE for a virtual run, which has all of it",
+        );
     }
     if arguments.metrics.is_some() {
         return fail(
@@ -169,6 +184,47 @@ pub fn run(arguments: &Arguments) -> u8 {
     let report = Report::new(&scenario, &outcome);
     let refused = outcome.failure.as_ref().is_some_and(|e| e.cause.fault() == Fault::Configuration);
     finish(arguments, &scenario, &report, outcome, refused)
+}
+
+/// Plays an ENI, unless keys are given that go with a segment file alone.
+fn run_eni(arguments: &Arguments, path: &str) -> u8 {
+    #[cfg(target_os = "linux")]
+    if arguments.wire.interface.is_some() || arguments.wire.preflight {
+        return fail(
+            "--interface is beside an ENI, which is not supported yet; expected a run on a virtual segment, without it",
+        );
+    }
+    let files = &arguments.files;
+    let keys = [
+        ("--junit", arguments.junit.is_some()),
+        ("--capture", arguments.capture.is_some()),
+        ("--waves", arguments.waves.is_some()),
+        ("--trace", files.trace.is_some()),
+        ("--series", files.series.is_some()),
+        ("--tolerate", arguments.tolerate),
+        ("--no-drift-compensation", arguments.no_drift_compensation),
+        ("--force", arguments.force),
+        ("--metrics", arguments.metrics.is_some()),
+        ("--report with .html", arguments.wants_page()),
+    ];
+    if let Some((key, _)) = keys.iter().find(|(_, given)| *given) {
+        return fail(&format!(
+            "{key} is beside an ENI, which is not supported; expected a segment file (.toml) beside it"
+        ));
+    }
+    if let Some(message) = arguments.overwrites() {
+        return fail(&message);
+    }
+    let wishes = super::eni_run::Wishes {
+        options: &arguments.eni,
+        chips: arguments.chips.as_deref(),
+        duration: arguments.duration,
+        seed: arguments.seed,
+        drift_law: arguments.drift_law,
+        json: arguments.json,
+        report: arguments.report.as_deref(),
+    };
+    super::eni_run::run(path, &wishes)
 }
 
 /// What a run comes to, for scripts: by the judges and what was expected, and not by anything that a sentence says.

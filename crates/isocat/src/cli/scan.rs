@@ -12,7 +12,7 @@ use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 /// Arguments of `scan`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Segment file to scan in virtual time; without one, the built-in segment
+    /// Segment file to scan in virtual time, or an ENI (.xml, .eni); without one, the built-in segment
     segment: Option<String>,
     /// Scan what is on this network interface instead
     #[cfg(target_os = "linux")]
@@ -34,6 +34,8 @@ pub struct Arguments {
     /// Print as one JSON document
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    eni: super::eni_run::Options,
 }
 
 /// Scans; gives the exit code.
@@ -42,11 +44,20 @@ pub fn run(arguments: &Arguments) -> u8 {
     if let Some(interface) = &arguments.interface {
         return on_interface(arguments, interface);
     }
-    let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
-        Ok(file) => file,
-        Err(error) => return fail(&error.to_string()),
+    let path = arguments.segment.as_deref();
+    let scenario = match path.filter(|path| super::eni_run::is_eni(path)) {
+        Some(eni) => super::eni_run::segment(eni, &arguments.eni).map(|(_, made)| made.scenario),
+        None => match arguments.eni.refused_without_eni() {
+            Some(message) => Err(message),
+            None => super::segment_or_built_in(path)
+                .map(Scenario::from)
+                .map_err(|error| error.to_string()),
+        },
     };
-    let mut scenario = Scenario::from(file);
+    let mut scenario = match scenario {
+        Ok(scenario) => scenario,
+        Err(message) => return fail(&message),
+    };
     scenario.seed = arguments.seed.unwrap_or(scenario.seed);
     super::note_ring(&scenario, "scan");
     let bar = progress_bar(scenario.duration);

@@ -4,22 +4,25 @@ use std::cell::Cell;
 use std::fmt;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use clap::Args;
 use isocat_esc::DriftLaw;
-use isocat_host::{LinkError, RawSocket, Veth, clock};
+use isocat_host::{LinkError, RawSocket, Recorder, Veth, clock};
 use isocat_segment::Scenario;
 use isocat_serve::control::{self, Requests};
 use isocat_serve::server::{Event, Server};
 use isocat_serve::service::{self, Audience, Interfaces, Reply, Style};
 use isocat_serve::summary::Outcome;
 use isocat_serve::{Order, Setup, Summary};
+use isocat_sim::MainPort;
 use isocat_wire::AlState;
 use isocat_wire::time::{Host, Time};
 use serde_json::json;
 
+use super::record::Recording;
 use super::{IN_SYNC, NOT_IN_SYNC, NOT_KNOWN, fail, print};
+use crate::record;
 
 /// Arguments of `serve`.
 #[derive(Args, Debug)]
@@ -62,6 +65,8 @@ pub struct Arguments {
     /// Answer GET /metrics for Prometheus here: a port of this machine, or an address
     #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
     metrics: Option<std::net::SocketAddr>,
+    #[command(flatten)]
+    recording: Recording,
 }
 
 /// Runs the verb; gives the exit code.
@@ -114,9 +119,13 @@ pub fn run(arguments: &Arguments) -> u8 {
     if let Some(Err(message)) = metrics {
         return fail(&message);
     }
+    let tape = match arguments.tape(&scenario, interface) {
+        Ok(tape) => tape,
+        Err(message) => return fail(&message),
+    };
     let began = clock::now();
     let mut server = Server::new(Setup::from(&scenario).without_process_data(), began);
-    let mut teller = Teller::new(arguments.json, began, scenario.source.clone());
+    let mut teller = Teller::new(arguments.json, began, scenario.source.clone(), tape);
     teller.greet(&scenario, &ends, veth.as_ref());
     let style = Style { busy: arguments.busy };
     let result = service::run(&mut server, interfaces, &mut wake, &requests, style, &mut teller);
@@ -158,6 +167,16 @@ impl fmt::Display for Ends {
 }
 
 impl Arguments {
+    /// Begins what `--record` asks for.
+    fn tape(&self, scenario: &Scenario, interface: &str) -> Result<Option<Tape>, String> {
+        if self.recording.is_given() && scenario.ring.is_some() {
+            return Err("--record is for one interface; expected a segment that is no ring".into());
+        }
+        let names = scenario.devices.iter().map(|device| device.name.clone()).collect();
+        let begun = self.recording.begin(interface, names)?;
+        Ok(begun.map(|(guard, events)| Tape { recorder: Recorder::new(guard), events }))
+    }
+
     /// Where to serve; what is wrong with it for this segment.
     fn ends(&self, scenario: &Scenario) -> Result<Ends, String> {
         let (source, is_ring) = (&scenario.source, scenario.ring.is_some());
@@ -218,6 +237,12 @@ fn finish(arguments: &Arguments, summary: &Summary, seed: u64) -> u8 {
     }
 }
 
+/// The last seconds of what goes through the interface, and what is said of them.
+struct Tape {
+    recorder: Recorder,
+    events: Receiver<record::Event>,
+}
+
 /// Lines that may wait for a reader.
 const MOST_LINES: usize = 65_536;
 
@@ -232,10 +257,11 @@ struct Teller {
     began: Time<Host>,
     frames: u64,
     segment: String,
+    tape: Option<Tape>,
 }
 
 impl Teller {
-    fn new(json: bool, began: Time<Host>, segment: String) -> Self {
+    fn new(json: bool, began: Time<Host>, segment: String, tape: Option<Tape>) -> Self {
         let (sender, receiver) = sync_channel::<String>(MOST_LINES);
         let status = !json && std::io::stdout().is_terminal();
         let writer = std::thread::spawn(move || {
@@ -246,7 +272,7 @@ impl Teller {
             }
         });
         let (lines, writer, left_out) = (Some(sender), Some(writer), Cell::new(0));
-        Self { lines, left_out, writer, json, status, began, frames: 0, segment }
+        Self { lines, left_out, writer, json, status, began, frames: 0, segment, tape }
     }
 
     fn say(&self, line: String) {
@@ -281,8 +307,28 @@ impl Teller {
         }
     }
 
+    /// Tells what the recording says.
+    fn tell_tape(&self, events: &Receiver<record::Event>) {
+        for event in events.try_iter() {
+            self.say(match self.json {
+                true => event.json().to_string(),
+                false => format!("recording: {}", event.words()),
+            });
+        }
+    }
+
     /// Ends the output: everything is written.
     fn end(&mut self) {
+        if let Some(Tape { recorder, events }) = self.tape.take() {
+            match recorder.finish() {
+                Ok(0) => {}
+                Ok(left_out) => eprintln!(
+                    "{left_out} frames were not recorded: this machine was too slow for them"
+                ),
+                Err(error) => eprintln!("the recording failed: {error}"),
+            }
+            self.tell_tape(&events);
+        }
         if self.left_out.get() > 0 {
             eprintln!("{} lines were left out: nobody read them in time", self.left_out.get());
         }
@@ -366,7 +412,17 @@ impl Audience for Teller {
         self.say(format!("{:>10.3} s  the interface {interface} {what}", now as f64 / 1e9));
     }
 
+    fn frame(&mut self, _: MainPort, at: Time<Host>, answer: bool, bytes: &[u8]) {
+        // As the MainDevice sees it: what comes here is what it sends.
+        if let Some(tape) = &mut self.tape {
+            tape.recorder.frame(at, !answer, bytes, false);
+        }
+    }
+
     fn tick(&mut self, server: &Server) {
+        if let Some(tape) = &self.tape {
+            self.tell_tape(&tape.events);
+        }
         if !self.status {
             return;
         }

@@ -52,19 +52,19 @@ pub struct Arguments {
     seed: Option<u64>,
     /// Wake-ups of the program come late by up to this, in the place of what the file says of its
     /// host
-    #[arg(long, value_name = "TIME", value_parser = duration)]
+    #[arg(long, value_name = "TIME", value_parser = luck::lateness)]
     lateness: Option<Nanos>,
     /// Wake-ups come as late as measured: a histogram as cyclictest -q -h writes it, or lines of
     /// microseconds and counts
     #[arg(long, value_name = "FILE", conflicts_with = "lateness")]
     lateness_from: Option<PathBuf>,
-    /// One of so many system calls takes up to this much longer, as another program has the
+    /// One in this many system calls takes up to this much longer, as when another program has the
     /// processor (1000:300us)
     #[arg(long, value_name = "ONE_OF:TIME", value_parser = luck::preemption)]
     preemption: Option<(u64, Nanos)>,
-    /// End the program after this virtual time
-    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
-    limit: Option<Nanos>,
+    /// End the program after this virtual time, up to 24 hours
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, default_value = "3600s")]
+    limit: Nanos,
     /// Print the summary as JSON on standard output, once the program has ended
     #[arg(long)]
     json: bool,
@@ -83,6 +83,10 @@ pub struct Arguments {
     /// Write frames, and what happens at each SubDevice, to this file, as a trace for Perfetto
     #[arg(long, value_name = "FILE")]
     trace: Option<PathBuf>,
+    /// Write a table with one row for each SubDevice and cycle to this file: CSV if it ends in
+    /// .csv, Parquet if in .parquet
+    #[arg(long, value_name = "FILE")]
+    series: Option<PathBuf>,
     /// Take the segment from this file, as if it stood in the place of SEGMENT
     #[arg(long, value_name = "FILE", hide = true)]
     text: Option<String>,
@@ -114,7 +118,7 @@ fn once(arguments: &Arguments) -> Result<u8, String> {
             output::probe(path).map_err(|error| unwritable(what, Some(path), &error))?;
         }
     }
-    let files = SharedFiles::new(Files::create(&arguments.files(), &scenario)?);
+    let files = SharedFiles::new(Files::create(&arguments.files()?, &scenario)?);
     let mut segment = Segment::new(&scenario, files.tap());
     let ended = supervisor::run(&program, &options, &mut segment).map_err(|e| e.to_string())?;
     segment.server.finish(START + ended.lasted);
@@ -189,13 +193,12 @@ impl Arguments {
             seed: scenario.seed,
             ..Luck::default()
         };
-        Ok(Options { interfaces, costs: Costs::default(), luck, limit: self.limit, stop })
+        Ok(Options { interfaces, costs: Costs::default(), luck, limit: Some(self.limit), stop })
     }
 
-    fn files(&self) -> Wanted<'_> {
-        let paths = [&self.capture, &self.waves, &self.trace].map(|path| path.as_deref());
-        let [capture, waves, trace] = paths;
-        Wanted::of([capture, waves, trace, None])
+    fn files(&self) -> Result<Wanted<'_>, String> {
+        let paths = [&self.capture, &self.waves, &self.trace, &self.series];
+        Wanted::of(paths.map(|path| path.as_deref()))
     }
 
     /// Tells and writes all; gives the exit code.
@@ -205,7 +208,12 @@ impl Arguments {
         if let Some(path) = &self.report {
             let text = match path.extension().and_then(|extension| extension.to_str()) {
                 Some("json") => format!("{:#}\n", outcome::document(summary, seed, ended, hash)),
-                Some("html" | "htm") => crate::html::serve::page(summary).render(),
+                Some("html" | "htm") => {
+                    let mut lines: Vec<String> = words.lines().map(str::to_owned).collect();
+                    let repeats = self.repeats(self.segment.as_deref(), seed);
+                    lines.push(format!("The same again: {repeats}"));
+                    crate::html::serve::virtual_page(summary, &lines).render()
+                }
                 _ => anstream::adapter::strip_str(&summary.text()).to_string() + &words,
             };
             output::write(path, text).map_err(|e| unwritable("report", Some(path), &e))?;

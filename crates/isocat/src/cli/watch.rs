@@ -84,6 +84,8 @@ struct Place {
     /// Stay on this CPU, best an isolated one
     #[arg(long, value_name = "N", requires = "interface")]
     cpu: Option<usize>,
+    #[command(flatten)]
+    recording: super::record::Recording,
     /// Watch what an `isocat serve` that runs serves: the interface it was given, or the name of --setup-veth
     #[arg(long, value_name = "NAME", conflicts_with_all = ["segment", "interface", "seed", "speed"])]
     serve: Option<String>,
@@ -119,15 +121,34 @@ pub fn run(arguments: &Arguments) -> u8 {
         Ok(server) => server,
         Err(message) => return fail(&message),
     };
-    let (source, title) = match arguments.source(&stop) {
+    let mut recorded = Recorded::default();
+    let (source, title) = match arguments.source(&stop, &mut recorded) {
         Ok(source) => source,
         Err(message) => return fail(&message),
     };
     let end = show(arguments, &source, title, &stop, server.as_ref());
     source.end();
+    // Not before the terminal is given back.
+    recorded.tell();
     match end {
         Ok(end) => finish(arguments, end),
         Err(error) => fail(&format!("the terminal can't be used: {error}")),
+    }
+}
+
+/// What a recording says.
+#[derive(Default)]
+struct Recorded {
+    #[cfg(target_os = "linux")]
+    events: Option<std::sync::mpsc::Receiver<crate::record::Event>>,
+}
+
+impl Recorded {
+    fn tell(&self) {
+        #[cfg(target_os = "linux")]
+        for event in self.events.iter().flat_map(std::sync::mpsc::Receiver::try_iter) {
+            anstream::eprintln!("isocat watch: {}", event.words());
+        }
     }
 }
 
@@ -257,7 +278,17 @@ impl Arguments {
     }
 
     /// Begins; gives also what is told of the place.
-    fn source(&self, stop: &Arc<AtomicBool>) -> Result<(Source, String), String> {
+    fn source(
+        &self,
+        stop: &Arc<AtomicBool>,
+        recorded: &mut Recorded,
+    ) -> Result<(Source, String), String> {
+        #[cfg(not(target_os = "linux"))]
+        let _ = recorded;
+        #[cfg(target_os = "linux")]
+        if self.place.interface.is_none() && self.place.recording.is_given() {
+            return Err("--record and its keys go with --interface".into());
+        }
         #[cfg(target_os = "linux")]
         if let Some(name) = &self.place.serve {
             return served(name, stop);
@@ -267,7 +298,7 @@ impl Arguments {
         let scenario = self.scenario(file);
         #[cfg(target_os = "linux")]
         if let Some(interface) = &self.place.interface {
-            return self.wire(interface, &scenario, stop);
+            return self.wire(interface, &scenario, stop, recorded);
         }
         let title = match self.speed {
             Speed::Times(times) => format!("simulated x{times}"),
@@ -282,10 +313,12 @@ impl Arguments {
         interface: &str,
         scenario: &Scenario,
         stop: &Arc<AtomicBool>,
+        recorded: &mut Recorded,
     ) -> Result<(Source, String), String> {
         use isocat_engine::live::job::Job;
         use isocat_engine::status::Scribe;
-        let Place { netns, any, cycle, busy, cpu, .. } = &self.place;
+        use isocat_host::Recorder;
+        let Place { netns, any, cycle, busy, cpu, recording, .. } = &self.place;
         let options = super::interface::Options {
             interface: Some(interface.to_owned()),
             netns: netns.clone(),
@@ -294,6 +327,7 @@ impl Arguments {
             busy: *busy,
             cpu: *cpu,
             preflight: false,
+            recording: recording.clone(),
         };
         options.check(*any)?;
         if let Some(message) = super::refused_ring(scenario, interface) {
@@ -302,6 +336,9 @@ impl Arguments {
         let config = super::interface::config(&options, scenario);
         let socket = options.open(interface).map_err(|error| error.to_string())?;
         let board = super::interface::board(&config, scenario, &options);
+        let names = super::interface::names(&options, scenario);
+        let (guard, events) = recording.begin(interface, names)?.unzip();
+        recorded.events = events;
         let job = Job {
             scribe: Some(Scribe::new(board.clone(), &config)),
             config,
@@ -310,13 +347,16 @@ impl Arguments {
             duration: FOREVER,
             difference_limit: scenario.sync0_limit,
             wish: options.wish(),
-            recorder: None,
+            recorder: guard.map(Recorder::new),
         };
         let (own, stopped) = (board.clone(), stop.clone());
         let thread = std::thread::spawn(move || {
             let failure = match job.run(&stopped, &mut |_| {}) {
                 Err(error) => Some(error.to_string()),
-                Ok(outcome) => {
+                Ok(mut outcome) => {
+                    if let Some(Err(error)) = outcome.recorder.take().map(Recorder::finish) {
+                        anstream::eprintln!("isocat watch: the recording failed: {error}");
+                    }
                     let found = outcome.findings.first().map(|finding| {
                         (finding.place, words::what(&finding.kind, words::Family::Wire))
                     });

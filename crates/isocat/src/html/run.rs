@@ -338,7 +338,8 @@ impl Run<'_> {
             .collect();
         let limit = isocat_wire::time::Picos::from(self.limit).0;
         let chart = |id: &str, title: &str, series| {
-            Chart { id, title, series, limit: Some(limit), marks: &marks, length }.draw()
+            let span = (0.0, length);
+            Chart { id, title, series, limit: Some(limit), marks: &marks, span }.draw()
         };
         let error = chart(
             &format!("error-{at}"),
@@ -384,7 +385,7 @@ impl Run<'_> {
             series: &self.recorded.host_phase,
             limit: jitter,
             marks: &states,
-            length,
+            span: (0.0, length),
         }
         .draw();
         html! {

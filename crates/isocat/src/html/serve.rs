@@ -10,6 +10,14 @@ use super::parts::{error_cells, notes, origins, range, table};
 use super::{Page, compact};
 use crate::picture::cycle::ns;
 
+/// The page of a program in virtual time: the same, and what became of the program, line by line.
+pub fn virtual_page(summary: &Summary, program: &[String]) -> Page {
+    let page = page(summary);
+    let body = html! { (notes("The program", program)) (page.body) };
+    let title = format!("{} - isocat virtual", summary.segment_file);
+    Page { title, kind: "A MainDevice in virtual time", body, ..page }
+}
+
 /// The page of a service that has ended.
 pub fn page(summary: &Summary) -> Page {
     let judged = || summary.sessions.iter().filter_map(|session| session.judged.as_ref());

@@ -19,8 +19,8 @@ pub struct Chart<'a> {
     pub limit: Option<i64>,
     /// Instants to mark, ns, with what happened.
     pub marks: &'a [(f64, String)],
-    /// Length of the axis of time, ns.
-    pub length: f64,
+    /// First and last instant of the axis of time, ns.
+    pub span: (f64, f64),
 }
 
 const HEIGHT: f64 = 110.0;
@@ -40,7 +40,8 @@ impl Chart<'_> {
         }
         let room = ((high - low) * 0.08).max(0.5);
         (low, high) = (low - room, high + room);
-        let mut frame = Frame::new(self.id, self.title, 0.0, self.length.max(1.0));
+        let (from, to) = self.span;
+        let mut frame = Frame::new(self.id, self.title, from, to.max(from + 1.0));
         frame.skip(6.0);
         let top = frame.lane("", HEIGHT);
         let y = |value: f64| top + (high - value) / (high - low) * HEIGHT;

@@ -79,7 +79,7 @@ fn a_series_is_drawn_with_its_limit_if_that_is_near() {
         series: &series,
         limit: Some(limit),
         marks: &marks,
-        length: 100_000.0,
+        span: (0.0, 100_000.0),
     };
     let near = chart(100_000).draw().expect("there are values");
     let far = chart(1_000_000).draw().expect("there are values");

@@ -1,12 +1,14 @@
 //! What must hold of arbitrary bytes at each door of the command: they are taken or refused with a place, and nothing
 //! panics. The fuzz targets in `fuzz/` share these checks.
 
+use isocat_captures::annotating::Annotated;
 use isocat_captures::reading::Reading;
 use isocat_descriptions::FileError;
 use isocat_descriptions::eni::Eni;
 use isocat_descriptions::esi::EsiFile;
 use isocat_descriptions::limits;
-use isocat_diagnose::{Diagnosis, Names};
+use isocat_descriptions::sii::SiiFile;
+use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Names};
 use isocat_segment::SegmentFile;
 use isocat_segment::profile::Profile;
 use isocat_serve::Order;
@@ -24,6 +26,25 @@ pub fn esi(bytes: &[u8]) {
             file.refused.iter().for_each(placed);
         }
         Err(error) => placed(&error),
+    }
+}
+
+/// The content of an EEPROM.
+pub fn sii(bytes: &[u8]) {
+    let file = match SiiFile::from_bytes("x.bin", bytes) {
+        Ok(file) => file,
+        // A binary file has no lines; the word stands in the message.
+        Err(error) => return assert!(error.to_string().starts_with("x.bin")),
+    };
+    assert!(!file.text().is_empty() && file.used <= file.image.len());
+    let as_esi = EsiFile::of_sii(&file);
+    for device in &as_esi.devices {
+        let modes = device.op_modes().len().min(4);
+        for mode in (0..modes).map(Some).chain([None]) {
+            if let Ok(profile) = Profile::from_esi(&as_esi, device, mode) {
+                assert_eq!(profile.with_sii(&file.image).sii.len() % 2, 0);
+            }
+        }
     }
 }
 
@@ -60,11 +81,30 @@ pub fn capture(bytes: &[u8]) {
         assert!(reading.frames.len() <= reading.tally.packets);
         let mut diagnosis = Diagnosis::new();
         diagnosis.read("x.pcapng", bytes).expect("what was read once is read again");
-        if let Ok(report) = diagnosis.report(&Names::default()) {
+        if let Ok(mut report) = diagnosis.report(&Names::default()) {
+            if let Some(mut around) = Around::new(&report) {
+                around.read("x.pcapng", bytes).expect("what was read once is read again");
+                around.end(&mut report);
+            }
+            annotated(bytes, &reading, &report);
             assert!(!report.text().is_empty());
             let packets: usize = report.captures.iter().map(|capture| capture.packets).sum();
             assert!(report.findings.iter().all(|one| (1..=packets).contains(&one.frame.frame)));
         }
+    }
+}
+
+/// A copy with comments has the frames of the original. It may have more: a block that only looks
+/// wrong inside is copied as it is.
+fn annotated(bytes: &[u8], reading: &Reading, report: &DiagnoseReport) {
+    let mut copy = Annotated::new(Vec::new());
+    let copied = copy.add(bytes, &report.comments()[0]).expect("what was read once is read again");
+    assert!(copied.packets >= reading.tally.packets, "{copied:?}");
+    let copy = copy.finish().expect("memory takes it");
+    let again = Reading::of(&copy).expect("a capture");
+    assert!(again.frames.len() >= reading.frames.len(), "{} frames", again.frames.len());
+    for (one, other) in again.frames.iter().zip(&reading.frames) {
+        assert_eq!((one.number, &one.bytes), (other.number, &other.bytes));
     }
 }
 

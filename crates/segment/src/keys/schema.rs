@@ -48,6 +48,15 @@ fn rule(rule: &Rule) -> Value {
     match *rule {
         Rule::Either(one, other) => json!({ "oneOf": [has(one), has(other)] }),
         Rule::Any(one, other) => json!({ "anyOf": [has(one), has(other)] }),
+        Rule::AnyOf(keys) => {
+            json!({ "anyOf": keys.iter().map(|key| has(key)).collect::<Vec<_>>() })
+        }
+        Rule::NotBoth(one, other) => json!({ "not": { "required": [one, other] } }),
+        Rule::NeedsAny(key, others) => {
+            let without = json!({ "not": has(key) });
+            let any = others.iter().map(|other| has(other));
+            json!({ "anyOf": any.chain([without]).collect::<Vec<_>>() })
+        }
         Rule::Needs(key, other) => json!({ "dependencies": { key: [other] } }),
     }
 }

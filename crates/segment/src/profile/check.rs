@@ -10,7 +10,7 @@ use isocat_wire::coe::info::Access;
 use isocat_wire::time::Nanos;
 
 use super::ApplicationKind;
-use super::draft::{Area, Draft, Entry, Object, Placed};
+use super::draft::{Area, Draft, Entry, Object, Placed, buffers};
 
 /// Refuses a profile that contradicts itself.
 pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
@@ -64,8 +64,8 @@ pub(super) fn memory(draft: &Draft<'_>) -> Result<(), FileError> {
         (&draft.outputs, "the outputs (three buffers)"),
         (&draft.inputs, "the inputs (three buffers)"),
     ] {
-        if let Some(area) = area {
-            areas.push((area.at, name, area.start, 3 * u32::from(area.length)));
+        for (at, start, length) in area.iter().flat_map(Area::places) {
+            areas.push((at, name, start, buffers(start, length) * u32::from(length)));
         }
     }
     areas.sort_by_key(|(_, _, start, _)| *start);

@@ -82,7 +82,7 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     let mapped = outputs.chain(inputs).flat_map(|(area, access)| mapped_objects(area, access));
     let mapped: Vec<_> = mapped.collect();
     add_missing(&mut draft.objects, mapped);
-    draft.objects.sort_by_key(|object| object.index);
+    draft.objects.sort_unstable_by_key(|object| object.index);
 }
 
 /// Gives one entry of 32 bits another time at power-on; `None` if there is none, or no room for another preset.
@@ -151,6 +151,14 @@ impl Draft<'_> {
                 ProcessDataArea { sync_manager, start: 0, max_length: 0 }
             }
         };
+        let further = |area: &Option<Area>| {
+            let share = |share: &draft::Share| ProcessDataArea {
+                sync_manager: share.sync_manager,
+                start: share.start,
+                max_length: share.length,
+            };
+            leak(area.iter().flat_map(|area| &area.further).map(share).collect())
+        };
         let recommended = |area: &Option<Area>| {
             area.iter().flat_map(|area| &area.recommended).map(|pdo| pdo.value).collect()
         };
@@ -159,6 +167,8 @@ impl Draft<'_> {
             mailbox: self.mailbox.map(|mailbox| mailbox.value),
             outputs: area(&self.outputs, &self.inputs, 2),
             inputs: area(&self.inputs, &self.outputs, 3),
+            further_outputs: further(&self.outputs),
+            further_inputs: further(&self.inputs),
             behaviour: Behaviour {
                 shift_outputs: local_timer(object::OUTPUT_PARAMETER),
                 shift_inputs: local_timer(object::INPUT_PARAMETER),
@@ -193,6 +203,8 @@ impl Draft<'_> {
             vendor: self.vendor,
             op_modes: self.op_modes,
             startup: Vec::new(),
+            doubts: Vec::new(),
+            physics: None,
         })
     }
 

@@ -10,6 +10,7 @@ use isocat_sync::SupportedTypes;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
+use isocat_wire::register;
 use isocat_wire::sii::{MailboxArea, SmRecord};
 use isocat_wire::time::Nanos;
 
@@ -99,7 +100,43 @@ pub(super) struct Area {
     pub slots: u8,
     pub default: Vec<Placed<u16>>,
     pub recommended: Vec<Placed<u16>>,
+    /// All that can be assigned, and those of `further`.
     pub pdos: Vec<Pdo>,
+    /// SyncManagers behind this one, in the order of the process image.
+    pub further: Vec<Share>,
+}
+
+/// A further process data SyncManager of the same direction. Its PDOs are fixed.
+#[derive(Debug)]
+pub(super) struct Share {
+    pub at: usize,
+    pub sync_manager: u8,
+    pub start: u16,
+    pub length: u16,
+    /// The PDOs in it.
+    pub pdos: Vec<u16>,
+}
+
+impl Area {
+    /// Where its bytes lie: place in the file, first byte, and how many of each buffer.
+    pub fn places(&self) -> impl Iterator<Item = (usize, u16, u16)> + '_ {
+        let further = self.further.iter().map(|share| (share.at, share.start, share.length));
+        std::iter::once((self.at, self.start, self.length)).chain(further)
+    }
+
+    /// The SyncManager that a PDO is assigned to by default.
+    pub fn sync_manager_of(&self, pdo: u16) -> Option<u8> {
+        if self.default.iter().any(|assigned| assigned.value == pdo) {
+            return Some(self.sync_manager);
+        }
+        let share = self.further.iter().find(|share| share.pdos.contains(&pdo))?;
+        Some(share.sync_manager)
+    }
+}
+
+/// Buffers of a process data SyncManager: three, but a single byte needs no handshake, and registers are there once.
+pub(super) fn buffers(start: u16, length: u16) -> u32 {
+    if length == 1 || start < register::PROCESS_RAM { 1 } else { 3 }
 }
 
 /// `[[outputs.pdo]]`.

@@ -6,6 +6,7 @@
 
 use std::collections::HashMap;
 use std::fmt;
+use std::ops::Range;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::{FileError, Source};
@@ -14,15 +15,16 @@ use isocat_descriptions::esi::{
 };
 use isocat_esc::chip::{Chip, DcUnits, ET1100};
 use isocat_subdevice::description::{Behaviour, Mailbox};
-use isocat_subdevice::{MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX};
+use isocat_subdevice::{MAX_AREAS, MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX};
 use isocat_sync::{SupportedTypes, object};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
+use isocat_wire::dc::AssignActivate;
 use isocat_wire::register::features;
 use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 
-use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Times};
+use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Share, Times};
 use super::{
     ApplicationKind, DriveLayout, Identity, OpMode, Origin, Profile, check, dictionary, ports,
 };
@@ -39,11 +41,11 @@ pub use op_mode::{Doubt, RunAs};
 pub enum Obstacle {
     /// It has no product code.
     Placeholder,
-    /// Process data of one direction are in more than one SyncManager.
+    /// Process data of one direction are in more SyncManagers than the stack takes.
     SeveralSyncManagers,
     /// A direction has more process data than the stack's buffers.
     ProcessDataTooLong,
-    /// Process data are not in the process RAM but in registers, as digital outputs of an ESC are.
+    /// Process data are neither in the process RAM nor in the registers of digital outputs.
     ProcessDataInRegisters,
     /// A PDO has more entries than a mapping object.
     TooManyEntries,
@@ -114,7 +116,9 @@ impl Profile {
             file,
             device,
             mode: op_mode.and_then(|number| device.op_modes().get(number)),
+            emulated: false,
             assumed: Vec::new(),
+            doubts: Vec::new(),
         };
         let profile = import.profile()?;
         let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -126,7 +130,10 @@ struct Import<'f> {
     file: &'f EsiFile,
     device: &'f EsiDevice,
     mode: Option<&'f EsiOpMode>,
+    /// The ESC answers AL control by itself, and there is no program.
+    emulated: bool,
     assumed: Vec<Assumed>,
+    doubts: Vec<Doubt>,
 }
 
 impl Import<'_> {
@@ -145,6 +152,7 @@ impl Import<'_> {
         let image = self.file.image(device, self.mode);
         let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
         let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
+        self.emulated = mailbox.is_none() && self.has_emulation([&outputs, &inputs]);
         shorten(&mut outputs, &inputs, mailbox.map(|mailbox| mailbox.value));
         shorten(&mut inputs, &outputs, mailbox.map(|mailbox| mailbox.value));
         let coe = device.mailbox.as_ref().is_some_and(|mailbox| mailbox.coe.is_some());
@@ -199,6 +207,8 @@ impl Import<'_> {
         draft.assumed.append(&mut self.assumed);
         let mut profile = draft.finish().map_err(of(Obstacle::TooLarge))?;
         profile.startup = startup;
+        profile.doubts = self.doubts;
+        profile.physics = device.physics.clone();
         profile.origin = Origin::Description;
         Ok(profile)
     }
@@ -263,44 +273,58 @@ impl Import<'_> {
             .filter(|(_, pdos)| pdos.iter().any(|pdo| pdo.bits() > 0))
             .map(|(number, pdos)| (usize::from(*number), &pdos[..]))
             .collect();
+        // PDOs without entries are assigned all the same, where there is an object that says so.
+        let without_data = assigned.first().map(|(number, pdos)| (usize::from(*number), &pdos[..]));
+        let unassigned = || {
+            let number = device.sync_managers.iter().position(|sm| sm.purpose == purpose);
+            number.map(|number| (number, &[][..]))
+        };
         let (number, pdos) = match with_data[..] {
             [one] => one,
-            [] => match device.sync_managers.iter().position(|sm| sm.purpose == purpose) {
-                Some(number) if has_mailbox => (number, &[][..]),
+            [] => match without_data.or_else(unassigned) {
+                Some(found) if has_mailbox => found,
                 _ => return Ok(None),
             },
+            [first, ..] if !has_mailbox && with_data.len() <= MAX_AREAS => first,
             [_, (second, _), ..] => {
                 let at = device.sync_managers[second].at;
+                let most = if has_mailbox { 1 } else { MAX_AREAS };
                 let message = format!(
-                    "its {} are in {} SyncManagers; expected one",
+                    "its {} are in {} SyncManagers; expected at most {most}{}",
                     word(direction),
-                    with_data.len()
+                    with_data.len(),
+                    if has_mailbox { " beside a mailbox" } else { "" }
                 );
                 return Err(self.stopped(Obstacle::SeveralSyncManagers, at, message));
             }
         };
         let sm = &device.sync_managers[number];
-        let bits: u32 = pdos.iter().map(EsiPdo::bits).sum();
-        let bytes = bits.div_ceil(8) as usize;
-        if bytes > MAX_PROCESS_DATA {
+        let bytes = bytes_of(pdos);
+        let further = with_data.get(1..).unwrap_or_default();
+        let total = bytes + further.iter().map(|(_, pdos)| bytes_of(pdos)).sum::<usize>();
+        if total > MAX_PROCESS_DATA {
             let message = format!(
-                "{bytes} bytes of {}; expected at most {MAX_PROCESS_DATA}",
+                "{total} bytes of {}; expected at most {MAX_PROCESS_DATA}",
                 word(direction)
             );
             return Err(self.stopped(Obstacle::ProcessDataTooLong, sm.at, message));
         }
-        if sm.start < 0x1000 {
-            let message = format!(
-                "its {} lie in registers, at 0x{:04X}; expected 0x1000 or more",
-                word(direction),
-                sm.start
-            );
-            return Err(self.stopped(Obstacle::ProcessDataInRegisters, sm.at, message));
+        let numbers = std::iter::once((number, pdos)).chain(further.iter().copied());
+        for (number, pdos) in numbers {
+            self.check_place(direction, number, bytes_of(pdos), has_mailbox)?;
         }
+        let share = |&(number, pdos): &(usize, &[EsiPdo])| Share {
+            at: device.sync_managers[number].at,
+            sync_manager: number as u8,
+            start: device.sync_managers[number].start,
+            length: bytes_of(pdos) as u16,
+            pdos: pdos.iter().map(|pdo| pdo.index).collect(),
+        };
+        let further_pdos = further.iter().flat_map(|(_, pdos)| *pdos);
         let mut all: Vec<Pdo> = Vec::new();
         // A device without mailbox has no other assignment.
         let others = device.pdos.iter().filter(|pdo| has_mailbox && pdo.direction == direction);
-        for pdo in pdos.iter().chain(others) {
+        for pdo in pdos.iter().chain(further_pdos).chain(others) {
             if all.iter().all(|known| known.index != pdo.index) {
                 all.push(self.pdo(pdo)?);
             }
@@ -327,7 +351,43 @@ impl Import<'_> {
             recommended: default.clone(),
             default,
             pdos: all,
+            further: further.iter().map(share).collect(),
         }))
+    }
+
+    /// Process data lie in the process RAM, or are the registers that drive digital outputs.
+    fn check_place(
+        &self,
+        direction: Direction,
+        number: usize,
+        bytes: usize,
+        has_mailbox: bool,
+    ) -> Result<(), NotSimulated> {
+        let sm = &self.device.sync_managers[number];
+        let start = usize::from(sm.start);
+        let digital = direction == Direction::Outputs
+            && !has_mailbox
+            && DIGITAL_OUTPUTS.contains(&start)
+            && start + bytes <= DIGITAL_OUTPUTS.end;
+        if start >= 0x1000 || digital {
+            return Ok(());
+        }
+        let message = format!(
+            "its {} lie in registers, {bytes} bytes at 0x{start:04X}; expected 0x1000 or more, or digital \
+             outputs of a device without mailbox at 0x{:04X} to 0x{:04X}",
+            word(direction),
+            DIGITAL_OUTPUTS.start,
+            DIGITAL_OUTPUTS.end - 1
+        );
+        Err(self.stopped(Obstacle::ProcessDataInRegisters, sm.at, message))
+    }
+
+    /// Whether there is no program behind the ESC: ConfigData says so, or outputs are registers.
+    fn has_emulation(&self, areas: [&Option<Area>; 2]) -> bool {
+        let words = self.device.eeprom.as_ref().and_then(|eeprom| eeprom.configuration);
+        let mut places = areas.into_iter().flatten().flat_map(Area::places);
+        words.is_some_and(|words| words[1] & eeprom::DEVICE_EMULATION != 0)
+            || places.any(|(_, start, _)| start < 0x1000)
     }
 
     fn pdo(&self, pdo: &EsiPdo) -> Result<Pdo, NotSimulated> {
@@ -376,14 +436,18 @@ impl Import<'_> {
         SupportedTypes(types)
     }
 
+    /// How it behaves where descriptions say nothing. Among that is its own deadline on the way to
+    /// OP: `SafeopOpTimeout` says how long a MainDevice waits, which is another matter.
     fn behaviour(&mut self) -> Behaviour {
-        let given = self.device.timeouts.safeop_op;
-        let timeout = given.map_or(9_000, i64::from).clamp(10, 60_000);
-        if given.is_none() {
-            self.assume("Info/SafeopOpTimeout", "9s", "the description states none; the usual one");
-        }
+        let why = "no description states the device's own deadline; the usual one";
+        self.assume("safeop_to_op_timeout", "9s", why);
+        let words =
+            || self.device.op_modes().iter().map(|mode| AssignActivate(mode.assign_activate));
         Behaviour {
-            safeop_to_op_timeout: Nanos::millis(timeout),
+            device_emulation: self.emulated,
+            unit_without_pulses: words()
+                .any(|word| word.activates() && !word.makes_sync0() && !word.makes_sync1()),
+            ignores_sync1: words().any(AssignActivate::makes_sync1),
             watchdog_must_agree: false,
             // Several SYNC0 in a cycle take and give samples; the rest is done once.
             application_on_sync1: true,
@@ -399,6 +463,20 @@ impl Import<'_> {
             let bytes = entry.default.iter().take(4).rev();
             Some(bytes.fold(0_i64, |sum, byte| sum << 8 | i64::from(*byte))).filter(|ns| *ns > 0)
         };
+        if self.emulated {
+            let why = "digital I/O without a program acts with the end of the frame, or with SYNC0";
+            self.assume("times", "0 ns", why);
+            return Times {
+                at: self.device.at,
+                reaction: Nanos::ZERO,
+                calc_and_copy: Some(Nanos::ZERO),
+                application: Nanos::ZERO,
+                input_copy: Some(Nanos::ZERO),
+                jitter: Nanos::ZERO,
+                acknowledge: None,
+                unevenness: Default::default(),
+            };
+        }
         let minimum = stated(object::OUTPUT_PARAMETER, object::sub::MINIMUM_CYCLE_TIME);
         // Small against any cycle that the device can do.
         let cycle = self.mode.and_then(|mode| mode.cycle_time_sync0).map(|cycle| cycle.value.0);
@@ -444,10 +522,8 @@ impl Import<'_> {
             0 => ports::descriptor("YY"),
             ports => ports,
         };
-        let ends = areas
-            .into_iter()
-            .flatten()
-            .map(|area| u32::from(area.start) + 3 * u32::from(area.length));
+        let places = areas.into_iter().flatten().flat_map(Area::places);
+        let ends = places.map(|(_, start, length)| u32::from(start) + 3 * u32::from(length));
         let mailboxes = mailbox.iter().flat_map(|mailbox| [mailbox.receive, mailbox.send]);
         let ends = ends.chain(mailboxes.map(|area| u32::from(area.start) + u32::from(area.length)));
         let needed = ends.max().unwrap_or(0).saturating_sub(0x1000).div_ceil(1024) as u8;
@@ -477,7 +553,8 @@ impl Import<'_> {
 fn shorten(area: &mut Option<Area>, other: &Option<Area>, mailbox: Option<Mailbox>) {
     let Some(area) = area else { return };
     let mailboxes = mailbox.iter().flat_map(|mailbox| [mailbox.receive.start, mailbox.send.start]);
-    let starts = mailboxes.chain(other.iter().map(|other| other.start));
+    let others = other.iter().flat_map(Area::places).map(|(_, start, _)| start);
+    let starts = mailboxes.chain(others);
     let Some(next) = starts.filter(|start| *start > area.start).min() else { return };
     let least = area.bits(&area.default).div_ceil(8) as u16;
     area.length = area.length.min((next - area.start) / 3).max(least);
@@ -534,10 +611,17 @@ const fn word(direction: Direction) -> &'static str {
     }
 }
 
+fn bytes_of(pdos: &[EsiPdo]) -> usize {
+    pdos.iter().map(EsiPdo::bits).sum::<u32>().div_ceil(8) as usize
+}
+
+/// Registers that drive the digital outputs of an ESC.
+const DIGITAL_OUTPUTS: Range<usize> = 0x0F00..0x0F04;
 /// Sub-indices of a mapping object.
 const MOST_ENTRIES: usize = 254;
 /// Bits of 0x1C32:04.
 const FREE_RUN_AND_SM: u16 = 0x0003;
+const SM_SYNCHRONOUS: u16 = 0x0002;
 const DC_SYNC0: u16 = 0x0004;
 const DC_SYNC1: u16 = 0x0008;
 const DC_SUBORDINATED: u16 = 0x0010;

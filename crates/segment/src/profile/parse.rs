@@ -176,6 +176,7 @@ fn area(
         default,
         recommended,
         pdos: definitions,
+        further: Vec::new(),
     })
 }
 
@@ -295,6 +296,8 @@ fn behaviour(keys: &Keys<'_>) -> Result<Placed<Behaviour>, FileError> {
         identification: keys.get("identification")?,
         polls_outputs: keys.get("polls_outputs")?,
         application_on_sync1: keys.get("application_on_sync1")?,
+        unit_without_pulses: keys.get("unit_without_pulses")?,
+        ignores_sync1: keys.get("ignores_sync1")?,
         subordinated_sync0_cycle: keys
             .find("subordinated_sync0_cycle")?
             .unwrap_or(usual.subordinated_sync0_cycle),

@@ -3,47 +3,30 @@
 use std::ops::Range;
 
 use isocat_descriptions::document::FileError;
-use isocat_wire::sii::{
-    HEADER_LEN, Header, ImageFull, MailboxArea, PdoEntryRecord, PdoRecord, SmRecord, Writer,
-    category, checksum, sm_type,
-};
+use isocat_descriptions::sii::{General, Names, Sii, SiiEntry, SiiOpMode, SiiPdo};
+use isocat_wire::sii::{Header, MailboxArea, SmRecord, checksum, sm_type};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
 
-use super::draft::{Area, Draft};
+use super::draft::{Area, Draft, Pdo, PdoEntry};
 use super::ports;
 
 /// The image, in the smallest usual EEPROM that it fits into.
 pub(super) fn image(draft: &Draft<'_>) -> Result<Vec<u8>, FileError> {
-    let mut strings = Strings { texts: Vec::new(), lenient: draft.eeprom.is_some() };
-    let categories = [
-        (category::GENERAL, general(draft, &mut strings)),
-        (category::FMMU, fmmus(draft)),
-        (category::SYNC_MANAGER, sync_managers(draft)),
-        (category::TX_PDO, pdos(draft.inputs.as_ref(), &mut strings)),
-        (category::RX_PDO, pdos(draft.outputs.as_ref(), &mut strings)),
-        (category::DC, op_modes(draft, &mut strings)),
-    ];
-    let strings = strings.finish().map_err(|problem| draft.source.error(0, problem))?;
-    let write = |size: usize| -> Result<Vec<u8>, ImageFull> {
-        let mut image = vec![0; size];
-        let mut writer = Writer::new(&mut image, &header(draft, size))?;
-        // Strings come first: the others point into them.
-        writer.category(category::STRINGS, &strings)?;
-        for (kind, data) in &categories {
-            if !data.is_empty() {
-                writer.category(*kind, data)?;
-            }
-        }
-        writer.finish()?;
-        Ok(image)
+    let sii = Sii {
+        header: header(draft),
+        general: Some(general(draft)),
+        fmmus: fmmus(draft),
+        sync_managers: sync_managers(draft),
+        inputs: pdos(draft.inputs.as_ref()),
+        outputs: pdos(draft.outputs.as_ref()),
+        op_modes: op_modes(draft),
+        others: Vec::new(),
     };
-    let most = SIZES[SIZES.len() - 1];
-    let least = draft.eeprom.as_ref().map_or(0, |eeprom| eeprom.size.min(most));
-    let mut sizes = SIZES.into_iter().filter(|size| *size >= least);
-    sizes.find_map(|size| write(size).ok()).ok_or_else(|| {
-        draft.source.error(0, format!("the SII image is too long; expected at most {most} bytes"))
-    })
+    let least = draft.eeprom.as_ref().map_or(0, |eeprom| eeprom.size);
+    // The SII of an imported device is not the only place that has its names.
+    let names = if draft.eeprom.is_some() { Names::Fitting } else { Names::All };
+    sii.image(least, names).map_err(|problem| draft.source.error(0, problem.to_string()))
 }
 
 /// How long SYNC pulses are, word 2 of an image; zero is acknowledge mode.
@@ -67,7 +50,7 @@ pub(super) fn with_pulse(image: &[u8], pulse: Nanos) -> Vec<u8> {
     image
 }
 
-fn header(draft: &Draft<'_>, size: usize) -> Header {
+fn header(draft: &Draft<'_>) -> Header {
     let mut configuration = [0; 14];
     configuration[0] = PDI_SPI;
     configuration[1] = if draft.esc.sync_unit { ESC_SYNC_AND_LATCH } else { 0 };
@@ -93,35 +76,41 @@ fn header(draft: &Draft<'_>, size: usize) -> Header {
             None if mailbox.is_some() => Header::COE,
             None => 0,
         },
-        size: (size / 128 - 1) as u16,
+        size: 0,
     }
 }
 
-fn general(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
-    let mut data = vec![0; 32];
-    let name = strings.number(&draft.name);
+fn general(draft: &Draft<'_>) -> General {
     let writable = [&draft.outputs, &draft.inputs]
         .into_iter()
         .flatten()
         .any(|area| area.access.has_any(isocat_wire::coe::info::Access::WRITE));
-    data[0x00] = strings.number(&draft.vendor);
-    data[0x02] = name;
-    data[0x03] = name;
+    let mut coe_details = 0;
     if draft.mailbox.is_some() {
-        data[0x05] = COE_SDO | COE_INFORMATION | COE_COMPLETE_ACCESS;
+        coe_details = COE_SDO | COE_INFORMATION | COE_COMPLETE_ACCESS;
     }
     if writable {
-        data[0x05] |= COE_ASSIGNMENT;
+        coe_details |= COE_ASSIGNMENT;
     }
-    data[0x10..0x12].copy_from_slice(&ports::in_sii(&draft.esc.chip.1).to_le_bytes());
-    if let Some(eeprom) = &draft.eeprom {
-        data[0x02] = strings.number(&eeprom.order);
-        data[0x05] = eeprom.coe_details;
-        data[0x06] = u8::from(eeprom.protocols & FOE != 0);
-        data[0x07] = u8::from(eeprom.protocols & EOE != 0);
-        data[0x10..0x12].copy_from_slice(&eeprom.ports.to_le_bytes());
+    let general = General {
+        group: draft.vendor.clone(),
+        order: draft.name.clone(),
+        name: draft.name.clone(),
+        coe_details,
+        ports: ports::in_sii(&draft.esc.chip.1),
+        ..General::default()
+    };
+    match &draft.eeprom {
+        None => general,
+        Some(eeprom) => General {
+            order: eeprom.order.clone(),
+            coe_details: eeprom.coe_details,
+            foe: u8::from(eeprom.protocols & FOE != 0),
+            eoe: u8::from(eeprom.protocols & EOE != 0),
+            ports: eeprom.ports,
+            ..general
+        },
     }
-    data
 }
 
 /// What the FMMUs are for; the third maps the state of the send mailbox.
@@ -137,9 +126,9 @@ fn fmmus(draft: &Draft<'_>) -> Vec<u8> {
 /// SM0 and SM1 are the mailbox, SM2 the outputs, SM3 the inputs. Without a mailbox SM0 and SM1 are unused,
 /// but keep its control byte: some MainDevices (ethercrab) guess the use of an unused one from there, and
 /// would take control 0 for inputs.
-fn sync_managers(draft: &Draft<'_>) -> Vec<u8> {
+fn sync_managers(draft: &Draft<'_>) -> Vec<SmRecord> {
     if let Some(eeprom) = &draft.eeprom {
-        return eeprom.sync_managers.iter().flat_map(SmRecord::emit).collect();
+        return eeprom.sync_managers.clone();
     }
     let mailbox = |area: Option<MailboxArea>, control, kind| {
         let MailboxArea { start, length } = area.unwrap_or_default();
@@ -167,15 +156,12 @@ fn sync_managers(draft: &Draft<'_>) -> Vec<u8> {
         draft.mailbox.map(|mailbox| mailbox.value.receive),
         draft.mailbox.map(|mailbox| mailbox.value.send),
     );
-    [
+    vec![
         mailbox(receive, SyncManager::MAILBOX_OUT, sm_type::MAILBOX_OUT),
         mailbox(send, SyncManager::MAILBOX_IN, sm_type::MAILBOX_IN),
         process_data(draft.outputs.as_ref(), SyncManager::OUTPUTS, sm_type::OUTPUTS),
         process_data(draft.inputs.as_ref(), SyncManager::INPUTS, sm_type::INPUTS),
     ]
-    .iter()
-    .flat_map(SmRecord::emit)
-    .collect()
 }
 
 /// Bytes of the PDOs assigned by default.
@@ -183,98 +169,48 @@ fn default_length(area: &Area) -> u16 {
     area.bits(&area.default).div_ceil(8) as u16
 }
 
-fn pdos(area: Option<&Area>, strings: &mut Strings) -> Vec<u8> {
-    let mut data = Vec::new();
-    for pdo in area.into_iter().flat_map(|area| &area.pdos) {
-        let assigned = area.is_some_and(|area| area.default.iter().any(|d| d.value == pdo.index));
-        let record = PdoRecord {
-            index: pdo.index,
-            entries: pdo.entries.len() as u8,
-            sm: if assigned { area.map_or(0xFF, |area| area.sync_manager) } else { 0xFF },
-            sync_unit: 0,
-            name: strings.number(&pdo.name),
-            flags: FIXED_CONTENT,
-        };
-        data.extend(record.emit());
-        for entry in &pdo.entries {
-            let record = PdoEntryRecord {
-                index: entry.object.map_or(0, |object| object.index),
-                sub: entry.object.map_or(0, |object| object.sub),
-                name: strings.number(&entry.name),
-                data_type: entry.data_type.0 as u8,
-                bits: entry.bits,
-                flags: 0,
-            };
-            data.extend(record.emit());
-        }
-    }
-    data
+fn pdos(area: Option<&Area>) -> Vec<SiiPdo> {
+    let Some(area) = area else { return Vec::new() };
+    let pdo = |pdo: &Pdo| SiiPdo {
+        index: pdo.index,
+        sync_manager: area.sync_manager_of(pdo.index),
+        sync_unit: 0,
+        name: pdo.name.clone(),
+        flags: SiiPdo::FIXED,
+        entries: pdo.entries.iter().map(entry).collect(),
+    };
+    area.pdos.iter().map(pdo).collect()
 }
 
-fn op_modes(draft: &Draft<'_>, strings: &mut Strings) -> Vec<u8> {
-    let mut data = Vec::new();
+fn entry(entry: &PdoEntry) -> SiiEntry {
+    SiiEntry {
+        index: entry.object.map_or(0, |object| object.index),
+        sub: entry.object.map_or(0, |object| object.sub),
+        name: entry.name.clone(),
+        data_type: entry.data_type.0 as u8,
+        bits: entry.bits,
+        flags: 0,
+    }
+}
+
+fn op_modes(draft: &Draft<'_>) -> Vec<SiiOpMode> {
     if let Some(eeprom) = &draft.eeprom {
-        for (name, description, record) in &eeprom.op_modes {
-            let mut record = *record;
-            record[0x12] = strings.number(name);
-            record[0x13] = strings.number(description);
-            data.extend(record);
-        }
-        return data;
+        let modes = eeprom.op_modes.iter();
+        return modes
+            .map(|(name, text, record)| SiiOpMode::of_record(record, name.clone(), text.clone()))
+            .collect();
     }
-    for mode in &draft.op_modes {
-        let mut record = [0; 24];
-        record[0x0C..0x0E].copy_from_slice(&mode.sync1_factor.to_le_bytes());
-        record[0x0E..0x10].copy_from_slice(&mode.assign_activate.to_le_bytes());
-        record[0x10..0x12].copy_from_slice(&mode.sync0_factor.to_le_bytes());
-        record[0x12] = strings.number(&mode.name);
-        record[0x13] = strings.number(&mode.description);
-        data.extend(record);
-    }
-    data
-}
-
-/// The strings category: every text once.
-struct Strings {
-    texts: Vec<String>,
-    /// What has no room is left without a name, and too long ones are cut: the SII of an imported device
-    /// is not the only place that has its names.
-    lenient: bool,
-}
-
-impl Strings {
-    /// Number of a text, from 1; 0 for none.
-    fn number(&mut self, text: &str) -> u8 {
-        if text.is_empty() {
-            return 0;
-        }
-        let text = if self.lenient { cut(text) } else { text };
-        let known = self.texts.iter().position(|known| known == text);
-        if known.is_none() && self.lenient && self.texts.len() == 255 {
-            return 0;
-        }
-        let position = known.unwrap_or_else(|| {
-            self.texts.push(text.to_owned());
-            self.texts.len() - 1
-        });
-        // More than 255 are refused by `finish`.
-        (position + 1) as u8
-    }
-
-    fn finish(self) -> Result<Vec<u8>, String> {
-        if self.texts.len() > 255 {
-            return Err(format!("{} different names; the SII has room for 255", self.texts.len()));
-        }
-        let mut data = vec![self.texts.len() as u8];
-        for text in &self.texts {
-            let Ok(length) = u8::try_from(text.len()) else {
-                return Err(format!("the name \"{text}\" is longer than the 255 bytes of the SII"));
-            };
-            data.push(length);
-            data.extend(text.as_bytes());
-        }
-        Ok(data)
-    }
+    let modes = draft.op_modes.iter();
+    modes
+        .map(|mode| SiiOpMode {
+            name: mode.name.clone(),
+            description: mode.description.clone(),
+            assign_activate: mode.assign_activate,
+            sync0_factor: mode.sync0_factor,
+            sync1_factor: mode.sync1_factor,
+            ..SiiOpMode::default()
+        })
+        .collect()
 }
 
 /// At most 255 bytes of a text, in whole characters.
@@ -287,9 +223,6 @@ pub(super) fn cut(text: &str) -> &str {
 const PULSE: Range<usize> = 4..6;
 /// A tick of the ESC, ns.
 const TICK: i64 = 10;
-/// EEPROM sizes in bytes, 16 kbit to 512 kbit.
-const SIZES: [usize; 6] = [2_048, 4_096, 8_192, 16_384, 32_768, 65_536];
-const _: () = assert!(SIZES[0] > HEADER_LEN);
 
 /// Register 0x0140: the local CPU is connected by SPI.
 pub(super) const PDI_SPI: u8 = 0x05;
@@ -312,5 +245,3 @@ pub(super) const COE_COMPLETE_ACCESS: u8 = 0x20;
 /// Protocol bits of word 0x1C.
 const EOE: u16 = 1 << 1;
 const FOE: u16 = 1 << 3;
-/// PDO flag, bit 4: entries can't be changed.
-const FIXED_CONTENT: u16 = 0x0010;

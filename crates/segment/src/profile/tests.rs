@@ -347,7 +347,8 @@ fn the_sii_image_reads_back() {
         assert_eq!(general.len(), 32);
         assert_eq!(sii::string(strings, general[3]).unwrap(), profile.name.as_bytes());
         assert_eq!(sii::string(strings, general[0]).unwrap(), profile.vendor.as_bytes());
-        assert_eq!(find(category::FMMU), [1, 2, 3, 0]);
+        // The fourth byte fills the word up: 0xFF is no FMMU.
+        assert_eq!(find(category::FMMU), [1, 2, 3, 0xFF]);
 
         let sync_managers: Vec<_> = find(category::SYNC_MANAGER)
             .chunks_exact(8)

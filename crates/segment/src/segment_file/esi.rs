@@ -1,4 +1,4 @@
-//! Devices from descriptions of makers: the keys `esi`, `type`, `revision` and `opmode`.
+//! Devices from descriptions of makers: the keys `esi`, `type`, `product`, `revision` and `opmode`.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -6,16 +6,25 @@ use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value, name_hint};
-use isocat_descriptions::esi::{EsiDevice, EsiFile};
+use isocat_descriptions::esi::{Choice, EsiDevice, EsiFile, Wanted, Wish};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
 use crate::profile::Doubt;
 use crate::profile::{ApplicationKind, Profile, RunAs};
 
-/// Descriptions that were read for this segment, by path.
-#[derive(Default)]
-pub(super) struct Files(HashMap<String, EsiFile>);
+/// Descriptions that were read for this segment, by path; and profiles that the caller has in hand.
+pub(super) struct Files<'a> {
+    read: HashMap<String, EsiFile>,
+    pub(super) profiles: &'a [Arc<Profile>],
+}
+
+impl<'a> Files<'a> {
+    /// None read yet, with these profiles.
+    pub(super) fn with(profiles: &'a [Arc<Profile>]) -> Self {
+        Self { read: HashMap::new(), profiles }
+    }
+}
 
 /// A device of a description.
 pub(super) struct Imported {
@@ -29,12 +38,12 @@ pub(super) fn device(
     keys: &Keys<'_>,
     esi: &Value<'_>,
     cycle: Nanos,
-    files: &mut Files,
+    files: &mut Files<'_>,
 ) -> Result<Imported, FileError> {
     let name = esi.name("the path of a device description, such as esi = \"vendor.xml\"")?;
     let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
     let path = folder.join(name).display().to_string();
-    let file = match files.0.entry(path) {
+    let file = match files.read.entry(path) {
         std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
         std::collections::hash_map::Entry::Vacant(free) => {
             let file = EsiFile::read(free.key()).map_err(|error| match error.line {
@@ -45,21 +54,35 @@ pub(super) fn device(
             free.insert(file)
         }
     };
-    let kind = keys.required("type")?;
-    let revision = keys.value("revision");
-    let wanted = keys.find("revision")?;
-    let choice =
-        file.device(kind.name("a type of the description")?, wanted).map_err(|refused| {
-            let place = revision.filter(|_| refused.of_revision).unwrap_or(kind);
-            place.error(refused.message)
-        })?;
-    let (op_mode, mut notes) = op_mode(choice.device, keys.value("opmode"))?;
-    notes.extend(choice.note.map(|note| Doubt::new("revision", note)));
-    let device = choice.device;
+    let kind = keys.value("type");
+    let type_name = kind.as_ref().map(|kind| kind.name("a type of the description")).transpose()?;
+    let wish = Wish { type_name, product: keys.find("product")?, revision: keys.find("revision")? };
+    let choice = file.device(wish).map_err(|refused| {
+        let blamed = match refused.blame {
+            Wanted::Type => kind,
+            Wanted::Product => keys.value("product"),
+            Wanted::Revision => keys.value("revision"),
+        };
+        blamed.as_ref().unwrap_or(esi).error(refused.message)
+    })?;
+    in_op_mode(file, choice, keys, cycle)
+}
+
+/// A device of a description, in the OpMode that the table names.
+pub(super) fn in_op_mode(
+    file: &EsiFile,
+    choice: Choice<'_>,
+    keys: &Keys<'_>,
+    cycle: Nanos,
+) -> Result<Imported, FileError> {
+    let Choice { device, note } = choice;
+    let (op_mode, mut notes) = op_mode(device, keys.value("opmode"))?;
+    notes.extend(note.map(|note| Doubt::new("revision", note)));
     let told = |error: crate::profile::NotSimulated| error.error;
     let profile = Profile::from_esi(file, device, op_mode).map_err(told)?;
     let mut run_as = RunAs::new(file, device, op_mode, &profile, cycle).map_err(told)?;
     notes.append(&mut run_as.notes);
+    notes.extend(profile.doubts.iter().cloned());
     for warning in &device.warnings {
         // What was said of this OpMode at this cycle is more than what the file alone tells.
         let kind = warning.kind.name();

@@ -249,11 +249,11 @@ static SUBDEVICE: Section = Section {
                 },
             ]),
             need: Need::Sometimes(
-                "unless `esi` is given",
+                "unless `esi` or `sii` is given",
                 "a profile's name, such as device = \"kollmorgen_akd2g\"",
             ),
-            means: "What it is: a built-in profile or a profile file. Either this or `esi` is \
-                    needed, not both.",
+            means: "What it is: a built-in profile or a profile file. This, `esi` or \
+                    `sii` is needed; not this and `esi`.",
             goes: "the device's chip, dictionary, EEPROM and CPU times",
             example: r#""kollmorgen_akd2g""#,
         },
@@ -269,14 +269,21 @@ static SUBDEVICE: Section = Section {
         Key {
             name: "type",
             kind: Kind::Name("a type of the description"),
-            need: Need::Sometimes(
-                "beside `esi`",
-                "the type of the device, such as type = \"EL2502-0010\"",
-            ),
+            need: Need::Without("the description has one type"),
             means: "The device of the description, by its type, as `isocat devices vendor.xml` \
-                    lists it. Needed beside `esi`.",
+                    lists it. Needed beside `esi` where the file has several types. Only beside \
+                    `esi`.",
             goes: "the choice of the device in the ESI file",
             example: r#""EL2502-0010""#,
+        },
+        Key {
+            name: "product",
+            kind: Kind::Hex { least: 0, most: u32::MAX as i64 },
+            need: Need::Without("the last one of that type and revision"),
+            means: "The product code of the device, where several have one type and revision. \
+                    Only beside `esi`.",
+            goes: "the choice of the device in the ESI file; object 0x1018:02",
+            example: "0x0000_0101",
         },
         Key {
             name: "revision",
@@ -294,9 +301,19 @@ static SUBDEVICE: Section = Section {
             ]),
             need: Need::Without("the first; for drives the first with SYNC0"),
             means: "The OpMode of the description, by its name or by its number in the file from \
-                    0. Only beside `esi`.",
+                    0. Only beside `esi` or `sii`.",
             goes: "mode, SYNC0 and SYNC1 times of the device: registers 0x0980, 0x09A0, 0x09A4",
             example: r#""DC""#,
+        },
+        Key {
+            name: "sii",
+            kind: Kind::Name("the path of an EEPROM's content, such as sii = \"eeprom.bin\""),
+            need: Need::Without("the EEPROM follows from `device` or `esi`"),
+            means: "The content of its EEPROM, relative to the segment file: an image, or Intel HEX. \
+                    The device serves these bytes. Alone it is the whole description; beside \
+                    `device` or `esi` its vendor and product have to be theirs.",
+            goes: "the device's EEPROM; alone also its identity, ESC, process data and OpModes",
+            example: r#""eeprom.bin""#,
         },
         Key {
             name: "count",
@@ -529,11 +546,12 @@ static SUBDEVICE: Section = Section {
         },
     ],
     rules: &[
-        Rule::Either("device", "esi"),
-        Rule::Needs("esi", "type"),
+        Rule::AnyOf(&["device", "esi", "sii"]),
+        Rule::NotBoth("device", "esi"),
         Rule::Needs("type", "esi"),
+        Rule::Needs("product", "esi"),
         Rule::Needs("revision", "esi"),
-        Rule::Needs("opmode", "esi"),
+        Rule::NeedsAny("opmode", &["esi", "sii"]),
         Rule::Needs("arrives", "optional"),
     ],
 };

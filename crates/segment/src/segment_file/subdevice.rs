@@ -10,10 +10,11 @@ use isocat_descriptions::limits;
 use isocat_descriptions::quantity::{DelayPerMetre, Length, Ppb};
 use isocat_maindevice::MeasuredTimes;
 use isocat_sync::{SyncMode, object};
+use isocat_wire::dc::AssignActivate;
 use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
 
-use super::{Place, SubDevice, clock, esi, misbehave};
+use super::{Place, SubDevice, clock, esi, misbehave, sii};
 use crate::profile::Doubt;
 use crate::profile::{self, Overrides, Profile, RunAs};
 
@@ -30,13 +31,14 @@ pub(super) fn subdevice(
     source: Source<'_>,
     keys: &Keys<'_>,
     bus: Bus,
-    files: &mut esi::Files,
+    files: &mut esi::Files<'_>,
 ) -> Result<SubDevice, FileError> {
     let Bus { cycle: bus, tolerance } = bus;
     let cycle = own_cycle(keys, bus)?;
-    let (profile, run_as) = device(source, keys, cycle.unwrap_or(bus), files)?;
+    let Made { profile, run_as, notes } = device(source, keys, cycle.unwrap_or(bus), files)?;
     let profile = with_times(keys, &profile)?;
-    let (mode, run_as) = mode(keys, &profile, run_as, cycle, bus)?;
+    let (mode, mut run_as) = mode(keys, &profile, run_as, cycle, bus)?;
+    run_as.notes.extend(notes);
     let (shift, input_shift) = shifts(keys, &profile)?;
     let pulses = pulses(keys, mode, bus)?;
     let (cable, cable_delay) = (keys.get("cable")?, keys.get("cable_delay")?);
@@ -65,6 +67,7 @@ pub(super) fn subdevice(
             .map_or(Ok(MeasuredTimes::default()), |keys| measured(&keys))?,
         sync1: pulses.sync1.or(run_as.sync1),
         sync0_cycle: pulses.sync0_cycle.or(run_as.sync0_cycle),
+        unit: run_as.unit,
         optional,
         arrives: keys.get("arrives")?,
         notes: run_as.notes,
@@ -84,12 +87,46 @@ fn own_cycle(keys: &Keys<'_>, bus: Nanos) -> Result<Option<Nanos>, FileError> {
     }
 }
 
-/// `device`, or `esi` and what belongs to it.
+/// What a table says the device is.
+struct Made {
+    profile: Arc<Profile>,
+    /// By its OpMode, where it has one.
+    run_as: Option<RunAs>,
+    /// What is doubtful about its EEPROM.
+    notes: Vec<Doubt>,
+}
+
+/// `device`, or `esi` and what belongs to it, or `sii` alone; with `sii` beside one of the others, their EEPROM.
 fn device(
     source: Source<'_>,
     keys: &Keys<'_>,
     cycle: Nanos,
-    files: &mut esi::Files,
+    files: &mut esi::Files<'_>,
+) -> Result<Made, FileError> {
+    let file = sii::file(source, keys)?;
+    if let (None, None, Some((value, file))) = (keys.value("device"), keys.value("esi"), &file) {
+        let of_esi = ["type", "product", "revision"];
+        if let Some(value) = of_esi.into_iter().find_map(|key| keys.value(key)) {
+            return Err(value.error("given without esi; expected esi = \"vendor.xml\" beside it"));
+        }
+        let imported = sii::device(keys, value, file, cycle)?;
+        let (profile, run_as) = (imported.profile, Some(imported.run_as));
+        return Ok(Made { profile, run_as, notes: Vec::new() });
+    }
+    let (profile, run_as) = described(source, keys, cycle, files)?;
+    let Some((value, file)) = file else {
+        return Ok(Made { profile, run_as, notes: Vec::new() });
+    };
+    let (profile, notes) = sii::served(&value, &profile, &file)?;
+    Ok(Made { profile, run_as, notes })
+}
+
+/// `device`, or `esi` and what belongs to it.
+fn described(
+    source: Source<'_>,
+    keys: &Keys<'_>,
+    cycle: Nanos,
+    files: &mut esi::Files<'_>,
 ) -> Result<(Arc<Profile>, Option<RunAs>), FileError> {
     if let Some(esi) = keys.value("esi") {
         if let Some(device) = keys.value("device") {
@@ -99,17 +136,24 @@ fn device(
         return Ok((imported.profile, Some(imported.run_as)));
     }
     let device = keys.required("device")?;
-    if let Some(value) = ["type", "revision", "opmode"].into_iter().find_map(|key| keys.value(key))
-    {
+    let of_esi = ["type", "product", "revision", "opmode"];
+    if let Some(value) = of_esi.into_iter().find_map(|key| keys.value(key)) {
         return Err(value.error("given without esi; expected esi = \"vendor.xml\" beside it"));
     }
-    Ok((device_profile(source, &device)?, None))
+    Ok((device_profile(source, &device, files.profiles)?, None))
 }
 
 /// A built-in profile by its id, or a profile file by its path: a name that ends in `.toml` or has
 /// a slash in it.
-fn device_profile(source: Source<'_>, device: &Value<'_>) -> Result<Arc<Profile>, FileError> {
+fn device_profile(
+    source: Source<'_>,
+    device: &Value<'_>,
+    profiles: &[Arc<Profile>],
+) -> Result<Arc<Profile>, FileError> {
     let name = device.name("a profile's name, or the path of a profile file")?;
+    if let Some(profile) = profiles.iter().find(|profile| profile.id == name) {
+        return Ok(profile.clone());
+    }
     if !name.ends_with(".toml") && !name.contains('/') {
         return profile::built_in(name).ok_or_else(|| {
             device
@@ -188,6 +232,7 @@ fn measured(keys: &Keys<'_>) -> Result<MeasuredTimes, FileError> {
 struct OpMode {
     sync1: Option<Nanos>,
     sync0_cycle: Option<Nanos>,
+    unit: Option<AssignActivate>,
     notes: Vec<Doubt>,
 }
 
@@ -226,9 +271,9 @@ fn mode(
 }
 
 fn of_op_mode(run_as: RunAs, mode: SyncMode) -> OpMode {
-    let RunAs { sync1, sync0_cycle, notes, .. } = run_as;
+    let RunAs { sync1, sync0_cycle, unit, notes, .. } = run_as;
     match run_as.mode == mode {
-        true => OpMode { sync1, sync0_cycle, notes },
+        true => OpMode { sync1, sync0_cycle, unit, notes },
         false => OpMode { notes, ..OpMode::default() },
     }
 }

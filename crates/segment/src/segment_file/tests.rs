@@ -19,7 +19,7 @@ fn refused(text: &str) -> (String, Option<String>) {
     let error = SegmentFile::parse("s.toml", text).unwrap_err();
     assert_eq!(error.path, "s.toml");
     assert!(error.to_string().lines().count() <= 2, "{error}");
-    (format!("{}:{} {}", error.line, error.column, error.message), error.hint)
+    (format!("{}:{} {}", error.line, error.column, error.message), error.hint.clone())
 }
 
 /// A segment of one AKD2G with more lines for the device.

@@ -35,8 +35,9 @@ struct Base {
 fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'static str]) {
     match (head, name) {
         ("[[subdevice]]", "esi") => (&["device"], &["type = \"EL2502-0010\""]),
+        ("[[subdevice]]", "sii") => (&["device"], &[]),
         ("[[subdevice]]", "type") => (&["device"], &["esi = \"vendor.xml\""]),
-        ("[[subdevice]]", "revision" | "opmode") => {
+        ("[[subdevice]]", "product" | "revision" | "opmode") => {
             (&["device"], &["esi = \"vendor.xml\"", "type = \"EL2502-0010\""])
         }
         ("[[subdevice]]", "sync1") => (&[], &["mode = \"dc-sync1\""]),

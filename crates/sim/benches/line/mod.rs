@@ -44,6 +44,8 @@ static DESCRIPTION: Description = Description {
     mailbox: None,
     outputs: ProcessDataArea { sync_manager: 2, start: OUTPUTS_AT, max_length: BYTES },
     inputs: ProcessDataArea { sync_manager: 3, start: INPUTS_AT, max_length: BYTES },
+    further_outputs: &[],
+    further_inputs: &[],
     behaviour: Behaviour::DEFAULT,
 };
 

@@ -51,6 +51,8 @@ static PLAIN: Description = Description {
     mailbox: None,
     outputs: ProcessDataArea { sync_manager: 2, start: 0x1000, max_length: 0 },
     inputs: ProcessDataArea { sync_manager: 3, start: 0x1000, max_length: 0 },
+    further_outputs: &[],
+    further_inputs: &[],
     behaviour: Behaviour::DEFAULT,
 };
 

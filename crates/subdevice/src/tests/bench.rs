@@ -55,7 +55,7 @@ impl FakeEsc {
 
     /// An access of the PDI at `address..end`: events of the SyncManagers it opens or closes.
     fn touch(&mut self, address: usize, end: usize) {
-        for number in 0..4 {
+        for number in 0..6 {
             let mut sm = self.sm(number);
             let (first, last) = (usize::from(sm.start), sm.end() as usize);
             if !sm.is_enabled() || sm.length == 0 {
@@ -96,11 +96,11 @@ impl Pdi for FakeEsc {
         {
             return passing.push((start, data[0]));
         }
-        if (0..4).any(|n| self.sm(n).pdi_control & 1 != 0 && self.sm(n).start == address) {
+        if (0..6).any(|n| self.sm(n).pdi_control & 1 != 0 && self.sm(n).start == address) {
             return;
         }
         self.memory[start..end].copy_from_slice(data);
-        for number in 0..4 {
+        for number in 0..6 {
             let mut sm = self.sm(number);
             if start == usize::from(register::sm_pdi_control(number).address)
                 && sm.pdi_control & 1 != 0

@@ -164,6 +164,8 @@ impl Builder {
             }),
             outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 64 },
             inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 64 },
+            further_outputs: &[],
+            further_inputs: &[],
             behaviour: self.behaviour,
         }
     }

@@ -230,6 +230,27 @@ fn sync_unit_must_be_what_the_device_can() {
     assert_eq!(unit(0x03, 4_000_001, 0), cycle);
     assert_eq!(unit(0x03, 0, 0), cycle, "a single shot starts no cycle");
 
+    // A device that wants time stamps alone, and one that does not listen to SYNC1.
+    let lenient = |activation: u8, stamps: bool, sync1: bool| {
+        safe_op(
+            move |d| {
+                d.behaviour.unit_without_pulses = stamps;
+                d.behaviour.ignores_sync1 = sync1;
+            },
+            move |bench| {
+                bench.set_sync0(1_000_000);
+                bench.set(register::SYNC_ACTIVATION, isocat_wire::dc::SyncActivation(activation));
+            },
+        )
+    };
+    for activation in [0x01, 0x08] {
+        assert_eq!(lenient(activation, true, false), ok(SafeOp), "{activation:#x}");
+        assert_eq!(lenient(activation, false, true), invalid, "{activation:#x}");
+    }
+    assert_eq!(lenient(0x05, true, true), invalid, "SYNC1 alone");
+    assert_eq!(lenient(0x07, false, true), ok(SafeOp), "SYNC1 that it does not listen to");
+    assert_eq!(lenient(0x07, true, false), invalid, "SYNC1 is not among the types");
+
     let granular = |cycle: u32| {
         safe_op(
             |d| d.behaviour.cycle_granularity = Nanos(62_500),

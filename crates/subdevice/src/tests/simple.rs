@@ -24,6 +24,8 @@ fn bench(types: SupportedTypes, outputs: u16, inputs: u16) -> Bench {
         mailbox: None,
         outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 7 },
         inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 7 },
+        further_outputs: &[],
+        further_inputs: &[],
         behaviour: Behaviour { undeclared_types: types, ..Behaviour::default() },
     };
     let mut bench = Bench::new(Box::leak(Box::new(description)));

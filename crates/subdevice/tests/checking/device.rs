@@ -61,6 +61,8 @@ pub fn description() -> &'static Description {
             mailbox: Some(Mailbox { receive: mailbox(RECEIVE), send: mailbox(SEND) }),
             outputs: area(2, OUTPUTS),
             inputs: area(3, INPUTS),
+            further_outputs: &[],
+            further_inputs: &[],
             behaviour: Behaviour { shift_outputs: true, ..Behaviour::default() },
         }
     })

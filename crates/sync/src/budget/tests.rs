@@ -300,7 +300,13 @@ fn sums_are_made_of_their_figures() {
 fn an_output_that_acts_at_sync1_has_no_shift_by_timer() {
     let device = |mode, on_sync1| Device {
         mode,
-        pulses: Pulses::new(mode, CYCLE.cycle, Nanos(250_000), Nanos(250_000), on_sync1),
+        pulses: Pulses::new(
+            mode,
+            CYCLE.cycle,
+            if mode == SyncMode::DcSubordinated { Nanos::ZERO } else { Nanos(250_000) },
+            Nanos(250_000),
+            on_sync1,
+        ),
         output_shift: Some(Nanos(904_000)),
         ..drive()
     };

@@ -87,6 +87,8 @@ const HARMLESS: &[i64] = &[
     libc::SYS_capset,
     libc::SYS_rt_sigaction,
     libc::SYS_rt_sigpending,
+    // A signal that it lets through comes to the calling thread alone.
+    libc::SYS_rt_sigprocmask,
     libc::SYS_rt_sigreturn,
     libc::SYS_sigaltstack,
     libc::SYS_restart_syscall,

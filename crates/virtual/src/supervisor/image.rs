@@ -5,8 +5,8 @@ use std::io;
 use std::os::fd::AsFd;
 use std::os::unix::fs::FileExt;
 
-use super::Supervisor;
 use super::vdso::{self, PAGE_DESCRIPTOR, Patch, Vdso};
+use super::{Supervisor, counter};
 use crate::kernel::TaskId;
 use crate::sys;
 
@@ -28,6 +28,9 @@ impl Supervisor<'_> {
             return Ok(true);
         };
         self.new_image(task);
+        if counter::is_read_by(number) {
+            self.note("a program's code reads the processor's own counter (RDTSC), which shows real time: what depends on it differs from run to run");
+        }
         let memory = fs::OpenOptions::new().write(true).open(format!("/proc/{number}/mem"))?;
         let mut random = [0; 16];
         self.host.random(&mut random);

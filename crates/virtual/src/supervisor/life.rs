@@ -225,7 +225,13 @@ impl Supervisor<'_> {
                         self.begin(task)?;
                     }
                 }
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => self.look_around()?,
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {
+                    self.look_around()?;
+                    if self.end.is_none() && self.waits_for_signals_alone() {
+                        let all: Vec<TaskId> = self.scheduler.alive().collect();
+                        self.end = Some(How::Deadlock(self.tell(&all)));
+                    }
+                }
                 Err(error) if error.raw_os_error() == Some(libc::ENOENT) => self.look_around()?,
                 Err(error) => return Err(error),
             }
@@ -239,9 +245,26 @@ impl Supervisor<'_> {
             }
             return Ok(None);
         }
-        let tell = |task: &TaskId| format!("{}: {}", self.describe(*task), self.waits_for(*task));
-        self.end = Some(How::Deadlock(waiting.iter().map(tell).collect()));
+        self.end = Some(How::Deadlock(self.tell(&waiting)));
         Ok(None)
+    }
+
+    /// Threads and what they wait for, in words.
+    fn tell(&self, tasks: &[TaskId]) -> Vec<String> {
+        let tell = |task: &TaskId| format!("{}: {}", self.describe(*task), self.waits_for(*task));
+        tasks.iter().map(tell).collect()
+    }
+
+    /// Whether each thread in the kernel sleeps there until a signal comes. Whoever could send one
+    /// from within waits, too, and no timer is set.
+    fn waits_for_signals_alone(&self) -> bool {
+        let mut outside = self.scheduler.alive().filter(|task| self.scheduler.is_outside(*task));
+        outside.all(|task| {
+            let thread = &self.threads[task.0 as usize];
+            let waits = [libc::SYS_pause, libc::SYS_rt_sigsuspend];
+            waits.contains(&thread.call.number)
+                && sys_call_of(thread.number) == Some(thread.call.number)
+        })
     }
 }
 

@@ -9,6 +9,7 @@
 
 mod backtrace;
 mod calls;
+mod counter;
 mod filter;
 mod image;
 mod launch;
@@ -356,25 +357,21 @@ impl<'w> Supervisor<'w> {
                 next.map_or(Time::NEVER, |(_, due)| self.host.after_stall(due.max(self.now())));
             let event = self.next_event();
             let until = due.min(event);
-            if until < Time::NEVER
-                && let Some(look) = self.next_look().filter(|look| *look <= until)
-            {
+            if until == Time::NEVER {
+                return self.wait_for_the_world_outside();
+            }
+            let limit = self.limit_of_program();
+            if let Some(look) = self.next_look().filter(|look| *look <= until.min(limit)) {
                 self.scheduler.advance(look);
                 self.looked = self.now();
                 self.wire.advance(self.now());
                 self.suffer();
                 continue;
             }
-            if let Some(limit) = self.options.limit
-                && until >= START + limit
-                && until > self.now()
-            {
-                self.scheduler.advance(START + limit);
+            if until >= limit && until > self.now() {
+                self.scheduler.advance(limit);
                 self.end = Some(How::Limit);
                 return Ok(None);
-            }
-            if until == Time::NEVER {
-                return self.wait_for_the_world_outside();
             }
             if event <= due {
                 self.scheduler.advance(event);
@@ -389,6 +386,11 @@ impl<'w> Supervisor<'w> {
             let answer = self.call(task, false);
             self.settle(task, answer);
         }
+    }
+
+    /// When the program is ended at the latest.
+    fn limit_of_program(&self) -> Time<Clock> {
+        self.options.limit.map_or(Time::NEVER, |limit| START + limit)
     }
 
     /// When the world does something next: a frame is back, a timer expires.
@@ -473,7 +475,7 @@ impl<'w> Supervisor<'w> {
 
     /// Until when a thread may read the clock without anybody else being due.
     fn limit(&self, task: TaskId) -> Time<Clock> {
-        let limit = self.options.limit.map_or(Time::NEVER, |limit| START + limit);
+        let limit = self.limit_of_program();
         let look = self.next_look().unwrap_or(Time::NEVER);
         self.scheduler.next_other(task).min(self.next_event()).min(look).min(limit)
     }

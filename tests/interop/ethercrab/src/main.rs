@@ -10,8 +10,8 @@ use ethercrab::error::Error;
 use ethercrab::std::{ethercat_now, tx_rx_task};
 use ethercrab::subdevice_group::{DcConfiguration, HasDc, NoDc, Op, PreOpPdi};
 use ethercrab::{
-    DcSync, DefaultLock, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress, SubDeviceGroup,
-    SubDeviceState, Timeouts,
+    Command, DcSync, DefaultLock, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress,
+    SubDeviceGroup, SubDeviceState, Timeouts,
 };
 
 use crate::partner::{Partner, Task};
@@ -29,6 +29,8 @@ type Failure = Box<dyn std::error::Error>;
 
 /// Register 0x0420, time of the process data watchdog in units of 100 us.
 const WATCHDOG: u16 = 0x0420;
+/// Register 0x0934 and the next: the filters of the drift loop.
+const FILTERS: u16 = 0x0934;
 /// Activation of SM2 and SM3.
 const ACTIVATION: [u16; 2] = [0x0816, 0x081E];
 
@@ -56,7 +58,10 @@ fn main() {
         mailbox_echo: Duration::from_secs(1),
         mailbox_response: Duration::from_secs(2),
     };
-    let main_device = MainDevice::new(pdu_loop, timeouts, MainDeviceConfig::default());
+    let usual = MainDeviceConfig::default();
+    let by_itself = if task.drift_frames > 0 { 0 } else { usual.dc_static_sync_iterations };
+    let config = MainDeviceConfig { dc_static_sync_iterations: by_itself, ..usual };
+    let main_device = MainDevice::new(pdu_loop, timeouts, config);
     let step = Cell::new("scan");
     let noticed = Cell::new(None);
     let session = Session { task: &task, role: &role, step: &step, noticed: &noticed };
@@ -108,6 +113,7 @@ impl Session<'_> {
         main_device.wait_for_state(SubDeviceState::PreOp).await?;
         self.ok("", "sdo");
         self.sdo(main_device, &group).await?;
+        let mut reference = None;
         for (mut device, expected) in group.iter_mut(main_device).zip(&self.task.devices) {
             for &(index, sub, size, value) in &expected.startup {
                 match size {
@@ -119,7 +125,18 @@ impl Session<'_> {
             device.register_write(WATCHDOG, self.task.watchdog_ms * 10).await?;
             if expected.sync0 {
                 device.set_dc_sync(DcSync::Sync0);
+                if self.task.drift_frames > 0 {
+                    // The drift loops' filters: with those of reset, 0 and 12, a loop learns its
+                    // speed too slowly.
+                    device.register_write(FILTERS, [4u8, 6]).await?;
+                }
             }
+            reference.get_or_insert(device.configured_address());
+        }
+        for _ in 0..self.task.drift_frames {
+            async_io::Timer::after(Duration::from_millis(1)).await;
+            let time = Command::frmw(reference.unwrap_or_default(), 0x0910).ignore_wkc();
+            time.receive::<u64>(main_device).await?;
         }
         let group = group.into_pre_op_pdi(main_device).await?;
         for (device, expected) in group.iter(main_device).zip(&self.task.devices) {
@@ -258,6 +275,9 @@ impl Session<'_> {
             _ => u32::MAX,
         };
         let (mut bad, mut lost, mut fell, mut away, mut worst) = (0, 0, 0, 0, Duration::ZERO);
+        // Wrong counters without a right one between: of a SubDevice that fell they belong to its
+        // fall.
+        let mut since = 0;
         let mut asked = [false; MAX_SUBDEVICES];
         let mut noticed = Noticed::default();
         let mut last = Instant::now();
@@ -275,12 +295,14 @@ impl Session<'_> {
                 Err(error) => return Err(error.into()),
             };
             if (wanted..=most).contains(&exchanged.working_counter) {
+                since = 0;
                 for (at, device) in group.iter(main_device).enumerate() {
                     partner.inputs(number, at, &device.inputs_raw());
                 }
             } else {
                 noticed.wrong_counters += 1;
                 bad += u32::from(number > away);
+                since += u32::from(number > away);
             }
             if !exchanged.all_op && number % 10 == 0 {
                 let began = recover(main_device, &group, &mut asked).await?;
@@ -288,6 +310,8 @@ impl Session<'_> {
                     fell += began;
                     noticed.fell = fell;
                     away = number + 400;
+                    bad -= since;
+                    since = 0;
                 }
             }
             self.noticed.set(Some(noticed));

@@ -11,6 +11,9 @@ pub struct Task {
     pub cycle_us: u64,
     pub cycles: u32,
     pub watchdog_ms: u16,
+    /// Frames with the reference's time before SYNC is switched on, 1 ms apart; 0: those that
+    /// ethercrab sends by itself.
+    pub drift_frames: u32,
     pub devices: Vec<Device>,
 }
 

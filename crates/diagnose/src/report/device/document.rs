@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use crate::measured::Grid;
 use crate::report::{FrameRef, Shown};
 
 /// What the capture shows of one device. What is null or empty it does not show.
@@ -25,6 +26,8 @@ pub struct DeviceReport {
     pub state: Option<String>,
     /// Each status that was read and differs from the one before; up to 256.
     pub states: Vec<StateReport>,
+    /// Each time it ceased to answer; up to 64.
+    pub silences: Vec<SilenceReport>,
     /// SyncManagers that were written or read and are not all zero.
     pub sync_managers: Vec<SyncManagerReport>,
     /// FMMUs that map anything.
@@ -99,6 +102,19 @@ pub struct Esc {
     pub dc_64_bit: Option<bool>,
 }
 
+/// A time in which a device that had answered did not.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct SilenceReport {
+    /// The first frame without its answer.
+    #[serde(flatten)]
+    pub frame: FrameRef,
+    /// When that was, ns from the first frame of EtherCAT.
+    pub at_ns: u64,
+    /// When it answered again, ns from the first frame of EtherCAT; null: it did not.
+    pub until_ns: Option<u64>,
+}
+
 /// A status.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -106,6 +122,8 @@ pub struct StateReport {
     /// AL status, as `SAFEOP+ERR`. A device without a CPU copies the acknowledge bit of the request
     /// to the place of the error bit: that is no error.
     pub status: String,
+    /// It shows an error.
+    pub error: bool,
     /// AL status as it was read.
     pub raw: u16,
     /// AL status code, if it was read while this status held.
@@ -251,6 +269,9 @@ pub struct Distance {
     pub mean_ns: i64,
     /// The longest, ns.
     pub longest_ns: Shown<i64>,
+    /// The instants of its SYNC0, by which its figures are among those of an onlooker.
+    #[serde(skip)]
+    pub grid: Grid,
     /// How much later a frame comes here than at the reference (0x0928), ns.
     pub delay_ns: i64,
     /// Frames slide through the cycle: the MainDevice does not follow the reference clock.

@@ -16,7 +16,7 @@ use super::doubts::{self, Known, alias};
 use super::esc::PortKind;
 use super::objects::sync_object;
 use super::{
-    Clock, Delay, Device, FORMAT, Mailbox, Note, OpMode, Pdo, PdoEntry, Port, ProcessData,
+    Clock, Delay, Device, FORMAT, Guarded, Mailbox, Note, OpMode, Pdo, PdoEntry, Port, ProcessData,
     ScanReport, State, SyncManager, esc,
 };
 use crate::report::NoteKind;
@@ -292,11 +292,17 @@ fn process_data(data: &segment::ProcessData, by_objects: bool) -> ProcessData {
         bits: pdo.bits(),
         entries: pdo.entries.iter().map(entry).collect(),
     };
+    let guarded = |guarded: &segment::Guarded| Guarded {
+        sync_manager: guarded.sync_manager,
+        start: guarded.start,
+        length: guarded.length,
+    };
     ProcessData {
         source: if by_objects { "objects" } else { "SII" }.to_owned(),
         sync_manager: data.sync_manager,
         start: data.start,
         length: data.length,
+        further: data.further.iter().map(guarded).collect(),
         pdos: data.pdos.iter().map(pdo).collect(),
     }
 }

@@ -2,7 +2,9 @@
 
 mod sync_objects;
 
-use isocat_maindevice::segment::{DcCapability, SubDevice};
+use std::ops::Range;
+
+use isocat_maindevice::segment::{self, DcCapability, SubDevice};
 use isocat_sync::delay::Delay;
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::register::{PROCESS_RAM, features};
@@ -148,7 +150,7 @@ impl Doubts {
                 ),
             );
         }
-        let used = [&device.outputs, &device.inputs].iter().filter(|data| data.length > 0).count();
+        let used = device.fmmus_needed();
         if used > usize::from(esc.fmmus) {
             self.contradicts(
                 NoteKind::TooFewFmmus,
@@ -173,7 +175,8 @@ impl Doubts {
         let areas = areas(device);
         let end = u32::from(PROCESS_RAM) + 1024 * u32::from(esc.ram);
         for (at, (name, from, to)) in areas.iter().enumerate() {
-            if *from < u32::from(PROCESS_RAM) || *to > end {
+            let digital = DIGITAL_OUTPUTS.contains(from) && *to <= DIGITAL_OUTPUTS.end;
+            if (*from < u32::from(PROCESS_RAM) || *to > end) && !digital {
                 self.contradicts(
                     NoteKind::BeyondTheMemory,
                     format!(
@@ -244,14 +247,21 @@ fn areas(device: &SubDevice) -> Vec<(String, u32, u32)> {
         }
     }
     for (name, data) in [("outputs", &device.outputs), ("inputs", &device.inputs)] {
-        let Some(number) = data.sync_manager else { continue };
-        let record = device.sii.sync_managers.get(usize::from(number));
-        let buffers = if record.is_some_and(|record| record.control & 3 == 0) { 3 } else { 1 };
-        areas.push((name.to_owned(), data.start.into(), buffers * u32::from(data.length)));
+        for segment::Guarded { sync_manager, start, length, .. } in data.guarded() {
+            let record = device.sii.sync_managers.get(usize::from(sync_manager));
+            // A single byte has one buffer, and registers are there once.
+            let one = length == 1 || start < PROCESS_RAM;
+            let three = !one && record.is_some_and(|record| record.control & 3 == 0);
+            let buffers = if three { 3 } else { 1 };
+            areas.push((name.to_owned(), start.into(), buffers * u32::from(length)));
+        }
     }
     areas.retain(|(_, _, length)| *length > 0);
     areas.into_iter().map(|(name, start, length)| (name, start, start + length)).collect()
 }
+
+/// Registers that drive the digital outputs of an ESC without a CPU.
+const DIGITAL_OUTPUTS: Range<u32> = 0x0F00..0x0F04;
 
 /// Word 4 of the SII.
 pub(super) fn alias(device: &SubDevice) -> u16 {

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use isocat_maindevice::Port;
 use isocat_sim::bench::Measured;
 use isocat_sim::observation::Observation;
-use isocat_sim::{Lost, Segment, Tap};
+use isocat_sim::{Lost, Segment, ServedCycle, Tap};
 use isocat_wire::time::{Time, True};
 
 use crate::cli::files::Files;
@@ -53,6 +53,9 @@ impl Tap for SharedFiles {
     }
     fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
         self.with(|files| files.observed(segment, at, observation));
+    }
+    fn served_cycle(&mut self, at: Time<True>, cycle: Option<ServedCycle>, segment: &Segment) {
+        self.with(|files| files.served_cycle(at, cycle, segment));
     }
     fn measured(&mut self, at: Time<True>, device: usize, measured: &Measured) {
         self.with(|files| files.measured(at, device, measured));

@@ -2,10 +2,16 @@
 
 use std::path::Path;
 
-use isocat_descriptions::limits;
+use isocat_descriptions::{limits, quantity};
 use isocat_wire::time::Nanos;
 
 use crate::cli::run::duration;
+
+/// How late wake-ups come at worst; 0 is allowed: the file's host may have jitter.
+pub fn lateness(text: &str) -> Result<Nanos, String> {
+    let none = quantity::parse_duration(text).is_ok_and(|time| time == Nanos::ZERO);
+    if none { Ok(Nanos::ZERO) } else { duration(text) }
+}
 
 /// `1000:300us`: one of a thousand, up to 300 us.
 pub fn preemption(text: &str) -> Result<(u64, Nanos), String> {

@@ -22,11 +22,17 @@ pub fn exit_code(summary: &Summary, ended: &Ended) -> u8 {
         (Outcome::AsExpected, Some("except")) => NOT_IN_SYNC,
         (Outcome::AsExpected, _) => NOT_KNOWN,
     };
-    match &ended.how {
-        _ if judged == NOT_IN_SYNC => NOT_IN_SYNC,
-        How::Deadlock(_) | How::Spins(_) => PROGRAM_FAILED,
-        How::Itself(ending) if *ending != Ending::Exited(0) => PROGRAM_FAILED,
-        _ => judged,
+    let failed = match &ended.how {
+        How::Deadlock(_) | How::Spins(_) => true,
+        How::Itself(ending) => *ending != Ending::Exited(0),
+        How::Limit | How::Stopped => false,
+    };
+    // Where nothing was ever in OP a program that failed is the reason, whatever was expected.
+    let in_op = summary.sessions.iter().any(|session| session.judged.is_some());
+    match judged {
+        NOT_IN_SYNC if in_op || !failed => NOT_IN_SYNC,
+        _ if failed => PROGRAM_FAILED,
+        judged => judged,
     }
 }
 
@@ -35,7 +41,7 @@ pub fn words(ended: &Ended, hash: u64) -> String {
     let how = match &ended.how {
         How::Itself(Ending::Exited(code)) => format!("ended with exit code {code}"),
         How::Itself(Ending::Killed(signal)) => format!("was ended by signal {signal}"),
-        How::Limit => "was ended, as its time was over".into(),
+        How::Limit => "was ended, as its time (--for) was over".into(),
         How::Stopped => "was ended, as asked".into(),
         How::Deadlock(waits) => format!(
             "was ended, as all its threads wait for something that will not come: {}",

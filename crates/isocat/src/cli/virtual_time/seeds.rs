@@ -18,7 +18,7 @@ use isocat_engine::sweep::Sweep;
 use isocat_segment::SegmentFile;
 
 use super::Arguments;
-use crate::cli::run::unwritable;
+use crate::cli::run::{command, unwritable};
 use crate::cli::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, interface, print};
 use folder::Folder;
 use row::Row;
@@ -28,9 +28,9 @@ use row::Row;
 #[group(skip)]
 #[command(next_help_heading = "Many runs")]
 pub struct Options {
-    /// Run the program with so many seeds, from --seed or 1 on, and print a table
+    /// Run the program with this many seeds, from --seed or 1 on, and print a table
     #[arg(long, value_parser = clap::value_parser!(u64).range(1..=1_000_000),
-        conflicts_with_all = ["report", "junit", "capture", "waves", "trace"])]
+        conflicts_with_all = ["report", "junit", "capture", "waves", "trace", "series"])]
     pub seeds: Option<u64>,
     /// swarm: each run draws 1 to 4 faults of its own beside those of the file
     #[arg(long, value_name = "HOW", value_parser = ["swarm"], requires = "seeds")]
@@ -130,7 +130,13 @@ fn one(arguments: &Arguments, sweep: &Sweep, folder: &Folder, number: u64) -> Re
     let case = sweep.case(number)?;
     let failed = |error: io::Error| format!("run {number}: {error}");
     let [segment, report, output] = folder.files(number);
-    fs::write(&segment, &case.text).map_err(failed)?;
+    // At the end, so that places in it are those of the text that it was made of.
+    let text = format!(
+        "{}\n\n# {}\n",
+        case.text.trim_end(),
+        arguments.repeats(Some(&segment.display().to_string()), case.seed)
+    );
+    fs::write(&segment, text).map_err(failed)?;
     let (said, to) = io::pipe().map_err(failed)?;
     let mut command = Command::new(std::env::current_exe().map_err(failed)?);
     command.arg("virtual").args(&arguments.segment).arg("--text").arg(&segment);
@@ -174,8 +180,19 @@ impl Arguments {
         add("--lateness", self.lateness.map(|lateness| format!("{}ns", lateness.0)));
         add("--lateness-from", self.lateness_from.as_ref().map(|path| path.display().to_string()));
         add("--preemption", self.preemption.map(|(one_of, time)| format!("{one_of}:{}ns", time.0)));
-        add("--for", self.limit.map(|limit| format!("{}ns", limit.0)));
+        add("--for", Some(format!("{}ns", self.limit.0)));
         words
+    }
+
+    /// The command that repeats a run, in one line.
+    pub(super) fn repeats(&self, segment: Option<&str>, seed: u64) -> String {
+        let mut words = vec!["isocat".to_owned(), "virtual".to_owned()];
+        words.extend(segment.map(str::to_owned));
+        words.extend(["--seed".to_owned(), seed.to_string()]);
+        words.extend(self.of_one_run());
+        words.push("--".to_owned());
+        words.extend(self.program.iter().map(|word| word.to_string_lossy().into_owned()));
+        command(&words.iter().map(String::as_str).collect::<Vec<_>>()).replace('\n', " ")
     }
 }
 

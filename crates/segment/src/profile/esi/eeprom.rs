@@ -7,7 +7,7 @@ use isocat_wire::sync_manager::SyncManager;
 
 use super::super::draft::{Area, Eeprom};
 use super::super::sii::{self, cut};
-use super::Import;
+use super::{Doubt, Import};
 
 impl Import<'_> {
     pub(super) fn eeprom(&mut self, areas: [&Option<Area>; 2], mailbox: Option<Mailbox>) -> Eeprom {
@@ -27,10 +27,10 @@ impl Import<'_> {
             }
         }
         let mut sync_managers = Vec::new();
+        let has_outputs = areas[0].as_ref().is_some_and(|area| area.bits(&area.default) > 0);
         for (number, sm) in device.sync_managers.iter().enumerate() {
-            let area =
-                areas.into_iter().flatten().find(|area| usize::from(area.sync_manager) == number);
-            sync_managers.push(self.sync_manager(number, sm, area, mailbox));
+            let length = areas.into_iter().flatten().find_map(|area| length_of(area, number));
+            sync_managers.push(self.sync_manager(number, sm, length, mailbox, has_outputs));
         }
         let boot = device.eeprom.as_ref().and_then(|eeprom| eeprom.boot);
         let protocols = device.mailbox.as_ref().map_or(0, |mailbox| mailbox.protocols);
@@ -53,6 +53,12 @@ impl Import<'_> {
         let given = self.device.eeprom.as_ref().and_then(|eeprom| eeprom.configuration);
         let Some(mut words) = given else {
             let mut words = [0; 14];
+            if self.emulated {
+                (words[0], words[1]) = (PDI_DIGITAL_IO, DEVICE_EMULATION);
+                let why = "the description has no ConfigData; its outputs are registers, as those of digital I/O are";
+                self.assume("Eeprom/ConfigData", "0401", why);
+                return words;
+            }
             (words[0], words[1]) = (sii::PDI_SPI, sii::ESC_SYNC_AND_LATCH);
             words[3] = sii::SYNC_OUTPUTS_MAPPED;
             words[4..6].copy_from_slice(&1_000_u16.to_le_bytes());
@@ -60,11 +66,17 @@ impl Import<'_> {
             self.assume("Eeprom/ConfigData", "050c00cce803", why);
             return words;
         };
-        if words[1] & DEVICE_EMULATION != 0 {
+        let stated = words[1] & DEVICE_EMULATION != 0;
+        if stated && !self.emulated {
             words[1] &= !DEVICE_EMULATION;
-            let why = "the real ESC copies AL control to AL status by itself; the virtual SubDevice has a \
-                       state machine";
+            let why = "a mailbox needs a program, and the ESC of a device with a program does not copy AL control to AL \
+                       status";
             self.assume("Eeprom/ConfigData device emulation", "off", why);
+        }
+        if self.emulated && !stated {
+            words[1] |= DEVICE_EMULATION;
+            let why = "its outputs are registers, as those of digital I/O without a program are";
+            self.assume("Eeprom/ConfigData device emulation", "on", why);
         }
         let acknowledged = words[4..6] == [0; 2] && words[1] & sii::SYNC_UNIT != 0;
         if acknowledged && self.device.dc.is_some() {
@@ -78,8 +90,9 @@ impl Import<'_> {
         &mut self,
         number: usize,
         sm: &EsiSyncManager,
-        area: Option<&Area>,
+        assigned: Option<u16>,
         mailbox: Option<Mailbox>,
+        has_outputs: bool,
     ) -> SmRecord {
         let (kind, usual) = match sm.purpose {
             Purpose::MailboxOut => (sm_type::MAILBOX_OUT, SyncManager::MAILBOX_OUT),
@@ -90,16 +103,23 @@ impl Import<'_> {
         };
         let mut control = sm.control.unwrap_or(usual);
         let is_mailbox = matches!(sm.purpose, Purpose::MailboxOut | Purpose::MailboxIn);
-        let length = match area {
-            Some(area) => area.bits(&area.default).div_ceil(8) as u16,
+        let length = match assigned {
+            Some(length) => length,
             None if is_mailbox && mailbox.is_some() => sm.default_size,
             None => 0,
         };
-        if length > 0 && control & SyncManager::CONTROL_AL_EVENT == 0 {
+        // Beside outputs, whose event begins a cycle, nothing waits for the inputs to be read.
+        let silent = self.emulated || has_outputs && sm.purpose == Purpose::Inputs;
+        if length > 0 && !silent && control & SyncManager::CONTROL_AL_EVENT == 0 {
+            let of_file = control;
             control |= SyncManager::CONTROL_AL_EVENT;
             let why = "the real device needs no event of this SyncManager; the virtual one has no other way \
                        to know that a frame came";
             self.assume(&format!("Sm{number} control"), format!("{control:#04x}"), why);
+            let words = format!(
+                "SyncManager {number}: control byte {of_file:#04x} becomes {control:#04x}: {why}"
+            );
+            self.doubts.push(Doubt::new("al-event-added", words));
         }
         let flags = [
             (length > 0, ENABLED),
@@ -108,9 +128,18 @@ impl Import<'_> {
         ];
         let enable = flags.into_iter().filter(|(is, _)| *is).fold(0, |sum, (_, bit)| sum | bit);
         // Where nothing is exchanged, nobody is to find a use for it.
-        let kind = if length == 0 && area.is_none() { sm_type::UNUSED } else { kind };
+        let kind = if length == 0 && assigned.is_none() { sm_type::UNUSED } else { kind };
         SmRecord { start: sm.start, length, control, status: 0, enable, kind }
     }
+}
+
+/// Bytes that a SyncManager guards of an area; `None` if it is none of the area's.
+fn length_of(area: &Area, number: usize) -> Option<u16> {
+    if usize::from(area.sync_manager) == number {
+        return Some(area.bits(&area.default).div_ceil(8) as u16);
+    }
+    let share = area.further.iter().find(|share| usize::from(share.sync_manager) == number)?;
+    Some(share.length)
 }
 
 /// An OpMode in category 60; the numbers of its texts are filled in later.
@@ -144,8 +173,10 @@ fn ports(physics: &str) -> u16 {
     kinds.enumerate().fold(0, |sum, (port, kind)| sum | kind << (4 * port))
 }
 
+/// Register 0x0140: digital I/O.
+const PDI_DIGITAL_IO: u8 = 0x04;
 /// Bit 0 of register 0x0141.
-const DEVICE_EMULATION: u8 = 0x01;
+pub(super) const DEVICE_EMULATION: u8 = 0x01;
 /// Bits of a SyncManager's record.
 const ENABLED: u8 = 0x01;
 const VIRTUAL: u8 = 0x04;

@@ -8,7 +8,7 @@ use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::sm_type;
 
 use super::super::draft::{self, Area, Draft};
-use super::{DC_SUBORDINATED, DC_SYNC0, DC_SYNC1, Import};
+use super::{DC_SUBORDINATED, DC_SYNC0, DC_SYNC1, FREE_RUN_AND_SM, Import, SM_SYNCHRONOUS};
 
 impl Import<'_> {
     /// The objects of the file, but for those that follow from its PDOs and SyncManagers: their defaults
@@ -43,6 +43,7 @@ impl Import<'_> {
         }
         all.push(self.sync_manager_types());
         self.announce(&mut all);
+        self.open_for_commands(&mut all);
         all
     }
 
@@ -78,10 +79,13 @@ impl Import<'_> {
     fn announce(&mut self, objects: &mut [draft::Object]) {
         let Some(mode) = self.mode else { return };
         let needed = match (mode.sync0(), mode.sync1()) {
-            (false, false) => return,
+            (false, false) => return self.announce_without_sync(objects),
             (true, false) => DC_SYNC0,
             (_, true) => DC_SYNC0 | DC_SYNC1 | DC_SUBORDINATED,
         };
+        if mode.sync1() {
+            self.types_by_sync_unit(objects);
+        }
         for index in [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER] {
             let Some(object) = objects.iter_mut().find(|object| object.index == index) else {
                 continue;
@@ -90,17 +94,61 @@ impl Import<'_> {
             let Some(entry) = object.entries.iter_mut().find(|entry| entry.sub == sub) else {
                 continue;
             };
-            let [low, high] = entry.default[..] else { continue };
-            let stated = u16::from_le_bytes([low, high]);
-            // 0 states nothing.
-            if stated == 0 || stated & needed == needed {
+            let stated = match entry.default[..] {
+                [low, high] => u16::from_le_bytes([low, high]),
+                [] => 0,
+                _ => continue,
+            };
+            if stated & needed == needed {
                 continue;
             }
             entry.default = (stated | needed).to_le_bytes().to_vec();
             let item = format!("0x{index:04X}:{sub:02X}");
             let value = format!("{:#06x}", stated | needed);
-            let why = format!("{stated:#06x} in the description lacks what its OpMode needs");
+            let why = match stated {
+                0 => "the description states none; its OpMode needs it".to_owned(),
+                _ => format!("{stated:#06x} in the description lacks what its OpMode needs"),
+            };
             self.assume(&item, value, &why);
+        }
+    }
+
+    /// A device that announces types, but neither Free Run nor SM-synchronous, has an OpMode without SYNC all the same:
+    /// then it is SM-synchronous there.
+    fn announce_without_sync(&mut self, objects: &mut [draft::Object]) {
+        for index in [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER] {
+            let sub = object::sub::SUPPORTED_TYPES;
+            let Some(entry) = entry_of(objects, index, sub) else { continue };
+            let [low, high] = entry.default[..] else { continue };
+            let stated = u16::from_le_bytes([low, high]);
+            if stated == 0 || stated & FREE_RUN_AND_SM != 0 {
+                continue;
+            }
+            let value = stated | SM_SYNCHRONOUS;
+            entry.default = value.to_le_bytes().to_vec();
+            let why = format!(
+                "{stated:#06x} in the description has no type without SYNC; its OpMode needs one"
+            );
+            self.assume(&format!("0x{index:04X}:{sub:02X}"), format!("{value:#06x}"), &why);
+        }
+    }
+
+    /// With SYNC1 the two types differ. Where only one of them can be written, writing it alone would choose another mode:
+    /// then neither is, and the device goes by its SYNC unit.
+    fn types_by_sync_unit(&mut self, objects: &mut [draft::Object]) {
+        let sub = object::sub::SYNC_TYPE;
+        let both = [object::OUTPUT_PARAMETER, object::INPUT_PARAMETER];
+        let writable = both.map(|index| {
+            entry_of(objects, index, sub).map(|entry| entry.access.has(Access::WRITE_PREOP))
+        });
+        let ([Some(true), Some(false)] | [Some(false), Some(true)]) = writable else { return };
+        for index in both {
+            let Some(entry) = entry_of(objects, index, sub) else { continue };
+            if entry.access.has_any(Access::WRITE) {
+                entry.access = Access::READ;
+                let why = "the other type can't be written; the device goes by its SYNC unit";
+                self.assume(&format!("0x{index:04X}:{sub:02X} access"), "read only", why);
+            }
         }
     }
 
@@ -117,6 +165,11 @@ impl Import<'_> {
             }
         }
     }
+}
+
+fn entry_of(objects: &mut [draft::Object], index: u16, sub: u8) -> Option<&mut draft::Entry> {
+    let object = objects.iter_mut().find(|object| object.index == index)?;
+    object.entries.iter_mut().find(|entry| entry.sub == sub)
 }
 
 /// An object as the stack can hold it; `None` if it can't.
@@ -161,7 +214,7 @@ fn fit(object: &EsiObject) -> Option<draft::Object> {
     })
 }
 
-fn written(bytes: &[u8]) -> String {
+pub(super) fn written(bytes: &[u8]) -> String {
     let number = bytes.iter().take(8).rev().fold(0u64, |sum, byte| sum << 8 | u64::from(*byte));
     format!("{number:#x}")
 }

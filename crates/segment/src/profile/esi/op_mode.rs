@@ -32,10 +32,12 @@ pub struct RunAs {
     pub mode: SyncMode,
     /// Every mode that the OpMode may stand for, the likeliest first: its registers say no more.
     pub modes: &'static [SyncMode],
-    /// From SYNC0 to SYNC1, where the mode has it behind SYNC0; `None` there: what the device needs.
+    /// From the SYNC0 that it belongs to to SYNC1; `None`: what the device needs.
     pub sync1: Option<Nanos>,
     /// Cycle of SYNC0, where it is a part of the bus cycle.
     pub sync0_cycle: Option<Nanos>,
+    /// What its registers 0x0980 and 0x0981 get; `None` without an OpMode.
+    pub unit: Option<AssignActivate>,
     /// What is doubtful, or not done as the file says.
     pub notes: Vec<Doubt>,
 }
@@ -50,7 +52,7 @@ impl RunAs {
         bus: Nanos,
     ) -> Result<Self, NotSimulated> {
         let Some(mode) = op_mode.and_then(|number| device.op_modes().get(number)) else {
-            return Ok(Self::without_sync(profile, Vec::new()));
+            return Ok(Self::without_sync(profile, None, Vec::new()));
         };
         let stopped = |obstacle: Obstacle, words: String| {
             let message =
@@ -65,8 +67,9 @@ impl RunAs {
         let found: Vec<Warning> = registers.warnings.iter().collect();
         let mut notes: Vec<Doubt> =
             found.iter().map(|warning| Doubt::new(warning.name(), warning.to_string())).collect();
+        let unit = Some(registers.assign_activate);
         if registers.count == 0 {
-            return Ok(Self::without_sync(profile, notes));
+            return Ok(Self::without_sync(profile, unit, notes));
         }
         if found.contains(&Warning::UnitAtPdi) {
             let words =
@@ -95,22 +98,13 @@ impl RunAs {
             notes.push(Doubt::new("shift-time-sync0", words));
         }
         let word = AssignActivate(mode.assign_activate);
-        if word.0 & LATCH_AT_PDI != 0 {
-            let words = format!("{word} leaves latch units to the device; not written");
-            notes.push(Doubt::new("latch-units", words));
-        }
         // SYNC0 is what SYNC1 is counted from and what these modes copy outputs by.
         let sync1_alone = word.makes_sync1() && !word.makes_sync0();
         if sync1_alone {
-            let written = AssignActivate::SYNC0_AND_SYNC1;
+            let written = AssignActivate(word.0 | AssignActivate::SYNC0.0);
             let words =
                 format!("{word} has no SYNC0, which mode {chosen} needs; {written} is written");
             notes.push(Doubt::new("sync0-added", words));
-        }
-        let behind = registers.behind_sync0();
-        if chosen == SyncMode::DcSubordinated && behind != Nanos::ZERO {
-            let words = format!("SYNC1 should come {behind} behind a SYNC0; it comes with it");
-            notes.push(Doubt::new("shift-time-sync1", words));
         }
         Ok(Self {
             mode: chosen,
@@ -119,15 +113,21 @@ impl RunAs {
                 // No distance is given, and none is no answer: what the device needs.
                 SyncMode::DcSync1 if sync1_alone && registers.sync1 == 0 => None,
                 SyncMode::DcShiftSync1 | SyncMode::DcSync1 => Some(Nanos(registers.sync1.into())),
+                SyncMode::DcSubordinated => Some(registers.behind_sync0()),
                 _ => None,
             },
             sync0_cycle: (chosen == SyncMode::DcSubordinated).then_some(sync0),
+            unit,
             notes,
         })
     }
 
     /// SYNC off: SM-synchronous, unless the device announces something else.
-    fn without_sync(profile: &Profile, mut notes: Vec<Doubt>) -> Self {
+    fn without_sync(
+        profile: &Profile,
+        unit: Option<AssignActivate>,
+        mut notes: Vec<Doubt>,
+    ) -> Self {
         let types = profile.supported_types();
         let mode = match (profile.states_modes(), types.sm_synchronous()) {
             // Where nothing is announced, Free Run is what nobody can refuse.
@@ -141,7 +141,7 @@ impl RunAs {
             }
         };
         let modes = &[SyncMode::SmSynchronous, SyncMode::FreeRun];
-        Self { mode, modes, sync1: None, sync0_cycle: None, notes }
+        Self { mode, modes, sync1: None, sync0_cycle: None, unit, notes }
     }
 }
 
@@ -169,5 +169,3 @@ fn raw(mode: &EsiOpMode) -> opmode::OpMode {
 
 /// Bits of 0x1C32:04 that announce a mode.
 const ANY_MODE: u16 = 0x001F;
-/// Bits of register 0x0980.
-const LATCH_AT_PDI: u16 = 0x0030;

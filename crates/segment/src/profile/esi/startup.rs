@@ -1,48 +1,221 @@
 //! Downloads at start: the InitCmds of a description.
 
+use isocat_descriptions::esi::{EsiCoe, InitCommand};
+use isocat_descriptions::start_up::Transition;
+use isocat_subdevice::MAX_TRANSFER;
 use isocat_sync::object;
-use isocat_wire::coe::info::Access;
+use isocat_wire::coe::DataType;
+use isocat_wire::coe::info::{Access, ObjectCode};
 
 use super::super::Startup;
-use super::super::draft::Draft;
-use super::Import;
+use super::super::draft::{Draft, Entry, Object};
+use super::objects::written;
+use super::{Doubt, Import};
 
 impl Import<'_> {
-    /// Those that the device's own dictionary can take in PREOP. Assignments and mappings are left to the one who
-    /// configures, who writes them anyway.
-    pub(super) fn startup(&mut self, draft: &Draft<'_>) -> Vec<Startup> {
-        let coe = self.device.mailbox.as_ref().and_then(|mailbox| mailbox.coe.as_ref());
-        let mut left_out = Vec::new();
-        let mut all = Vec::new();
-        for command in self.file.commands(self.device, coe) {
-            let early = command.transitions.iter().any(|at| matches!(&**at, "IP" | "PS"));
-            let index = command.object.index;
-            let assigns = matches!(index, object::OUTPUT_ASSIGNMENT | object::INPUT_ASSIGNMENT)
-                || matches!(index, 0x1600..=0x17FF | 0x1A00..=0x1BFF);
-            if !early || assigns {
+    /// What InitCmds write can be written in PREOP. Some files have commands for objects that their own dictionary
+    /// lacks or calls read only; firmware has them, since every configuration tool writes them.
+    pub(super) fn open_for_commands(&mut self, objects: &mut Vec<Object>) {
+        let mut opened = Vec::new();
+        for command in self.commands() {
+            let early = command.transitions.iter().any(|name| early(name).is_some());
+            if !early || command.complete_access || is_assignment(&command) {
                 continue;
             }
-            let found = draft.objects.iter().find(|object| object.index == index);
-            let sub = command.object.sub;
-            let entry = found.and_then(|object| object.entries.iter().find(|e| e.sub == sub));
-            let takes = entry.is_some_and(|entry| {
-                entry.access.has(Access::WRITE_PREOP)
-                    && (command.complete_access
-                        || usize::from(entry.bits.div_ceil(8)) == command.data.len())
-            });
-            match takes {
-                true => all.push(Startup {
-                    object: command.object,
-                    data: command.data,
-                    complete_access: command.complete_access,
-                }),
-                false => left_out.push(command.object.to_string()),
+            if open(objects, &command, self.device.at) {
+                opened.push(command.object.to_string());
             }
         }
-        if !left_out.is_empty() {
-            let why = "the dictionary of the description has no such entry to write";
-            self.assume("InitCmd left out", left_out.join(" "), why);
+        if !opened.is_empty() {
+            let why = "the dictionary of the description has no such entry to write, and an InitCmd writes it";
+            let opened = opened.join(" ");
+            self.doubts
+                .push(Doubt::new("init-command-object", format!("{opened}: {why}; it is added")));
+            self.assume("InitCmd objects", opened, why);
         }
+    }
+
+    /// The downloads that can be made, those on the way to PREOP first. What is left out is told.
+    pub(super) fn startup(&mut self, draft: &Draft<'_>) -> Vec<Startup> {
+        let mut all = Vec::new();
+        let (mut late, mut assigning, mut unfit) = (Vec::new(), Vec::new(), Vec::new());
+        for command in self.commands() {
+            let InitCommand { object, ref data, complete_access, .. } = command;
+            if command.transitions.is_empty() {
+                late.push(format!("{object} (no transition)"));
+            }
+            for name in &command.transitions {
+                let Some(transition) = early(name) else {
+                    late.push(format!("{object} ({name})"));
+                    continue;
+                };
+                let takes = takes(draft, &command);
+                match (is_assignment(&command), takes) {
+                    (true, _) => assigning.push(object.to_string()),
+                    (false, false) => unfit.push(object.to_string()),
+                    (false, true) => {
+                        all.push(Startup {
+                            transition,
+                            object,
+                            data: data.clone(),
+                            complete_access,
+                        });
+                    }
+                }
+            }
+        }
+        for (left_out, why) in [
+            (late, "downloads are made on the way to SAFEOP only"),
+            (assigning, "assignments and mappings of PDOs are the plan's"),
+            (unfit, "the dictionary has no entry of this length to write"),
+        ] {
+            if !left_out.is_empty() {
+                let left_out = left_out.join(" ");
+                let words = format!("InitCmd {left_out} is left out: {why}");
+                self.doubts.push(Doubt::new("init-command-left-out", words));
+                self.assume("InitCmd left out", left_out, why);
+            }
+        }
+        let soe = self.device.mailbox.as_ref().map_or(0, |mailbox| mailbox.soe_commands);
+        if soe > 0 {
+            let words = format!("{soe} SoE InitCmds are left out: only CoE is spoken");
+            self.doubts.push(Doubt::new("soe-commands-left-out", words));
+        }
+        all.sort_by_key(|download| download.transition != Transition::IP);
         all
     }
+
+    fn commands(&self) -> Vec<InitCommand> {
+        self.file.commands(self.device, self.coe())
+    }
+
+    fn coe(&self) -> Option<&EsiCoe> {
+        self.device.mailbox.as_ref()?.coe.as_ref()
+    }
 }
+
+/// The transitions at which downloads are made.
+fn early(name: &str) -> Option<Transition> {
+    [Transition::IP, Transition::PS].into_iter().find(|at| at.to_string() == name)
+}
+
+fn is_assignment(command: &InitCommand) -> bool {
+    let index = command.object.index;
+    matches!(index, object::OUTPUT_ASSIGNMENT | object::INPUT_ASSIGNMENT)
+        || matches!(index, 0x1600..=0x17FF | 0x1A00..=0x1BFF)
+}
+
+fn takes(draft: &Draft<'_>, command: &InitCommand) -> bool {
+    let found = draft.objects.iter().find(|object| object.index == command.object.index);
+    let entry = found.and_then(|o| o.entries.iter().find(|e| e.sub == command.object.sub));
+    entry.is_some_and(|entry| {
+        entry.access.has(Access::WRITE_PREOP) && (command.complete_access || fits(entry, command))
+    })
+}
+
+fn fits(entry: &Entry, command: &InitCommand) -> bool {
+    usize::from(entry.bits.div_ceil(8)) == command.data.len()
+}
+
+/// Whether something had to be added so that a command can be carried out. Where that is not possible nothing is.
+fn open(objects: &mut Vec<Object>, command: &InitCommand, at: usize) -> bool {
+    let sub = command.object.sub;
+    let usable = (1..=MAX_TRANSFER).contains(&command.data.len());
+    let Some(object) = objects.iter_mut().find(|object| object.index == command.object.index)
+    else {
+        // The communication area follows from the rest of the description, but for the diagnosis history.
+        let own = command.object.index >= 0x2000 || command.object.index == DIAGNOSIS_HISTORY;
+        if own && usable {
+            objects.push(new_object(command, at));
+        }
+        return own && usable;
+    };
+    if let Some(entry) = object.entries.iter_mut().find(|entry| entry.sub == sub) {
+        let shut = fits(entry, command) && !entry.access.has(Access::WRITE_PREOP);
+        if shut {
+            entry.access = entry.access.with(Access::WRITE_PREOP);
+        }
+        return shut;
+    }
+    let Some(count) = object.entries.first_mut().filter(|first| first.sub == 0 && first.bits == 8)
+    else {
+        return false;
+    };
+    if !usable || object.code == ObjectCode::VAR {
+        return false;
+    }
+    let most = count.default.first().copied().unwrap_or(0).max(sub);
+    (count.default, count.written) = (vec![most], written(&[most]));
+    let place = object.entries.partition_point(|entry| entry.sub < sub);
+    object.entries.insert(place, new_entry(command, at));
+    lay_out(&mut object.entries);
+    true
+}
+
+fn new_object(command: &InitCommand, at: usize) -> Object {
+    let mut entries = vec![new_entry(command, at)];
+    let single = command.object.sub == 0;
+    if !single {
+        let count = vec![command.object.sub];
+        entries.insert(
+            0,
+            Entry {
+                sub: 0,
+                name: "Number of entries".to_owned(),
+                data_type: DataType::UNSIGNED8,
+                bits: 8,
+                access: Access::READ,
+                written: written(&count),
+                default: count,
+                ..new_entry(command, at)
+            },
+        );
+        lay_out(&mut entries);
+    }
+    Object {
+        at,
+        index: command.object.index,
+        name: NAME.to_owned(),
+        code: if single { ObjectCode::VAR } else { ObjectCode::RECORD },
+        data_type: if single { entries[0].data_type } else { DataType::UNSIGNED8 },
+        entries,
+        contradiction: None,
+    }
+}
+
+fn new_entry(command: &InitCommand, at: usize) -> Entry {
+    let bytes = command.data.len();
+    let default = vec![0; bytes];
+    Entry {
+        at,
+        sub: command.object.sub,
+        name: NAME.to_owned(),
+        data_type: match bytes {
+            1 => DataType::UNSIGNED8,
+            2 => DataType::UNSIGNED16,
+            4 => DataType::UNSIGNED32,
+            8 => DataType::UNSIGNED64,
+            _ => DataType::OCTET_STRING,
+        },
+        bits: 8 * bytes as u16,
+        offset: 0,
+        access: Access::READ.with(Access::WRITE_PREOP),
+        written: written(&default),
+        default,
+    }
+}
+
+/// One entry behind the other, where they stand no farther apart already; sub-index 0 takes 16 bits.
+fn lay_out(entries: &mut [Entry]) {
+    let mut free = 0;
+    for entry in entries {
+        entry.offset = entry.offset.max(free);
+        let bits = if entry.sub == 0 { entry.bits.max(16) } else { entry.bits };
+        free = (entry.offset + u32::from(bits)).next_multiple_of(8);
+    }
+}
+
+/// Where files most often have a command and no object.
+const DIAGNOSIS_HISTORY: u16 = 0x10F3;
+/// What nothing names.
+const NAME: &str = "Written at start";

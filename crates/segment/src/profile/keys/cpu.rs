@@ -187,6 +187,18 @@ pub(super) static BEHAVIOUR: Section = Section {
             "With subordinated cycles the application runs at SYNC1 and not at each SYNC0.",
             "the simulated device's stack",
         ),
+        flag(
+            "unit_without_pulses",
+            "false",
+            "The SYNC unit may be on without a pulse, as for time stamps of the latch units.",
+            "AL status code 0x0030",
+        ),
+        flag(
+            "ignores_sync1",
+            "false",
+            "SYNC1 may be made though the device does not announce it: it does not listen to it.",
+            "AL status code 0x0030",
+        ),
         time(
             "subordinated_sync0_cycle",
             "SYNC0 cycle that subordinated cycles need.",

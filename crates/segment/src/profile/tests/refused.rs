@@ -442,7 +442,7 @@ fn short_forms_of_pdos_and_choices() {
     assert_eq!((mode.sync0_factor, mode.sync1_factor), (1, -4));
     let broken = |from: &str, to: &str| {
         let error = Profile::from_toml("p.toml", &text.replace(from, to)).unwrap_err();
-        error.message
+        error.message.clone()
     };
     assert!(broken("[0x1601, 100]", "[0x1601]").contains("expected a row [PDO, bits]"));
     assert!(broken("0x0300, 1, -4", "0x0300, 1").contains("expected [name, description,"));

@@ -89,7 +89,7 @@ fn outputs_that_cannot_be() {
 fn outputs_that_contradict_each_other() {
     let two = |first: &str, second: &str| {
         let text = one(&(output(first) + &output(second)));
-        SegmentFile::parse("s.toml", &text).map(drop).map_err(|error| error.message)
+        SegmentFile::parse("s.toml", &text).map(drop).map_err(|error| error.message.clone())
     };
     let target = "place = \"0x607A:00\"\nvalue = 1";
     assert_eq!(

@@ -132,6 +132,12 @@ impl Supervisor<'_> {
                     | libc::SIOCGIFMTU
                     | libc::SIOCGIFADDR
             );
+            if is_packet || request == libc::SIOCGIFINDEX {
+                self.note(format!(
+                    "the program asked for interface {name}, at which there is no segment: the virtual one is {}",
+                    self.options.interfaces.join(" and ")
+                ));
+            }
             // The real interfaces may be looked at through sockets that reach none of them.
             return if only_asks && !is_packet { Ok(Outcome::Pass) } else { error(libc::ENODEV) };
         };

@@ -135,7 +135,6 @@ impl Supervisor<'_> {
             | libc::SYS_tgkill
             | libc::SYS_rt_sigqueueinfo
             | libc::SYS_rt_tgsigqueueinfo
-            | libc::SYS_rt_sigprocmask
             | libc::SYS_rt_sigsuspend
             | libc::SYS_pause
             | libc::SYS_rt_sigtimedwait

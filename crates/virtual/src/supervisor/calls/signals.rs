@@ -38,10 +38,6 @@ impl Supervisor<'_> {
             | libc::SYS_tgkill
             | libc::SYS_rt_sigqueueinfo
             | libc::SYS_rt_tgsigqueueinfo => self.send_signal(task, number, a),
-            libc::SYS_rt_sigprocmask => {
-                self.signalled = true;
-                Ok(Outcome::Pass)
-            }
             // The kernel waits with another mask, and comes back after the signal.
             libc::SYS_rt_sigsuspend | libc::SYS_pause => Ok(Outcome::Outside),
             libc::SYS_rt_sigtimedwait => self.wait_for_signal(task, a, first),

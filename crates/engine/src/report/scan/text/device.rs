@@ -260,10 +260,13 @@ fn process_data(data: &ProcessData) -> String {
         format!("0x{:04X} ({bits})", pdo.index)
     });
     let pdos: Vec<String> = pdos.collect();
-    let place = match data.sync_manager {
+    let mut place = match data.sync_manager {
         Some(number) => format!(", SyncManager {number} at {:#06x}", data.start),
         None => ", no SyncManager".to_owned(),
     };
+    for further in &data.further {
+        place += &format!(", SyncManager {} at {:#06x}", further.sync_manager, further.start);
+    }
     format!("{}: {} bytes{place}, by {}", pdos.join(" "), data.length, data.source)
 }
 

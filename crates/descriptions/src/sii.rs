@@ -1,0 +1,331 @@
+//! SII: the content of a SubDevice's EEPROM, read from a file and written from a description.
+//!
+//! Bytes of a file (`hex` for Intel HEX) become a [`SiiFile`] (`read`): its [`Sii`], which has every category that the standard
+//! knows as typed values and keeps all others as they are, and every [`Doubt`] with the word at which it stands, what was expected
+//! and what was found. Only a file that holds no header is refused. `write` makes an image of a [`Sii`]: of one that was
+//! read, of a maker's description ([`EsiFile::sii`]) or of a profile. `report` is what a file says, for programs and people.
+//!
+//! [`EsiFile::sii`]: crate::esi::EsiFile::sii
+
+use std::fmt;
+
+use isocat_wire::sii::{Header, SmRecord};
+
+mod hex;
+mod read;
+pub mod report;
+#[cfg(test)]
+mod tests;
+mod text;
+mod write;
+
+pub use write::{Names, Unwritable};
+
+/// An SII with the file that it was read from.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct SiiFile {
+    /// The file, as errors name it.
+    pub path: String,
+    /// The image: all bytes of the file, Intel HEX decoded.
+    pub image: Vec<u8>,
+    /// What it says.
+    pub sii: Sii,
+    /// Bytes up to the end mark, with it; as far as could be read where there is none.
+    pub used: usize,
+    /// What is doubtful, in the order of the words.
+    pub doubts: Vec<Doubt>,
+}
+
+/// What an SII says.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Sii {
+    /// The first 64 words.
+    pub header: Header,
+    /// Category 30; `None` where there is none.
+    pub general: Option<General>,
+    /// Category 40: 1 outputs, 2 inputs, 3 mailbox state, 0 and 0xFF unused.
+    pub fmmus: Vec<u8>,
+    /// Category 41.
+    pub sync_managers: Vec<SmRecord>,
+    /// Category 50, TxPDOs.
+    pub inputs: Vec<SiiPdo>,
+    /// Category 51, RxPDOs.
+    pub outputs: Vec<SiiPdo>,
+    /// Category 60.
+    pub op_modes: Vec<SiiOpMode>,
+    /// All other categories, in their order.
+    pub others: Vec<OtherCategory>,
+}
+
+/// Category 30. Texts stand for their numbers in the category of strings; an empty one has the number 0.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct General {
+    /// Type of the group.
+    pub group: String,
+    /// Name of the picture.
+    pub image: String,
+    /// Order number: the type.
+    pub order: String,
+    /// Name.
+    pub name: String,
+    /// Byte 4, which older files use for the physical layer.
+    pub physical_layer: u8,
+    /// Bit 0 SDO, 1 SDO information, 2 PDO assignment, 3 PDO configuration, 4 upload at start, 5 complete access.
+    pub coe_details: u8,
+    /// FoE, as the file has it.
+    pub foe: u8,
+    /// EoE, as the file has it.
+    pub eoe: u8,
+    /// Channels of SoE.
+    pub soe_channels: u8,
+    /// Channels of DS402.
+    pub ds402_channels: u8,
+    /// SysMan class.
+    pub sysman_class: u8,
+    /// Bit 0 SAFEOP, 1 no LRW, 2 mailbox data link layer, 3 and 4 identification.
+    pub flags: u8,
+    /// Current on the EBUS in mA; negative for devices that feed it.
+    pub ebus_ma: i16,
+    /// Byte 14: the group once more, or the name of the group.
+    pub group_name: String,
+    /// Kind of each port, four bits from port 0: 0 unused, 1 MII, 3 EBUS, 4 fast hot connect.
+    pub ports: u16,
+    /// Where an identification can be read.
+    pub identification: u16,
+}
+
+impl General {
+    /// Bytes of the category.
+    pub const LEN: usize = 32;
+
+    /// The ports by letter, as an ESI has them: Y MII, K EBUS, H fast hot connect, blank unused.
+    pub fn physics(&self) -> String {
+        let letter = |port: u32| match self.ports >> (4 * port) & 0xF {
+            0 => ' ',
+            3 => 'K',
+            4 => 'H',
+            _ => 'Y',
+        };
+        (0..4).map(letter).collect::<String>().trim_end().to_owned()
+    }
+}
+
+/// A PDO of categories 50 and 51.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct SiiPdo {
+    /// Index of its mapping object.
+    pub index: u16,
+    /// SyncManager that it is assigned to; `None` for none (0xFF).
+    pub sync_manager: Option<u8>,
+    /// Sync unit.
+    pub sync_unit: u8,
+    /// Name.
+    pub name: String,
+    /// Bit 0 mandatory, 1 default, 4 fixed.
+    pub flags: u16,
+    /// What it maps, at most 255.
+    pub entries: Vec<SiiEntry>,
+}
+
+impl SiiPdo {
+    /// Flag: it must stay assigned.
+    pub const MANDATORY: u16 = 0x0001;
+    /// Flag: its entries can't be changed.
+    pub const FIXED: u16 = 0x0010;
+
+    /// Bits of all entries.
+    pub fn bits(&self) -> u32 {
+        self.entries.iter().map(|entry| u32::from(entry.bits)).sum()
+    }
+}
+
+/// An entry of a PDO.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct SiiEntry {
+    /// Index, 0 for padding.
+    pub index: u16,
+    /// Sub-index.
+    pub sub: u8,
+    /// Name.
+    pub name: String,
+    /// Low byte of the type's code.
+    pub data_type: u8,
+    /// Bits.
+    pub bits: u8,
+    /// Flags.
+    pub flags: u16,
+}
+
+/// An OpMode of category 60.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct SiiOpMode {
+    /// Name.
+    pub name: String,
+    /// Description.
+    pub description: String,
+    /// Low byte for register 0x0980, high byte for 0x0981.
+    pub assign_activate: u16,
+    /// SYNC0's cycle, ns; 0: the factor counts.
+    pub cycle_time_0: u32,
+    /// SYNC0's phase, ns.
+    pub shift_time_0: i32,
+    /// SYNC1's phase, ns.
+    pub shift_time_1: i32,
+    /// SYNC0's cycle to the bus cycle.
+    pub sync0_factor: i16,
+    /// SYNC1's cycle to that of SYNC0.
+    pub sync1_factor: i16,
+}
+
+impl SiiOpMode {
+    /// Bytes of an OpMode.
+    pub const LEN: usize = 24;
+
+    /// The record without its texts: their numbers are 0.
+    pub fn record(&self) -> [u8; Self::LEN] {
+        let mut record = [0; Self::LEN];
+        record[0x00..0x04].copy_from_slice(&self.cycle_time_0.to_le_bytes());
+        record[0x04..0x08].copy_from_slice(&self.shift_time_0.to_le_bytes());
+        record[0x08..0x0C].copy_from_slice(&self.shift_time_1.to_le_bytes());
+        record[0x0C..0x0E].copy_from_slice(&self.sync1_factor.to_le_bytes());
+        record[0x0E..0x10].copy_from_slice(&self.assign_activate.to_le_bytes());
+        record[0x10..0x12].copy_from_slice(&self.sync0_factor.to_le_bytes());
+        record
+    }
+
+    /// The OpMode of a record with these texts.
+    pub fn of_record(r: &[u8; Self::LEN], name: String, description: String) -> Self {
+        Self {
+            name,
+            description,
+            cycle_time_0: u32::from_le_bytes([r[0], r[1], r[2], r[3]]),
+            shift_time_0: i32::from_le_bytes([r[4], r[5], r[6], r[7]]),
+            shift_time_1: i32::from_le_bytes([r[8], r[9], r[10], r[11]]),
+            sync1_factor: i16::from_le_bytes([r[12], r[13]]),
+            assign_activate: u16::from_le_bytes([r[14], r[15]]),
+            sync0_factor: i16::from_le_bytes([r[16], r[17]]),
+        }
+    }
+}
+
+/// A category that is kept as it is.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct OtherCategory {
+    /// Its type.
+    pub kind: u16,
+    /// Its bytes; their number is even.
+    pub data: Vec<u8>,
+}
+
+/// Something in an image that contradicts the standard or itself.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Doubt {
+    /// Which.
+    pub kind: DoubtKind,
+    /// Word at which it stands.
+    pub word: usize,
+    /// What should stand there.
+    pub expected: String,
+    /// What stands there.
+    pub found: String,
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { kind, word, expected, found } = self;
+        write!(f, "word {word:#06x}: {}: expected {expected}, found {found}", kind.name())
+    }
+}
+
+/// What is doubtful about an image.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum DoubtKind {
+    /// The configuration area has another checksum: the ESC does not load it.
+    Checksum,
+    /// The version is not 1.
+    Version,
+    /// The size in the header is not that of the file.
+    Size,
+    /// No vendor or no product code.
+    Identity,
+    /// The file ends with half a word.
+    HalfWord,
+    /// A category ends behind the end of the file.
+    CategoryCut,
+    /// There is no end mark.
+    EndMark,
+    /// There are more categories than a reader goes through.
+    ManyCategories,
+    /// A category stands twice.
+    CategoryRepeated,
+    /// A category has no whole number of records.
+    CategoryLength,
+    /// The strings go on behind the end of their category.
+    StringsCut,
+    /// A string has characters that can't be printed.
+    StringUnprintable,
+    /// A text has a number that no string has.
+    StringMissing,
+    /// The entries of a PDO go on behind the end of their category.
+    PdoCut,
+    /// A PDO is assigned to a SyncManager that is not listed.
+    PdoSyncManager,
+    /// An FMMU has a use that is not known.
+    FmmuUse,
+    /// A SyncManager has a type that is not known.
+    SyncManagerType,
+    /// The SyncManagers have the mailbox elsewhere than the header.
+    MailboxArea,
+    /// Protocols without a mailbox, or a mailbox without protocols.
+    MailboxProtocols,
+}
+
+impl DoubtKind {
+    /// All kinds.
+    pub const ALL: [Self; 19] = [
+        Self::Checksum,
+        Self::Version,
+        Self::Size,
+        Self::Identity,
+        Self::HalfWord,
+        Self::CategoryCut,
+        Self::EndMark,
+        Self::ManyCategories,
+        Self::CategoryRepeated,
+        Self::CategoryLength,
+        Self::StringsCut,
+        Self::StringUnprintable,
+        Self::StringMissing,
+        Self::PdoCut,
+        Self::PdoSyncManager,
+        Self::FmmuUse,
+        Self::SyncManagerType,
+        Self::MailboxArea,
+        Self::MailboxProtocols,
+    ];
+
+    /// The name, in words joined by dashes.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Checksum => "checksum",
+            Self::Version => "version",
+            Self::Size => "size",
+            Self::Identity => "identity",
+            Self::HalfWord => "half-word",
+            Self::CategoryCut => "category-cut",
+            Self::EndMark => "end-mark",
+            Self::ManyCategories => "many-categories",
+            Self::CategoryRepeated => "category-repeated",
+            Self::CategoryLength => "category-length",
+            Self::StringsCut => "strings-cut",
+            Self::StringUnprintable => "string-unprintable",
+            Self::StringMissing => "string-missing",
+            Self::PdoCut => "pdo-cut",
+            Self::PdoSyncManager => "pdo-sync-manager",
+            Self::FmmuUse => "fmmu-use",
+            Self::SyncManagerType => "sync-manager-type",
+            Self::MailboxArea => "mailbox-area",
+            Self::MailboxProtocols => "mailbox-protocols",
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! Images by hand, each side of every edge; real ones are in the command's tests.
+
+use proptest::prelude::*;
+
+use super::*;
+use isocat_wire::sii::{MailboxArea, sm_type};
+
+/// A device that has something of everything.
+fn sample() -> Sii {
+    let mut configuration = [0; 14];
+    configuration[..6].copy_from_slice(&[0x05, 0x0E, 0x03, 0x06, 0x10, 0x27]);
+    let receive = MailboxArea { start: 0x1000, length: 128 };
+    let send = MailboxArea { start: 0x1080, length: 128 };
+    let sm = |area: MailboxArea, control, kind| SmRecord {
+        start: area.start,
+        length: area.length,
+        control,
+        status: 0,
+        enable: 1,
+        kind,
+    };
+    let entry = |index, name: &str| SiiEntry {
+        index,
+        sub: u8::from(index > 0),
+        name: name.to_owned(),
+        data_type: 5,
+        bits: 8,
+        flags: 0,
+    };
+    Sii {
+        header: Header {
+            configuration,
+            vendor_id: 1,
+            product_code: 2,
+            receive,
+            send,
+            protocols: Header::COE,
+            size: 15,
+            ..Header::default()
+        },
+        general: Some(General {
+            order: "BOX".to_owned(),
+            name: "A box".to_owned(),
+            ebus_ma: -20,
+            ports: 0x0031,
+            ..General::default()
+        }),
+        fmmus: vec![1, 2],
+        sync_managers: vec![
+            sm(receive, 0x26, sm_type::MAILBOX_OUT),
+            sm(send, 0x22, sm_type::MAILBOX_IN),
+        ],
+        inputs: vec![SiiPdo {
+            index: 0x1A00,
+            sync_manager: Some(1),
+            name: "Inputs".to_owned(),
+            flags: SiiPdo::FIXED,
+            entries: vec![entry(0x6000, "Value"), entry(0, "")],
+            ..SiiPdo::default()
+        }],
+        outputs: Vec::new(),
+        op_modes: vec![SiiOpMode {
+            name: "DC".to_owned(),
+            assign_activate: 0x0300,
+            shift_time_0: -5,
+            sync0_factor: 1,
+            ..SiiOpMode::default()
+        }],
+        others: vec![OtherCategory { kind: 0x0801, data: vec![1, 2] }],
+    }
+}
+
+fn read(image: &[u8]) -> SiiFile {
+    SiiFile::from_bytes("a.bin", image).expect("it has a header")
+}
+
+fn kinds(image: &[u8]) -> Vec<&'static str> {
+    read(image).doubts.iter().map(|doubt| doubt.kind.name()).collect()
+}
+
+/// Where the data of a category begin.
+fn place(image: &[u8], wanted: u16) -> usize {
+    let mut at = 0x80;
+    loop {
+        let half = |at: usize| u16::from_le_bytes([image[at], image[at + 1]]);
+        if half(at) == wanted {
+            return at + 4;
+        }
+        at += 4 + 2 * usize::from(half(at + 2));
+    }
+}
+
+#[test]
+fn what_is_written_is_read_again() {
+    let sii = sample();
+    let image = sii.image(0, Names::All).expect("short");
+    assert_eq!(image.len(), 2_048);
+    let file = read(&image);
+    assert_eq!((file.sii, file.doubts), (sii, Vec::new()));
+    assert_eq!(image[file.used - 2..file.used], [0xFF, 0xFF]);
+    assert!(image[file.used..].iter().all(|byte| *byte == 0xFF));
+}
+
+#[test]
+fn each_doubt_has_its_word() {
+    let good = sample().image(0, Names::All).expect("short");
+    let broken = |at: usize, byte: u8| {
+        let mut image = good.clone();
+        image[at] = byte;
+        read(&image).doubts.iter().map(|doubt| (doubt.kind.name(), doubt.word)).collect::<Vec<_>>()
+    };
+    assert_eq!(broken(14, good[14] ^ 1), [("checksum", 7)]);
+    assert_eq!(broken(0x10, 0), [("identity", 8)]);
+    assert_eq!(broken(0x7C, 16), [("size", 0x3E)]);
+    assert_eq!(broken(0x7E, 2), [("version", 0x3F)]);
+    assert_eq!(broken(0x30, 1), [("mailbox-area", place(&good, 41) / 2)]);
+    assert_eq!(broken(0x38, 0), [("mailbox-protocols", 0x1C)]);
+    let fmmu = place(&good, 40);
+    assert_eq!(broken(fmmu + 1, 4), [("fmmu-use", fmmu / 2)]);
+    assert_eq!(broken(fmmu + 1, 3), []);
+    let sm = place(&good, 41);
+    assert_eq!(broken(sm + 15, 5), [("sync-manager-type", sm / 2 + 7)]);
+    let pdo = place(&good, 50);
+    assert_eq!(broken(pdo + 3, 2), [("pdo-sync-manager", pdo / 2 + 1)]);
+    assert_eq!(broken(pdo + 3, 0), []);
+    assert_eq!(broken(pdo + 2, 3), [("pdo-cut", pdo / 2)]);
+    assert_eq!(broken(pdo + 5, 99), [("string-missing", pdo / 2 + 2)]);
+    let strings = place(&good, 10);
+    assert_eq!(broken(strings + 2, 0x1B), [("string-unprintable", strings / 2)]);
+    // The first string that is missing would begin in the last word, which is filled up.
+    assert_eq!(broken(strings, 99)[0], ("strings-cut", place(&good, 30) / 2 - 3));
+}
+
+#[test]
+fn a_checksum_can_be_switched_off() {
+    let mut image = sample().image(0, Names::All).expect("short");
+    image[14..16].copy_from_slice(&0x88A4_u16.to_le_bytes());
+    assert_eq!(kinds(&image), [""; 0]);
+}
+
+#[test]
+fn an_image_without_its_end_is_read_as_far_as_it_goes() {
+    let image = sample().image(0, Names::All).expect("short");
+    let used = read(&image).used;
+    assert_eq!(kinds(&image[..used]), ["size"]);
+    assert_eq!(kinds(&image[..used - 2]), ["size", "end-mark"]);
+    assert_eq!(kinds(&image[..used - 1]), ["size", "half-word", "end-mark"]);
+    assert_eq!(kinds(&image[..used - 4]), ["size", "category-cut"]);
+    assert_eq!(kinds(&image[..0x80]), ["size", "end-mark"]);
+    let error = SiiFile::from_bytes("a.bin", &image[..0x7F]).expect_err("too short");
+    assert_eq!(
+        error.to_string(),
+        "a.bin: word 0x003f: the image ends; expected a header of 64 words, found 127 bytes"
+    );
+}
+
+#[test]
+fn what_is_written_twice_counts_once() {
+    let mut image = sample().image(0, Names::All).expect("short");
+    let used = read(&image).used;
+    let again = [40, 0, 1, 0, 3, 3, 0xFF, 0xFF];
+    image[used - 2..used + 6].copy_from_slice(&again);
+    let file = read(&image);
+    assert_eq!(file.sii.fmmus, [1, 2]);
+    assert_eq!((kinds(&image), file.doubts[0].word), (vec!["category-repeated"], used / 2 - 1));
+}
+
+#[test]
+fn empty_categories_end() {
+    let mut image = sample().image(65_536, Names::All).expect("short");
+    image[0x80..].fill(0);
+    assert_eq!(kinds(&image), ["many-categories"]);
+}
+
+#[test]
+fn names_have_their_room() {
+    let mut sii = sample();
+    let general = sii.general.as_mut().expect("it has one");
+    general.name = "x".repeat(255);
+    assert!(sii.image(0, Names::All).is_ok());
+    let general = sii.general.as_mut().expect("it has one");
+    general.name = "x".repeat(256);
+    assert!(matches!(sii.image(0, Names::All), Err(Unwritable::Name(_))));
+    let cut = read(&sii.image(0, Names::Fitting).expect("cut"));
+    assert_eq!(cut.sii.general.map(|general| general.name.len()), Some(255));
+    let mut sii = sample();
+    let texts = 255 - 4;
+    let mode = |number: usize| SiiOpMode { name: format!("{number}"), ..SiiOpMode::default() };
+    sii.op_modes = (0..texts).map(mode).collect();
+    assert!(sii.image(0, Names::All).is_ok());
+    sii.op_modes.push(mode(texts));
+    assert_eq!(sii.image(0, Names::All), Err(Unwritable::Names(256)));
+    assert!(sii.image(0, Names::Fitting).is_ok());
+}
+
+#[test]
+fn intel_hex_is_an_image_too() {
+    let image = sample().image(0, Names::All).expect("short");
+    let mut text = String::new();
+    for (number, data) in image.chunks(16).enumerate() {
+        let at = (16 * number as u16).to_be_bytes();
+        let head = [&[data.len() as u8, at[0], at[1], 0][..], data].concat();
+        let sum = head.iter().fold(0_u8, |sum, byte| sum.wrapping_sub(*byte));
+        let digits: String = head.iter().chain([&sum]).map(|byte| format!("{byte:02X}")).collect();
+        text += &format!(":{digits}\r\n");
+    }
+    let whole = format!("{text}:00000001FF\r\n");
+    assert_eq!(read(whole.as_bytes()).image, image);
+    let error =
+        |text: &str| SiiFile::from_bytes("a.hex", text.as_bytes()).map_err(|e| e.to_string());
+    assert!(error(&text).is_err_and(|e| e.contains("expected the end record")));
+    let broken = whole.replacen(":10", ":11", 1);
+    assert!(error(&broken).is_err_and(|e| e == "a.hex:1:2: 16 bytes of data; expected 17"));
+    let broken = whole.replacen("0E", "0F", 1);
+    assert!(error(&broken).is_err_and(|e| e.contains("expected 0x00")));
+}
+
+proptest! {
+    /// What is written from anything that was read says the same, and has nothing doubtful that was not there.
+    #[test]
+    fn anything_is_read(bytes in proptest::collection::vec(any::<u8>(), 0..600), tame in any::<bool>()) {
+        let mut image = sample().image(0, Names::All).expect("short");
+        let used = read(&image).used;
+        // Half of the images are almost right.
+        match tame {
+            true => {
+                for (number, byte) in bytes.chunks(40).enumerate() {
+                    let at = (usize::from(byte[0]) * 7 + number * 31) % used;
+                    image[at] = byte[byte.len() - 1];
+                }
+            }
+            false => image = bytes,
+        }
+        let Ok(file) = SiiFile::from_bytes("a.bin", &image) else { return Ok(()) };
+        prop_assert!(!file.text().is_empty());
+        prop_assert!(file.used <= image.len() && file.doubts.len() <= 256);
+        let Ok(written) = file.sii.image(0, Names::All) else { return Ok(()) };
+        let mut again = read(&written).sii;
+        again.header.size = file.sii.header.size;
+        prop_assert_eq!(again, file.sii);
+    }
+}

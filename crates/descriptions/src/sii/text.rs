@@ -1,0 +1,185 @@
+//! What an SII file says, as text for a terminal.
+
+use std::fmt::{self, Write};
+
+use isocat_wire::coe::DataType;
+use isocat_wire::time::Nanos;
+
+use super::SiiFile;
+use super::report::{Mailbox, OpMode, Pdo, Report};
+use crate::columns::{WIDTH, wrap};
+
+impl SiiFile {
+    /// What the file says, in plain words.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        let _ = self.report().write(&mut text);
+        text
+    }
+}
+
+impl Report {
+    fn write(&self, out: &mut String) -> fmt::Result {
+        let name = if self.name.is_empty() { "a device without a name" } else { &self.name };
+        writeln!(out, "{}: {}", self.file, printable(name))?;
+        writeln!(
+            out,
+            "  identity      vendor {:#010x}, product {:#010x}, revision {:#010x}, serial {:#x}",
+            self.vendor_id, self.product_code, self.revision, self.serial
+        )?;
+        if !self.order.is_empty() || !self.group.is_empty() {
+            let (order, group) = (printable(&self.order), printable(&self.group));
+            writeln!(out, "  type          {order}, group \"{group}\"")?;
+        }
+        writeln!(out, "  EEPROM        {} bytes, {} used", self.bytes, self.bytes_used)?;
+        self.write_esc(out)?;
+        self.write_mailbox(out)?;
+        if let Some(ports) = &self.ports {
+            let ports = if ports.is_empty() { "none" } else { ports };
+            writeln!(out, "  ports         {ports} (Y MII, K EBUS, H fast hot connect)")?;
+        }
+        match self.ebus_ma {
+            Some(ma @ 1..) => writeln!(out, "  EBUS          takes {ma} mA")?,
+            Some(ma @ ..=-1) => writeln!(out, "  EBUS          feeds {} mA", -i32::from(ma))?,
+            _ => {}
+        }
+        if !self.fmmus.is_empty() {
+            writeln!(out, "  FMMUs         {}", self.fmmus.join(", "))?;
+        }
+        for (number, sm) in self.sync_managers.iter().enumerate() {
+            let flags =
+                [(sm.enabled, "on"), (sm.is_virtual, "virtual"), (sm.op_only, "in OP only")];
+            let flags = flags.iter().filter(|(is, _)| *is).map(|(_, word)| format!(", {word}"));
+            writeln!(
+                out,
+                "  SyncManager {number} {}: {} bytes at {:#06x}, control {:#04x}{}",
+                sm.purpose,
+                sm.length,
+                sm.start,
+                sm.control,
+                flags.collect::<String>()
+            )?;
+        }
+        for (direction, pdos) in [("TxPDO", &self.tx_pdos), ("RxPDO", &self.rx_pdos)] {
+            for pdo in pdos {
+                write_pdo(out, direction, pdo)?;
+            }
+        }
+        for (number, mode) in self.op_modes.iter().enumerate() {
+            write_op_mode(out, number, mode)?;
+        }
+        for category in &self.other_categories {
+            let (kind, bytes) = (category.kind, category.data.len() / 2);
+            let words = match kind {
+                20 => " (data types)",
+                42 => " (FMMU extensions)",
+                43 => " (sync units)",
+                0x0800.. => " (of the maker)",
+                _ => "",
+            };
+            let data = crate::columns::cut(&category.data, 40);
+            writeln!(out, "  category {kind}{words}, kept as it is: {bytes} bytes {data}")?;
+        }
+        if self.doubts.is_empty() {
+            return Ok(());
+        }
+        writeln!(out, "\ndoubts")?;
+        for doubt in &self.doubts {
+            let line = format!(
+                "word {:#06x}: {}: expected {}, found {}",
+                doubt.word, doubt.kind, doubt.expected, doubt.found
+            );
+            for (i, line) in wrap(&line, WIDTH - 4).into_iter().enumerate() {
+                writeln!(out, "  {} {line}", if i == 0 { "-" } else { " " })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn write_esc(&self, out: &mut String) -> fmt::Result {
+        let mut words = vec![match (self.sync_unit, self.pulse_ns) {
+            (false, _) => "SYNC unit not switched on".to_owned(),
+            (true, 0) => "SYNC unit on, pulses that the device's program ends".to_owned(),
+            (true, ns) => format!("SYNC unit on, pulses of {}", Nanos(ns.into())),
+        }];
+        if self.device_emulation {
+            words.push("device emulation".to_owned());
+        }
+        if self.alias != 0 {
+            words.push(format!("alias {}", self.alias));
+        }
+        writeln!(out, "  ESC           {} ({})", words.join(", "), self.configuration)
+    }
+
+    fn write_mailbox(&self, out: &mut String) -> fmt::Result {
+        let Some(mailbox) = &self.mailbox else { return writeln!(out, "  mailbox       none") };
+        let (protocols, coe) = (self.protocols.join(", "), self.coe.join(", "));
+        writeln!(out, "  mailbox       {}: {protocols}", areas(mailbox))?;
+        if let Some(boot) = &self.boot_mailbox {
+            writeln!(out, "  in BOOT       {}", areas(boot))?;
+        }
+        match coe.is_empty() {
+            true => Ok(()),
+            false => writeln!(out, "  CoE           {coe}"),
+        }
+    }
+}
+
+fn areas(mailbox: &Mailbox) -> String {
+    let Mailbox { receive_start, receive_length, send_start, send_length } = mailbox;
+    format!(
+        "receives {receive_length} bytes at {receive_start:#06x}, sends {send_length} at {send_start:#06x}"
+    )
+}
+
+fn write_pdo(out: &mut String, direction: &str, pdo: &Pdo) -> fmt::Result {
+    let place = match pdo.sync_manager {
+        Some(number) => format!("SyncManager {number}"),
+        None => "not assigned".to_owned(),
+    };
+    let bits: u32 = pdo.entries.iter().map(|entry| u32::from(entry.bits)).sum();
+    let flags = [(pdo.mandatory, ", mandatory"), (pdo.fixed, ", fixed")];
+    let flags: String = flags.iter().filter(|(is, _)| *is).map(|(_, word)| *word).collect();
+    let name = printable(&pdo.name);
+    writeln!(out, "  {direction} 0x{:04X} {name}: {bits} bits, {place}{flags}", pdo.index)?;
+    for entry in &pdo.entries {
+        let name = printable(&entry.name);
+        match entry.index {
+            0 => writeln!(out, "    {} bits of padding", entry.bits)?,
+            index => {
+                let kind = DataType(entry.data_type.into()).name().unwrap_or("unknown type");
+                writeln!(
+                    out,
+                    "    0x{index:04X}:{:02X} {name}: {kind}, {} bits",
+                    entry.sub, entry.bits
+                )?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn write_op_mode(out: &mut String, number: usize, mode: &OpMode) -> fmt::Result {
+    let (name, description) = (printable(&mode.name), printable(&mode.description));
+    write!(out, "  OpMode {number} \"{name}\" {description}: {:#06x}", mode.assign_activate)?;
+    match (mode.cycle_time_0_ns, mode.sync0_factor) {
+        (0, 0) => {}
+        (0, factor) => write!(out, ", SYNC0 factor {factor}")?,
+        (ns, _) => write!(out, ", SYNC0 cycle {}", Nanos(ns.into()))?,
+    }
+    if mode.sync1_factor != 0 {
+        write!(out, ", SYNC1 factor {}", mode.sync1_factor)?;
+    }
+    for (name, shift) in [("SYNC0", mode.shift_time_0_ns), ("SYNC1", mode.shift_time_1_ns)] {
+        if shift != 0 {
+            write!(out, ", {name} shift {}", Nanos(shift.into()))?;
+        }
+    }
+    writeln!(out)
+}
+
+/// A text in one line, without what would move a terminal's cursor.
+fn printable(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '·' } else { c }).collect()
+}

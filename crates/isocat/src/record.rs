@@ -1,0 +1,280 @@
+//! Frames that are kept for the moment in which something happens.
+//!
+//! A [`Guard`] takes frames as they come, from a listener or from the loop of a MainDevice. It
+//! keeps the last seconds ([`isocat_recorders::flight`]), gives each frame to the judge of captures
+//! ([`isocat_diagnose::live`]), and triggers the recorder when that finds a fault which was asked
+//! for. What happened, and what became of the files, comes out as [`Event`]s.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::time::Duration;
+
+use isocat_captures::pairing::Seen;
+use isocat_captures::reading::Frame;
+use isocat_diagnose::Names;
+use isocat_diagnose::live::{Live, Symptom};
+use isocat_recorders::flight::{FlightRecorder, Limits, Reason, Told};
+use serde_json::{Value, json};
+
+/// What makes a file be written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+pub enum On {
+    /// A working counter is lower than usual
+    Wkc,
+    /// A device leaves OP, refuses a state, or does not answer any more
+    AlState,
+    /// SYNC is lost: cycles skipped, frames beyond SYNC0, clocks apart, a host that slides
+    Sync,
+    /// Frames are lost, doubled, damaged, or come from another MainDevice
+    Lost,
+    /// SIGUSR1
+    Signal,
+}
+
+impl On {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Wkc, Self::AlState, Self::Sync, Self::Lost, Self::Signal];
+
+    fn of(symptom: Symptom) -> Self {
+        match symptom {
+            Symptom::WorkingCounter => Self::Wkc,
+            Symptom::State => Self::AlState,
+            Symptom::Sync => Self::Sync,
+            Symptom::Frames => Self::Lost,
+        }
+    }
+}
+
+/// What a guard says.
+#[derive(Debug)]
+pub enum Event {
+    /// Something happened that a file is written for.
+    Happened {
+        /// When it was noticed, wall time since 1970.
+        at: Duration,
+        /// Number of the frame that shows it, from the beginning of the recording; `None`: a
+        /// signal.
+        frame: Option<usize>,
+        /// What it is.
+        reason: Reason,
+    },
+    /// What became of a file.
+    File(Told),
+}
+
+/// What a guard is asked for.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// How much is kept.
+    pub limits: Limits,
+    /// What makes a file be written.
+    pub on: Vec<On>,
+    /// What devices are called.
+    pub names: Names,
+}
+
+/// Keeps frames, looks at them, and has them written.
+#[derive(Debug)]
+pub struct Guard {
+    recorder: FlightRecorder,
+    live: Live,
+    wanted: Wanted,
+    /// Set by a signal.
+    asked: Arc<AtomicBool>,
+    events: SyncSender<Event>,
+    looked: Duration,
+    /// The judge found something, and has not been told to forget it.
+    found: bool,
+    frames: u64,
+}
+
+impl Guard {
+    /// Begins to guard `interface`, with files in `folder`; `asked` is set where a file is wanted
+    /// at once. The error says why no file can be written there. If `events` is no longer read,
+    /// recording goes on without telling.
+    pub fn new(
+        folder: &Path,
+        interface: &str,
+        wanted: Wanted,
+        asked: Arc<AtomicBool>,
+    ) -> std::io::Result<(Self, Receiver<Event>)> {
+        let recorder = FlightRecorder::new(folder, interface, wanted.limits)?;
+        let live = Live::new(interface);
+        let (events, incoming) = sync_channel(MOST_EVENTS);
+        let looked = Duration::ZERO;
+        let guard = Self { recorder, live, wanted, asked, events, looked, found: false, frames: 0 };
+        Ok((guard, incoming))
+    }
+
+    /// Takes a frame that left (`sent`) or came in at `at`, wall time since 1970.
+    pub fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]) {
+        self.frames = self.recorder.frame(at, sent, bytes);
+        let number = usize::try_from(self.frames).unwrap_or(usize::MAX);
+        self.live.frame(Frame {
+            number,
+            at,
+            interface: 0,
+            sent: Some(sent),
+            bytes: bytes.to_vec(),
+        });
+        if at >= self.looked + LOOK {
+            self.idle(at);
+        }
+    }
+
+    /// It is `now`, with or without frames: to be called some ten times a second.
+    pub fn idle(&mut self, now: Duration) {
+        self.looked = now;
+        if self.asked.swap(false, Ordering::Relaxed) && self.wanted.on.contains(&On::Signal) {
+            let what = "SIGUSR1 asked for it".to_owned();
+            self.happened(now, None, Reason { kind: "signal", what });
+        }
+        for news in self.live.news(&self.wanted.names) {
+            self.found = true;
+            if self.wanted.on.contains(&On::of(news.symptom)) {
+                let (kind, what) = (news.finding.kind, news.finding.what);
+                self.happened(now, Some(news.frame), Reason { kind, what });
+            }
+        }
+        // Just before the incident ends, so that what follows it is news again.
+        let ends = self.recorder.until().is_none_or(|until| now + LOOK >= until);
+        if self.found && ends {
+            self.live.forget();
+            self.found = false;
+        }
+        self.recorder.tick(now);
+        while let Some(told) = self.recorder.poll() {
+            self.say(Event::File(told));
+        }
+    }
+
+    /// Frames so far.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Which directions are seen; `None`: that is not known yet.
+    pub fn seen(&self) -> Option<Seen> {
+        self.live.seen()
+    }
+
+    /// Writes what is left, and waits for the disk.
+    pub fn finish(mut self) {
+        self.idle(self.looked);
+        let Self { recorder, events, .. } = self;
+        for told in recorder.finish() {
+            let _ = events.try_send(Event::File(told));
+        }
+    }
+
+    fn happened(&mut self, at: Duration, frame: Option<usize>, reason: Reason) {
+        self.recorder.trigger(frame.map(|frame| frame as u64), reason.clone());
+        self.say(Event::Happened { at, frame, reason });
+    }
+
+    fn say(&self, event: Event) {
+        // What is not read in time is not worth memory without bound: the file says it too.
+        let _ = self.events.try_send(event);
+    }
+}
+
+#[cfg(target_os = "linux")]
+impl isocat_host::recorder::Sink for Guard {
+    fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]) {
+        self.frame(at, sent, bytes);
+    }
+
+    fn idle(&mut self, now: Duration) {
+        if now >= self.looked + LOOK {
+            self.idle(now);
+        }
+    }
+
+    fn finish(self: Box<Self>) -> std::io::Result<()> {
+        Self::finish(*self);
+        Ok(())
+    }
+}
+
+impl Event {
+    /// One line for people.
+    pub fn words(&self) -> String {
+        match self {
+            Self::Happened { frame: Some(frame), reason, .. } => {
+                format!("frame {frame}: {}: {}", reason.kind, reason.what)
+            }
+            Self::Happened { frame: None, reason, .. } => {
+                format!("{}: {}", reason.kind, reason.what)
+            }
+            Self::File(told) => of_file(told),
+        }
+    }
+
+    /// One line for programs.
+    pub fn json(&self) -> Value {
+        match self {
+            Self::Happened { at, frame, reason } => json!({
+                "event": "happened", "at_ns": at.as_nanos() as u64, "frame": frame,
+                "kind": reason.kind, "what": reason.what,
+            }),
+            Self::File(Told::Written { path, frames, span, crowded, reasons, removed }) => json!({
+                "event": "written", "file": path, "frames": frames,
+                "span_ns": span.as_nanos() as u64, "crowded": crowded,
+                "kinds": kinds(reasons), "removed": removed,
+            }),
+            Self::File(Told::Failed { path, error, reasons }) => json!({
+                "event": "failed", "file": path, "error": error.to_string(),
+                "kinds": kinds(reasons),
+            }),
+            Self::File(Told::Empty { reasons }) => {
+                json!({ "event": "empty", "kinds": kinds(reasons) })
+            }
+            Self::File(Told::NotKept { reasons }) => {
+                json!({ "event": "not kept", "kinds": kinds(reasons) })
+            }
+        }
+    }
+}
+
+fn of_file(told: &Told) -> String {
+    match told {
+        Told::Written { path, frames, span, crowded, removed, .. } => {
+            let crowded = match crowded {
+                true => "; memory had no room for all older frames, --memory gives more",
+                false => "",
+            };
+            let removed = removed.as_ref().map_or(String::new(), |removed| {
+                format!("; {} was removed for it", removed.display())
+            });
+            let (path, seconds) = (path.display(), span.as_secs_f64());
+            format!("written: {path}, {frames} frames of {seconds:.3} s{crowded}{removed}")
+        }
+        Told::Failed { path, error, reasons } => {
+            let why = match error.kind() {
+                std::io::ErrorKind::StorageFull => "no space left on its disk".to_owned(),
+                _ => error.to_string(),
+            };
+            let kinds = kinds(reasons).join(", ");
+            format!("{} can't be written: {why}; not recorded: {kinds}", path.display())
+        }
+        Told::Empty { reasons } => {
+            format!("no frame was seen yet, so there is no file for: {}", kinds(reasons).join(", "))
+        }
+        Told::NotKept { reasons } => {
+            let kinds = kinds(reasons).join(", ");
+            format!("the one file that may be is written already, so there is none for: {kinds}")
+        }
+    }
+}
+
+fn kinds(reasons: &[Reason]) -> Vec<&'static str> {
+    reasons.iter().map(|reason| reason.kind).collect()
+}
+
+/// From one look for faults to the next.
+const LOOK: Duration = Duration::from_millis(50);
+/// Events that wait to be taken.
+const MOST_EVENTS: usize = 1024;

@@ -1,0 +1,294 @@
+//! Why a list could not be played to its end.
+
+use std::fmt;
+
+use isocat_descriptions::start_up::{Address, Transition};
+use isocat_serve::bus::Refused;
+use isocat_wire::al::AlStatusCode;
+use isocat_wire::time::Nanos;
+use isocat_wire::{AbortCode, Command, ObjectAddress};
+
+/// What failed, and where in the list.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Failure {
+    /// The command that failed; `None` between commands.
+    pub place: Option<Box<Place>>,
+    /// What happened.
+    pub kind: Kind,
+}
+
+/// A command of the list.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Place {
+    /// Position and name of the device; `None` for the MainDevice's own commands.
+    pub device: Option<(usize, String)>,
+    /// The transition in which it is done.
+    pub transition: Transition,
+    /// What it accesses.
+    pub target: Target,
+    /// What the list says that it is for.
+    pub comment: String,
+}
+
+/// What a command accesses.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Target {
+    /// Memory of devices.
+    Register(Command, Address),
+    /// An entry of the object dictionary.
+    Object(ObjectAddress),
+}
+
+/// What happened.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Kind {
+    /// The frame did not come back.
+    NoAnswer,
+    /// Another number of devices took part than the list expects.
+    WorkingCounter {
+        /// What the list expects.
+        expected: u16,
+        /// What came back.
+        found: u16,
+    },
+    /// A read did not find what the list expects (`Validate`).
+    Check {
+        /// The bytes that are expected.
+        expected: Vec<u8>,
+        /// What was read last.
+        found: Vec<u8>,
+        /// The AL status code, where AL status was read.
+        code: Option<AlStatusCode>,
+    },
+    /// The device refused an SDO download.
+    Abort(AbortCode),
+    /// A device took no mailbox request, or gave no answer, for as long as the list waits.
+    Mailbox {
+        /// How long it was waited for.
+        after: Nanos,
+    },
+    /// The list has an SDO download for a device of which it tells no mailbox.
+    NoMailbox,
+    /// The value does not fit into the device's mailbox; segmented downloads are not supported.
+    TooLong {
+        /// Bytes of the value.
+        length: usize,
+        /// Bytes that fit.
+        most: usize,
+    },
+    /// The cable of a device is not in port 0: the way of frames through it is not known.
+    SwappedCable {
+        /// Position of the device.
+        position: usize,
+    },
+    /// Open ports do not make one tree of so many devices.
+    Topology {
+        /// Devices of the list.
+        devices: usize,
+        /// Open ports that lead away from the MainDevice.
+        ports: usize,
+    },
+    /// The list writes the host's time into the reference clock, cyclically (bus shift).
+    HostLeads,
+    /// A device starts SYNC, but no cyclic datagram distributes the reference clock's time.
+    NoDriftDatagram {
+        /// Position of the device.
+        position: usize,
+    },
+    /// The host's cycle did not come into step with the reference clock.
+    NotLocked {
+        /// The last phase error.
+        error: Nanos,
+    },
+    /// SYNC was started, and its next pulse (0x0990) is not ahead.
+    NoPulses {
+        /// Position of the device.
+        position: usize,
+    },
+    /// Cyclic datagrams never counted as the list expects.
+    ProcessData {
+        /// What the list expects of the first wrong one.
+        expected: u16,
+        /// What came back.
+        found: u16,
+    },
+    /// The cycles of devices have no common period below 2.1 s.
+    NoGrid,
+    /// The frames of one cycle take longer than the cycle.
+    CycleTooShort {
+        /// From the first bit of the first to the last bit of the last, back at the port.
+        took: Nanos,
+        /// The cycle.
+        cycle: Nanos,
+    },
+    /// A frame of the list is longer than Ethernet allows.
+    FrameTooLong {
+        /// Its number in the list, from 0.
+        frame: usize,
+    },
+    /// The virtual bus took no frame.
+    Bus(Refused),
+}
+
+impl Kind {
+    /// A fixed name, for programs.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::NoAnswer => "no-answer",
+            Self::WorkingCounter { .. } => "working-counter",
+            Self::Check { .. } => "check",
+            Self::Abort(_) => "sdo-abort",
+            Self::Mailbox { .. } => "mailbox",
+            Self::NoMailbox => "no-mailbox",
+            Self::TooLong { .. } => "value-too-long",
+            Self::SwappedCable { .. } => "swapped-cable",
+            Self::Topology { .. } => "topology",
+            Self::HostLeads => "host-leads",
+            Self::NoDriftDatagram { .. } => "no-drift-datagram",
+            Self::NotLocked { .. } => "not-locked",
+            Self::NoPulses { .. } => "no-pulses",
+            Self::ProcessData { .. } => "process-data",
+            Self::NoGrid => "no-grid",
+            Self::CycleTooShort { .. } => "cycle-too-short",
+            Self::FrameTooLong { .. } => "frame-too-long",
+            Self::Bus(_) => "bus",
+        }
+    }
+
+    /// Whether the list asks for something that the player does not do, so that a run says nothing of the segment.
+    pub fn is_refused(&self) -> bool {
+        matches!(
+            self,
+            Self::NoMailbox
+                | Self::TooLong { .. }
+                | Self::SwappedCable { .. }
+                | Self::HostLeads
+                | Self::NoDriftDatagram { .. }
+                | Self::NoGrid
+                | Self::FrameTooLong { .. }
+                | Self::Bus(_)
+        )
+    }
+}
+
+impl From<Kind> for Failure {
+    fn from(kind: Kind) -> Self {
+        Self { place: None, kind }
+    }
+}
+
+impl From<Refused> for Kind {
+    fn from(refused: Refused) -> Self {
+        Self::Bus(refused)
+    }
+}
+
+impl From<Refused> for Failure {
+    fn from(refused: Refused) -> Self {
+        Kind::Bus(refused).into()
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.place {
+            Some(place) => write!(f, "{place}: {}", self.kind),
+            None => write!(f, "{}", self.kind),
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.device {
+            Some((position, name)) => write!(f, "SubDevice {position} ({name}), ")?,
+            None => write!(f, "commands of the MainDevice, ")?,
+        }
+        write!(f, "{}, {}", self.transition, self.target)?;
+        if self.comment.is_empty() { Ok(()) } else { write!(f, " \"{}\"", self.comment) }
+    }
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Register(command, Address::Physical { register, .. }) => {
+                write!(f, "{command} of 0x{register:04X}")
+            }
+            Self::Register(command, Address::Logical(address)) => {
+                write!(f, "{command} of 0x{address:08X}")
+            }
+            Self::Object(object) => write!(f, "object {object}"),
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoAnswer => f.write_str("the frame did not come back"),
+            Self::WorkingCounter { expected, found } => {
+                write!(f, "working counter {found}; expected {expected}")
+            }
+            Self::Check { expected, found, code } => {
+                write!(f, "read {}; expected {}", hex(found), hex(expected))?;
+                let code = code.filter(|code| *code != AlStatusCode::NO_ERROR);
+                code.map_or(Ok(()), |code| write!(f, "; AL status code 0x{:04X}, {code}", code.0))
+            }
+            Self::Abort(code) => write!(f, "the device refuses the value: {code}"),
+            Self::Mailbox { after } => write!(f, "no answer from the mailbox within {after}"),
+            Self::NoMailbox => {
+                f.write_str("an SDO download, but the list tells no mailbox (Mailbox/Send, Recv)")
+            }
+            Self::TooLong { length, most } => write!(
+                f,
+                "a value of {length} bytes; expected {most} at most, as segmented downloads are not supported here"
+            ),
+            Self::SwappedCable { position } => write!(
+                f,
+                "the cable that leads to SubDevice {position} is not in its port 0; expected port 0"
+            ),
+            Self::Topology { devices, ports } => write!(
+                f,
+                "{devices} SubDevices hang on {ports} open ports; expected one port less than SubDevices"
+            ),
+            Self::HostLeads => f.write_str(
+                "a cyclic command writes the host's time into the reference clock (0x0910); expected ARMW or FRMW \
+                 alone, as a host that leads is not supported here",
+            ),
+            Self::NoDriftDatagram { position } => write!(
+                f,
+                "SubDevice {position} starts SYNC, but no cyclic command distributes the time (ARMW or FRMW of 0x0910)"
+            ),
+            Self::NotLocked { error } => {
+                write!(f, "the cycle did not come into step with the reference clock; it is off by {error}")
+            }
+            Self::NoPulses { position } => write!(
+                f,
+                "SYNC of SubDevice {position} was started, and its next pulse (0x0990) is not ahead"
+            ),
+            Self::ProcessData { expected, found } => write!(
+                f,
+                "process data are never complete: working counter {found}; expected {expected}"
+            ),
+            Self::NoGrid => {
+                f.write_str("the cycles of the SubDevices have no common multiple below 2.1 s")
+            }
+            Self::CycleTooShort { took, cycle } => write!(
+                f,
+                "the frames of a cycle take {took}; expected less than the cycle of {cycle}"
+            ),
+            Self::FrameTooLong { frame } => {
+                write!(f, "cyclic frame {frame} is too long; expected 1514 bytes at most")
+            }
+            Self::Bus(refused) => write!(f, "the virtual bus refuses: {refused}"),
+        }
+    }
+}
+
+impl std::error::Error for Failure {}
+
+/// Bytes as the file has them.
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,119 @@
+//! SDO downloads: one request, one answer.
+
+use isocat_descriptions::start_up::{Area, Mailbox, ObjectStep};
+use isocat_wire::AbortCode;
+use isocat_wire::coe::sdo::{self, INITIATE_LEN, Initiate, specifier};
+use isocat_wire::coe::{self, Service};
+use isocat_wire::mailbox::{HEADER_LEN, Header, Protocol, next_counter};
+use isocat_wire::register;
+use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::time::{Host, Nanos, Time};
+
+use crate::failure::Kind;
+use crate::line::Line;
+use crate::step::LONGEST;
+
+/// Writes the value of a step, expedited up to 4 bytes, else in one normal message.
+pub(crate) fn download(
+    line: &mut Line,
+    station: u16,
+    mailbox: Option<Mailbox>,
+    counter: &mut u8,
+    step: &ObjectStep,
+) -> Result<(), Kind> {
+    let Some(mailbox) = mailbox else { return Err(Kind::NoMailbox) };
+    let request = request(mailbox.out, step)?;
+    *counter = next_counter(*counter);
+    let message = message(mailbox.out, &request, *counter);
+    let patience = match step.patience_ms {
+        0 => PATIENCE,
+        given => Nanos::millis(given.into()).min(LONGEST),
+    };
+    let end = line.now() + patience;
+    while !line.write(station, mailbox.out.start, &message)? {
+        wait(line, end, patience)?;
+    }
+    loop {
+        let answer = receive(line, station, mailbox.back, end, patience)?;
+        if let Some(result) = result(&answer) {
+            return result;
+        }
+    }
+}
+
+/// The SDO request behind the mailbox header.
+fn request(area: Area, step: &ObjectStep) -> Result<Vec<u8>, Kind> {
+    let ObjectStep { object, complete, data, .. } = step;
+    let mut request = coe::Header::new(Service::SDO_REQUEST).emit().to_vec();
+    if (1..=4).contains(&data.len()) {
+        let mut value = [0; 4];
+        value[..data.len()].copy_from_slice(data);
+        let command = sdo::Command::download_expedited(data.len(), *complete);
+        request.extend(Initiate { command, object: *object, data: value }.emit());
+        return Ok(request);
+    }
+    let most = usize::from(area.length).saturating_sub(HEADER_LEN + coe::HEADER_LEN + INITIATE_LEN);
+    if data.len() > most {
+        return Err(Kind::TooLong { length: data.len(), most });
+    }
+    let command = sdo::Command::download_normal(*complete);
+    let size = (data.len() as u32).to_le_bytes();
+    request.extend(Initiate { command, object: *object, data: size }.emit());
+    request.extend(data);
+    Ok(request)
+}
+
+/// The whole area: its last byte hands it over to the device.
+fn message(area: Area, request: &[u8], counter: u8) -> Vec<u8> {
+    let header = Header::new(request.len() as u16, 0, Protocol::COE, counter);
+    let mut message = header.emit().to_vec();
+    message.extend(request);
+    message.resize(usize::from(area.length).max(message.len()), 0);
+    message
+}
+
+/// Waits until the device has put something into its mailbox, and reads it.
+fn receive(
+    line: &mut Line,
+    station: u16,
+    area: Area,
+    end: Time<Host>,
+    patience: Nanos,
+) -> Result<Vec<u8>, Kind> {
+    loop {
+        let status = line.read(station, register::sm_status(1).address, 1)?;
+        let full = status.is_some_and(|bytes| bytes[0] & SyncManager::STATUS_FULL != 0);
+        if full && let Some(bytes) = line.read(station, area.start, usize::from(area.length))? {
+            return Ok(bytes);
+        }
+        wait(line, end, patience)?;
+    }
+}
+
+fn wait(line: &mut Line, end: Time<Host>, patience: Nanos) -> Result<(), Kind> {
+    if line.now() >= end {
+        return Err(Kind::Mailbox { after: patience });
+    }
+    line.sleep(POLL)
+}
+
+/// What an answer says of the download; `None` if it is about something else, such as an emergency.
+fn result(answer: &[u8]) -> Option<Result<(), Kind>> {
+    let header = Header::parse(answer.first_chunk()?);
+    let body = answer.get(HEADER_LEN..)?;
+    if header.protocol != Protocol::COE {
+        return None;
+    }
+    let service = coe::Header::parse(*body.first_chunk()?).service;
+    let head = Initiate::parse(body.get(coe::HEADER_LEN..)?.first_chunk()?);
+    match head.command.specifier() {
+        specifier::ABORT => Some(Err(Kind::Abort(AbortCode(head.value())))),
+        specifier::RESPONSE_DOWNLOAD if service == Service::SDO_RESPONSE => Some(Ok(())),
+        _ => None,
+    }
+}
+
+/// How long an answer may take where the list does not say: what configuration tools take for 0.
+const PATIENCE: Nanos = Nanos::millis(10_000);
+/// From one look at the mailbox to the next.
+const POLL: Nanos = Nanos::micros(500);

@@ -1,0 +1,326 @@
+//! The procedure: INIT to PREOP, clocks, PREOP to SAFEOP, process data, SAFEOP to OP, and then the exchange.
+
+use isocat_descriptions::start_up::{
+    Address, DeviceStartUp, ObjectStep, RegisterStep, StartUp, Step, Transition,
+};
+use isocat_segment::Scenario;
+use isocat_serve::{Bus, Setup, Summary};
+use isocat_sync::start::Grid;
+use isocat_wire::al::AlState;
+use isocat_wire::register::{self, Value};
+use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::{AbortCode, Command, ObjectAddress};
+
+pub use crate::clock::Unit;
+use crate::clock::{self, Clocks};
+use crate::cyclic::{Counts, Exchange, is_lead};
+use crate::failure::{Failure, Kind, Place, Target};
+use crate::line::Line;
+use crate::virtual_segment::assign_activate;
+use crate::{mailbox, step};
+
+/// How a list is played.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Settings {
+    /// How long the exchange runs once all devices are in OP.
+    pub duration: Nanos,
+    /// Devices may lack objects that the list writes, as their descriptions are not complete: such a download is noted and
+    /// left out. Else it ends the run, as at any other device.
+    pub tolerates_unknown_objects: bool,
+}
+
+/// A list that was played, as far as it went.
+pub struct Played {
+    /// Why it ended before its end.
+    pub failure: Option<Failure>,
+    /// Commands of the list that were done, those that failed not counted.
+    pub commands: usize,
+    /// By position: what was measured for it; `None` without a clock. Empty where the list runs no clocks.
+    pub clocks: Vec<Option<Unit>>,
+    /// By position: the start time that was put in the place of the list's (0x0990).
+    pub starts: Vec<Option<u64>>,
+    /// Objects that the list writes and a virtual device does not have, with its position.
+    pub unknown_objects: Vec<(usize, ObjectAddress)>,
+    /// What the cyclic exchange counted, in OP.
+    pub counts: Counts,
+    /// What the segment and its judges saw.
+    pub summary: Summary,
+    /// The segment as it stands at the end.
+    pub bus: Bus,
+}
+
+/// Plays a list on the virtual segment of a scenario.
+pub fn play(list: &StartUp, scenario: &Scenario, settings: Settings) -> Played {
+    let begin: Time<Host> = Time::new(1_000_000_000);
+    let bus = Bus::new(Setup::from(scenario), begin);
+    let mut player = Player {
+        list,
+        line: Line::new(bus, scenario.seed, scenario.host.jitter),
+        commands: 0,
+        clocks: None,
+        starts: vec![None; list.devices.len()],
+        latest_start: None,
+        mailbox_counters: vec![0; list.devices.len()],
+        settings,
+        unknown_objects: Vec::new(),
+    };
+    let failure = player.run().err();
+    let Player { line, commands, clocks, starts, unknown_objects, .. } = player;
+    let counts = line.exchange.as_ref().map(|exchange| exchange.counts).unwrap_or_default();
+    let mut bus = line.bus;
+    let summary = bus.summary(&scenario.source, "virtual");
+    let clocks = clocks.map(|clocks| clocks.units).unwrap_or_default();
+    Played { failure, commands, clocks, starts, unknown_objects, counts, summary, bus }
+}
+
+struct Player<'a> {
+    list: &'a StartUp,
+    line: Line,
+    commands: usize,
+    clocks: Option<Clocks>,
+    starts: Vec<Option<u64>>,
+    /// The latest first pulse of all devices, on the host's clock.
+    latest_start: Option<Time<Host>>,
+    mailbox_counters: Vec<u8>,
+    settings: Settings,
+    unknown_objects: Vec<(usize, ObjectAddress)>,
+}
+
+impl Player<'_> {
+    fn run(&mut self) -> Result<(), Failure> {
+        self.check()?;
+        self.line.sleep(SWITCHED_ON)?;
+        self.transition(Transition::IP)?;
+        self.clocks = clock::set(&mut self.line, self.list)?;
+        self.begin_cycle()?;
+        self.transition(Transition::PS)?;
+        self.enter(AlState::SafeOp);
+        self.wait_for_process_data()?;
+        self.transition(Transition::SO)?;
+        self.enter(AlState::Op);
+        self.forget_counts();
+        self.line.sleep(self.settings.duration)?;
+        Ok(())
+    }
+
+    /// Lists that ask for what the player does not do are refused before anything is sent.
+    fn check(&self) -> Result<(), Failure> {
+        let mut cyclic = self.list.frames.iter().flat_map(|frame| &frame.datagrams);
+        if cyclic.any(is_lead) {
+            return Err(Kind::HostLeads.into());
+        }
+        let starts = |device: &DeviceStartUp| assign_activate(device).to_bytes()[1] & 1 != 0;
+        match self.list.devices.iter().position(starts) {
+            Some(position) if clock::reference(self.list).is_none() => {
+                Err(Kind::NoDriftDatagram { position }.into())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// All commands of a transition: the MainDevice's own before the devices', each device's, and its own behind them.
+    fn transition(&mut self, transition: Transition) -> Result<(), Failure> {
+        let list = self.list;
+        let of_all = |step: &&RegisterStep| step.transitions.contains(&transition);
+        for step in list.before.iter().filter(of_all) {
+            self.register(None, transition, step)?;
+        }
+        for (position, device) in list.devices.iter().enumerate() {
+            for step in device.at(transition) {
+                match step {
+                    Step::Register(step) => self.register(Some(position), transition, step)?,
+                    Step::Object(step) => self.object(position, device, transition, step)?,
+                }
+            }
+        }
+        for step in list.after.iter().filter(of_all) {
+            self.register(None, transition, step)?;
+        }
+        Ok(())
+    }
+
+    fn object(
+        &mut self,
+        position: usize,
+        device: &DeviceStartUp,
+        transition: Transition,
+        step: &ObjectStep,
+    ) -> Result<(), Failure> {
+        let (line, counter) = (&mut self.line, &mut self.mailbox_counters[position]);
+        let done = mailbox::download(line, device.station, device.mailbox, counter, step);
+        let is_unknown =
+            matches!(done, Err(Kind::Abort(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX)));
+        if is_unknown && self.settings.tolerates_unknown_objects {
+            self.unknown_objects.push((position, step.object));
+            return Ok(());
+        }
+        self.done(done, Some(position), transition, Target::Object(step.object), &step.comment)
+    }
+
+    fn register(
+        &mut self,
+        position: Option<usize>,
+        transition: Transition,
+        step: &RegisterStep,
+    ) -> Result<(), Failure> {
+        let measured = self.measured(step)?;
+        let data = measured.as_deref().unwrap_or(&step.data);
+        let done = step::register(&mut self.line, step, data);
+        let target = Target::Register(step.command, step.address);
+        self.done(done, position, transition, target, &step.comment)
+    }
+
+    fn done(
+        &mut self,
+        done: Result<(), Kind>,
+        position: Option<usize>,
+        transition: Transition,
+        target: Target,
+        comment: &str,
+    ) -> Result<(), Failure> {
+        let Err(kind) = done else {
+            self.commands += 1;
+            return Ok(());
+        };
+        let named = |position: usize| (position, self.list.devices[position].name.clone());
+        let device = position.map(named);
+        let comment = comment.to_owned();
+        Err(Failure { place: Some(Box::new(Place { device, transition, target, comment })), kind })
+    }
+
+    /// What is written instead of a placeholder of the list: a clock's offset and delay, and the time of the first pulse.
+    fn measured(&mut self, step: &RegisterStep) -> Result<Option<Vec<u8>>, Failure> {
+        let Address::Physical { device, register } = step.address else { return Ok(None) };
+        let position = match step.command {
+            Command::Fpwr => self.list.devices.iter().position(|one| one.station == device),
+            Command::Apwr => Some(usize::from(device.wrapping_neg())),
+            _ => None,
+        };
+        let Some(clocks) = self.clocks.clone() else { return Ok(None) };
+        let unit = position.and_then(|position| Some((position, (*clocks.units.get(position)?)?)));
+        let Some((position, unit)) = unit else { return Ok(None) };
+        let mut value = match register {
+            _ if register == register::SYSTEM_TIME_OFFSET.address => {
+                unit.offset.to_bytes().to_vec()
+            }
+            _ if register == register::SYSTEM_TIME_DELAY.address => {
+                (unit.delay.0 as u32).to_bytes().to_vec()
+            }
+            _ if register == register::SYNC_START_TIME.address => {
+                let start = self.start(&clocks, position)?;
+                let start = if unit.is_wide { start } else { start & u64::from(u32::MAX) };
+                start.to_bytes().to_vec()
+            }
+            _ => return Ok(None),
+        };
+        value.resize(step.data.len(), 0);
+        Ok(Some(value))
+    }
+
+    /// The first pulse of a device: on the grid of all cycles, behind a lead, shifted as the list has it.
+    fn start(&mut self, clocks: &Clocks, position: usize) -> Result<u64, Failure> {
+        let cycles = self.list.devices.iter().filter_map(|device| device.dc);
+        let cycles = cycles.map(|dc| Nanos(dc.sync0_ns.into())).filter(|cycle| cycle.0 > 0);
+        let grid = Grid::of(cycles.chain([Nanos(self.list.cycle_ns)])).map_err(|_| Kind::NoGrid)?;
+        let shift = self.list.devices[position].dc.map_or(0, |dc| dc.shift_ns);
+        let now = clock::system_time(&mut self.line, clocks)?;
+        let start = grid.start(now, LEAD, Nanos(shift.into()));
+        let there = self.line.now() + (start - now);
+        self.latest_start = Some(self.latest_start.map_or(there, |latest| latest.max(there)));
+        self.starts[position] = Some(start.count());
+        Ok(start.count())
+    }
+
+    /// Begins the exchange in PREOP, and waits until it is in step with the reference clock.
+    fn begin_cycle(&mut self) -> Result<(), Failure> {
+        let clocks = self.clocks.clone();
+        let reference = match &clocks {
+            Some(clocks) => Some(clock::system_time(&mut self.line, clocks)?),
+            None => None,
+        };
+        let (cycle, start) = (Nanos(self.list.cycle_ns), self.line.now() + Nanos::micros(100));
+        self.line.exchange = Some(Exchange::new(&self.list.frames, cycle, start, reference));
+        let end = start + LOCKING.max(Nanos(cycle.0.saturating_mul(LOCKING_CYCLES)));
+        while !self.exchange().is_locked() {
+            if self.line.now() > end {
+                return Err(Kind::NotLocked { error: self.exchange().phase_error() }.into());
+            }
+            self.line.cycle()?;
+        }
+        Ok(())
+    }
+
+    /// Outputs must be there, and SYNC must run, before OP is asked for.
+    fn wait_for_process_data(&mut self) -> Result<(), Failure> {
+        if let Some(start) = self.latest_start.filter(|start| *start > self.line.now()) {
+            let left = start - self.line.now();
+            self.line.sleep(left + Nanos(self.list.cycle_ns))?;
+        }
+        self.see_sync()?;
+        self.forget_counts();
+        let slowest = self.list.frames.iter().map(|frame| frame.every).max().unwrap_or(1);
+        let cycle = Nanos(self.list.cycle_ns);
+        let needed = COMPLETE_CYCLES * u64::from(slowest);
+        let span = Nanos(cycle.0.saturating_mul(needed as i64));
+        let end = self.line.now() + PROCESS_DATA.max(span + span);
+        while self.exchange().complete < needed {
+            if self.line.now() > end {
+                let (expected, found) = self.exchange().counts.first_wrong.unwrap_or_default();
+                return Err(Kind::ProcessData { expected, found }.into());
+            }
+            self.line.cycle()?;
+        }
+        Ok(())
+    }
+
+    /// A SYNC unit that was given a start must say that its next pulse is ahead: one that was started too late is silent for
+    /// as long as its clock takes to come round.
+    fn see_sync(&mut self) -> Result<(), Failure> {
+        let Some(clocks) = self.clocks.clone() else { return Ok(()) };
+        for position in 0..self.starts.len() {
+            let (Some(_), Some(unit)) = (self.starts[position], clocks.units[position]) else {
+                continue;
+            };
+            let register = register::SYNC_START_TIME.address;
+            let next = self.line.read(unit.station, register, 8)?;
+            let next = next.and_then(|bytes| bytes.first_chunk().copied()).map(u64::from_le_bytes);
+            let now = clock::system_time(&mut self.line, &clocks)?;
+            let cycle = self.list.devices[position].dc.map_or(0, |dc| i64::from(dc.sync0_ns));
+            let ahead = next.map(|next| match unit.is_wide {
+                true => next.wrapping_sub(now.count()) as i64,
+                false => i64::from((next as u32).wrapping_sub(now.count() as u32) as i32),
+            });
+            // A pulse may come between both readings, which are a frame apart.
+            let most = 2 * cycle.max(self.list.cycle_ns);
+            if !ahead.is_some_and(|ahead| (-most..=most).contains(&ahead)) {
+                return Err(Kind::NoPulses { position }.into());
+            }
+        }
+        Ok(())
+    }
+
+    fn enter(&mut self, state: AlState) {
+        self.exchange().state = state;
+    }
+
+    fn forget_counts(&mut self) {
+        let exchange = self.exchange();
+        (exchange.counts, exchange.complete) = (Counts::default(), 0);
+    }
+
+    fn exchange(&mut self) -> &mut Exchange {
+        self.line.exchange.as_mut().expect("the exchange has begun")
+    }
+}
+
+/// Devices need a while to load their EEPROMs.
+const SWITCHED_ON: Nanos = Nanos::millis(100);
+/// From the command that writes the first pulse to that pulse: the SDO downloads and states of all devices lie between.
+const LEAD: Nanos = Nanos::millis(100);
+/// How long locking onto the reference clock may take, and how many cycles at least.
+const LOCKING: Nanos = Nanos::millis(20_000);
+const LOCKING_CYCLES: i64 = 64;
+/// Cycles in a row in which all counts right before OP is asked for.
+const COMPLETE_CYCLES: u64 = 10;
+/// How long they are waited for.
+const PROCESS_DATA: Nanos = Nanos::millis(5_000);

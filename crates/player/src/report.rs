@@ -1,0 +1,234 @@
+//! What came of a list that was played, as a document for people and for programs; and what a plan says of it.
+
+mod text;
+
+use isocat_descriptions::eni::{Eni, Warning};
+use isocat_engine::verdict::Answer;
+use isocat_serve::Summary;
+use isocat_serve::summary::Outcome;
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use crate::Played;
+use crate::differences::Difference;
+use crate::virtual_segment::VirtualSegment;
+
+/// Version of the document; changes whenever a reader could be misled by an older schema.
+pub const FORMAT: &str = "isocat-eni-run/1";
+
+/// JSON schema of the document, draft 2020-12.
+pub fn schema() -> serde_json::Value {
+    let settings = schemars::generate::SchemaSettings::draft2020_12().for_serialize();
+    settings.into_generator().into_root_schema_for::<Report>().to_value()
+}
+
+/// The whole document. All times are nanoseconds.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Report {
+    /// [`FORMAT`].
+    pub format: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// The ENI.
+    pub eni: String,
+    /// Its bus cycle.
+    pub cycle_ns: i64,
+    /// The devices, by position.
+    pub devices: Vec<DeviceReport>,
+    /// What is doubtful in the file.
+    pub doubts: Vec<Doubt>,
+    /// Where the list differs from the one that our plan would write.
+    pub differences: Vec<Difference>,
+    /// Why there is no plan to compare with; null if there is one.
+    pub not_planned: Option<String>,
+    /// What came of it; null if it was only planned.
+    pub run: Option<RunReport>,
+}
+
+/// A device.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct DeviceReport {
+    /// Position.
+    pub position: usize,
+    /// Name in the ENI.
+    pub name: String,
+    /// Station address in the ENI.
+    pub station: u16,
+    /// What the virtual device is made of: `segment-file`, `esi`, `built-in`, or `eni` for the ENI alone.
+    pub made_of: &'static str,
+    /// The same in words.
+    pub origin: String,
+}
+
+/// A doubt about the file.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Doubt {
+    /// A fixed name.
+    pub kind: &'static str,
+    /// Line of the file.
+    pub line: usize,
+    /// What.
+    pub message: String,
+}
+
+/// What came of a run.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct RunReport {
+    /// All devices came to OP, each datagram counted as the list expects, and nothing speaks against any device.
+    pub in_sync: bool,
+    /// Commands of the list that were done.
+    pub commands: usize,
+    /// Why it ended before its end; null if it did not.
+    pub failure: Option<FailureReport>,
+    /// What was put in the place of the list's placeholders, by position; null for devices without a clock.
+    pub clocks: Vec<Option<ClockReport>>,
+    /// Objects that the list writes and that the device's description does not have: not written.
+    pub unknown_objects: Vec<UnknownObject>,
+    /// Cycles in OP.
+    pub cycles: u64,
+    /// Frames of these that did not come back.
+    pub lost_frames: u64,
+    /// Datagrams of these that did not count as the list expects.
+    pub wrong_counters: u64,
+    /// What the segment and its judges saw.
+    pub summary: Summary,
+}
+
+/// Why a run ended.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct FailureReport {
+    /// A fixed name.
+    pub kind: &'static str,
+    /// The list asks for something that is not supported here, so that nothing is said of the segment.
+    pub refused: bool,
+    /// Position of the device whose command failed; null if it is none's.
+    pub position: Option<usize>,
+    /// Its transition; null between commands.
+    pub transition: Option<String>,
+    /// What, with its place.
+    pub message: String,
+}
+
+/// What was measured for a clock.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct ClockReport {
+    /// Register 0x0928.
+    pub delay_ns: i64,
+    /// The receive times told the delay; else it is 0.
+    pub is_delay_known: bool,
+    /// Register 0x092C when clocks had been led, its size.
+    pub difference_ns: i64,
+    /// It stayed within what counts as converged.
+    pub has_converged: bool,
+    /// Register 0x0990; null without SYNC.
+    pub start_ns: Option<u64>,
+}
+
+/// An object that was not written.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct UnknownObject {
+    /// Position of the device.
+    pub position: usize,
+    /// The object.
+    pub object: String,
+}
+
+impl Report {
+    /// Of a list that was only planned.
+    pub fn planned(
+        eni: &Eni,
+        segment: &VirtualSegment,
+        differences: Result<Vec<Difference>, String>,
+    ) -> Self {
+        let devices = eni.start_up.devices.iter().zip(&segment.origins).enumerate();
+        let (differences, not_planned) = match differences {
+            Ok(differences) => (differences, None),
+            Err(why) => (Vec::new(), Some(why)),
+        };
+        Self {
+            format: FORMAT,
+            version: env!("CARGO_PKG_VERSION"),
+            eni: eni.path.clone(),
+            cycle_ns: eni.start_up.cycle_ns,
+            devices: devices
+                .map(|(position, (device, origin))| DeviceReport {
+                    position,
+                    name: device.name.clone(),
+                    station: device.station,
+                    made_of: origin.name(),
+                    origin: origin.to_string(),
+                })
+                .collect(),
+            doubts: eni.warnings.iter().map(doubt).collect(),
+            differences,
+            not_planned,
+            run: None,
+        }
+    }
+
+    /// Whether all came as it should: what the segment file expects of the run, or else that it is in sync.
+    pub fn as_expected(&self) -> bool {
+        self.run.as_ref().is_some_and(|run| match run.summary.expected.is_empty() {
+            true => run.in_sync,
+            false => run.failure.is_none() && run.summary.outcome() == Outcome::AsExpected,
+        })
+    }
+
+    /// The same with what came of a run.
+    pub fn with_run(mut self, played: &Played) -> Self {
+        let all_in_op = || {
+            let last = played.summary.sessions.last();
+            let judged = last.and_then(|session| session.judged.as_ref());
+            judged.is_some_and(|judged| judged.in_op == self.devices.len())
+        };
+        let in_sync = played.failure.is_none()
+            && played.counts.wrong == 0
+            && played.summary.answer() == Answer::InSync
+            && all_in_op();
+        let clock = |(unit, start): (&Option<crate::play::Unit>, &Option<u64>)| {
+            unit.map(|unit| ClockReport {
+                delay_ns: unit.delay.0,
+                is_delay_known: unit.is_delay_known,
+                difference_ns: unit.difference.0,
+                has_converged: unit.has_converged,
+                start_ns: *start,
+            })
+        };
+        self.run = Some(RunReport {
+            in_sync,
+            commands: played.commands,
+            failure: played.failure.as_ref().map(|failure| FailureReport {
+                kind: failure.kind.name(),
+                refused: failure.kind.is_refused(),
+                position: failure.place.as_ref().and_then(|place| Some(place.device.as_ref()?.0)),
+                transition: failure.place.as_ref().map(|place| place.transition.to_string()),
+                message: failure.to_string(),
+            }),
+            clocks: played.clocks.iter().zip(&played.starts).map(clock).collect(),
+            unknown_objects: played
+                .unknown_objects
+                .iter()
+                .map(|(position, object)| UnknownObject {
+                    position: *position,
+                    object: object.to_string(),
+                })
+                .collect(),
+            cycles: played.counts.cycles,
+            lost_frames: played.counts.lost,
+            wrong_counters: played.counts.wrong,
+            summary: played.summary.clone(),
+        });
+        self
+    }
+}
+
+fn doubt(warning: &Warning) -> Doubt {
+    Doubt { kind: warning.kind.name(), line: warning.line, message: warning.message.clone() }
+}

@@ -1,0 +1,64 @@
+//! Real ENI files, where they are at hand, on segments that are made of them.
+
+use std::path::{Path, PathBuf};
+
+use isocat_descriptions::eni::Eni;
+use isocat_engine::plan::Plan;
+use isocat_player::differences::{Kind, differences};
+use isocat_player::virtual_segment::{self, Origin};
+use isocat_player::{Report, Settings, play};
+use isocat_wire::Nanos;
+
+/// A folder beside the project, or `None` with a word.
+fn folder(name: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    println!("skipped: no {}", path.display());
+    None
+}
+
+/// Runs a file and gives its report, with the kinds of its differences and what its only device is made of.
+fn run(name: &str) -> Option<(Report, Vec<Kind>, Origin)> {
+    let eni = Eni::read(folder("eni")?.join(name)).unwrap();
+    let descriptions = match folder("esi") {
+        Some(folder) => virtual_segment::descriptions(&[folder]).unwrap(),
+        None => return None,
+    };
+    let made = virtual_segment::of_eni(&eni, &descriptions).unwrap();
+    let settings = Settings { duration: Nanos::millis(500), tolerates_unknown_objects: true };
+    let played = play(eni.runnable().unwrap(), &made.scenario, settings);
+    let plan = Plan::of(&made.scenario).unwrap();
+    let found = differences(&eni.start_up, &plan.start_up(&made.scenario), &plan);
+    let kinds = found.iter().map(|one| one.kind).collect();
+    let report = Report::planned(&eni, &made, Ok(found)).with_run(&played);
+    Some((report, kinds, made.origins[0].clone()))
+}
+
+#[test]
+fn an_export_without_dc_runs_on_its_description() {
+    let Some((report, kinds, origin)) = run("hpmicro_cia402.eni.xml") else { return };
+    assert!(matches!(&origin, Origin::Esi { kind, .. } if kind == "ECAT_CIA402"), "{origin}");
+    let text = report.text();
+    let run = report.run.unwrap();
+    assert!(run.in_sync, "{text}");
+    let unknown: Vec<_> = run.unknown_objects.iter().map(|one| one.object.as_str()).collect();
+    assert_eq!(unknown, ["0x6060:00"]);
+    assert!(kinds.contains(&Kind::MailboxState) && kinds.contains(&Kind::SyncObject), "{text}");
+}
+
+#[test]
+fn an_export_with_dc_runs_on_a_device_made_of_it() {
+    let Some((report, kinds, origin)) = run("intrinsic_1motor_sgdv.eni") else { return };
+    assert_eq!(origin, Origin::Eni);
+    let text = report.text();
+    let run = report.run.unwrap();
+    assert!(run.in_sync && run.unknown_objects.is_empty(), "{text}");
+    assert!(run.clocks[0].unwrap().start_ns.unwrap() % 4_000_000 == 0, "{text}");
+    // What the ENI maps is what the device has: 10 bytes out, 12 in, as in the plan.
+    assert!(!kinds.contains(&Kind::Fmmu) && !kinds.contains(&Kind::PdoAssignment), "{text}");
+    for kind in [Kind::Shift, Kind::PdoMapping, Kind::DriftFilter, Kind::Frames] {
+        assert!(kinds.contains(&kind), "{kind:?}: {text}");
+    }
+}

@@ -1,0 +1,157 @@
+//! Several SyncManagers in one direction: one image for the application, a buffer each in the ESC.
+
+use std::boxed::Box;
+
+use isocat_sync::{Event, SupportedTypes};
+use isocat_wire::register::{self, al_event};
+use isocat_wire::sync_manager::SyncManager;
+use isocat_wire::{AlState, AlStatus, AlStatusCode};
+
+use super::bench::{Bench, Call};
+use crate::description::{Behaviour, Description, ProcessDataArea};
+
+use AlState::{Op, PreOp, SafeOp};
+
+const fn area(sync_manager: u8, start: u16, max_length: u16) -> ProcessDataArea {
+    ProcessDataArea { sync_manager, start, max_length }
+}
+
+/// In PREOP. Outputs are 3 bytes in SM2 and 2 in SM4, inputs 2 bytes in SM3 and 4 in SM5.
+fn bench() -> Bench {
+    let description = Description {
+        objects: &[],
+        mailbox: None,
+        outputs: area(2, 0x1100, 3),
+        inputs: area(3, 0x1400, 2),
+        further_outputs: const { &[area(4, 0x1200, 2)] },
+        further_inputs: const { &[area(5, 0x1500, 4)] },
+        behaviour: Behaviour { undeclared_types: SupportedTypes(0b010), ..Behaviour::default() },
+    };
+    let mut bench = Bench::new(Box::leak(Box::new(description)));
+    assert_eq!(bench.ask(PreOp), ok(PreOp));
+    bench.set_process_data(3, 2);
+    set(&mut bench, 4, 0x1200, 2, SyncManager::OUTPUTS);
+    set(&mut bench, 5, 0x1500, 4, SyncManager::INPUTS);
+    bench
+}
+
+fn set(bench: &mut Bench, number: usize, start: u16, length: u16, control: u8) {
+    bench.esc.set_sm(number, SyncManager::new(start, length, control, length > 0));
+}
+
+fn ok(state: AlState) -> (AlStatus, AlStatusCode) {
+    (AlStatus::new(state), AlStatusCode::NO_ERROR)
+}
+
+fn in_op() -> Bench {
+    let mut bench = bench();
+    assert_eq!(bench.ask(SafeOp), ok(SafeOp));
+    bench.ask(Op);
+    bench.write_outputs(&[0; 3]);
+    bench.cycle(Event::Sm2);
+    assert_eq!(bench.status(), ok(Op));
+    bench
+}
+
+#[test]
+fn the_application_has_one_image_of_each_direction() {
+    let mut bench = in_op();
+    bench.calls();
+    bench.esc.memory[0x1200..0x1203].copy_from_slice(&[4, 5, 6]);
+    bench.write_outputs(&[1, 2, 3]);
+    bench.cycle(Event::Sm2);
+    let mapped: std::vec::Vec<_> = bench.calls();
+    assert!(mapped.contains(&Call::Map([1, 2, 3, 4, 5].to_vec())), "{mapped:?}");
+    let count = bench.esc.memory[0x1400];
+    assert!(count > 1);
+    assert_eq!(bench.esc.memory[0x1400..0x1403], [count, count, 0]);
+    assert_eq!(bench.esc.memory[0x1500..0x1505], [count, count, count, count, 0]);
+}
+
+/// One byte too few and one too many in the second SyncManager, and where its three buffers may begin.
+#[test]
+fn each_sync_manager_is_checked() {
+    let outputs = AlStatusCode::INVALID_OUTPUT_CONFIGURATION;
+    let inputs = AlStatusCode::INVALID_INPUT_CONFIGURATION;
+    let refused = |code| (AlStatus::new(PreOp).with_error(true), code);
+    for (number, start, length, control, answer) in [
+        (4, 0x1200, 2, SyncManager::OUTPUTS, ok(SafeOp)),
+        (4, 0x1200, 1, SyncManager::OUTPUTS, refused(outputs)),
+        (4, 0x1200, 3, SyncManager::OUTPUTS, refused(outputs)),
+        (4, 0x1200, 0, SyncManager::OUTPUTS, refused(outputs)),
+        (4, 0x1201, 2, SyncManager::OUTPUTS, refused(outputs)),
+        (4, 0x1200, 2, SyncManager::INPUTS, refused(outputs)),
+        (5, 0x1500, 3, SyncManager::INPUTS, refused(inputs)),
+        (5, 0x1500, 4, SyncManager::OUTPUTS, refused(inputs)),
+    ] {
+        let mut bench = bench();
+        set(&mut bench, number, start, length, control);
+        assert_eq!(bench.ask(SafeOp), answer, "SM{number} {length} bytes at {start:#06x}");
+    }
+}
+
+/// A device in whose description the second area follows the three buffers of the first, and one byte less.
+#[test]
+fn buffers_of_one_direction_do_not_overlap() {
+    for (start, right) in [(0x1109, true), (0x1108, false)] {
+        let description = Description {
+            objects: &[],
+            mailbox: None,
+            outputs: area(2, 0x1100, 3),
+            inputs: area(3, 0x1400, 0),
+            further_outputs: Box::leak(Box::new([area(4, start, 2)])),
+            further_inputs: &[],
+            behaviour: Behaviour {
+                undeclared_types: SupportedTypes(0b010),
+                ..Behaviour::default()
+            },
+        };
+        let mut bench = Bench::new(Box::leak(Box::new(description)));
+        bench.ask(PreOp);
+        bench.set_process_data(3, 0);
+        set(&mut bench, 4, start, 2, SyncManager::OUTPUTS);
+        assert_eq!(bench.ask(SafeOp) == ok(SafeOp), right, "{start:#06x}");
+    }
+}
+
+/// With one of them open, frames would still be counted as taken.
+#[test]
+fn an_error_closes_all_outputs_until_it_is_acknowledged() {
+    let mut bench = in_op();
+    let closed = |bench: &Bench| {
+        [2, 3, 4, 5].map(|number| bench.get(register::sm_pdi_control(number)) & 1 != 0)
+    };
+    assert_eq!(closed(&bench), [false; 4]);
+    bench.esc.events |= al_event::WATCHDOG;
+    bench.poll();
+    assert_eq!(bench.status().1, AlStatusCode::WATCHDOG);
+    assert_eq!(closed(&bench), [true, false, true, false]);
+    assert_eq!(bench.acknowledge(SafeOp), ok(SafeOp));
+    assert_eq!(closed(&bench), [false; 4]);
+    assert_eq!(bench.ask(PreOp), ok(PreOp));
+    assert_eq!(closed(&bench), [true; 4]);
+}
+
+/// The image of a direction has 256 bytes for all of its buffers; one more is refused.
+#[test]
+fn all_buffers_fit_in_one_image() {
+    for (second, right) in [(56, true), (57, false)] {
+        let description = Description {
+            objects: &[],
+            mailbox: None,
+            outputs: area(2, 0x1100, 200),
+            inputs: area(3, 0x1400, 0),
+            further_outputs: Box::leak(Box::new([area(4, 0x1400, second)])),
+            further_inputs: &[],
+            behaviour: Behaviour {
+                undeclared_types: SupportedTypes(0b010),
+                ..Behaviour::default()
+            },
+        };
+        let mut bench = Bench::new(Box::leak(Box::new(description)));
+        bench.ask(PreOp);
+        bench.set_process_data(200, 0);
+        set(&mut bench, 4, 0x1400, second, SyncManager::OUTPUTS);
+        assert_eq!(bench.ask(SafeOp) == ok(SafeOp), right, "200 and {second} bytes");
+    }
+}

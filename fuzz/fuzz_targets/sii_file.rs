@@ -1,0 +1,8 @@
+//! The content of an EEPROM, of arbitrary bytes: what must hold is in the checking code of the command's own tests.
+#![no_main]
+
+#[path = "../../crates/isocat/tests/checking/mod.rs"]
+#[allow(dead_code, reason = "each target tries one door")]
+mod checking;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| checking::sii(bytes));

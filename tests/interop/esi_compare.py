@@ -1,0 +1,330 @@
+#!/usr/bin/env python3
+"""Every device of device descriptions (ESI) in every OpMode, compared with a foreign reading of the same file.
+
+    esi_compare.py [--isocat PATH] [--run] [--rows] [FOLDER...]
+
+`esi_reading.py` reads the files with Python's ElementTree. What it expects is compared with what `isocat plan --start-up --json`
+writes and what `isocat scan --json` finds: identity, ports, mailbox, SyncManagers, PDOs, FMMUs, AssignActivate, SYNC0 and SYNC1,
+the OpModes of the SII, and InitCmds with their transitions. A table tells how often each field was equal; each difference is
+listed with file, device, OpMode, expected and found. With --run each one is run for 60 ms as well: `plan` and `run` have to
+agree. --rows prints a line for each device and OpMode.
+
+The bus cycle is 1 ms, or the first of CYCLES that `plan` takes. The folders are ../shared/esi and ../shared/esi-more beside the
+project unless others are given. Exit codes: 0 all equal, 1 something differs, 77 there are no descriptions.
+"""
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import xml.etree.ElementTree as ET
+from collections import Counter, defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import esi_reading
+
+HERE = Path(__file__).resolve().parent
+PROJECT = HERE.parent.parent
+TARGET = Path(os.environ.get("CARGO_TARGET_DIR", PROJECT / "target")).resolve()
+CYCLES = ["1ms", "2ms", "4ms", "10ms", "20ms", "100ms", "1s", "3ms", "500us", "250us", "125us"]
+NS = {"s": 10**9, "ms": 10**6, "us": 10**3}
+TOO_LONG = 60
+AL_EVENT = 0x20
+
+
+@dataclass
+class Trial:
+    path: Path
+    device: esi_reading.Device
+    mode: object  # the number of the OpMode, None for a device without
+    cycle: str = CYCLES[0]
+    plan_code: object = None
+    run_code: object = None
+    reason: str = ""
+    run_reason: str = ""
+    equal: list = field(default_factory=list)
+    differs: list = field(default_factory=list)  # (field, expected, found)
+
+    def name(self):
+        mode = "-" if self.mode is None else f"{self.mode} {self.device.mode_names()[self.mode]}"
+        device = self.device
+        return f"{self.path.name} | {device.type} {device.product or 0:#x} {device.revision:#010x} | {mode}"
+
+    def segment(self):
+        ports = self.device.physics() or "Y"
+        host = '[host]\nport = "ebus"\n' if ports[0] in "KB" else ""
+        mode = "" if self.mode is None else f"opmode = {self.mode}\n"
+        quoted = [json.dumps(text, ensure_ascii=False) for text in (str(self.path), self.device.type)]
+        product = "" if self.device.product is None else f"product = {self.device.product}\n"
+        return (f'cycle = "{self.cycle}"\n{host}[[subdevice]]\nesi = {quoted[0]}\ntype = {quoted[1]}\n'
+                f"{product}revision = {self.device.revision}\n{mode}")
+
+    def compare(self, what, expected, found):
+        if expected == found:
+            self.equal.append(what)
+        else:
+            self.differs.append((what, expected, found))
+
+
+def call(isocat, *arguments):
+    done = subprocess.run([isocat, *arguments], capture_output=True, text=True, timeout=TOO_LONG)
+    return done.returncode, done.stdout, done.stderr
+
+
+def reason_of(errors, report):
+    """A name for why something was refused: the one in brackets, the kind of a finding, or the words without numbers."""
+    words = " ".join(errors.split())
+    named = re.search(r"can't be (?:simulated|run) \(([a-z0-9-]+)\)", words)
+    if named:
+        return named[1]
+    kinds = [finding.get("kind", "?") for finding in (report or {}).get("findings", [])]
+    if kinds:
+        return ", ".join(sorted(set(kinds)))
+    return re.sub(r"\d+", "#", re.sub(r"^error: [^ ]*?:\d+(:\d+)?: ", "", words))[:110] or "no reason"
+
+
+def try_one(trial, isocat, folder, also_run, place):
+    """Fills in a trial; gives it back."""
+    file = Path(folder) / f"{place}.toml"
+    for trial.cycle in CYCLES:
+        file.write_text(trial.segment())
+        trial.plan_code, written, errors = call(isocat, "plan", file, "--start-up", "--json")
+        if trial.reason == "" and trial.plan_code != 0:
+            report = json.loads(call(isocat, "plan", file, "--json")[1] or "null") if trial.plan_code == 1 else None
+            trial.reason = reason_of(errors, report)
+        if trial.plan_code == 0 or "can't be simulated" in " ".join(errors.split()):
+            break
+    if trial.plan_code != 0:
+        trial.cycle = CYCLES[0]
+        file.write_text(trial.segment())
+    else:
+        trial.reason = ""
+        # A scan exits 1 where the description contradicts itself, and has found everything all the same.
+        scan_code, scanned, scan_errors = call(isocat, "scan", file, "--json")
+        found = json.loads(scanned or "{}").get("devices")
+        if found and found[0].get("op_modes") is not None:
+            compare(trial, json.loads(written)["devices"][0], found[0])
+        else:
+            trial.differs.append(("scan", "what was found", f"exit {scan_code}: {reason_of(scan_errors, None)}"))
+    if also_run:
+        trial.run_code, report, errors = call(isocat, "run", file, "--for", "60ms", "--json")
+        if trial.run_code != 0:
+            trial.run_reason = reason_of(errors, json.loads(report or "null"))
+    return trial
+
+
+class Written:
+    """The start-up list of one device: the memory of its ESC after the way up."""
+
+    def __init__(self, listed):
+        self.memory, self.steps = {}, listed["registers"]
+        for step in self.steps:
+            at = step["address"].get("physical")
+            if step["command"] in ("FPWR", "APWR") and at is not None:
+                data = bytes.fromhex(step["data"])
+                self.memory.update({int(at["register"], 16) + i: byte for i, byte in enumerate(data)})
+
+    def value(self, address, length):
+        """Little-endian; None where nothing was written."""
+        known = [self.memory.get(address + i) for i in range(length)]
+        return None if None in known else int.from_bytes(bytes(known), "little")
+
+    def fmmus(self):
+        found = []
+        for address in range(0x600, 0x700, 16):
+            if self.value(address + 12, 1):
+                found.append((self.value(address + 11, 1), self.value(address + 8, 2), self.value(address + 4, 2)))
+        return found
+
+
+def compare(trial, listed, scanned):
+    bus = next(int(trial.cycle[: -len(unit)]) * ns for unit, ns in NS.items() if trial.cycle[: -len(unit)].isdigit())
+    device, written = trial.device, Written(listed)
+    expected = device.expected(trial.mode, bus)
+    found = (*(int(listed[key], 16) for key in ("vendor", "product", "revision")), listed["serial"])
+    trial.compare("identity", expected.identity, found)
+    trial.compare("identity on the wire", expected.identity,
+                  tuple(scanned[key] for key in ("vendor_id", "product_code", "revision", "serial")))
+    if expected.physics is not None:
+        trial.compare("ports", expected.physics, listed["physics"])
+    box = listed["mailbox"]
+    trial.compare("mailbox areas", expected.mailbox, box and (
+        *(int(box["out"]["start"], 16), box["out"]["length"]), *(int(box["back"]["start"], 16), box["back"]["length"])))
+    if expected.mailbox:
+        trial.compare("mailbox protocols", sorted(expected.protocols), sorted(scanned["mailbox"]["protocols"]))
+    compare_sync_managers(trial, expected, written, listed["notes"])
+    compare_pdos(trial, expected, scanned)
+    trial.compare("FMMUs", sorted(expected.fmmus), sorted(written.fmmus()))
+    compare_dc(trial, expected, written)
+    keys = ("assign_activate", "sync0_cycle_ns", "sync0_factor", "sync0_shift_ns", "sync1_factor", "sync1_shift_ns")
+    trial.compare("OpModes of the SII", device.stored_modes(), [tuple(mode[key] for key in keys) for mode in scanned["op_modes"]])
+    compare_commands(trial, expected, listed)
+
+
+def compare_sync_managers(trial, expected, written, notes):
+    for at, manager in enumerate(trial.device.sync_managers):
+        address, length = 0x800 + 8 * at, expected.lengths.get(at, 0)
+        on = bool(written.value(address + 6, 1))
+        # A window of the memory is no SyncManager, and a mailbox without protocol is none either.
+        trial.compare("SyncManager enabled", (at, length > 0), (at, on))
+        if not on or length == 0:
+            continue
+        trial.compare("SyncManager start", (at, manager.start), (at, written.value(address, 2)))
+        trial.compare("SyncManager length", (at, length), (at, written.value(address + 2, 2)))
+        if manager.control is not None:
+            control = written.value(address + 4, 1)
+            told = any(f"SyncManager {at}:" in note for note in notes)
+            said = told and control == manager.control | AL_EVENT != manager.control
+            what = "control byte, AL event added, said so" if said else "control byte"
+            trial.compare(what, (at, f"{manager.control | AL_EVENT * said:#04x}"), (at, f"{control:#04x}"))
+
+
+def compare_pdos(trial, expected, scanned):
+    for direction in ("outputs", "inputs"):
+        wanted = [pdo for at in sorted(expected.pdos) if trial.device.sync_managers[at].kind == direction
+                  for pdo in expected.pdos[at]]
+        found = scanned[direction]["pdos"] if scanned[direction] else []
+        # Without CoE no object says that a PDO without entries is assigned.
+        if "CoE" not in expected.protocols:
+            wanted, found = [pdo for pdo in wanted if pdo[1]], [pdo for pdo in found if pdo["bits"]]
+        trial.compare("PDO assignment", [f"{index:#06x}" for index, _ in wanted], [f"{pdo['index']:#06x}" for pdo in found])
+        sizes = [(f"{index:#06x}", sum(bits for _, _, bits in entries)) for index, entries in wanted]
+        trial.compare("PDO sizes", sizes, [(f"{pdo['index']:#06x}", pdo["bits"]) for pdo in found])
+        mapped = [(index, sub, bits) for _, entries in wanted for index, sub, bits in entries if bits <= 255]
+        listed = [(e["index"], e["sub"], e["bits"]) for pdo in found for e in pdo["entries"]]
+        if all(bits <= 255 for _, entries in wanted for _, _, bits in entries):
+            trial.compare("PDO entries", mapped, listed)
+
+
+def compare_dc(trial, expected, written):
+    latch, activation = written.value(0x980, 1) or 0, written.value(0x981, 1) or 0
+    word = 0 if expected.clock_only else expected.word
+    trial.compare("DC: AssignActivate (0x0980, 0x0981)", f"{word:#06x}", f"{activation << 8 | latch:#06x}")
+    if expected.clock_only:
+        touched = sorted(address for address in written.memory if 0x940 <= address < 0xA00)
+        trial.compare("DC: SYNC unit untouched", [], touched)
+    elif expected.sync0 is not None:
+        trial.compare("DC: SYNC0 cycle", expected.sync0, written.value(0x9A0, 4))
+        # Where SYNC1 comes with SYNC0, whether it is made at all belongs to AssignActivate.
+        trial.compare("DC: SYNC1 after SYNC0", expected.sync1, written.value(0x9A4, 4))
+
+
+def compare_commands(trial, expected, listed):
+    """Each InitCmd is in the list with its transitions, or a note of the list names it."""
+    left = [(step["transitions"], step["object"].upper(), step["data"], step["complete"]) for step in listed["objects"]]
+    for command in expected.commands:
+        entry = f"0x{command.index:04X}:{command.sub:02X}".upper()
+        missing = []
+        for transition in command.transitions:
+            step = ([transition], entry, command.data, command.complete)
+            wanted = next((row for row in left if row == step), None)
+            if wanted is None:
+                missing.append(transition)
+            else:
+                left.remove(wanted)
+        told = any(entry in note.upper() for note in listed["notes"])
+        what = "InitCmds listed" if not (missing and told) else "InitCmds left out, said so"
+        trial.compare(what, (entry, []), (entry, [] if told else missing))
+    if trial.device.soe_commands():
+        told = any("SOE" in note.upper() for note in listed["notes"])
+        trial.compare("SoE InitCmds left out, said so", True, told)
+
+
+def folders(given):
+    found = [Path(folder) for folder in given] or [PROJECT.parent / "shared" / name for name in ("esi", "esi-more")]
+    return [folder for folder in found if folder.is_dir()]
+
+
+def read(paths):
+    """The trials of all files, and (file, reason) of those that can't be read."""
+    trials, unread, twice = [], [], []
+    for path in paths:
+        try:
+            devices = list(esi_reading.devices(path))
+        except (ET.ParseError, ValueError) as error:
+            unread.append((path.name, str(error)))
+            continue
+        known = set()
+        for device in devices:
+            key = (device.type, device.product, device.revision)
+            if key in known:
+                twice.append(f"{path.name}: {device.type} {device.revision:#010x}")
+                continue
+            known.add(key)
+            modes = range(len(device.modes)) if device.modes else [None]
+            trials += [Trial(path.resolve(), device, mode) for mode in modes]
+    return trials, unread, twice
+
+
+def print_comparison(trials):
+    equal, differs = Counter(), defaultdict(list)
+    for trial in trials:
+        equal.update(trial.equal)
+        for what, expected, found in trial.differs:
+            differs[what].append(f"{trial.name()} | expected {short(expected)} | found {short(found)}")
+    print(f"\n{'field':<40}{'equal':>8}{'differs':>9}")
+    for what in sorted(set(equal) | set(differs)):
+        print(f"{what:<40}{equal[what]:>8}{len(differs[what]):>9}")
+    for what, rows in sorted(differs.items()):
+        print(f"\n{what}: {len(rows)}")
+        for row in rows:
+            print(f"  {row}")
+    return sum(map(len, differs.values()))
+
+
+def short(value):
+    text = str(value)
+    return text if len(text) <= 240 else text[:237] + "..."
+
+
+def print_results(trials, also_run):
+    """Planned, refused by reason, and where plan and run contradict each other; gives how many do."""
+    reasons = Counter("planned" if trial.plan_code == 0 else f"refused: {trial.reason}" for trial in trials)
+    print(f"\n{'plan':<100}{'OpModes':>8}")
+    for reason, count in reasons.most_common():
+        print(f"{reason:<100}{count:>8}")
+    if not also_run:
+        return 0
+    contradict = [trial for trial in trials if (trial.plan_code == 0) != (trial.run_code == 0)]
+    in_sync = sum(trial.run_code == 0 for trial in trials)
+    print(f"\nin sync for 60 ms: {in_sync} of {len(trials)}; plan and run contradict each other: {len(contradict)}")
+    for trial in contradict:
+        print(f"  {trial.name()} | plan {trial.plan_code} {trial.reason} | run {trial.run_code} {trial.run_reason}")
+    return len(contradict)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--isocat", default=TARGET / "release" / "isocat")
+    parser.add_argument("--run", action="store_true", help="run each for 60 ms, too")
+    parser.add_argument("--rows", action="store_true", help="a line for each device and OpMode")
+    parser.add_argument("folders", nargs="*")
+    arguments = parser.parse_args()
+    paths = sorted(path for folder in folders(arguments.folders) for path in folder.glob("*.xml"))
+    if not paths:
+        print("skipped: there are no device descriptions beside the project")
+        return 77
+    trials, unread, twice = read(paths)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
+        one = lambda numbered: try_one(numbered[1], arguments.isocat, folder, arguments.run, numbered[0])
+        trials = list(pool.map(one, enumerate(trials)))
+    print(f"{len(paths)} files, {len({id(trial.device) for trial in trials})} devices, {len(trials)} device x OpMode")
+    for name, error in unread:
+        print(f"  not well-formed: {name}: {error}")
+    for row in twice:
+        print(f"  stands twice with one product code: {row}")
+    if arguments.rows:
+        for trial in trials:
+            print(f"{trial.name()} | plan {trial.plan_code} {trial.reason} | run {trial.run_code} {trial.run_reason}")
+    contradictions = print_results(trials, arguments.run)
+    differences = print_comparison(trials)
+    print(f"\n{differences} differences, {contradictions} contradictions")
+    return 1 if differences or contradictions else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,3 @@
+module main_device
+
+go 1.19

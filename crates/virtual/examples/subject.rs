@@ -19,6 +19,8 @@ fn main() {
         "spins_by_the_clock" => spins_by_the_clock(),
         "exchanges_frames" => exchanges_frames(),
         "has_a_child" => has_a_child(),
+        "has_children_with_threads" => has_children_with_threads(),
+        "ends_beside_its_threads" => ends_beside_its_threads(),
         "pipes" => pipes(),
         "deadlocks" => deadlocks(),
         "never_calls" => never_calls(),
@@ -100,6 +102,23 @@ fn has_a_child() {
     assert_eq!(output.status.code(), Some(7));
     assert!(began.elapsed() >= Duration::from_secs(2));
     assert!(began.elapsed() < Duration::from_millis(2_100));
+}
+
+/// A shell starts processes with threads one after the other. Each ends while its threads sleep.
+fn has_children_with_threads() {
+    let this = std::env::current_exe().expect("a program has a path");
+    let script = "for i in 1 2 3 4 5 6 7 8 9 10; do \"$0\" ends_beside_its_threads | cat; done";
+    let mut shell = std::process::Command::new("/bin/sh");
+    assert!(shell.args(["-c", script]).arg(this).status().expect("a shell").success());
+}
+
+fn ends_beside_its_threads() {
+    for _ in 0..20 {
+        std::thread::spawn(|| std::thread::sleep(Duration::from_secs(3_600)));
+    }
+    std::thread::sleep(Duration::from_millis(1));
+    println!("ends");
+    std::process::exit(0);
 }
 
 fn pipes() {

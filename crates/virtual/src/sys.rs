@@ -394,6 +394,16 @@ pub(crate) fn kill(process: i32, signal: i32) {
     unsafe { libc::kill(process, signal) };
 }
 
+/// Waits until the parents of those processes that are seen to have ended have their SIGCHLD.
+///
+/// The kernel marks a process as ended and signals its parent under one lock, but `/proc` shows the
+/// mark without taking it. Looking for all processes of a group takes the lock, so it comes
+/// back after the signal.
+pub(crate) fn wait_for_ends_under_way() {
+    // SAFETY: no pointers. Signal 0 is sent to nobody.
+    unsafe { libc::kill(0, 0) };
+}
+
 /// Sends a signal to a thread, or to the whole process, as a timer of its own would.
 pub(crate) fn send_timer_signal(
     process: i32,

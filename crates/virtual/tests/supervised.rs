@@ -120,6 +120,15 @@ fn children_run_in_the_same_time() {
 }
 
 #[test]
+fn a_parent_learns_at_the_same_instant_each_time_that_a_child_with_threads_has_ended() {
+    let mut runs = (0..4).map_while(|_| ends_well("has_children_with_threads"));
+    let Some((first, _)) = runs.next() else { return };
+    for (other, _) in runs {
+        assert_eq!((other.lasted, other.figures), (first.lasted, first.figures));
+    }
+}
+
+#[test]
 fn pipes_join_threads() {
     ends_well("pipes");
 }

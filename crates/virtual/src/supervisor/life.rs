@@ -95,7 +95,7 @@ impl Supervisor<'_> {
     fn process_ends(&mut self, process: ProcessId) -> io::Result<()> {
         let number = self.processes[process.0].number;
         let tasks: Vec<TaskId> = self.tasks_of(process).collect();
-        wait_until(|| is_gone_or_zombie(number, number));
+        wait_until(|| has_ended(number));
         tasks.into_iter().for_each(|task| self.thread_ended(task));
         self.process_ended(process);
         Ok(())
@@ -139,7 +139,7 @@ impl Supervisor<'_> {
         let running: Vec<ProcessId> = (0..self.processes.len()).map(ProcessId).collect();
         for process in running {
             let Process { number, gone, .. } = self.processes[process.0];
-            if !gone && is_gone_or_zombie(number, number) {
+            if !gone && has_ended(number) {
                 let tasks: Vec<TaskId> = self.tasks_of(process).collect();
                 tasks.into_iter().for_each(|task| self.thread_ended(task));
                 self.process_ended(process);
@@ -297,6 +297,25 @@ fn is_gone_or_zombie(process: i32, thread: i32) -> bool {
     let stat = fs::read_to_string(format!("/proc/{process}/task/{thread}/stat"));
     let ends = |rest: &str| rest.starts_with(" Z") || rest.starts_with(" X");
     stat.map_or(true, |stat| stat.rsplit(')').next().is_some_and(ends))
+}
+
+/// Whether a process is no more: its last thread has ended, and its parent has been told.
+///
+/// The first thread may end before the others, and the kernel sends SIGCHLD once the last one has.
+/// A parent that is looked at before has no signal pending yet, and would be interrupted by it in
+/// one run and not in the next.
+fn has_ended(process: i32) -> bool {
+    let Ok(stat) = fs::read_to_string(format!("/proc/{process}/stat")) else { return true };
+    // Behind the name in parentheses: the state, and 17 fields later the number of threads. The
+    // folder of threads is no way to count: its reader stops at a thread that ends meanwhile.
+    let mut fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
+    let is_zombie = matches!(fields.next(), Some("Z" | "X"));
+    let threads = fields.nth(16).and_then(|count| count.parse().ok()).unwrap_or(0);
+    let ended = is_zombie && threads <= 1;
+    if ended {
+        sys::wait_for_ends_under_way();
+    }
+    ended
 }
 
 /// The process that a thread belongs to, and the parent of that.

@@ -1,4 +1,4 @@
-//! What a code, an object, a register, a word, a mode or a key of a file means: from what somebody types to the
+//! What a code, an object, a register, a word, a mode, a symptom or a key of a file means: from what somebody types to the
 //! tables of [`isocat_sync::explain`] and [`isocat_segment::keys`].
 //!
 //! A key may stand in several places: each has its [`Meaning`]. `key object` is the key where `object` alone is a kind.
@@ -11,7 +11,9 @@ mod text;
 
 use isocat_descriptions::document::{name_hint, nearest};
 use isocat_segment::keys;
-use isocat_sync::explain::{Entry, aborts, al_codes, assign_activate, modes, objects, registers};
+use isocat_sync::explain::{
+    Entry, aborts, al_codes, assign_activate, modes, objects, registers, symptoms,
+};
 use isocat_sync::object::{SupportedTypes, SyncType, sub};
 use isocat_sync::{SyncMode, opmode};
 use isocat_wire::dc::{AssignActivate, SystemTimeDifference};
@@ -96,9 +98,11 @@ pub fn explain(what: &str) -> Result<Vec<Meaning>, Unknown> {
         let reason = format!("a number must follow, such as \"{} {}\"", kind.name, kind.example);
         return unknown(reason, understood(None));
     }
-    let of_keys = key::meanings(what);
-    if !of_keys.is_empty() {
-        return Ok(of_keys);
+    // A word such as "jitter" is both: who asks for it looks for a fault first.
+    let mut of_words: Vec<_> = symptoms::find(what).map(symptom_meaning).into_iter().collect();
+    of_words.extend(key::meanings(what));
+    if !of_words.is_empty() {
+        return Ok(of_words);
     }
     let (place, value) = match what.split_once('=') {
         Some((place, value)) => (place.trim(), Some(value.trim())),
@@ -393,6 +397,10 @@ fn supported_lines(word: u16) -> Vec<String> {
     lines
 }
 
+fn symptom_meaning(symptom: &symptoms::Symptom) -> Meaning {
+    of("symptom", symptom.name.into(), "what is behind it", &symptom.entry)
+}
+
 fn mode_meaning(mode: SyncMode) -> Meaning {
     of("mode", mode.name().into(), "synchronization mode", modes::explain(mode))
 }
@@ -415,6 +423,13 @@ fn near_word(word: &str) -> String {
     let hint = name_hint(word, words.iter().copied());
     if nearest(word, &words).is_some() {
         return hint;
+    }
+    let symptoms: Vec<_> = symptoms::SYMPTOMS
+        .iter()
+        .flat_map(|symptom| symptom.aliases.iter().copied().chain([symptom.name]))
+        .collect();
+    if let Some(near) = nearest(word, &symptoms) {
+        return format!("did you mean \"{near}\"? {hint}, or a symptom");
     }
     let names: Vec<_> = keys::all().map(|place| place.key.name).collect();
     match nearest(word, &names) {
@@ -462,7 +477,7 @@ fn understood(near: Option<String>) -> String {
 /// What is understood.
 const FORMS: &str = "understood: 0x001A (AL status code), 0x06090030 (SDO abort code), 0x1C32:0B \
                      (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 \
-                     (AssignActivate), dc-sync0 (mode), modes, input_shift \
+                     (AssignActivate), dc-sync0 (mode), modes, \"lost sync\" (symptom), input_shift \
                      (key of a segment file or a profile); a kind before a number: AL, abort, \
                      object, register, AssignActivate, SI4, key";
 

@@ -19,6 +19,7 @@ pub mod topology;
 pub mod waves;
 
 pub use frame::{Align, Frame};
+pub use isocat_descriptions::markup::escaped as escape;
 
 /// Colours and fonts of all pictures.
 pub const STYLE: &str = include_str!("picture/style.css");
@@ -62,23 +63,6 @@ impl Picture {
              <style>\n{STYLE}</style>\n<rect class=\"paper\" width=\"{width}\" height=\"{height}\"/>\n{body}</svg>\n"
         )
     }
-}
-
-/// A text as SVG and HTML want it.
-pub fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            // No document may hold those.
-            c if c.is_control() && !matches!(c, '\n' | '\t') => out.push('\u{FFFD}'),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 /// A number for SVG: two decimals are a hundredth of a pixel.

@@ -50,7 +50,7 @@ fn prose(text: &str) -> impl Iterator<Item = (usize, &str)> {
 
 /// The targets of the links in a line; what stands in backquotes is no link.
 fn links(line: &str) -> impl Iterator<Item = &str> {
-    let outside = |at: usize| line[..at].matches('`').count() % 2 == 0;
+    let outside = |at: usize| line[..at].matches('`').count().is_multiple_of(2);
     line.match_indices("](").filter_map(move |(at, open)| {
         let target = &line[at + open.len()..];
         let end = target.find(')')?;

@@ -1,4 +1,4 @@
-//! What codes, objects, registers and modes mean to somebody who looks for a fault: in plain words, with the
+//! What codes, objects, registers, modes and symptoms mean to somebody who looks for a fault: in plain words, with the
 //! usual causes in order of likelihood, what to read next and what to change.
 //!
 //! Constant tables, one file for each kind; [`al_codes`] and [`aborts`] have an entry for every code that the
@@ -10,6 +10,7 @@ pub mod assign_activate;
 pub mod modes;
 pub mod objects;
 pub mod registers;
+pub mod symptoms;
 
 /// What is known of one thing. Lists are in the order in which they are worth trying.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

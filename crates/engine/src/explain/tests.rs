@@ -182,3 +182,34 @@ fn keys_in_each_of_their_places() {
     assert!(hint("input_shfit").contains("did you mean \"input_shift\""));
     assert!(hint("key inptu_shift").contains("did you mean \"input_shift\""));
 }
+
+#[test]
+fn symptoms_are_explained_by_any_of_their_names() {
+    let kinds = |what: &str| -> Vec<_> {
+        let meanings = explain(what).unwrap_or_else(|unknown| panic!("{unknown}"));
+        meanings.into_iter().map(|meaning| (meaning.kind, meaning.what)).collect()
+    };
+    for what in ["lost sync", "Out of sync", "SYNC lost"] {
+        assert_eq!(kinds(what), [("symptom", "lost sync".into())], "{what}");
+    }
+    assert_eq!(kinds("wkc"), [("symptom", "working counter".into())]);
+    // The key of segment files is there as well, behind it.
+    let jitter = kinds("jitter");
+    assert_eq!(jitter[0], ("symptom", "jitter".into()));
+    assert!(jitter.len() > 1 && jitter[1..].iter().all(|(kind, _)| kind.starts_with("key of")));
+    let near = explain("lost synk").expect_err("it is misspelt");
+    assert!(near.hint.contains("did you mean \"lost sync\"?"), "{}", near.hint);
+}
+
+#[test]
+fn objects_of_external_synchronization_are_explained() {
+    for (what, name) in [
+        ("0x10F4", "external synchronization status"),
+        ("0x10F4:12", "external time stamp"),
+        ("0x10F5:01", "sync master"),
+    ] {
+        let meanings = explain(what).unwrap_or_else(|unknown| panic!("{unknown}"));
+        assert_eq!(meanings[0].name, name);
+    }
+    assert!(explain("0x10F4:02").is_err());
+}

@@ -22,6 +22,7 @@ Examples:
   isocat explain 0x0990               a register of the ESC
   isocat explain AssignActivate 0x0730
   isocat explain dc-sync0             a synchronization mode
+  isocat explain lost sync            a symptom: lost sync, wkc, jitter, stuck in SAFEOP, no SYNC0, ...
   isocat explain modes                what each mode needs of 0x1C32 and 0x1C33
   isocat explain input_shift          a key of a segment file or a profile, in each place where it may stand
   isocat explain subdevice.cycle      a key in one place
@@ -35,7 +36,7 @@ Exit code: 0 explained, 2 not known.";
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// A code, an object, a register, a mode, a key of a file, or "modes"
+    /// A code, an object, a register, a mode, a symptom, a key of a file, or "modes"
     #[arg(required_unless_present = "schema", value_name = "WHAT")]
     what: Vec<String>,
     /// Print the JSON schema of a kind of file, for editors

@@ -1,4 +1,5 @@
-//! The objects of synchronization: 0x1C00, 0x1C12, 0x1C13, 0x1C32, 0x1C33, 0x10F1.
+//! The objects of synchronization: 0x1C00, 0x1C12, 0x1C13, 0x1C32, 0x1C33, 0x10F1, and 0x10F4 and
+//! 0x10F5 of devices that join two segments.
 
 use isocat_wire::ObjectAddress;
 
@@ -9,14 +10,21 @@ use crate::object::{
 };
 
 /// The objects that [`object`] knows.
-pub const OBJECTS: [u16; 6] = [
+pub const OBJECTS: [u16; 8] = [
     SM_COMMUNICATION_TYPE,
     OUTPUT_ASSIGNMENT,
     INPUT_ASSIGNMENT,
     OUTPUT_PARAMETER,
     INPUT_PARAMETER,
     ERROR_SETTINGS,
+    EXTERNAL_STATUS,
+    EXTERNAL_SETTINGS,
 ];
+
+/// External synchronization, status: the device that joins two segments maps it into a TxPDO.
+const EXTERNAL_STATUS: u16 = 0x10F4;
+/// External synchronization, settings.
+const EXTERNAL_SETTINGS: u16 = 0x10F5;
 
 /// Name and meaning of a whole object.
 pub fn object(index: u16) -> Option<(&'static str, &'static Entry)> {
@@ -27,6 +35,8 @@ pub fn object(index: u16) -> Option<(&'static str, &'static Entry)> {
         OUTPUT_PARAMETER => ("SM output parameter", &OUTPUTS),
         INPUT_PARAMETER => ("SM input parameter", &INPUTS),
         ERROR_SETTINGS => ("error settings", &ERRORS),
+        EXTERNAL_STATUS => ("external synchronization status", &EXTERNAL),
+        EXTERNAL_SETTINGS => ("external synchronization settings", &EXTERNAL_SET),
         _ => return None,
     })
 }
@@ -48,6 +58,17 @@ pub fn sub_index(object: ObjectAddress) -> Option<(&'static str, &'static Entry)
         }
         (ERROR_SETTINGS, 1) => Some(("local error reaction", &REACTION)),
         (ERROR_SETTINGS, 2) => Some(("sync error counter limit", &LIMIT)),
+        (EXTERNAL_STATUS, 1) => Some(("sync mode", &EXTERNAL_MODE)),
+        (EXTERNAL_STATUS, 14) => Some(("control value update toggle", &EXTERNAL_TOGGLE)),
+        (EXTERNAL_STATUS, 15) => Some(("time stamp update toggle", &EXTERNAL_TOGGLE)),
+        (EXTERNAL_STATUS, 16) => Some(("external device not connected", &EXTERNAL_ABSENT)),
+        (EXTERNAL_STATUS, 17) => Some(("internal time stamp", &EXTERNAL_STAMPS)),
+        (EXTERNAL_STATUS, 18) => Some(("external time stamp", &EXTERNAL_STAMPS)),
+        (EXTERNAL_STATUS, 19) => Some(("control value for the reference clock", &EXTERNAL_CONTROL)),
+        (EXTERNAL_SETTINGS, 1) => Some(("sync master", &EXTERNAL_SET)),
+        (EXTERNAL_SETTINGS, 2) => Some(("32 bit time stamps", &EXTERNAL_SET)),
+        (EXTERNAL_SETTINGS, 17) => Some(("control interval, ms", &EXTERNAL_SET)),
+        (EXTERNAL_SETTINGS, 18) => Some(("additional system time", &EXTERNAL_SET)),
         _ => None,
     }
 }
@@ -337,5 +358,53 @@ const SYNC_ERROR: Entry = entry(
     &["the missed events reached the limit", "the cycle was too short (:0C above 0)"],
     &[":0B, :0C, :0D", "0x10F1:02"],
     &["as :0B; reset it by :08 bit 1"],
+);
+const EXTERNAL: Entry = entry(
+    "Status of a device that joins this segment to another clock, such as a bridge between two \
+     segments: which side leads, and one pair of time stamps of both clocks (192 bits in a TxPDO).",
+    &[],
+    &[":10 (16): whether the other side is there", ":11 and :12 (17, 18): the pair of time stamps"],
+    &["nothing: it is read only"],
+);
+const EXTERNAL_SET: Entry = entry(
+    "Settings of external synchronization: which side leads, the width of time stamps, the control \
+     interval in ms, and a system time to be added (112 bits).",
+    &[],
+    &["0x10F4: what comes of it"],
+    &["write it before SAFEOP; some revisions allow sub-index 18 alone"],
+);
+const EXTERNAL_MODE: Entry = entry(
+    "Which side leads, 2 bits: 0 none, 1 this device or the secondary side, 2 the primary side.",
+    &[],
+    &["0x10F5:01: the setting"],
+    &["0x10F5:01"],
+);
+const EXTERNAL_TOGGLE: Entry = entry(
+    "One bit that changes with each new value: the value is taken at a change.",
+    &["a toggle that rests: the other side stands still or is not connected"],
+    &[":10 (16)"],
+    &["nothing: it is read only"],
+);
+const EXTERNAL_ABSENT: Entry = entry(
+    "One bit: 1 while the external device is not connected or its time stamps are not valid.",
+    &["the cable to the other side", "the other side is not in operation"],
+    &["the working counter of the other segment's frames"],
+    &["bring the other side up; until then the time stamps are not to be used"],
+);
+const EXTERNAL_STAMPS: Entry = entry(
+    "One half of a pair of time stamps of the same instant: 17 by this segment's system time, 18 by \
+     the other clock, u64 ns. Their difference is the offset between the clocks.",
+    &[],
+    &[":0F (15): the toggle, for a pair that belongs together"],
+    &[
+        "nothing: it is read only. The side that follows steers its reference clock by the difference",
+    ],
+);
+const EXTERNAL_CONTROL: Entry = entry(
+    "How often the reference clock is to be written higher (above 0) or lower (below 0) than it \
+     stands, i32: a proposal for the side that follows.",
+    &[],
+    &[":0E (14): the toggle"],
+    &["nothing: it is read only"],
 );
 const RESERVED_ENTRY: Entry = entry("Reserved in 0x1C33.", &[], &[], &[]);

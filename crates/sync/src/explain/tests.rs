@@ -101,3 +101,23 @@ fn words_and_modes() {
     assert_eq!(bits(0x0730), [4, 5, 8, 9, 10]);
     assert_eq!(bits(0), []);
 }
+
+#[test]
+fn every_symptom_is_explained_and_has_names_of_its_own() {
+    let mut names = std::vec::Vec::new();
+    for symptom in &symptoms::SYMPTOMS {
+        complete(&symptom.entry, symptom.name);
+        assert!(!symptom.entry.causes.is_empty(), "{}", symptom.name);
+        for name in symptom.aliases.iter().chain([&symptom.name]) {
+            assert_eq!(symptoms::find(name), Some(symptom), "{name}");
+            names.push(*name);
+        }
+    }
+    let count = names.len();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), count, "a name stands for one symptom");
+    assert_eq!(symptoms::find("Lost-Sync!"), symptoms::find("lost sync"));
+    assert_eq!(symptoms::find("lost"), None);
+    assert_eq!(symptoms::find(""), None);
+}

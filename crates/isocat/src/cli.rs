@@ -16,6 +16,7 @@
 //! sync, 1 not, 2 bad input, 3 not known, 4 the program failed. `sweep`: 0 every run was as expected,
 //! 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
 //! `new`: 0 the file loads and its plan fits, 1 the plan does not fit, 2 bad input.
+//! `profile`: 0 written, 2 can't be read, or is none that a profile can say.
 //! `sii`: 0 nothing is doubtful, 1 something is, 2 can't be read or written.
 
 mod calibrate;
@@ -34,6 +35,7 @@ mod listen;
 mod new;
 mod output;
 mod plan;
+mod profile;
 #[cfg(target_os = "linux")]
 mod record;
 mod replay;
@@ -98,6 +100,8 @@ Examples:
   isocat devices                      the device profiles there are
   isocat eni network.xml              what a configuration tool's ENI file writes, and its doubts
   isocat new --esi vendor.xml EL7041  a segment file of makers' descriptions, of an ENI, or of what a scan found
+  isocat profile vendor.xml --type EL7041
+                                      a device profile to be edited, also of an EEPROM or of what a scan found
   isocat sii eeprom.bin               what is in an EEPROM, and its doubts; --from vendor.xml writes one
   isocat run network.xml --esi esi/   the same executed to the letter, judged, and compared with our plan
   isocat explain 0x001A               what a code, an object, a register or a mode means
@@ -176,6 +180,9 @@ enum Verb {
     /// Make a segment file of makers' descriptions and types, of an ENI, or of what a scan found
     #[command(after_help = new::EXAMPLES)]
     New(new::Arguments),
+    /// Make a profile file of a maker's description, an EEPROM or a scan
+    #[command(after_help = profile::EXAMPLES)]
+    Profile(profile::Arguments),
     /// Print the built-in segment file
     Example,
     /// List the built-in device profiles; with a name, print that profile; with a maker's description, list it
@@ -216,6 +223,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Eni(arguments)) => eni::run(&arguments),
         Some(Verb::Sii(arguments)) => sii::run(&arguments),
         Some(Verb::New(arguments)) => new::run(&arguments),
+        Some(Verb::Profile(arguments)) => profile::run(&arguments),
         Some(Verb::Example) => print(SegmentFile::built_in_text()),
         Some(Verb::Devices(arguments)) => devices::run(&arguments),
     };

@@ -90,7 +90,9 @@ use isocat_wire::{ObjectAddress, PortNumber};
 mod check;
 mod dictionary;
 mod draft;
+mod drive;
 mod esi;
+mod found;
 mod keys;
 mod parse;
 mod ports;
@@ -98,11 +100,16 @@ mod rows;
 mod sii;
 #[cfg(test)]
 mod tests;
+mod unknown;
+mod write;
 
 pub use esi::{Doubt, NotSimulated, Obstacle, RunAs};
+pub use found::{Found, FoundArea, FoundEntry};
 pub use isocat_descriptions::document::{FileError, FilePlace, name_hint};
 pub use keys::FILE;
 pub(crate) use keys::{MODES, PULSE};
+pub use ports::port_letters;
+pub use write::ProfileText;
 
 /// A device, ready to be simulated and to be compared with what is found on a wire.
 ///
@@ -268,6 +275,12 @@ pub struct OpMode {
     pub sync0_factor: i16,
     /// SYNC1 cycle as a multiple of the SYNC0 cycle; 0 for none.
     pub sync1_factor: i16,
+    /// SYNC0 cycle as a time, 0 to 2^32 - 1 ns; 0: the factor counts.
+    pub sync0_cycle: Nanos,
+    /// Shift of SYNC0 against the cycle, an i32 of ns.
+    pub sync0_shift: Nanos,
+    /// Shift of SYNC1 against SYNC0, an i32 of ns.
+    pub sync1_shift: Nanos,
 }
 
 /// A download in PREOP, before the synchronization is set.
@@ -331,6 +344,9 @@ impl Profile {
         let mut draft = parse::parse(source)?;
         dictionary::complete(&mut draft);
         check::check(&draft)?;
+        if draft.application == ApplicationKind::Drive {
+            draft.application = drive::of_profile(&draft.outputs, &draft.inputs);
+        }
         let profile = draft.finish()?;
         let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
         Ok(interned.entry(text.to_owned()).or_insert_with(|| Arc::new(profile)).clone())

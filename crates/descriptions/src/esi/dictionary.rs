@@ -487,7 +487,7 @@ pub(super) fn by_name(name: &str, bits: u32) -> Option<DataType> {
         "LINT" => DataType::INTEGER64,
         "USINT" | "BYTE" | "UINT8" => DataType::UNSIGNED8,
         "UINT" | "WORD" | "UINT16" => DataType::UNSIGNED16,
-        "INT24" => return (bits == 24).then_some(INTEGER24),
+        "INT24" => DataType::INTEGER24,
         "UINT24" => DataType::UNSIGNED24,
         "UDINT" | "DWORD" | "UINT32" => DataType::UNSIGNED32,
         "ULINT" | "LWORD" | "UINT64" => DataType::UNSIGNED64,
@@ -598,8 +598,6 @@ fn to_u16(bits: u32, at: usize) -> Result<u16, Problem> {
     u16::try_from(bits).map_err(|_| Problem::new(at, message()))
 }
 
-/// Signed, 24 bits.
-const INTEGER24: DataType = DataType(0x0010);
 const MOST_BITS: u32 = 1 << 24;
 const DEEPEST_TYPE: usize = 8;
 /// Device profile of drives.

@@ -368,6 +368,8 @@ fn type_name(kind: DataType) -> String {
         DataType::BOOLEAN => "BOOL",
         DataType::INTEGER8 => "SINT",
         DataType::INTEGER16 => "INT",
+        DataType::INTEGER24 => "INT24",
+        DataType::UNSIGNED24 => "UINT24",
         DataType::INTEGER32 => "DINT",
         DataType::INTEGER64 => "LINT",
         DataType::UNSIGNED8 => "USINT",

@@ -11,7 +11,7 @@ mod objects;
 mod text;
 
 pub use build::Place;
-pub use esc::PortKind;
+pub use esc::{PortKind, protocol};
 use schemars::JsonSchema;
 use serde::Serialize;
 

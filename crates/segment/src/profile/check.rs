@@ -1,5 +1,7 @@
 //! Contradictions within a profile. Each is an error at the line that can't be true.
 
+use std::ops::{Range, RangeInclusive};
+
 use isocat_descriptions::document::FileError;
 use isocat_subdevice::MAX_TRANSFER;
 use isocat_sync::object::{self, ShiftBy};
@@ -7,14 +9,18 @@ use isocat_sync::{SupportedTypes, SyncType};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
+use isocat_wire::register::PROCESS_RAM;
 use isocat_wire::time::Nanos;
 
-use super::ApplicationKind;
 use super::draft::{Area, Draft, Entry, Object, Placed, buffers};
+use super::{ApplicationKind, Startup, drive, unknown};
 
 /// Refuses a profile that contradicts itself.
 pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
     memory(draft)?;
+    sync_managers(draft)?;
+    emulation(draft)?;
+    unreadable(draft)?;
     if draft.mailbox.is_none() {
         without_mailbox(draft)?;
     }
@@ -24,7 +30,7 @@ pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
     ] {
         if let Some(area) = area {
             assignment(draft, area, name)?;
-            if draft.mailbox.is_some() {
+            if draft.speaks_coe() {
                 mapping(draft, area, access)?;
             }
         }
@@ -49,7 +55,92 @@ pub(super) fn check(draft: &Draft<'_>) -> Result<(), FileError> {
     }
     acknowledge(draft)?;
     application(draft)?;
+    startup(draft)?;
     cycle(draft)
+}
+
+/// What is downloaded at start can be.
+fn startup(draft: &Draft<'_>) -> Result<(), FileError> {
+    for Placed { at, value } in &draft.startup {
+        let Startup { object, data, complete_access, .. } = value;
+        let found = draft.objects.iter().find(|known| known.index == object.index);
+        let entry = found.and_then(|known| known.entries.iter().find(|e| e.sub == object.sub));
+        let message = match entry {
+            None => format!("{object} is written at start, but the device has no such entry"),
+            Some(entry) if !entry.access.has(Access::WRITE_PREOP) => {
+                format!("{object} is written at start, but can't be written in PREOP")
+            }
+            Some(entry)
+                if !complete_access && usize::from(entry.bits.div_ceil(8)) != data.len() =>
+            {
+                let (bytes, expected) = (data.len(), entry.bits.div_ceil(8));
+                format!("{object} gets {bytes} bytes at start; expected {expected}")
+            }
+            Some(_) => continue,
+        };
+        return Err(draft.source.error(*at, message));
+    }
+    Ok(())
+}
+
+/// Without a program there is no mailbox, and outputs may be registers.
+fn emulation(draft: &Draft<'_>) -> Result<(), FileError> {
+    let Placed { at, value } = draft.behaviour;
+    if value.device_emulation && draft.mailbox.is_some() {
+        let message = "behaviour.device_emulation is true beside [mailbox], which needs a program; expected one of them";
+        return Err(draft.source.error(at, message));
+    }
+    for (area, name) in [(&draft.outputs, "outputs"), (&draft.inputs, "inputs")] {
+        let Some(area) = area else { continue };
+        let (start, end) =
+            (usize::from(area.start), usize::from(area.start) + usize::from(area.length));
+        let digital = value.device_emulation
+            && name == "outputs"
+            && DIGITAL_OUTPUTS.contains(&start)
+            && end <= DIGITAL_OUTPUTS.end;
+        if start < usize::from(PROCESS_RAM) && !digital {
+            let message = format!(
+                "{name}.start is 0x{start:04X}, with {} bytes; expected 0x{PROCESS_RAM:04X} or more, or digital outputs \
+                 at 0x{:04X} to 0x{:04X} beside behaviour.device_emulation",
+                area.length,
+                DIGITAL_OUTPUTS.start,
+                DIGITAL_OUTPUTS.end - 1
+            );
+            return Err(draft.source.error(area.at, message));
+        }
+    }
+    Ok(())
+}
+
+/// Each area has a SyncManager of its own, which the ESC has.
+fn sync_managers(draft: &Draft<'_>) -> Result<(), FileError> {
+    let (chip, esc) = draft.esc.chip;
+    for (area, name) in [(&draft.outputs, "outputs"), (&draft.inputs, "inputs")] {
+        let Some(Area { at, sync_manager, .. }) = area else { continue };
+        if *sync_manager < 2 && draft.mailbox.is_some() {
+            let message = format!(
+                "{name}.sync_manager is {sync_manager}, which is the mailbox; expected 2 or more beside [mailbox]"
+            );
+            return Err(draft.source.error(*at, message));
+        }
+        if *sync_manager >= esc.sm_count {
+            let most = esc.sm_count - 1;
+            let message = format!(
+                "{name}.sync_manager is {sync_manager}; expected at most {most}, the last of the {chip}"
+            );
+            return Err(draft.source.error(*at, message));
+        }
+    }
+    match (&draft.outputs, &draft.inputs) {
+        (Some(outputs), Some(inputs)) if outputs.sync_manager == inputs.sync_manager => {
+            let message = format!(
+                "outputs and inputs are both in SyncManager {}; expected one for each",
+                inputs.sync_manager
+            );
+            Err(draft.source.error(inputs.at.max(outputs.at), message))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Areas lie in the ESC's RAM and do not overlap; process data are there three times.
@@ -115,16 +206,22 @@ pub(super) fn stored(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// A device without mailbox has no objects, and one length of each direction.
+/// Objects are read by CoE.
+fn unreadable(draft: &Draft<'_>) -> Result<(), FileError> {
+    let Some(object) = draft.objects.first().filter(|_| !draft.speaks_coe()) else { return Ok(()) };
+    let (without, expected) = match draft.mailbox {
+        None => ("a mailbox", "a table [mailbox]"),
+        Some(_) => ("CoE", "\"CoE\" in mailbox.protocols"),
+    };
+    let message = format!(
+        "object 0x{:04X} is given, but nobody can read it without {without}; expected {expected}, or no objects",
+        object.index
+    );
+    Err(draft.source.error(object.at, message))
+}
+
+/// A device without mailbox has one length of each direction.
 fn without_mailbox(draft: &Draft<'_>) -> Result<(), FileError> {
-    if let Some(object) = draft.objects.first() {
-        let message = format!(
-            "object 0x{:04X} is given, but nobody can read it without a mailbox; expected a table \
-             [mailbox], or no objects",
-            object.index
-        );
-        return Err(draft.source.error(object.at, message));
-    }
     for (area, name) in [(&draft.outputs, "outputs"), (&draft.inputs, "inputs")] {
         let Some(area) = area else { continue };
         let bytes = area.bits(&area.default).div_ceil(8);
@@ -149,6 +246,17 @@ fn without_mailbox(draft: &Draft<'_>) -> Result<(), FileError> {
 /// What is assigned is defined, fits into the slots and into the area.
 fn assignment(draft: &Draft<'_>, area: &Area, name: &str) -> Result<(), FileError> {
     for (position, pdo) in area.pdos.iter().enumerate() {
+        if draft.speaks_coe() && !MAPPING_OBJECTS.contains(&pdo.index) {
+            return Err(draft.source.error(
+                pdo.at,
+                format!(
+                    "PDO 0x{:04X} is no object of PDO mapping; expected 0x{:04X} to 0x{:04X} beside CoE",
+                    pdo.index,
+                    MAPPING_OBJECTS.start(),
+                    MAPPING_OBJECTS.end()
+                ),
+            ));
+        }
         if area.pdos[..position].iter().any(|before| before.index == pdo.index) {
             return Err(draft.source.error(
                 pdo.at,
@@ -316,6 +424,40 @@ fn entries(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> {
     Ok(())
 }
 
+/// The synchronization type at power-on.
+struct Preset {
+    /// Where it stands.
+    at: usize,
+    sync_type: SyncType,
+    /// Sub-index 04 announces it.
+    announced: bool,
+}
+
+/// The type at power-on of 0x1C32 or 0x1C33; `None` if nobody knows it: that contradicts nothing.
+fn preset(draft: &Draft<'_>, object: &Object) -> Option<Preset> {
+    let types = SupportedTypes(draft.value(object.index, object::sub::SUPPORTED_TYPES)? as u16);
+    let entry = object.entries.iter().find(|entry| entry.sub == object::sub::SYNC_TYPE)?;
+    if unknown::is_unknown(entry) {
+        return None;
+    }
+    let sync_type = SyncType(draft.value(object.index, object::sub::SYNC_TYPE)? as u16);
+    let inputs = object.index == object::INPUT_PARAMETER;
+    let announced = match sync_type {
+        SyncType::FREE_RUN => types.free_run(),
+        SyncType::SM => types.sm_synchronous(),
+        SyncType::INPUTS_ON_SM2 => inputs && types.sm_synchronous(),
+        SyncType::DC_SYNC0 => types.dc_sync0(),
+        SyncType::DC_SYNC1 => types.dc_sync1(),
+        _ => false,
+    };
+    Some(Preset { at: entry.at, sync_type, announced })
+}
+
+/// Whether 0x1C32 or 0x1C33 presets a type that it does not announce.
+pub(super) fn presets_an_unannounced_type(draft: &Draft<'_>, object: &Object) -> bool {
+    preset(draft, object).is_some_and(|preset| !preset.announced)
+}
+
 /// The type at power-on and the shift agree with what sub-index 04 announces.
 fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> {
     let find = |sub| object.entries.iter().find(|entry| entry.sub == sub);
@@ -324,19 +466,7 @@ fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> 
     let Some(types) = value(object::sub::SUPPORTED_TYPES) else { return Ok(()) };
     let types = SupportedTypes(types as u16);
 
-    if let (Some(entry), Some(value)) =
-        (find(object::sub::SYNC_TYPE), value(object::sub::SYNC_TYPE))
-    {
-        let sync_type = SyncType(value as u16);
-        let inputs = object.index == object::INPUT_PARAMETER;
-        let announced = match sync_type {
-            SyncType::FREE_RUN => types.free_run(),
-            SyncType::SM => types.sm_synchronous(),
-            SyncType::INPUTS_ON_SM2 => inputs && types.sm_synchronous(),
-            SyncType::DC_SYNC0 => types.dc_sync0(),
-            SyncType::DC_SYNC1 => types.dc_sync1(),
-            _ => false,
-        };
+    if let Some(Preset { at, sync_type, announced }) = preset(draft, object) {
         if announced && object.contradiction.is_some() {
             return Err(draft.source.error(
                 object.at,
@@ -350,10 +480,10 @@ fn synchronization(draft: &Draft<'_>, object: &Object) -> Result<(), FileError> 
         }
         if !announced && object.contradiction.is_none() {
             return Err(draft.source.error(
-                entry.at,
+                at,
                 format!(
                     "{} is {sync_type}, but {} = {types} does not announce it; expected an announced \
-                     type",
+                     type, or the key contradiction where the maker's table has it so",
                     address(object::sub::SYNC_TYPE),
                     address(object::sub::SUPPORTED_TYPES)
                 ),
@@ -415,14 +545,16 @@ fn acknowledge(draft: &Draft<'_>) -> Result<(), FileError> {
     Ok(())
 }
 
-/// A drive finds its objects where its application looks for them.
+/// A drive has the objects that its application works with, at whole bytes.
 fn application(draft: &Draft<'_>) -> Result<(), FileError> {
-    if draft.application != ApplicationKind::Drive {
+    if draft.application != ApplicationKind::Drive
+        || drive::layout(&draft.outputs, &draft.inputs).is_some()
+    {
         return Ok(());
     }
     for (area, name, expected) in [
-        (&draft.outputs, "outputs", [(0x6040, 16), (0x607A, 32), (0x6060, 8)]),
-        (&draft.inputs, "inputs", [(0x6041, 16), (0x6064, 32), (0x6061, 8)]),
+        (&draft.outputs, "outputs", [(0x6040, 16), (0x607A, 32)]),
+        (&draft.inputs, "inputs", [(0x6041, 16), (0x6064, 32)]),
     ] {
         let mapped: Vec<(u16, u8)> = area
             .iter()
@@ -430,7 +562,7 @@ fn application(draft: &Draft<'_>) -> Result<(), FileError> {
             .flat_map(|pdo| &pdo.entries)
             .map(|entry| (entry.object.map_or(0, |object| object.index), entry.bits))
             .collect();
-        if !mapped.starts_with(&expected) {
+        if expected.iter().any(|entry| !drive::has(area, *entry)) {
             let words = |entries: &[(u16, u8)]| {
                 let word = |(index, bits): &(u16, u8)| match index {
                     0 => format!("gap/{bits}"),
@@ -443,7 +575,7 @@ fn application(draft: &Draft<'_>) -> Result<(), FileError> {
             return Err(draft.source.error(
                 at,
                 format!(
-                    "the recommended {name} of a drive map {}; expected {} first",
+                    "the recommended {name} of a drive map {}; expected {} among them, at whole bytes",
                     words(&mapped),
                     words(&expected)
                 ),
@@ -502,3 +634,9 @@ impl Area {
         list.iter().filter_map(|pdo| self.pdo(pdo.value)).map(super::draft::Pdo::bits).sum()
     }
 }
+
+/// Objects of PDO mapping, of both directions: makers do not keep them apart.
+const MAPPING_OBJECTS: RangeInclusive<u16> = 0x1600..=0x1BFF;
+
+/// Registers that drive the digital outputs of an ESC.
+pub(super) const DIGITAL_OUTPUTS: Range<usize> = 0x0F00..0x0F04;

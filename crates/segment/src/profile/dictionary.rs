@@ -8,17 +8,18 @@ use isocat_sync::object::{self, ShiftBy};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
-use isocat_wire::sii::Header;
+use isocat_wire::sii::sm_type;
 use isocat_wire::time::Nanos;
 
 use super::draft::{self, Area, Draft, Item, Pdo, Property};
-use super::{ApplicationKind, Assignment, Assumption, CpuTimes, Origin, Profile, rows, sii};
+use super::{
+    ApplicationKind, Assignment, Assumption, CpuTimes, Origin, Profile, rows, sii, unknown,
+};
 
 /// Adds the objects that every device has or that follow from other parts of the file. An object that
 /// the file writes out itself stays as it is.
 pub(super) fn complete(draft: &mut Draft<'_>) {
-    let speaks_coe = draft.eeprom.as_ref().is_none_or(|eeprom| eeprom.protocols & Header::COE != 0);
-    if draft.mailbox.is_none() || !speaks_coe {
+    if !draft.speaks_coe() {
         // Nobody could read them.
         return;
     }
@@ -42,8 +43,15 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
             .finish(Access::READ, 4),
     ];
 
-    let uses =
-        [1, 2, draft.outputs.as_ref().map_or(0, |_| 3), draft.inputs.as_ref().map_or(0, |_| 4)];
+    let mut uses =
+        vec![sm_type::MAILBOX_OUT, sm_type::MAILBOX_IN, sm_type::UNUSED, sm_type::UNUSED];
+    for (area, kind) in [(&draft.outputs, sm_type::OUTPUTS), (&draft.inputs, sm_type::INPUTS)] {
+        let Some(area) = area else { continue };
+        let number = usize::from(area.sync_manager);
+        uses.resize(uses.len().max(number + 1), sm_type::UNUSED);
+        uses[number] = kind;
+    }
+    let count = uses.len() as u8;
     let mut types = Group::new(
         at,
         object::SM_COMMUNICATION_TYPE,
@@ -55,7 +63,7 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
         let name = format!("SyncManager {sm}");
         types = types.entry(row(sm + 1, &name, DataType::UNSIGNED8, Access::READ), vec![value]);
     }
-    generated.push(types.finish(Access::READ, 4));
+    generated.push(types.finish(Access::READ, count));
 
     for (area, index, name) in [
         (&draft.outputs, object::OUTPUT_ASSIGNMENT, "RxPDO assign"),
@@ -83,6 +91,9 @@ pub(super) fn complete(draft: &mut Draft<'_>) {
     let mapped: Vec<_> = mapped.collect();
     add_missing(&mut draft.objects, mapped);
     draft.objects.sort_unstable_by_key(|object| object.index);
+    if draft.eeprom.is_none() {
+        unknown::complete(draft);
+    }
 }
 
 /// Gives one entry of 32 bits another time at power-on; `None` if there is none, or no room for another preset.
@@ -202,7 +213,7 @@ impl Draft<'_> {
             name: self.name,
             vendor: self.vendor,
             op_modes: self.op_modes,
-            startup: Vec::new(),
+            startup: self.startup.into_iter().map(|startup| startup.value).collect(),
             doubts: Vec::new(),
             physics: None,
         })
@@ -518,6 +529,12 @@ impl Group {
         first.written = count.to_string();
         self.object
     }
+}
+
+/// The type of an object of a CiA 402 drive, if it has so many bits.
+pub(super) fn drive_type(index: u16, bits: u8) -> Option<DataType> {
+    let (_, _, data_type, ..) = DRIVE.iter().find(|(known, ..)| *known == index)?;
+    Some(*data_type).filter(|kind| kind.bits() == Some(bits.into()))
 }
 
 /// Objects of a CiA 402 drive for cyclic synchronous position mode.

@@ -11,13 +11,13 @@ use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::register;
-use isocat_wire::sii::{MailboxArea, SmRecord};
+use isocat_wire::sii::{Header, MailboxArea, SmRecord};
 use isocat_wire::time::Nanos;
 
-use super::{ApplicationKind, Deviation, Identity, OpMode};
+use super::{ApplicationKind, Deviation, Identity, OpMode, Startup};
 
 /// A profile as its file gives it, with generated objects added by `dictionary`.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Draft<'a> {
     pub source: Source<'a>,
     pub id: String,
@@ -31,12 +31,16 @@ pub(super) struct Draft<'a> {
     pub esc: Esc,
     /// None: no object dictionary either.
     pub mailbox: Option<Placed<Mailbox>>,
+    /// Protocols of the mailbox, word 0x1C of the SII.
+    pub protocols: u16,
     /// What a device without mailbox works by.
     pub modes: Option<Placed<SupportedTypes>>,
     pub outputs: Option<Area>,
     pub inputs: Option<Area>,
     pub objects: Vec<Object>,
     pub op_modes: Vec<OpMode>,
+    /// Downloads at start, each with its place in the file.
+    pub startup: Vec<Placed<Startup>>,
     pub times: Times,
     pub behaviour: Placed<Behaviour>,
     /// It states none of its times before it has measured them.
@@ -48,14 +52,12 @@ pub(super) struct Draft<'a> {
 }
 
 /// The EEPROM of an imported device, where it says more than a profile.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     /// Words 0 to 6.
     pub configuration: [u8; 14],
     /// Mailboxes in BOOT.
     pub boot: (MailboxArea, MailboxArea),
-    /// Protocols of the mailbox, word 0x1C.
-    pub protocols: u16,
     /// What its CoE can do, byte 5 of the general category.
     pub coe_details: u8,
     /// Kind of each port, four bits each.
@@ -79,7 +81,7 @@ pub(super) struct Placed<T> {
 }
 
 /// `[esc]`.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Esc {
     pub at: usize,
     pub chip: (&'static str, Chip),
@@ -90,7 +92,7 @@ pub(super) struct Esc {
 }
 
 /// `[outputs]` or `[inputs]`: a process data SyncManager and its PDOs.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Area {
     pub at: usize,
     pub sync_manager: u8,
@@ -107,7 +109,7 @@ pub(super) struct Area {
 }
 
 /// A further process data SyncManager of the same direction. Its PDOs are fixed.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Share {
     pub at: usize,
     pub sync_manager: u8,
@@ -140,7 +142,7 @@ pub(super) fn buffers(start: u16, length: u16) -> u32 {
 }
 
 /// `[[outputs.pdo]]`.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Pdo {
     pub at: usize,
     pub index: u16,
@@ -156,7 +158,7 @@ impl Pdo {
 }
 
 /// A row of a PDO; no object for padding.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct PdoEntry {
     pub at: usize,
     pub object: Option<ObjectAddress>,
@@ -194,7 +196,7 @@ pub(super) struct Entry {
 }
 
 /// `[times]`; what is not given follows the objects.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Times {
     pub at: usize,
     pub reaction: Nanos,
@@ -206,8 +208,31 @@ pub(super) struct Times {
     pub unevenness: Unevenness,
 }
 
+impl Draft<'_> {
+    /// Its objects can be read and written.
+    pub fn speaks_coe(&self) -> bool {
+        self.mailbox.is_some() && self.protocols & Header::COE != 0
+    }
+}
+
+impl Times {
+    /// Those of a device without a program.
+    pub fn none(at: usize) -> Self {
+        Self {
+            at,
+            reaction: Nanos::ZERO,
+            calc_and_copy: Some(Nanos::ZERO),
+            application: Nanos::ZERO,
+            input_copy: Some(Nanos::ZERO),
+            jitter: Nanos::ZERO,
+            acknowledge: None,
+            unevenness: Unevenness::default(),
+        }
+    }
+}
+
 /// One item of `[[assumed]]`.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Assumed {
     pub item: Placed<Item>,
     pub why: String,

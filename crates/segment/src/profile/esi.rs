@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 use std::fmt;
-use std::ops::Range;
+use std::ops::RangeInclusive;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::{FileError, Source};
@@ -25,9 +25,8 @@ use isocat_wire::sii::MailboxArea;
 use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Share, Times};
-use super::{
-    ApplicationKind, DriveLayout, Identity, OpMode, Origin, Profile, check, dictionary, ports,
-};
+use super::write::ProfileText;
+use super::{ApplicationKind, Identity, OpMode, Origin, Profile, check, dictionary, drive, ports};
 
 mod eeprom;
 mod objects;
@@ -112,17 +111,26 @@ impl Profile {
         if let Some(profile) = known {
             return Ok(profile);
         }
-        let import = Import {
-            file,
-            device,
-            mode: op_mode.and_then(|number| device.op_modes().get(number)),
-            emulated: false,
-            assumed: Vec::new(),
-            doubts: Vec::new(),
-        };
-        let profile = import.profile()?;
+        let profile = Import::new(file, device, op_mode).profile()?;
         let mut interned = INTERNED.lock().unwrap_or_else(PoisonError::into_inner);
         Ok(interned.entry(key).or_insert_with(|| Arc::new(profile)).clone())
+    }
+}
+
+impl ProfileText {
+    /// The profile file of a device in one of its OpModes, by its number; `None` for a device
+    /// without. The file has all OpModes; the chosen one tells which PDOs are assigned, and that
+    /// its mode is announced. `made_of` says where it comes from.
+    pub fn from_esi(
+        file: &EsiFile,
+        device: &EsiDevice,
+        op_mode: Option<usize>,
+        made_of: &str,
+    ) -> Result<Self, FileError> {
+        let mut import = Import::new(file, device, op_mode);
+        let draft = import.draft().map_err(|not_simulated| not_simulated.error)?;
+        let doubts = import.doubts.iter().map(|doubt| format!("{}: {}", doubt.kind, doubt.what));
+        super::write::text(draft, made_of, doubts.collect())
     }
 }
 
@@ -136,8 +144,29 @@ struct Import<'f> {
     doubts: Vec<Doubt>,
 }
 
-impl Import<'_> {
+impl<'f> Import<'f> {
+    fn new(file: &'f EsiFile, device: &'f EsiDevice, op_mode: Option<usize>) -> Self {
+        Self {
+            file,
+            device,
+            mode: op_mode.and_then(|number| device.op_modes().get(number)),
+            emulated: false,
+            assumed: Vec::new(),
+            doubts: Vec::new(),
+        }
+    }
+
     fn profile(mut self) -> Result<Profile, NotSimulated> {
+        let draft = self.draft()?;
+        let of = |error| NotSimulated { obstacle: Obstacle::TooLarge, error };
+        let mut profile = draft.finish().map_err(of)?;
+        profile.doubts = self.doubts;
+        profile.physics = self.device.physics.clone();
+        profile.origin = Origin::Description;
+        Ok(profile)
+    }
+
+    fn draft(&mut self) -> Result<Draft<'f>, NotSimulated> {
         let device = self.device;
         let Some(product_code) = device.product_code else {
             return Err(self.stopped(Obstacle::Placeholder, device.at, "it has no product code"));
@@ -172,7 +201,8 @@ impl Import<'_> {
             id: name(&device.type_name, "device"),
             name: name(&device.name, &device.type_name),
             vendor: name(&self.file.vendor, "unknown"),
-            application: application(&outputs, &inputs),
+            application: drive::layout(&outputs, &inputs)
+                .map_or(ApplicationKind::Io, ApplicationKind::DriveAt),
             identity,
             device_type: device.profile.number.unwrap_or(0).into(),
             hardware_version: "1.0".to_owned(),
@@ -186,11 +216,13 @@ impl Import<'_> {
                 clock_tolerance: None,
             },
             mailbox,
+            protocols: device.mailbox.as_ref().map_or(0, |mailbox| mailbox.protocols),
             modes: mailbox.is_none().then(|| Placed { at: device.at, value: self.modes() }),
             outputs,
             inputs,
             objects,
             op_modes: device.op_modes().iter().map(op_mode).collect(),
+            startup: Vec::new(),
             times,
             behaviour: Placed { at: device.at, value: self.behaviour() },
             assumed: std::mem::take(&mut self.assumed),
@@ -203,14 +235,9 @@ impl Import<'_> {
         let of = |obstacle| move |error| NotSimulated { obstacle, error };
         check::memory(&draft).map_err(of(Obstacle::MemoryOverlap))?;
         check::stored(&draft).map_err(of(Obstacle::TooLarge))?;
-        let startup = self.startup(&draft);
+        draft.startup = self.startup(&draft);
         draft.assumed.append(&mut self.assumed);
-        let mut profile = draft.finish().map_err(of(Obstacle::TooLarge))?;
-        profile.startup = startup;
-        profile.doubts = self.doubts;
-        profile.physics = device.physics.clone();
-        profile.origin = Origin::Description;
-        Ok(profile)
+        Ok(draft)
     }
 
     fn stopped(&self, obstacle: Obstacle, at: usize, message: impl Into<String>) -> NotSimulated {
@@ -367,8 +394,8 @@ impl Import<'_> {
         let start = usize::from(sm.start);
         let digital = direction == Direction::Outputs
             && !has_mailbox
-            && DIGITAL_OUTPUTS.contains(&start)
-            && start + bytes <= DIGITAL_OUTPUTS.end;
+            && check::DIGITAL_OUTPUTS.contains(&start)
+            && start + bytes <= check::DIGITAL_OUTPUTS.end;
         if start >= 0x1000 || digital {
             return Ok(());
         }
@@ -376,8 +403,8 @@ impl Import<'_> {
             "its {} lie in registers, {bytes} bytes at 0x{start:04X}; expected 0x1000 or more, or digital \
              outputs of a device without mailbox at 0x{:04X} to 0x{:04X}",
             word(direction),
-            DIGITAL_OUTPUTS.start,
-            DIGITAL_OUTPUTS.end - 1
+            check::DIGITAL_OUTPUTS.start,
+            check::DIGITAL_OUTPUTS.end - 1
         );
         Err(self.stopped(Obstacle::ProcessDataInRegisters, sm.at, message))
     }
@@ -386,7 +413,7 @@ impl Import<'_> {
     fn has_emulation(&self, areas: [&Option<Area>; 2]) -> bool {
         let words = self.device.eeprom.as_ref().and_then(|eeprom| eeprom.configuration);
         let mut places = areas.into_iter().flatten().flat_map(Area::places);
-        words.is_some_and(|words| words[1] & eeprom::DEVICE_EMULATION != 0)
+        words.is_some_and(|words| words[1] & super::sii::DEVICE_EMULATION != 0)
             || places.any(|(_, start, _)| start < 0x1000)
     }
 
@@ -466,16 +493,7 @@ impl Import<'_> {
         if self.emulated {
             let why = "digital I/O without a program acts with the end of the frame, or with SYNC0";
             self.assume("times", "0 ns", why);
-            return Times {
-                at: self.device.at,
-                reaction: Nanos::ZERO,
-                calc_and_copy: Some(Nanos::ZERO),
-                application: Nanos::ZERO,
-                input_copy: Some(Nanos::ZERO),
-                jitter: Nanos::ZERO,
-                acknowledge: None,
-                unevenness: Default::default(),
-            };
+            return Times::none(self.device.at);
         }
         let minimum = stated(object::OUTPUT_PARAMETER, object::sub::MINIMUM_CYCLE_TIME);
         // Small against any cycle that the device can do.
@@ -560,40 +578,14 @@ fn shorten(area: &mut Option<Area>, other: &Option<Area>, mailbox: Option<Mailbo
     area.length = area.length.min((next - area.start) / 3).max(least);
 }
 
-/// A drive, if it has control and status word, target and actual position.
-fn application(outputs: &Option<Area>, inputs: &Option<Area>) -> ApplicationKind {
-    let layout = || {
-        Some(DriveLayout {
-            control: byte_of(outputs, 0x6040, 16)?,
-            target: byte_of(outputs, 0x607A, 32)?,
-            mode: byte_of(outputs, 0x6060, 8),
-            status: byte_of(inputs, 0x6041, 16)?,
-            position: byte_of(inputs, 0x6064, 32)?,
-            mode_display: byte_of(inputs, 0x6061, 8),
-        })
-    };
-    layout().map_or(ApplicationKind::Io, ApplicationKind::DriveAt)
-}
-
-/// The byte at which the assigned PDOs have an object of so many bits.
-fn byte_of(area: &Option<Area>, index: u16, bits: u8) -> Option<u8> {
-    let area = area.as_ref()?;
-    let assigned =
-        area.default.iter().filter_map(|pdo| area.pdos.iter().find(|p| p.index == pdo.value));
-    let mut at = 0;
-    for entry in assigned.flat_map(|pdo| &pdo.entries) {
-        if entry.object.is_some_and(|object| object.index == index) && entry.bits == bits {
-            return u8::try_from(at / 8).ok().filter(|_| at % 8 == 0);
-        }
-        at += u32::from(entry.bits);
-    }
-    None
-}
-
 fn op_mode(mode: &EsiOpMode) -> OpMode {
     let factor = |cycle: Option<isocat_descriptions::esi::CycleTime>| {
         let factor = cycle.and_then(|cycle| cycle.factor).unwrap_or(0);
         factor.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+    };
+    let signed = || i32::MIN.into()..=i32::MAX.into();
+    let time = |time: Option<Nanos>, range: RangeInclusive<i64>| {
+        Nanos(time.map_or(0, |time| time.0).clamp(*range.start(), *range.end()))
     };
     OpMode {
         name: super::sii::cut(&mode.name).to_owned(),
@@ -601,6 +593,9 @@ fn op_mode(mode: &EsiOpMode) -> OpMode {
         assign_activate: mode.assign_activate,
         sync0_factor: factor(mode.cycle_time_sync0),
         sync1_factor: factor(mode.cycle_time_sync1),
+        sync0_cycle: time(mode.cycle_time_sync0.map(|cycle| cycle.value), 0..=u32::MAX.into()),
+        sync0_shift: time(mode.shift_time_sync0.map(|shift| shift.value), signed()),
+        sync1_shift: time(mode.shift_time_sync1.map(|shift| shift.value), signed()),
     }
 }
 
@@ -615,8 +610,6 @@ fn bytes_of(pdos: &[EsiPdo]) -> usize {
     pdos.iter().map(EsiPdo::bits).sum::<u32>().div_ceil(8) as usize
 }
 
-/// Registers that drive the digital outputs of an ESC.
-const DIGITAL_OUTPUTS: Range<usize> = 0x0F00..0x0F04;
 /// Sub-indices of a mapping object.
 const MOST_ENTRIES: usize = 254;
 /// Bits of 0x1C32:04.

@@ -16,11 +16,13 @@ pub(super) use process_data::{PADDING, PDO_ROW, RX_PDO_ROW, TX_PDO_ROW};
 use isocat_descriptions::document::section::{
     Cell, Choice, Key, Kind, Limit, Need, Row, Rule, Section, Word,
 };
+use isocat_descriptions::start_up::Transition;
 use isocat_esc::chip::{self, Chip};
 
 use crate::chips;
 use isocat_subdevice::MAX_MAILBOX;
 use isocat_sync::SyncMode;
+use isocat_wire::sii::Header;
 use isocat_wire::time::Nanos;
 
 use super::ApplicationKind;
@@ -142,10 +144,21 @@ pub static FILE: Section = Section {
             example: r#"[["DC", "DC SYNC0", 0x0300, 1, 0]]"#,
         },
         Key {
+            name: "startup",
+            kind: Kind::Tables(&STARTUP),
+            need: Need::Without("no downloads"),
+            means: "Downloads that the device wants at start, in their order. A segment file can't leave them out.",
+            goes: "start-up lists; SDO downloads in PREOP",
+            example: r#"[{ object = "2000:00", data = "07" }]"#,
+        },
+        Key {
             name: "times",
             kind: Kind::Table(&cpu::TIMES),
-            need: Need::Required("a table with application and others"),
-            means: "What its CPU really needs.",
+            need: Need::Sometimes(
+                "without behaviour.device_emulation",
+                "a table with application and others",
+            ),
+            means: "What its CPU really needs. A device without a program may leave it out.",
             goes: "the simulated CPU",
             example: r#"{ reaction = "50us", application = "20us", calc_and_copy = "10us", input_copy = "10us" }"#,
         },
@@ -176,6 +189,58 @@ pub static FILE: Section = Section {
     ],
     rules: &[Rule::Either("modes", "mailbox")],
 };
+
+static STARTUP: Section = Section {
+    head: "[[startup]]",
+    means: "A download at start, as the InitCmds of an ESI.",
+    keys: &[
+        Key {
+            name: "transition",
+            kind: Kind::Choice(Choice(&TRANSITIONS)),
+            need: Need::Default(r#""PS""#),
+            means: "When it is made.",
+            goes: "start-up lists",
+            example: r#""IP""#,
+        },
+        Key {
+            name: "object",
+            kind: Kind::Pattern {
+                expected: "an object such as \"8000:01\"",
+                pattern: r"^(0x)?[0-9A-Fa-f]{4}:(0x)?[0-9A-Fa-f]{2}$",
+            },
+            need: Need::Required("an object such as \"8000:01\""),
+            means: "What is written. The device must have it, and let it be written in PREOP.",
+            goes: "the SDO download",
+            example: r#""2000:00""#,
+        },
+        Key {
+            name: "data",
+            kind: Kind::Pattern {
+                expected: "bytes such as \"0A FF\"",
+                pattern: r"^\s*[0-9A-Fa-f]{2}(\s*[0-9A-Fa-f]{2})*\s*$",
+            },
+            need: Need::Required("bytes such as \"0A FF\""),
+            means: "The bytes, in the order of the wire; as many as the entry has.",
+            goes: "the SDO download",
+            example: r#""07""#,
+        },
+        Key {
+            name: "complete_access",
+            kind: Kind::Boolean,
+            need: Need::Default("false"),
+            means: "The whole object is written at once.",
+            goes: "the SDO download",
+            example: "true",
+        },
+    ],
+    rules: &[],
+};
+
+/// The transitions at which downloads are made.
+pub(super) static TRANSITIONS: [Word<Transition>; 2] = [
+    ("IP", "once PREOP is reached", Transition::IP),
+    ("PS", "before SAFEOP is asked for", Transition::PS),
+];
 
 static IDENTITY: Section = Section {
     head: "[identity]",
@@ -259,6 +324,14 @@ static ESC: Section = Section {
             goes: "registers 0x0000 to 0x0009; ports, memory and delays of the simulated ESC",
             example: r#""ET1100""#,
         },
+        Key {
+            name: "ram_kib",
+            kind: Kind::Integer { least: 1, most: 60 },
+            need: Need::Without("those of the chip"),
+            means: "KiB of its process RAM, where they are not those of the chip: that of an IP core is chosen with it.",
+            goes: "register 0x0006; the memory of the simulated ESC",
+            example: "60",
+        },
         chips::DRIFT_LAW,
         chips::DRIFT_PHASE,
         chips::DRIFT_GAIN,
@@ -334,9 +407,28 @@ static MAILBOX: Section = Section {
             goes: "SM1; words 0x1A and 0x1B of the SII",
             example: "{ start = 0x1080, length = 128 }",
         },
+        Key {
+            name: "protocols",
+            kind: Kind::List(&Kind::Choice(Choice(&PROTOCOLS))),
+            need: Need::Without("CoE alone"),
+            means: "What the mailbox is said to carry. The simulated device answers CoE; the others are announced, and not \
+                    answered. Without CoE there are no objects.",
+            goes: "word 0x1C of the SII",
+            example: r#"["CoE", "FoE"]"#,
+        },
     ],
     rules: &[],
 };
+
+/// Mailbox protocols, by their bits in word 0x1C of the SII.
+pub(super) static PROTOCOLS: [Word<u16>; 6] = [
+    ("CoE", "objects: the one protocol that the simulated device answers", Header::COE),
+    ("AoE", "ADS", 1 << 0),
+    ("EoE", "Ethernet", 1 << 1),
+    ("FoE", "files", 1 << 3),
+    ("SoE", "parameters of servo drives", 1 << 4),
+    ("VoE", "of the vendor", 1 << 5),
+];
 
 static MAILBOX_AREA: Section = Section {
     head: "mailbox.receive",
@@ -401,6 +493,30 @@ static OP_MODE: Section = Section {
             "Cycle of SYNC1 as a multiple of the SYNC0 cycle; 0 for none.",
             "register 0x09A4",
         ),
+        Key {
+            name: "sync0_cycle",
+            kind: Kind::duration(Nanos::ZERO, Nanos::from_u32(u32::MAX)),
+            need: Need::Default(r#""0ns""#),
+            means: "Cycle of SYNC0 as a time; 0 ns: the factor counts.",
+            goes: "register 0x09A0",
+            example: r#""250us""#,
+        },
+        Key {
+            name: "sync0_shift",
+            kind: SHIFT,
+            need: Need::Default(r#""0ns""#),
+            means: "Shift of SYNC0 against the cycle.",
+            goes: "register 0x0990",
+            example: r#""-20us""#,
+        },
+        Key {
+            name: "sync1_shift",
+            kind: SHIFT,
+            need: Need::Default(r#""0ns""#),
+            means: "Shift of SYNC1 against SYNC0.",
+            goes: "register 0x09A4",
+            example: r#""20us""#,
+        },
     ],
     rules: &[],
 };
@@ -409,6 +525,7 @@ const fn factor(name: &'static str, means: &'static str, goes: &'static str) -> 
     Key { name, kind: FACTOR, need: Need::Default("0"), means, goes, example: "1" }
 }
 
+const SHIFT: Kind = Kind::duration(Nanos(i32::MIN as i64), Nanos(i32::MAX as i64));
 const WORD: Kind = Kind::Hex { least: 0, most: u16::MAX as i64 };
 const FACTOR: Kind = Kind::Integer { least: i16::MIN as i64, most: i16::MAX as i64 };
 

@@ -5,15 +5,16 @@ use isocat_descriptions::document::{FileError, Source, Table, Value};
 use isocat_esc::chip::Chip;
 use isocat_sim::{Overrun, Unevenness};
 use isocat_subdevice::description::{Behaviour, Mailbox, Measured};
-use isocat_sync::SupportedTypes;
+use isocat_sync::{SupportedTypes, SyncMode};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
-use isocat_wire::sii::MailboxArea;
+use isocat_wire::sii::{Header, MailboxArea};
+use isocat_wire::time::Nanos;
 
 use super::draft::{Area, Assumed, Draft, Esc, Item, Pdo, PdoEntry, Placed, Property, Times};
-use super::rows::{objects, parse_access, parse_hex, parse_object, parse_type};
-use super::{Deviation, Identity, OpMode, keys, ports};
+use super::rows::{bytes_of, objects, parse_access, parse_hex, parse_object, parse_type};
+use super::{Deviation, Identity, OpMode, Startup, keys, ports};
 use crate::chips;
 
 /// Reads the file.
@@ -25,8 +26,9 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
     let esc = esc(&root.required_table("esc")?)?;
     let mailbox = root.table("mailbox")?.map(|keys| mailbox(&keys)).transpose()?;
     let has_mailbox = mailbox.is_some();
-    let area =
-        |key, sm, bare| root.table(key)?.map(|keys| area(&keys, sm, bare, has_mailbox)).transpose();
+    let (mailbox, protocols) = mailbox.unzip();
+    let behaviour = behaviour(&root.table_or_empty("behaviour")?)?;
+    let area = |key, bare| root.table(key)?.map(|keys| area(&keys, bare, has_mailbox)).transpose();
     let device_type = match identity.value("device_type") {
         None if !has_mailbox => 0,
         _ => identity.get("device_type")?,
@@ -48,13 +50,18 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         software_version: identity.get("software_version")?,
         esc,
         mailbox,
+        protocols: protocols.unwrap_or(0),
         modes: modes(&root, has_mailbox)?,
-        outputs: area("outputs", 2, &keys::RX_PDO_ROW)?,
-        inputs: area("inputs", 3, &keys::TX_PDO_ROW)?,
+        outputs: area("outputs", &keys::RX_PDO_ROW)?,
+        inputs: area("inputs", &keys::TX_PDO_ROW)?,
         objects: objects(root.tables("object")?)?,
         op_modes: op_modes(&root)?,
-        times: times(&root.required_table("times")?)?,
-        behaviour: behaviour(&root.table_or_empty("behaviour")?)?,
+        startup: startup(&root)?,
+        times: match root.table("times")? {
+            None if behaviour.value.device_emulation => Times::none(behaviour.at),
+            _ => times(&root.required_table("times")?)?,
+        },
+        behaviour,
         dynamic_times: root.table_or_empty("behaviour")?.get("dynamic_times")?,
         assumed: assumed(&root, file)?,
         deviations: deviations(&root)?,
@@ -77,6 +84,7 @@ fn esc(keys: &Keys<'_>) -> Result<Esc, FileError> {
 /// as the file has them.
 fn chip(keys: &Keys<'_>) -> Result<(&'static str, Chip), FileError> {
     let (name, chip) = keys.choice("chip", &keys::CHIPS)?;
+    let chip = &Chip { ram_kib: keys.find("ram_kib")?.unwrap_or(chip.ram_kib), ..*chip };
     let Some(value) = keys.value("ports") else { return Ok((name, chips::measured(chip, keys)?)) };
     let letters: String = keys.get("ports")?;
     if let Some(letter) = letters.chars().find(|letter| !"YK ".contains(*letter)) {
@@ -99,12 +107,24 @@ fn chip(keys: &Keys<'_>) -> Result<(&'static str, Chip), FileError> {
     Ok((name, chips::measured(&chip, keys)?))
 }
 
-fn mailbox(keys: &Keys<'_>) -> Result<Placed<Mailbox>, FileError> {
+/// `[mailbox]`: where it is, and its protocols.
+fn mailbox(keys: &Keys<'_>) -> Result<(Placed<Mailbox>, u16), FileError> {
     let area = |key| {
         let area = keys.required_table(key)?;
         Ok(MailboxArea { start: area.get("start")?, length: area.get("length")? })
     };
-    Ok(Placed { at: keys.at(), value: Mailbox { receive: area("receive")?, send: area("send")? } })
+    let value = Mailbox { receive: area("receive")?, send: area("send")? };
+    let protocols = match keys.value("protocols") {
+        None => Header::COE,
+        Some(list) => {
+            let mut all = 0;
+            for protocol in list.array("protocols such as \"CoE\"")? {
+                all |= protocol.one_of(&keys::PROTOCOLS)?;
+            }
+            all
+        }
+    };
+    Ok((Placed { at: keys.at(), value }, protocols))
 }
 
 /// What a device works by that has no mailbox to state it in 0x1C32:04.
@@ -120,8 +140,7 @@ fn modes(root: &Keys<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTy
     let value = root.required("modes")?;
     let mut types = SupportedTypes(0);
     for mode in value.array("modes")? {
-        // In 0x1C32:04 the modes have the bits of their order.
-        types.0 |= 1 << mode.one_of(&keys::MODES)? as u16;
+        types.0 |= announcement(mode.one_of(&keys::MODES)?);
     }
     if types.0 == 0 {
         return Err(value.error(
@@ -131,13 +150,22 @@ fn modes(root: &Keys<'_>, has_mailbox: bool) -> Result<Option<Placed<SupportedTy
     Ok(Some(Placed { at: value.at(), value: types }))
 }
 
+/// The bits of 0x1C32:04 that announce a mode.
+const fn announcement(mode: SyncMode) -> u16 {
+    const SYNC0: u16 = 1 << 2;
+    const SYNC1: u16 = 1 << 3;
+    match mode {
+        SyncMode::FreeRun => 1 << 0,
+        SyncMode::SmSynchronous => 1 << 1,
+        SyncMode::DcSync0 => SYNC0,
+        SyncMode::DcShiftSync1 => SYNC0 | SYNC1,
+        SyncMode::DcSync1 => SYNC1,
+        SyncMode::DcSubordinated => SYNC1 | 1 << 4,
+    }
+}
+
 /// `[outputs]` or `[inputs]`; `bare` is how the rows of its `pdos` look.
-fn area(
-    keys: &Keys<'_>,
-    sync_manager: u8,
-    bare: &'static Row,
-    has_mailbox: bool,
-) -> Result<Area, FileError> {
+fn area(keys: &Keys<'_>, bare: &'static Row, has_mailbox: bool) -> Result<Area, FileError> {
     let of_assignment = ["access", "slots", "recommended"];
     if let Some(key) = of_assignment.into_iter().find(|key| keys.value(key).is_some())
         && !has_mailbox
@@ -165,7 +193,7 @@ fn area(
     let usual = definitions.len().max(default.len()).clamp(1, 254) as u8;
     Ok(Area {
         at: keys.at(),
-        sync_manager,
+        sync_manager: keys.get("sync_manager")?,
         start: keys.get("start")?,
         length: keys.get("length")?,
         access: match has_mailbox {
@@ -222,8 +250,11 @@ fn pdo_entry(row: &Value<'_>) -> Result<PdoEntry, FileError> {
     })?;
     let data_type = cells.value("type");
     let kind = parse_type(&data_type)?;
-    let bits = kind.bits().filter(|bits| *bits <= 64).ok_or_else(|| {
-        data_type.error("a type without a fixed length can't be mapped; expected e.g. UNSIGNED16")
+    let given = cells.more()?.map(|more| more.get("bits")).transpose()?;
+    let bits = given.or(kind.bits().filter(|bits| *bits <= 64)).ok_or_else(|| {
+        data_type.error(
+            "a type without a fixed length can't be mapped; expected e.g. UNSIGNED16, or bits behind the row",
+        )
     })?;
     Ok(PdoEntry {
         at: row.at(),
@@ -246,6 +277,9 @@ fn op_modes(root: &Keys<'_>) -> Result<Vec<OpMode>, FileError> {
             assign_activate: cells.get("assign_activate")?,
             sync0_factor: cells.get("sync0")?,
             sync1_factor: cells.get("sync1")?,
+            sync0_cycle: Nanos::ZERO,
+            sync0_shift: Nanos::ZERO,
+            sync1_shift: Nanos::ZERO,
         });
     }
     Ok(all)
@@ -258,7 +292,32 @@ fn op_mode(keys: &Keys<'_>) -> Result<OpMode, FileError> {
         assign_activate: keys.get("assign_activate")?,
         sync0_factor: keys.get("sync0_factor")?,
         sync1_factor: keys.get("sync1_factor")?,
+        sync0_cycle: keys.get("sync0_cycle")?,
+        sync0_shift: keys.get("sync0_shift")?,
+        sync1_shift: keys.get("sync1_shift")?,
     })
+}
+
+fn startup(root: &Keys<'_>) -> Result<Vec<Placed<Startup>>, FileError> {
+    let download = |keys: &Keys<'_>| {
+        let object = keys.required("object")?;
+        let text = object.string("an object such as \"8000:01\"")?;
+        let data = keys.required("data")?;
+        let digits = data.string("bytes such as \"0A FF\"")?;
+        let bytes = bytes_of(digits).filter(|bytes| !bytes.is_empty()).ok_or_else(|| {
+            data.error(format!("\"{digits}\": expected pairs of hex digits, as in \"0A FF\""))
+        })?;
+        let value = Startup {
+            transition: keys.choice("transition", &keys::TRANSITIONS)?,
+            object: parse_object(text).ok_or_else(|| {
+                object.error(format!("\"{text}\": expected an object such as \"8000:01\""))
+            })?,
+            data: bytes,
+            complete_access: keys.get("complete_access")?,
+        };
+        Ok(Placed { at: keys.at(), value })
+    };
+    root.tables("startup")?.iter().map(download).collect()
 }
 
 fn times(keys: &Keys<'_>) -> Result<Times, FileError> {
@@ -297,6 +356,7 @@ fn behaviour(keys: &Keys<'_>) -> Result<Placed<Behaviour>, FileError> {
         polls_outputs: keys.get("polls_outputs")?,
         application_on_sync1: keys.get("application_on_sync1")?,
         unit_without_pulses: keys.get("unit_without_pulses")?,
+        device_emulation: keys.get("device_emulation")?,
         ignores_sync1: keys.get("ignores_sync1")?,
         subordinated_sync0_cycle: keys
             .find("subordinated_sync0_cycle")?

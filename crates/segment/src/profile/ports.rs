@@ -18,6 +18,29 @@ pub(super) fn descriptor(letters: &str) -> u8 {
         .fold(0, |all, (port, letter)| all | kind(letter) << (2 * port))
 }
 
+/// The letters of ports by the names of their kinds, as a scan has them: "MII", "EBUS" or anything
+/// else for none.
+pub fn port_letters<'a>(kinds: impl Iterator<Item = &'a str>) -> String {
+    let letter = |kind| match kind {
+        "MII" => 'Y',
+        "EBUS" => 'K',
+        _ => ' ',
+    };
+    let all: String = kinds.map(letter).collect();
+    all.trim_end().to_owned()
+}
+
+/// The letters of a chip's ports, without those behind the last that it has.
+pub(super) fn letters(chip: &Chip) -> String {
+    let letter = |port| match chip.port(port) {
+        PortKind::Mii => 'Y',
+        PortKind::Ebus => 'K',
+        PortKind::None | PortKind::NotConfigured => ' ',
+    };
+    let all: String = PortNumber::ALL.into_iter().map(letter).collect();
+    all.trim_end().to_owned()
+}
+
 /// The ports of a chip for the SII, general category, offset 0x10: four bits a port.
 pub(super) fn in_sii(chip: &Chip) -> u16 {
     let kind = |port| match chip.port(port) {
@@ -46,5 +69,7 @@ mod tests {
         let terminal = ET1100.with_ports(descriptor("KK"));
         assert_eq!(terminal, ET1100.with_ports(0x0A));
         assert_eq!(in_sii(&terminal), 0x0033);
+        assert_eq!(letters(&terminal), "KK");
+        assert_eq!(letters(&ET1100.with_ports(descriptor("K KY"))), "K KY");
     }
 }

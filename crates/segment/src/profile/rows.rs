@@ -2,6 +2,7 @@
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Table, Value, name_hint};
+use isocat_subdevice::MAX_TRANSFER;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -115,7 +116,7 @@ fn set_values(table: Table<'_>, entries: &mut [Entry]) -> Result<(), FileError> 
             )));
         };
         entry.default = parse_value(&value, entry.data_type)?;
-        entry.bits = entry.data_type.bits().unwrap_or(8 * entry.default.len() as u16);
+        entry.bits = bits(&value, entry.data_type, &entry.default, None)?;
         entry.written = value.as_string().unwrap_or(value.written()).to_owned();
         entry.at = value.at();
     }
@@ -129,7 +130,8 @@ fn entry(row: &Value<'_>, index: u16, entries: &mut Vec<Entry>) -> Result<(), Fi
     }
     let cells = keys::ROW.open(row)?;
     let more = cells.more()?;
-    let offset = more.map(|more| more.get("offset")).transpose()?;
+    let offset = more.map(|more| more.find("offset")).transpose()?.flatten();
+    let given = more.map(|more| more.find("bits")).transpose()?.flatten();
     let sub = cells.get("sub-index")?;
     let kind = parse_type(&cells.value("type"))?;
     let value = cells.value("value");
@@ -139,7 +141,7 @@ fn entry(row: &Value<'_>, index: u16, entries: &mut Vec<Entry>) -> Result<(), Fi
         sub,
         name: cells.get("name")?,
         data_type: kind,
-        bits: kind.bits().unwrap_or(8 * default.len() as u16),
+        bits: bits(&value, kind, &default, given)?,
         offset: offset.unwrap_or_else(|| next_offset(index, sub, entries)),
         access: parse_access(&cells.value("access"))?,
         default,
@@ -203,21 +205,58 @@ pub(super) fn parse_type(value: &Value<'_>) -> Result<DataType, FileError> {
     })
 }
 
-/// Bytes of a default value.
+/// Length of an entry: as given, else that of its type or of its value.
+fn bits(
+    value: &Value<'_>,
+    kind: DataType,
+    default: &[u8],
+    given: Option<u16>,
+) -> Result<u16, FileError> {
+    let of_value = 8 * default.len();
+    let found = given.or(kind.bits()).or_else(|| u16::try_from(of_value).ok());
+    match found {
+        Some(0) if kind != DataType::VISIBLE_STRING => Err(value.error(
+            "neither the type nor the value has a length; expected { bits = … } behind the row",
+        )),
+        Some(bits) if default.len() <= usize::from(bits.div_ceil(8)) => Ok(bits),
+        _ => {
+            let most = found.map_or(8 * MAX_TRANSFER, usize::from);
+            let message = format!("the value has {of_value} bits; expected at most {most}");
+            Err(value.error(message))
+        }
+    }
+}
+
+/// Bytes of a default value; none of one that is not known.
 fn parse_value(value: &Value<'_>, kind: DataType) -> Result<Vec<u8>, FileError> {
+    let text = value.as_string();
+    if let Some(digits) = text.and_then(|text| text.strip_prefix(HEX)) {
+        return bytes_of(digits).ok_or_else(|| {
+            value.error(format!(
+                "\"{HEX}{digits}\": expected pairs of hex digits, as in \"{HEX}0A FF\""
+            ))
+        });
+    }
+    if text == Some(UNKNOWN) && kind != DataType::VISIBLE_STRING {
+        return Ok(Vec::new());
+    }
     let bytes =
         |number: i64, bits: u16| number.to_le_bytes()[..usize::from(bits.div_ceil(8))].to_vec();
-    let unsupported =
-        || value.error("values of this type are not supported; expected an integer type");
+    let unsupported = || {
+        value.error(format!(
+            "a value of this type has no other form; expected \"{UNKNOWN}\", or bytes of the wire such as \
+             \"{HEX}0A FF\""
+        ))
+    };
     match kind {
-        DataType::VISIBLE_STRING => Ok(value.name("a text")?.as_bytes().to_vec()),
-        DataType::INTEGER8 | DataType::INTEGER16 | DataType::INTEGER32 | DataType::INTEGER64 => {
+        DataType::VISIBLE_STRING => Ok(value.string("a text")?.as_bytes().to_vec()),
+        kind if is_signed(kind) => {
             let bits = kind.bits().unwrap_or(64);
             let most = i64::MAX >> (64 - bits);
             Ok(bytes(value.integer(-most - 1..=most)?, bits))
         }
         // Times are friendlier with a unit.
-        DataType::UNSIGNED32 if value.as_string().is_some() => {
+        DataType::UNSIGNED32 if text.is_some() => {
             let time = value.duration(Nanos::ZERO..=Nanos::from_u32(u32::MAX))?;
             Ok(bytes(time.0, 32))
         }
@@ -230,7 +269,30 @@ fn parse_value(value: &Value<'_>, kind: DataType) -> Result<Vec<u8>, FileError> 
     }
 }
 
-/// Reads `ro`, `rw`, `wo`, `rw preop safeop`, `ro tx` and so on.
+pub(super) const fn is_signed(kind: DataType) -> bool {
+    matches!(
+        kind,
+        DataType::INTEGER8
+            | DataType::INTEGER16
+            | DataType::INTEGER24
+            | DataType::INTEGER32
+            | DataType::INTEGER64
+    )
+}
+
+/// Pairs of hex digits with blanks between them or not; `None` if they are none.
+pub(super) fn bytes_of(text: &str) -> Option<Vec<u8>> {
+    let digits: Vec<u8> = text.bytes().filter(|byte| !byte.is_ascii_whitespace()).collect();
+    let (pairs, rest) = digits.as_chunks::<2>();
+    let byte = |pair: &[u8; 2]| {
+        let digit = |byte: u8| char::from(byte).to_digit(16);
+        Some((digit(pair[0])? << 4 | digit(pair[1])?) as u8)
+    };
+    rest.is_empty().then(|| pairs.iter().map(byte).collect())?
+}
+
+/// Reads `ro`, `rw`, `wo`, `rw preop safeop`, `ro tx` and so on. What can't be written may be
+/// mapped to outputs all the same, as the tables of some makers have it.
 pub(super) fn parse_access(value: &Value<'_>) -> Result<Access, FileError> {
     let text = value.string(keys::ACCESS_WORDS)?;
     let refuse = |why: String| {
@@ -266,12 +328,6 @@ pub(super) fn parse_access(value: &Value<'_>) -> Result<Access, FileError> {
         true if !states => access = access.with(Access::WRITE),
         _ => {}
     }
-    if access.has(Access::RX_MAPPABLE) && !writable {
-        return Err(refuse("outputs can't be mapped to a read-only entry".into()));
-    }
-    if access.has(Access::TX_MAPPABLE) && !access.has(Access::READ) {
-        return Err(refuse("inputs can't be mapped from a write-only entry".into()));
-    }
     Ok(access)
 }
 
@@ -288,6 +344,10 @@ pub(super) fn parse_hex(text: &str, digits: usize) -> Option<u32> {
     (text.len() == digits && all_hex).then(|| u32::from_str_radix(text, 16).ok())?
 }
 
+/// What begins the bytes of a value.
+pub(super) const HEX: &str = "hex:";
+/// A value that nobody has published.
+pub(super) const UNKNOWN: &str = "unknown";
 /// Type code of a RECORD of the device's own make, as the Slave Stack Code gives it.
 pub(super) const RECORD: DataType = DataType(0x002A);
 /// As many types as a hint lists: the first of all.

@@ -55,6 +55,10 @@ fn header(draft: &Draft<'_>) -> Header {
     configuration[0] = PDI_SPI;
     configuration[1] = if draft.esc.sync_unit { ESC_SYNC_AND_LATCH } else { 0 };
     configuration[3] = SYNC_OUTPUTS_MAPPED;
+    if draft.behaviour.value.device_emulation {
+        configuration[0] = PDI_DIGITAL_IO;
+        configuration[1] |= DEVICE_EMULATION;
+    }
     configuration[PULSE].copy_from_slice(&((draft.esc.pulse.0 / TICK) as u16).to_le_bytes());
     configuration[8..10].copy_from_slice(&draft.esc.alias.to_le_bytes());
     let mailbox = draft.mailbox.map(|mailbox| mailbox.value);
@@ -71,11 +75,7 @@ fn header(draft: &Draft<'_>) -> Header {
         serial: draft.identity.serial,
         receive: mailbox.map_or(nowhere, |mailbox| mailbox.receive),
         send: mailbox.map_or(nowhere, |mailbox| mailbox.send),
-        protocols: match eeprom {
-            Some(eeprom) => eeprom.protocols,
-            None if mailbox.is_some() => Header::COE,
-            None => 0,
-        },
+        protocols: if mailbox.is_some() { draft.protocols } else { 0 },
         size: 0,
     }
 }
@@ -86,10 +86,10 @@ fn general(draft: &Draft<'_>) -> General {
         .flatten()
         .any(|area| area.access.has_any(isocat_wire::coe::info::Access::WRITE));
     let mut coe_details = 0;
-    if draft.mailbox.is_some() {
+    if draft.speaks_coe() {
         coe_details = COE_SDO | COE_INFORMATION | COE_COMPLETE_ACCESS;
     }
-    if writable {
+    if writable && draft.speaks_coe() {
         coe_details |= COE_ASSIGNMENT;
     }
     let general = General {
@@ -97,6 +97,8 @@ fn general(draft: &Draft<'_>) -> General {
         order: draft.name.clone(),
         name: draft.name.clone(),
         coe_details,
+        foe: u8::from(draft.protocols & FOE != 0),
+        eoe: u8::from(draft.protocols & EOE != 0),
         ports: ports::in_sii(&draft.esc.chip.1),
         ..General::default()
     };
@@ -105,8 +107,6 @@ fn general(draft: &Draft<'_>) -> General {
         Some(eeprom) => General {
             order: eeprom.order.clone(),
             coe_details: eeprom.coe_details,
-            foe: u8::from(eeprom.protocols & FOE != 0),
-            eoe: u8::from(eeprom.protocols & EOE != 0),
             ports: eeprom.ports,
             ..general
         },
@@ -123,9 +123,9 @@ fn fmmus(draft: &Draft<'_>) -> Vec<u8> {
     uses
 }
 
-/// SM0 and SM1 are the mailbox, SM2 the outputs, SM3 the inputs. Without a mailbox SM0 and SM1 are unused,
-/// but keep its control byte: some MainDevices (ethercrab) guess the use of an unused one from there, and
-/// would take control 0 for inputs.
+/// SM0 and SM1 are the mailbox, SM2 the outputs, SM3 the inputs, unless the profile numbers them
+/// otherwise. Without a mailbox SM0 and SM1 are unused, but keep its control byte: some MainDevices
+/// (ethercrab) guess the use of an unused one from there, and would take control 0 for inputs.
 fn sync_managers(draft: &Draft<'_>) -> Vec<SmRecord> {
     if let Some(eeprom) = &draft.eeprom {
         return eeprom.sync_managers.clone();
@@ -156,12 +156,27 @@ fn sync_managers(draft: &Draft<'_>) -> Vec<SmRecord> {
         draft.mailbox.map(|mailbox| mailbox.value.receive),
         draft.mailbox.map(|mailbox| mailbox.value.send),
     );
-    vec![
+    let mut all = vec![
         mailbox(receive, SyncManager::MAILBOX_OUT, sm_type::MAILBOX_OUT),
         mailbox(send, SyncManager::MAILBOX_IN, sm_type::MAILBOX_IN),
-        process_data(draft.outputs.as_ref(), SyncManager::OUTPUTS, sm_type::OUTPUTS),
-        process_data(draft.inputs.as_ref(), SyncManager::INPUTS, sm_type::INPUTS),
-    ]
+        process_data(None, SyncManager::OUTPUTS, sm_type::OUTPUTS),
+        process_data(None, SyncManager::INPUTS, sm_type::INPUTS),
+    ];
+    for (area, control, kind) in [
+        (&draft.outputs, SyncManager::OUTPUTS, sm_type::OUTPUTS),
+        (&draft.inputs, SyncManager::INPUTS, sm_type::INPUTS),
+    ] {
+        let Some(area) = area else { continue };
+        let number = usize::from(area.sync_manager);
+        // A circuit takes no events.
+        let silent = draft.behaviour.value.device_emulation;
+        let control = if silent { control & !SyncManager::CONTROL_AL_EVENT } else { control };
+        while all.len() <= number {
+            all.push(process_data(None, SyncManager::INPUTS, sm_type::INPUTS));
+        }
+        all[number] = process_data(Some(area), control, kind);
+    }
+    all
 }
 
 /// Bytes of the PDOs assigned by default.
@@ -208,7 +223,10 @@ fn op_modes(draft: &Draft<'_>) -> Vec<SiiOpMode> {
             assign_activate: mode.assign_activate,
             sync0_factor: mode.sync0_factor,
             sync1_factor: mode.sync1_factor,
-            ..SiiOpMode::default()
+            // Ranges of the keys.
+            cycle_time_0: mode.sync0_cycle.to_u32().unwrap_or(u32::MAX),
+            shift_time_0: mode.sync0_shift.0 as i32,
+            shift_time_1: mode.sync1_shift.0 as i32,
         })
         .collect()
 }
@@ -226,6 +244,10 @@ const TICK: i64 = 10;
 
 /// Register 0x0140: the local CPU is connected by SPI.
 pub(super) const PDI_SPI: u8 = 0x05;
+/// Register 0x0140: digital I/O.
+pub(super) const PDI_DIGITAL_IO: u8 = 0x04;
+/// Bit 0 of register 0x0141.
+pub(super) const DEVICE_EMULATION: u8 = 0x01;
 /// Register 0x0141: SYNC-out unit and latch-in unit on.
 pub(super) const ESC_SYNC_AND_LATCH: u8 = 0x0C;
 /// Register 0x0141: SYNC-out unit on.

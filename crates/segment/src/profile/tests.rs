@@ -11,6 +11,7 @@ use super::*;
 mod published;
 mod refused;
 mod simple;
+mod written;
 
 fn object(profile: &Profile, index: u16) -> &'static Object {
     let objects = profile.description.objects;

@@ -52,12 +52,16 @@ fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'stati
         ("", "plant") => (&[], &[TARGET]),
         ("[[fault]]", "times") => (&[], &["every = \"200ms\""]),
         ("", "modes") => (&["mailbox"], &[]),
+        ("", "startup") => (&[], &[WRITABLE]),
         ("[outputs]" | "[inputs]", "pdo") => (&["pdos"], &[]),
         ("[[object]]", "like") => (&["entries"], &[]),
         ("[[object]]", "without") => (&["entries"], &["like = \"kollmorgen_akd2g:1C32\""]),
         _ => (&[], &[]),
     }
 }
+
+const WRITABLE: &str =
+    "object = [{ index = 0x2000, name = \"x\", entries = [[0, \"UNSIGNED8\", \"rw\", 1, \"x\"]] }]";
 
 fn base(file: &str, head: &str, name: &str) -> Base {
     match file {
@@ -172,6 +176,13 @@ fn profile(head: &str, name: &str) -> Base {
             ),
             &[("start", "0x1000"), ("length", "128")],
         ),
+        "[[startup]]" => {
+            let entries = "entries = [[0, \"UNSIGNED8\", \"rw\", 1, \"x\"]]";
+            (
+                root("", &format!("{OBJECT}{entries}\n{head}")),
+                &[("object", "\"2000:00\""), ("data", "\"07\"")],
+            )
+        }
         "[[opmode]]" => (root("", head), &[("name", "\"DC\""), ("assign_activate", "0x0300")]),
         "[[assumed]]" => {
             (root("", head), &[("what", "\"identity.revision\""), ("why", "\"since\"")])
@@ -197,6 +208,10 @@ fn profile(head: &str, name: &str) -> Base {
             ),
             &[("one_in", "10"), ("by", "\"1ms\"")],
         ),
+        // What has no program has no mailbox.
+        "[behaviour]" if name == "device_emulation" => {
+            (root("mailbox", &format!("modes = [\"sm\"]\n{head}")), &[])
+        }
         "[behaviour]" => (root("", head), &[]),
         "[outputs]" => (
             root("", head),
@@ -224,6 +239,16 @@ fn profile(head: &str, name: &str) -> Base {
             root("", &format!("{}{head}", AREA.replace("outputs", "inputs"))),
             &[("index", "0x1A00"), ("name", "\"x\""), ("entries", "[{ pad = 8 }]")],
         ),
+        "behind a row of a PDO" => {
+            after = "}]]\n";
+            let row = "entries = [[\"7000:01\", \"OCTET_STRING\", \"x\", { ";
+            let pdo = format!("[[outputs.pdo]]\nindex = 0x1600\nname = \"x\"\n{row}");
+            let area = AREA.replace("16", "32");
+            (
+                root("", &format!("{area}{pdo}")).trim_end_matches('\n').to_owned(),
+                &[("bits", "128")],
+            )
+        }
         "padding of a PDO" => {
             after = "}]\n";
             let pdo = "[[outputs.pdo]]\nindex = 0x1600\nname = \"x\"\nentries = [{ ";

@@ -169,6 +169,14 @@ pub(super) fn protocols(header: &Header) -> Vec<String> {
     words(&PROTOCOLS, header.protocols)
 }
 
+/// The bit of a protocol in word 0x1C of the SII, by its word in the document: `CoE`, or `bit 6`
+/// where it has none.
+pub fn protocol(word: &str) -> Option<u16> {
+    (0..16)
+        .map(|bit| 1 << bit)
+        .find(|bit| words(&PROTOCOLS, *bit).iter().any(|known| known == word))
+}
+
 /// CoE details of the SII.
 pub(super) fn coe_details(details: u8) -> Vec<String> {
     words(&COE_DETAILS, details.into())
@@ -230,6 +238,10 @@ mod tests {
     #[test]
     fn registers_in_words() {
         assert_eq!(words(&FEATURES, 0x1004), ["DC", "bit 12"]);
+        for bit in 0..16 {
+            assert_eq!(protocol(&words(&PROTOCOLS, 1 << bit)[0]), Some(1 << bit));
+        }
+        assert_eq!(["bit 16", "bit x", "coe"].map(protocol), [None; 3]);
         assert_eq!(PortKind::of(0x0B, PortNumber::P0), PortKind::Mii);
         assert_eq!(PortKind::of(0x0B, PortNumber::P1), PortKind::Ebus);
         assert!(PortKind::of(0x0B, PortNumber::P1).is_there());

@@ -33,11 +33,9 @@ impl Import<'_> {
             sync_managers.push(self.sync_manager(number, sm, length, mailbox, has_outputs));
         }
         let boot = device.eeprom.as_ref().and_then(|eeprom| eeprom.boot);
-        let protocols = device.mailbox.as_ref().map_or(0, |mailbox| mailbox.protocols);
         Eeprom {
             configuration: self.configuration(),
             boot: boot.unwrap_or((MailboxArea::default(), MailboxArea::default())),
-            protocols: if mailbox.is_some() { protocols } else { 0 },
             coe_details: details,
             ports: ports(device.physics.as_deref().unwrap_or("YY")),
             fmmus: device.fmmus.clone(),
@@ -54,7 +52,7 @@ impl Import<'_> {
         let Some(mut words) = given else {
             let mut words = [0; 14];
             if self.emulated {
-                (words[0], words[1]) = (PDI_DIGITAL_IO, DEVICE_EMULATION);
+                (words[0], words[1]) = (sii::PDI_DIGITAL_IO, sii::DEVICE_EMULATION);
                 let why = "the description has no ConfigData; its outputs are registers, as those of digital I/O are";
                 self.assume("Eeprom/ConfigData", "0401", why);
                 return words;
@@ -66,15 +64,15 @@ impl Import<'_> {
             self.assume("Eeprom/ConfigData", "050c00cce803", why);
             return words;
         };
-        let stated = words[1] & DEVICE_EMULATION != 0;
+        let stated = words[1] & sii::DEVICE_EMULATION != 0;
         if stated && !self.emulated {
-            words[1] &= !DEVICE_EMULATION;
+            words[1] &= !sii::DEVICE_EMULATION;
             let why = "a mailbox needs a program, and the ESC of a device with a program does not copy AL control to AL \
                        status";
             self.assume("Eeprom/ConfigData device emulation", "off", why);
         }
         if self.emulated && !stated {
-            words[1] |= DEVICE_EMULATION;
+            words[1] |= sii::DEVICE_EMULATION;
             let why = "its outputs are registers, as those of digital I/O without a program are";
             self.assume("Eeprom/ConfigData device emulation", "on", why);
         }
@@ -173,10 +171,6 @@ fn ports(physics: &str) -> u16 {
     kinds.enumerate().fold(0, |sum, (port, kind)| sum | kind << (4 * port))
 }
 
-/// Register 0x0140: digital I/O.
-const PDI_DIGITAL_IO: u8 = 0x04;
-/// Bit 0 of register 0x0141.
-pub(super) const DEVICE_EMULATION: u8 = 0x01;
 /// Bits of a SyncManager's record.
 const ENABLED: u8 = 0x01;
 const VIRTUAL: u8 = 0x04;

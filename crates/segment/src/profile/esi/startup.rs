@@ -8,7 +8,7 @@ use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 
 use super::super::Startup;
-use super::super::draft::{Draft, Entry, Object};
+use super::super::draft::{Draft, Entry, Object, Placed};
 use super::objects::written;
 use super::{Doubt, Import};
 
@@ -36,7 +36,7 @@ impl Import<'_> {
     }
 
     /// The downloads that can be made, those on the way to PREOP first. What is left out is told.
-    pub(super) fn startup(&mut self, draft: &Draft<'_>) -> Vec<Startup> {
+    pub(super) fn startup(&mut self, draft: &Draft<'_>) -> Vec<Placed<Startup>> {
         let mut all = Vec::new();
         let (mut late, mut assigning, mut unfit) = (Vec::new(), Vec::new(), Vec::new());
         for command in self.commands() {
@@ -54,12 +54,9 @@ impl Import<'_> {
                     (true, _) => assigning.push(object.to_string()),
                     (false, false) => unfit.push(object.to_string()),
                     (false, true) => {
-                        all.push(Startup {
-                            transition,
-                            object,
-                            data: data.clone(),
-                            complete_access,
-                        });
+                        let value =
+                            Startup { transition, object, data: data.clone(), complete_access };
+                        all.push(Placed { at: self.device.at, value });
                     }
                 }
             }
@@ -81,7 +78,7 @@ impl Import<'_> {
             let words = format!("{soe} SoE InitCmds are left out: only CoE is spoken");
             self.doubts.push(Doubt::new("soe-commands-left-out", words));
         }
-        all.sort_by_key(|download| download.transition != Transition::IP);
+        all.sort_by_key(|download: &Placed<Startup>| download.value.transition != Transition::IP);
         all
     }
 

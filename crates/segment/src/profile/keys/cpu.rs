@@ -194,6 +194,13 @@ pub(super) static BEHAVIOUR: Section = Section {
             "AL status code 0x0030",
         ),
         flag(
+            "device_emulation",
+            "false",
+            "There is no program: the ESC answers AL control by itself, and digital I/O hangs on it. Only without \
+             [mailbox].",
+            "bit 0 of register 0x0141, by word 0 of the SII",
+        ),
+        flag(
             "ignores_sync1",
             "false",
             "SYNC1 may be made though the device does not announce it: it does not listen to it.",

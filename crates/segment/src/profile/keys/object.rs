@@ -3,6 +3,7 @@
 use isocat_descriptions::document::section::{
     Cell, Choice, Key, Kind, Need, Row, Rule, Section, Word,
 };
+use isocat_subdevice::MAX_TRANSFER;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::ObjectCode;
 
@@ -111,23 +112,35 @@ pub(in super::super) static ROW: Row = Row {
         Cell { name: "type", kind: TYPE },
         Cell { name: "access", kind: ACCESS },
         Cell { name: "value", kind: VALUE },
-        Cell { name: "name", kind: Kind::Name("the entry's name") },
+        Cell { name: "name", kind: Kind::Text("the entry's name") },
     ],
     more: Some(&MORE),
 };
 
 static MORE: Section = Section {
     head: "behind a row of an object",
-    means: "Where complete access has the entry.",
-    keys: &[Key {
-        name: "offset",
-        kind: Kind::Integer { least: 0, most: u16::MAX as i64 },
-        need: Need::Required("a bit of complete access"),
-        means: "Bit at which complete access has the entry. Without it: where ETG.1020 has it in \
-                0x1C32 and 0x1C33, elsewhere behind the entry before.",
-        goes: "complete access",
-        example: "480",
-    }],
+    means: "Where complete access has the entry, and how long it is.",
+    keys: &[
+        Key {
+            name: "offset",
+            kind: Kind::Integer { least: 0, most: u16::MAX as i64 },
+            need: Need::Without(
+                "where ETG.1020 has it in 0x1C32 and 0x1C33, elsewhere behind the entry before",
+            ),
+            means: "Bit at which complete access has the entry.",
+            goes: "complete access",
+            example: "480",
+        },
+        Key {
+            name: "bits",
+            kind: Kind::Integer { least: 1, most: 8 * MAX_TRANSFER as i64 },
+            need: Need::Without("those of the type; of a text or of bytes those of the value"),
+            means: "Length of the entry, where it has room for more than its value. At least those \
+                    of the value.",
+            goes: "SDO information; the mailbox",
+            example: "64",
+        },
+    ],
     rules: &[],
 };
 
@@ -188,10 +201,11 @@ pub(super) const ACCESS: Kind = Kind::Pattern {
 pub(super) const TYPE: Kind = Kind::Choice(Choice(&TYPES));
 
 /// A value of an entry.
-const VALUE: Kind = Kind::Either(&[
-    Kind::Integer { least: i64::MIN, most: i64::MAX },
-    Kind::Text("a text, or for UNSIGNED32 a time with its unit"),
-]);
+const VALUE: Kind =
+    Kind::Either(&[Kind::Integer { least: i64::MIN, most: i64::MAX }, Kind::Text(VALUE_WORDS)]);
+
+const VALUE_WORDS: &str = "a text; for UNSIGNED32 a time with its unit; bytes of the wire such as \"hex:0A FF\"; \
+    or \"unknown\" for a number that nobody has published";
 
 /// The object codes.
 pub(in super::super) static CODES: [Word<ObjectCode>; 3] = [
@@ -201,7 +215,7 @@ pub(in super::super) static CODES: [Word<ObjectCode>; 3] = [
 ];
 
 /// The data types, the usual ones first.
-pub(in super::super) static TYPES: [Word<DataType>; 26] = [
+pub(in super::super) static TYPES: [Word<DataType>; 27] = [
     ("BOOLEAN", "", DataType::BOOLEAN),
     ("INTEGER8", "", DataType::INTEGER8),
     ("INTEGER16", "", DataType::INTEGER16),
@@ -213,6 +227,7 @@ pub(in super::super) static TYPES: [Word<DataType>; 26] = [
     ("UNSIGNED32", "", DataType::UNSIGNED32),
     ("UNSIGNED64", "", DataType::UNSIGNED64),
     ("VISIBLE_STRING", "", DataType::VISIBLE_STRING),
+    ("INTEGER24", "", DataType::INTEGER24),
     ("BIT2", "", DataType::BIT2),
     ("BIT1", "", DataType::BIT1),
     ("BIT3", "", DataType::BIT3),

@@ -7,9 +7,10 @@ use super::object::{ACCESS, TYPE};
 
 pub(super) static OUTPUTS: Section = Section {
     head: "[outputs]",
-    means: "Process data from the MainDevice, SM2.",
+    means: "Process data from the MainDevice.",
     keys: &area(&Direction {
         sync_manager: "SM2",
+        number: "2",
         assignment: "object 0x1C12",
         list: Kind::List(&RX_PDO),
         pdo: Kind::Tables(&OUTPUT_PDO),
@@ -23,9 +24,10 @@ pub(super) static OUTPUTS: Section = Section {
 
 pub(super) static INPUTS: Section = Section {
     head: "[inputs]",
-    means: "Process data to the MainDevice, SM3. Its keys are those of [outputs].",
+    means: "Process data to the MainDevice. Its keys are those of [outputs].",
     keys: &area(&Direction {
         sync_manager: "SM3",
+        number: "3",
         assignment: "object 0x1C13",
         list: Kind::List(&TX_PDO),
         pdo: Kind::Tables(&INPUT_PDO),
@@ -40,6 +42,7 @@ pub(super) static INPUTS: Section = Section {
 /// What outputs and inputs differ in.
 struct Direction {
     sync_manager: &'static str,
+    number: &'static str,
     assignment: &'static str,
     list: Kind,
     pdo: Kind,
@@ -49,26 +52,36 @@ struct Direction {
     pdos_example: &'static str,
 }
 
-const fn area(of: &Direction) -> [Key; 8] {
-    let Direction { sync_manager, assignment, list, pdo, pdos, .. } = *of;
+const fn area(of: &Direction) -> [Key; 9] {
+    let Direction { sync_manager, number, assignment, list, pdo, pdos, .. } = *of;
     let Direction { list_example, pdo_example, pdos_example, .. } = *of;
     [
         Key {
             name: "start",
-            kind: Kind::Hex { least: 0x1000, most: 0xFFFF },
+            kind: Kind::Hex { least: 0x0F00, most: 0xFFFF },
             need: Need::Required("an address"),
-            means: "First byte of the area. There are three buffers, one behind the other.",
+            means: "First byte of the area. There are three buffers, one behind the other, in the process RAM (from \
+                    0x1000). Outputs of a device without a program may be the registers of digital outputs, 0x0F00 to \
+                    0x0F03.",
             goes: sync_manager,
             example: "0x1800",
         },
         Key {
             name: "length",
-            kind: Kind::Integer { least: 1, most: MAX_PROCESS_DATA as i64 },
+            kind: Kind::Integer { least: 0, most: MAX_PROCESS_DATA as i64 },
             need: Need::Required("the most bytes of one buffer"),
             means: "Most bytes of one buffer. Without mailbox it is exactly what the PDOs of \
                     `default` need.",
             goes: sync_manager,
             example: "16",
+        },
+        Key {
+            name: "sync_manager",
+            kind: Kind::Integer { least: 0, most: 15 },
+            need: Need::Default(number),
+            means: "Number of the SyncManager. 0 and 1 are the mailbox, where there is one.",
+            goes: "SyncManagers, object 0x1C00, the SII",
+            example: "5",
         },
         Key {
             name: "access",
@@ -186,9 +199,23 @@ pub(in super::super) static PDO_ROW: Row = Row {
             },
         },
         Cell { name: "type", kind: TYPE },
-        Cell { name: "name", kind: Kind::Name("the entry's name") },
+        Cell { name: "name", kind: Kind::Text("the entry's name") },
     ],
-    more: None,
+    more: Some(&MORE),
+};
+
+static MORE: Section = Section {
+    head: "behind a row of a PDO",
+    means: "How long a mapped entry is.",
+    keys: &[Key {
+        name: "bits",
+        kind: Kind::Integer { least: 1, most: 255 },
+        need: Need::Required("the bits that are mapped"),
+        means: "Bits that are mapped, of a type that does not fix them. Without it those of the type.",
+        goes: "the object of PDO mapping",
+        example: "128",
+    }],
+    rules: &[],
 };
 
 /// Bits that map nothing.
@@ -221,5 +248,7 @@ pub(in super::super) static TX_PDO_ROW: Row = Row {
 };
 
 const BITS: Cell = Cell { name: "bits", kind: Kind::Integer { least: 0, most: 16_000 } };
-const RX_PDO: Kind = Kind::Hex { least: 0x1600, most: 0x17FF };
-const TX_PDO: Kind = Kind::Hex { least: 0x1A00, most: 0x1BFF };
+/// Without CoE a PDO is no object: makers number them as they like, and SoE by the number of a
+/// parameter.
+const RX_PDO: Kind = Kind::Hex { least: 0x0001, most: 0x1BFF };
+const TX_PDO: Kind = RX_PDO;

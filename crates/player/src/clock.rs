@@ -6,7 +6,7 @@
 
 use isocat_descriptions::start_up::{Address, StartUp};
 use isocat_maindevice::DriftFilters;
-use isocat_sync::delay::{Averaging, Found, Mean, Node, Stay, propagation_delays};
+use isocat_sync::delay::{Averaging, Delay, Found, Mean, Node, Stay, propagation_delays};
 use isocat_sync::drift::{Convergence, Limits, Verdict};
 use isocat_wire::dc::{DifferencePolarity, SystemTimeDifference};
 use isocat_wire::dl::DlStatus;
@@ -38,6 +38,8 @@ pub struct Unit {
     pub offset: u64,
     /// Register 0x0928.
     pub delay: Nanos,
+    /// What the receive times say of the delay.
+    pub measured: Delay,
     /// Whether the receive times told the delay; else it is 0.
     pub is_delay_known: bool,
     /// Register 0x092C when the clocks had been led, its size.
@@ -84,12 +86,14 @@ pub(crate) fn set(line: &mut Line, list: &StartUp) -> Result<Option<Clocks>, Kin
     let units =
         ports.iter().zip(&means).zip(&last).enumerate().map(|(position, ((port, mean), latch))| {
             port.has_clock.then(|| {
-                let delay = mean.delay(averaging).nanos();
+                let measured = mean.delay(averaging);
+                let delay = measured.nanos();
                 let unit = Unit {
                     station: port.station,
                     is_wide: port.is_wide,
                     offset: 0,
                     delay: delay.unwrap_or(Nanos::ZERO),
+                    measured,
                     is_delay_known: delay.is_some(),
                     difference: Nanos::ZERO,
                     has_converged: position == reference,

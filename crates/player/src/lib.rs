@@ -17,10 +17,14 @@ pub mod failure;
 mod line;
 mod mailbox;
 mod play;
+#[cfg(target_os = "linux")]
+pub mod real;
 pub mod report;
 mod step;
+mod tally;
 pub mod virtual_segment;
+mod wire;
 
 pub use failure::Failure;
-pub use play::{Played, Settings, Unit, play};
+pub use play::{Done, Played, Settings, Unit, play};
 pub use report::Report;

@@ -14,6 +14,7 @@ mod clock;
 mod cyclic;
 pub mod differences;
 pub mod failure;
+pub mod found;
 mod line;
 mod mailbox;
 mod play;
@@ -26,5 +27,5 @@ pub mod virtual_segment;
 mod wire;
 
 pub use failure::Failure;
-pub use play::{Done, Played, Settings, Unit, play};
+pub use play::{Done, Played, Settings, Unit, play, play_with};
 pub use report::Report;

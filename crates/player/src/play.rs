@@ -59,9 +59,19 @@ pub struct Done {
 
 /// Plays a list on the virtual segment of a scenario.
 pub fn play(list: &StartUp, scenario: &Scenario, settings: Settings) -> Played {
+    play_with(list, scenario, settings, &mut |_, _| {})
+}
+
+/// The same; `tap` sees each frame that the player sends.
+pub fn play_with(
+    list: &StartUp,
+    scenario: &Scenario,
+    settings: Settings,
+    tap: &mut dyn FnMut(Time<Host>, &[u8]),
+) -> Played {
     let begin: Time<Host> = Time::new(1_000_000_000);
     let bus = Bus::new(Setup::from(scenario), begin);
-    let mut wire = VirtualWire::new(bus, scenario.seed, scenario.host.jitter);
+    let mut wire = VirtualWire::new(bus, scenario.seed, scenario.host.jitter, tap);
     let mut player = Player::new(list, &mut wire, settings.tolerates_unknown_objects);
     let failure = player.bring_up().and_then(|()| Ok(player.line.sleep(settings.duration)?)).err();
     let done = player.into_done();
@@ -98,10 +108,15 @@ impl<'a> Player<'a> {
         }
     }
 
+    /// What the cyclic exchange counted so far.
+    pub fn counts(&self) -> Counts {
+        self.line.exchange.as_ref().map(|exchange| exchange.counts).unwrap_or_default()
+    }
+
     /// What was done of the list.
     pub fn into_done(self) -> Done {
         let Self { line, commands, clocks, starts, unknown_objects, .. } = self;
-        let counts = line.exchange.as_ref().map(|exchange| exchange.counts).unwrap_or_default();
+        let counts = line.exchange.map(|exchange| exchange.counts).unwrap_or_default();
         let clocks = clocks.map(|clocks| clocks.units).unwrap_or_default();
         Done { commands, clocks, starts, unknown_objects, counts }
     }

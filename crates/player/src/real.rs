@@ -123,6 +123,7 @@ impl Job<'_> {
                 (verdicts, segment) = operation.end(&ended);
             }
         }
+        let counts = player.counts();
         let phase = player.line.exchange.as_ref().and_then(|exchange| exchange.phase());
         let answered = player.line.tally.statistics.frames_received > 0;
         player.line.stop = None;
@@ -133,7 +134,7 @@ impl Job<'_> {
         if failure.is_some() {
             statistics.1 = total;
         }
-        let done = player.into_done();
+        let done = Done { counts, ..player.into_done() };
         let Verdicts { verdict, devices, judged, locks_lost, stall, quality, alarms } = verdicts;
         let broken = wire.broken.take();
         let end = end(ended, failure.as_ref(), broken);

@@ -54,21 +54,28 @@ pub(crate) struct Traits {
 }
 
 /// The virtual bus, in virtual time.
-pub(crate) struct VirtualWire {
+pub(crate) struct VirtualWire<'t> {
     pub bus: Bus,
+    /// Sees each frame that leaves.
+    tap: &'t mut dyn FnMut(Time<Host>, &[u8]),
     seed: u64,
     /// Worst lateness of the host's wake-ups.
     jitter: Nanos,
     wake_ups: u64,
 }
 
-impl VirtualWire {
-    pub fn new(bus: Bus, seed: u64, jitter: Nanos) -> Self {
-        Self { bus, seed, jitter, wake_ups: 0 }
+impl<'t> VirtualWire<'t> {
+    pub fn new(
+        bus: Bus,
+        seed: u64,
+        jitter: Nanos,
+        tap: &'t mut dyn FnMut(Time<Host>, &[u8]),
+    ) -> Self {
+        Self { bus, tap, seed, jitter, wake_ups: 0 }
     }
 }
 
-impl Wire for VirtualWire {
+impl Wire for VirtualWire<'_> {
     fn now(&self) -> Time<Host> {
         self.bus.now()
     }
@@ -92,6 +99,7 @@ impl Wire for VirtualWire {
 
     fn send(&mut self, at: Time<Host>, frame: &[u8]) -> Result<Sent, Kind> {
         let at = at.max(self.now());
+        (self.tap)(at, frame);
         let back = match self.bus.send(MainPort::Primary, at, frame)? {
             Answer::Back { last_bit, .. } => Some(last_bit),
             Answer::Lost => None,

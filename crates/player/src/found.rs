@@ -133,8 +133,8 @@ impl fmt::Display for Mismatch {
 /// A SubDevice of one side, of the other, or of both.
 type Pair = (Option<usize>, Option<usize>);
 
-/// All differences. SubDevices that are the same on both sides are found first, in their order, so that one that is missing
-/// does not make all behind it differ.
+/// All differences. Both sides are laid beside each other so that as few as possible differ: one that is missing does not make
+/// all behind it differ.
 pub fn compare(list: &StartUp, segment: &Segment) -> Vec<Mismatch> {
     let pairs = pairs(list, segment);
     let mut all = Vec::new();
@@ -194,49 +194,51 @@ fn named(device: &DeviceStartUp) -> String {
     format!("vendor 0x{vendor:08X}, product 0x{product:08X} ({name})")
 }
 
-/// The longest common sequence of vendors and products, with what is between its parts: what stands in the same gap of both
-/// sides is taken for another device in its place.
+/// The SubDevices of both sides beside each other, with the fewest that are missing, extra or others.
 fn pairs(list: &StartUp, segment: &Segment) -> Vec<Pair> {
     let (wire, eni) = (&segment.devices, &list.devices);
     let width = eni.len() + 1;
-    // longest[i * width + j]: of what is behind i on the wire and behind j in the ENI.
-    let mut longest = vec![0_u32; (wire.len() + 1) * width];
-    for i in (0..wire.len()).rev() {
-        for j in (0..eni.len()).rev() {
-            longest[i * width + j] = match is_same(&wire[i], &eni[j]) {
-                true => longest[(i + 1) * width + j + 1] + 1,
-                false => longest[(i + 1) * width + j].max(longest[i * width + j + 1]),
-            };
+    if wire.len().saturating_mul(width) > MOST_CELLS {
+        let count = wire.len().max(eni.len());
+        let of = |at: usize, length: usize| (at < length).then_some(at);
+        return (0..count).map(|at| (of(at, wire.len()), of(at, eni.len()))).collect();
+    }
+    // fewest[i * width + j]: differences of what is behind i on the wire and behind j in the ENI.
+    let mut fewest = vec![0_u32; (wire.len() + 1) * width];
+    for i in (0..=wire.len()).rev() {
+        for j in (0..=eni.len()).rev() {
+            let (down, right) = (i < wire.len(), j < eni.len());
+            let extra = down.then(|| fewest[(i + 1) * width + j] + 1);
+            let missing = right.then(|| fewest[i * width + j + 1] + 1);
+            let pair = (down && right)
+                .then(|| fewest[(i + 1) * width + j + 1] + u32::from(!is_same(&wire[i], &eni[j])));
+            fewest[i * width + j] = [extra, missing, pair].into_iter().flatten().min().unwrap_or(0);
         }
     }
     let (mut pairs, mut i, mut j) = (Vec::new(), 0, 0);
-    let (mut extra, mut missing) = (Vec::new(), Vec::new());
-    loop {
-        let is_pair = i < wire.len() && j < eni.len() && is_same(&wire[i], &eni[j]);
-        let is_over = i == wire.len() && j == eni.len();
-        if is_pair || is_over {
-            let count = extra.len().max(missing.len());
-            let of = |list: &[usize], at: usize| list.get(at).copied();
-            pairs.extend((0..count).map(|at| (of(&extra, at), of(&missing, at))));
-            (extra.clear(), missing.clear());
-        }
-        if is_over {
-            return pairs;
-        }
+    while i < wire.len() || j < eni.len() {
+        let here = fewest[i * width + j];
+        let (down, right) = (i < wire.len(), j < eni.len());
+        let is_pair = down
+            && right
+            && here == fewest[(i + 1) * width + j + 1] + u32::from(!is_same(&wire[i], &eni[j]));
+        let is_extra = down && here == fewest[(i + 1) * width + j] + 1;
         if is_pair {
             pairs.push((Some(i), Some(j)));
             (i, j) = (i + 1, j + 1);
-        } else if j == eni.len()
-            || i < wire.len() && longest[(i + 1) * width + j] >= longest[i * width + j + 1]
-        {
-            extra.push(i);
+        } else if is_extra {
+            pairs.push((Some(i), None));
             i += 1;
         } else {
-            missing.push(j);
+            pairs.push((None, Some(j)));
             j += 1;
         }
     }
+    pairs
 }
+
+/// Beyond so many comparisons, some thousand SubDevices on both sides, positions alone decide.
+const MOST_CELLS: usize = 16 << 20;
 
 type Found = (Kind, Option<String>, Option<String>, &'static str);
 
@@ -338,5 +340,6 @@ mod tests {
         );
         assert_eq!(kinds(&[], &[7]), [(Kind::Missing, None, Some(0))]);
         assert_eq!(kinds(&[7, 7], &[7]), [(Kind::Extra, Some(1), None)]);
+        assert_eq!(kinds(&[9, 7], &[7, 7]), [(Kind::Identity, Some(0), Some(0))]);
     }
 }

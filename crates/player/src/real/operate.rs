@@ -243,14 +243,20 @@ impl<'p, 'a> Operation<'p, 'a> {
 
     /// Reads the state of one SubDevice, and tells if it is another one.
     fn look_at(&mut self, position: usize) -> Result<(), Kind> {
-        let Some((status, code)) = self.status(position)? else { return Ok(()) };
+        let found = self.status(position)?;
+        let cycle = self.player.line.tally.statistics.cycles;
+        let now = self.player.line.now();
         let device = &mut self.seen.segment.devices[position];
+        let Some((status, code)) = found else {
+            if std::mem::take(&mut device.admitted) {
+                self.player.line.tally.tell(now, Event::Lost { position, cycle });
+            }
+            return Ok(());
+        };
         if device.al_status == status {
             return Ok(());
         }
         (device.al_status, device.al_code) = (status, code);
-        let cycle = self.player.line.tally.statistics.cycles;
-        let now = self.player.line.now();
         self.player.line.tally.tell(now, Event::StateChanged { position, status, code, cycle });
         Ok(())
     }

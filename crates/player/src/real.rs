@@ -106,7 +106,10 @@ impl Job<'_> {
 
         let mut notes = Vec::new();
         let mut segment = segment::of_list(self.list, self.plan, &self.assumed, self.jitter);
-        let brought = identify(&mut player, &mut segment, &mut notes)
+        let identified = identify(&mut player, &mut segment, &mut notes);
+        // A segment that is not the list's is left as it is.
+        let was_touched = identified.is_ok();
+        let brought = identified
             .and_then(|()| player.bring_up())
             .and_then(|()| Ok(segment::complete(&mut player, &mut segment)?));
         let mut statistics = (player.line.tally.statistics, player.line.tally.statistics);
@@ -125,9 +128,8 @@ impl Job<'_> {
         }
         let counts = player.counts();
         let phase = player.line.exchange.as_ref().and_then(|exchange| exchange.phase());
-        let answered = player.line.tally.statistics.frames_received > 0;
         player.line.stop = None;
-        if answered && !matches!(ended, Ended::Broken) {
+        if was_touched && !matches!(ended, Ended::Broken) {
             notes.extend(go_down(&mut player));
         }
         let total = player.line.tally.statistics;

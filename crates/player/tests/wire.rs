@@ -1,4 +1,5 @@
-//! Our own export against the run that made it, on the wire: what both write to each register of each SubDevice, in order.
+//! Our own export against the run that made it, on the wire: what both write to each register and each object of each
+//! SubDevice, in order.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -10,9 +11,10 @@ use isocat_player::{Settings, play_with};
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_sim::Tap;
 use isocat_wire::al::AlState;
+use isocat_wire::coe::sdo::{INITIATE_LEN, Initiate, specifier};
 use isocat_wire::datagram::datagrams;
 use isocat_wire::time::{Nanos, Time, True};
-use isocat_wire::{Command, frame, register};
+use isocat_wire::{Command, ObjectAddress, coe, frame, mailbox, register};
 
 /// Values by register, in the order of the wire.
 type Registers = BTreeMap<u16, Vec<Vec<u8>>>;
@@ -23,11 +25,17 @@ type Registers = BTreeMap<u16, Vec<Vec<u8>>>;
 struct Writes {
     stations: Vec<Option<u16>>,
     devices: Vec<Registers>,
+    /// SDO downloads: object and value.
+    objects: Vec<Vec<(ObjectAddress, Vec<u8>)>>,
 }
 
 impl Writes {
     fn of(count: usize) -> Self {
-        Self { stations: vec![None; count], devices: vec![Registers::new(); count] }
+        Self {
+            stations: vec![None; count],
+            devices: vec![Registers::new(); count],
+            objects: vec![Vec::new(); count],
+        }
     }
 
     fn frame(&mut self, bytes: &[u8]) {
@@ -56,6 +64,12 @@ impl Writes {
             // 0 takes away one that was left from before.
             self.stations[position] = (station != 0).then_some(station);
         }
+        if register >= 0x1000
+            && let Some(download) = download(data)
+            && self.objects[position].last() != Some(&download)
+        {
+            self.objects[position].push(download);
+        }
         if self.stations[position].is_none() || !is_decided(register) {
             return;
         }
@@ -71,6 +85,27 @@ impl Writes {
             values.push(data.to_vec());
         }
     }
+}
+
+/// The object and the value of an SDO download request in a mailbox message.
+fn download(message: &[u8]) -> Option<(ObjectAddress, Vec<u8>)> {
+    let header = mailbox::Header::parse(message.first_chunk()?);
+    let body = message.get(mailbox::HEADER_LEN..)?;
+    if header.protocol != mailbox::Protocol::COE {
+        return None;
+    }
+    let service = coe::Header::parse(*body.first_chunk()?).service;
+    let body = body.get(coe::HEADER_LEN..)?;
+    let head = Initiate::parse(body.first_chunk()?);
+    let is_download = head.command.specifier() == specifier::REQUEST_DOWNLOAD;
+    if service != coe::Service::SDO_REQUEST || !is_download {
+        return None;
+    }
+    let value = match head.command.expedited() {
+        true => head.data[..head.command.expedited_len()].to_vec(),
+        false => body.get(INITIATE_LEN..INITIATE_LEN + head.value() as usize)?.to_vec(),
+    };
+    Some((head.object, value))
 }
 
 /// Registers whose values a list decides. The others are measured (offset, delay, start time), belong to how clocks are led
@@ -92,7 +127,8 @@ impl Tap for Witness {
     }
 }
 
-fn the_same_on_the_wire(text: &str) {
+/// Gives how many SDO downloads each SubDevice got.
+fn the_same_on_the_wire(text: &str) -> Vec<usize> {
     let mut scenario = Scenario::from(SegmentFile::parse("test.toml", text).unwrap());
     scenario.duration = Nanos::millis(50);
     let count = scenario.devices.len();
@@ -100,6 +136,7 @@ fn the_same_on_the_wire(text: &str) {
     let run = scenario.run().execute(Some(Witness(seen.clone())), &mut |_| {});
     assert!(run.failure.is_none());
     let ours = seen.borrow().devices.clone();
+    let downloads = seen.borrow().objects.clone();
 
     let export = eni::write(&Plan::of(&scenario).unwrap().start_up(&scenario));
     let eni = Eni::from_bytes("own.xml", export.as_bytes()).unwrap();
@@ -109,6 +146,7 @@ fn the_same_on_the_wire(text: &str) {
     let played = play_with(list, &scenario, settings, &mut |_, bytes| writes.frame(bytes));
     assert!(played.failure.is_none(), "{}", played.failure.unwrap());
 
+    assert_eq!(downloads, writes.objects, "SDO downloads by position");
     for (position, (one, other)) in ours.iter().zip(&writes.devices).enumerate() {
         let registers: std::collections::BTreeSet<u16> =
             one.keys().chain(other.keys()).copied().collect();
@@ -123,6 +161,7 @@ fn the_same_on_the_wire(text: &str) {
         let al_control = register::AL_CONTROL.address;
         assert!(registers.contains(&al_control), "SubDevice {position}: {registers:04X?}");
     }
+    downloads.iter().map(Vec::len).collect()
 }
 
 #[test]
@@ -136,13 +175,14 @@ fn two_drives_get_the_same_writes() {
 
 #[test]
 fn couplers_terminals_and_drives_get_the_same_writes() {
-    the_same_on_the_wire(
+    let downloads = the_same_on_the_wire(
         "cycle = \"2ms\"\n\
          [[subdevice]]\ndevice = \"beckhoff_ek1100\"\n\
          [[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\n\
          [[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nconnect = \"0:2\"\n\
          [[subdevice]]\ndevice = \"hpmicro_ecat_cia402_ssc\"\n",
     );
+    assert!(downloads[3] >= 2, "{downloads:?}");
 }
 
 #[test]

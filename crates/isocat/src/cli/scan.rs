@@ -114,6 +114,9 @@ fn compare(arguments: &Arguments, place: Place<'_>, scan: &Scan, path: &str, lis
         return fail(&message);
     }
     let report = FoundReport::new(path, list, &scan.segment, ScanReport::new(place, scan));
+    if let Some(message) = no_such_device(arguments, &report.scan) {
+        return fail(&message);
+    }
     let code = print(&match arguments.json {
         true => json(&report),
         false => format!("{}\n{}", report.text(), report.scan.text(arguments.device)),
@@ -130,11 +133,8 @@ fn finish(arguments: &Arguments, place: Place<'_>, scan: &Scan) -> u8 {
         return fail(&message);
     }
     let report = ScanReport::new(place, scan);
-    if let Some(wanted) = arguments.device.filter(|wanted| *wanted >= report.devices.len()) {
-        let last = report.devices.len().saturating_sub(1);
-        return fail(&format!(
-            "--device {wanted}: there is no such SubDevice, expected 0 to {last}"
-        ));
+    if let Some(message) = no_such_device(arguments, &report) {
+        return fail(&message);
     }
     let code = print(&match arguments.json {
         true => json(&report),
@@ -145,6 +145,13 @@ fn finish(arguments: &Arguments, place: Place<'_>, scan: &Scan) -> u8 {
         true => IN_SYNC,
         false => NOT_IN_SYNC,
     }
+}
+
+/// What to say if all is asked of a SubDevice that is not there.
+fn no_such_device(arguments: &Arguments, report: &ScanReport) -> Option<String> {
+    let wanted = arguments.device.filter(|wanted| *wanted >= report.devices.len())?;
+    let last = report.devices.len().saturating_sub(1);
+    Some(format!("--device {wanted}: there is no such SubDevice, expected 0 to {last}"))
 }
 
 /// What to say if nobody answered; there is nothing to report then.

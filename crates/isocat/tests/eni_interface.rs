@@ -291,6 +291,34 @@ fn what_goes_wrong_in_operation_is_found() {
     assert!(findings.iter().any(|one| of_device(&one)), "{report:#}");
 }
 
+/// A command that fails ends the way up: it is told with its device, its state, and all go to INIT.
+#[test]
+fn a_command_that_fails_is_a_finding() {
+    let (segment, eni) = files("fails", TWO_DRIVES);
+    let text_of = std::fs::read_to_string(&eni).expect("it was written");
+    let control = text_of.rfind("<Ado>288</Ado>").expect("AL control, last of all for OP");
+    // The last request is for a state that there is not: 5.
+    let (before, behind) = text_of.split_at(control);
+    let broken = folder("fails").join("broken.xml").display().to_string();
+    std::fs::write(&broken, format!("{before}{}", behind.replacen("<Data>08", "<Data>05", 1)))
+        .expect("the folder is ours");
+    let Some(service) = Service::start("isct-en-cmd", &segment) else { return };
+    let output = service.run(&["run", &broken, "--for", "1s", "--json"]);
+    let report = json(&output);
+    assert_eq!(output.status.code(), Some(1), "{report:#}");
+    let interface = &report["run"]["interface"];
+    assert_eq!(interface["findings"][0]["kind"], "command-failed", "{report:#}");
+    assert_eq!(interface["findings"][0]["position"], 1, "{report:#}");
+    assert_eq!(interface["ended_by"], "bring-up");
+    let states: Vec<_> = (0..2)
+        .map(|at| interface["devices"][at]["registers"]["al_status"].as_str().unwrap_or_default())
+        .collect();
+    assert_eq!(states[0], "OP", "{states:?}");
+    assert!(states[1].starts_with("SAFEOP"), "{states:?}");
+    let summary = service.finish();
+    assert_eq!(summary.matches(": INIT").count(), 2, "{summary}");
+}
+
 /// On a wire without SubDevices nothing is said of the list.
 #[test]
 fn nothing_that_answers_is_told() {

@@ -206,6 +206,21 @@ impl Kind {
 }
 
 impl Failure {
+    /// What failed of which SubDevice's commands, for a reader who is told the SubDevice: its position, and the rest in words.
+    pub(crate) fn of_device(&self) -> (Option<usize>, String) {
+        match self.place.as_ref().and_then(|place| Some((place, place.device.as_ref()?.0))) {
+            None => (None, self.to_string()),
+            Some((place, position)) => {
+                let comment = match place.comment.as_str() {
+                    "" => String::new(),
+                    comment => format!(" \"{comment}\""),
+                };
+                let Place { transition, target, .. } = &**place;
+                (Some(position), format!("{transition}, {target}{comment}: {}", self.kind))
+            }
+        }
+    }
+
     /// Position of the SubDevice that it concerns; `None` if it is none's.
     pub fn position(&self) -> Option<usize> {
         match (&self.place, &self.kind) {

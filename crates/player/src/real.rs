@@ -14,8 +14,8 @@ mod wire;
 use std::sync::atomic::AtomicBool;
 
 use isocat_descriptions::start_up::{StartUp, Transition};
+use isocat_engine::live::Outcome;
 use isocat_engine::live::job::{End, Machine};
-use isocat_engine::live::{Outcome, job};
 use isocat_engine::plan::Plan;
 use isocat_engine::report::quality::Quality;
 use isocat_host::preflight::Subject;
@@ -129,6 +129,10 @@ impl Job<'_> {
         let counts = player.counts();
         let phase = player.line.exchange.as_ref().and_then(|exchange| exchange.phase());
         player.line.stop = None;
+        if was_touched && failure.is_some() {
+            // Who says nothing has no state in the report.
+            let _silent = segment::read_states(&mut player, &mut segment);
+        }
         if was_touched && !matches!(ended, Ended::Broken) {
             notes.extend(go_down(&mut player));
         }
@@ -184,16 +188,13 @@ pub(crate) enum Ended {
 }
 
 fn end(ended: Ended, failure: Option<&Failure>, broken: Option<LinkError>) -> End {
+    let (position, what) = failure.map(Failure::of_device).unwrap_or_default();
     match (failure.map(|failure| &failure.kind), broken, ended) {
         (_, Some(error), _) => End::Link(error),
         (Some(Kind::Ended), ..) | (None, _, Ended::Asked) => End::Asked,
         (None, _, Ended::Silence) => End::Silence,
         (None, ..) => End::Time,
-        (Some(kind), ..) => job::End::List {
-            what: failure.map(ToString::to_string).unwrap_or_default(),
-            position: failure.and_then(Failure::position),
-            refused: kind.is_refused(),
-        },
+        (Some(kind), ..) => End::List { what, position, refused: kind.is_refused() },
     }
 }
 

@@ -8,6 +8,7 @@ use isocat_maindevice::segment::{
 };
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_sync::{SyncMode, budget};
+use isocat_wire::al::{AlStatus, AlStatusCode};
 use isocat_wire::datagram::{HEADER_LEN, WKC_LEN};
 use isocat_wire::frame;
 use isocat_wire::register::{self, Value, features};
@@ -160,6 +161,17 @@ pub(super) fn complete(player: &mut Player<'_>, segment: &mut Segment) -> Result
                 _ => segment.devices[position].input_sync = found,
             }
         }
+    }
+    Ok(())
+}
+
+/// AL status and its code of each SubDevice, where the way up ended.
+pub(super) fn read_states(player: &mut Player<'_>, segment: &mut Segment) -> Result<(), Kind> {
+    for device in &mut segment.devices {
+        let bytes = player.line.read(device.station.0, register::AL_STATUS.address, 6)?;
+        let Some(bytes) = bytes else { continue };
+        device.al_status = AlStatus(u16::from_le_bytes([bytes[0], bytes[1]]));
+        device.al_code = AlStatusCode(u16::from_le_bytes([bytes[4], bytes[5]]));
     }
     Ok(())
 }

@@ -19,10 +19,11 @@ mod frames;
 mod gap;
 mod questions;
 mod told;
+mod witness;
 
 use isocat_maindevice::motion::{Axis, Drive};
 use isocat_maindevice::statistics::Statistics;
-use isocat_maindevice::{Config, Event, MainDevice};
+use isocat_maindevice::{Config, Event};
 use isocat_sim::{Finding, Judged, Place};
 use isocat_sync::phase;
 use isocat_wire::time::Nanos;
@@ -34,6 +35,7 @@ use frames::Frames;
 pub use gap::{Gap, Unknown};
 pub use questions::Questions;
 use told::Told;
+pub use witness::Witness;
 
 /// What a verdict comes to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -98,7 +100,7 @@ pub fn with_reads(mut config: Config) -> Config {
     config
 }
 
-/// Judges a segment in operation by what its MainDevice knows.
+/// Judges a segment in operation by what its MainDevice knows ([`Witness`]).
 pub struct Engine {
     /// Largest distance of a clock from the reference with which it counts as synchronized.
     limit: Nanos,
@@ -114,7 +116,7 @@ pub struct Engine {
 impl Engine {
     /// Begins to judge: all SubDevices are in OP. `limit` is the largest 0x092C with which a clock counts as synchronized;
     /// `optional` says by position whether a SubDevice may be absent, `false` where nothing is said.
-    pub fn begin(main: &MainDevice, limit: Nanos, optional: Vec<bool>) -> Self {
+    pub fn begin(main: &impl Witness, limit: Nanos, optional: Vec<bool>) -> Self {
         let first = main.statistics();
         Self {
             limit,
@@ -135,7 +137,7 @@ impl Engine {
     /// Looks at what came in, so long after the beginning. It is to be called behind each input, so that no frame's time
     /// is missed; that costs little and takes no memory.
     #[inline]
-    pub fn cycle(&mut self, at: Nanos, main: &MainDevice) {
+    pub fn cycle(&mut self, at: Nanos, main: &impl Witness) {
         let counts = main.statistics();
         let before = std::mem::replace(&mut self.last, counts);
         let (seen, known) = (counts.phase_error, before.phase_error);
@@ -176,7 +178,7 @@ impl Engine {
     pub fn end(
         mut self,
         at: Nanos,
-        main: &MainDevice,
+        main: &impl Witness,
         axes: &[Axis],
         readings: &[Readings],
     ) -> Verdict {

@@ -24,6 +24,8 @@ mod conform;
 mod devices;
 mod diagnose;
 mod eni;
+#[cfg(target_os = "linux")]
+mod eni_interface;
 mod eni_run;
 mod explain;
 mod files;

@@ -70,13 +70,17 @@ fn the_document_follows_its_schema() {
         assert_eq!(json["differences"][0]["kind"], "shift");
         assert_eq!(json["run"].is_null(), verb == "plan");
     }
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/eni-run.schema.json");
-    let now = serde_json::to_string_pretty(&report::schema()).expect("JSON") + "\n";
-    if std::env::var_os("UPDATE_SCHEMA").is_some() {
-        std::fs::write(&path, &now).expect("docs/ is writable");
+    let schemas = [("eni-run", report::schema()), ("eni-scan", isocat::player::found::schema())];
+    for (name, schema) in schemas {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+        let path = path.join(format!("{name}.schema.json"));
+        let now = serde_json::to_string_pretty(&schema).expect("JSON") + "\n";
+        if std::env::var_os("UPDATE_SCHEMA").is_some() {
+            std::fs::write(&path, &now).expect("docs/ is writable");
+        }
+        let committed = std::fs::read_to_string(&path).unwrap_or_default();
+        assert_eq!(now, committed, "{name} changed: run with UPDATE_SCHEMA=1 and raise FORMAT");
     }
-    let committed = std::fs::read_to_string(&path).unwrap_or_default();
-    assert_eq!(now, committed, "the document changed: run with UPDATE_SCHEMA=1 and raise FORMAT");
 }
 
 #[test]
@@ -101,17 +105,15 @@ fn bad_input_is_told_with_its_place() {
     refused(&["run", &broken], &["can't be run", "it names no SubDevice"]);
     refused(&["run", "/no/such/network.xml"], &["/no/such/network.xml", "can't be read"]);
     refused(&["run", &eni, "--esi", "/no/such/folder"], &["/no/such/folder", "can't be read"]);
-    refused(&["run", &eni, "--capture", "run.pcapng"], &["--capture is beside an ENI", "expected"]);
+    refused(
+        &["run", &eni, "--capture", "run.pcapng"],
+        &["--capture without --interface is beside an ENI", "expected"],
+    );
     refused(&["plan", &eni, "--prove"], &["--prove is beside an ENI", "expected"]);
     refused(&["run", &segment, "--esi", "esi"], &["--esi goes with an ENI"]);
     let other = folder("bad").join("other.toml").display().to_string();
     std::fs::write(&other, "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\n").unwrap();
     refused(&["run", &eni, "--segment", &other], &["other.toml", "1 devices; expected 2"]);
-    #[cfg(target_os = "linux")]
-    refused(
-        &["run", &eni, "--interface", "eth0"],
-        &["--interface is beside an ENI", "not supported"],
-    );
 }
 
 /// A list that the segment does not bear is not in sync, and says at which command.

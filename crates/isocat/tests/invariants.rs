@@ -151,7 +151,17 @@ const ARROWS: [(&str, &[&str]); 21] = [
     ("serve", &["wire", "sync", "subdevice", "host", "sim", "descriptions", "segment", "engine"]),
     (
         "player",
-        &["wire", "sync", "maindevice", "sim", "descriptions", "segment", "engine", "serve"],
+        &[
+            "wire",
+            "sync",
+            "maindevice",
+            "host",
+            "sim",
+            "descriptions",
+            "segment",
+            "engine",
+            "serve",
+        ],
     ),
     ("isocat-c", &["wire", "sim", "subdevice", "descriptions", "segment", "engine", "serve"]),
     ("testing", &["wire", "subdevice", "sim", "descriptions", "segment", "serve"]),

@@ -303,7 +303,7 @@ fn the_command_says_by_its_exit_code_what_it_found() {
         (&["scan", "--device", "5"][..], "no such SubDevice, expected 0 to 4"),
         (&["scan", "--interface", "no-such-if"], "no-such-if"),
         (&["scan", "/no/such/file.toml"], "can't be read"),
-        (&["scan", "doubtful.toml", "--interface", "eth0"], "cannot be used with"),
+        (&["scan", "doubtful.toml", "--interface", "eth0"], "expected an ENI"),
         (&["scan", "--netns", "somewhere"], "--interface"),
     ] {
         let output = isocat(arguments);

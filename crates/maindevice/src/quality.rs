@@ -1,6 +1,6 @@
 //! How well the segment runs: what its registers and objects say, read in the background within a share of the bus.
 //!
-//! A `Monitor` says what to read and when, and takes what came back; the machine does the reading. Registers of
+//! A `Monitor` says what to read and when ([`Background`]), and takes what came back; the machine does the reading. Registers of
 //! clocks (`clocks`) travel as datagrams of their own, error counters and distances (`objects`) by SDO through each
 //! SubDevice's mailbox. Each kind has its `Pace`: half of the share if both are there. States, working
 //! counters and how late frames were (`snapshot`) come with the cycle and cost nothing. What leaves its limits and what
@@ -20,6 +20,7 @@ use crate::error::SdoResult;
 use crate::segment::Segment;
 use crate::statistics::Statistics;
 
+mod background;
 mod clocks;
 mod objects;
 mod pace;
@@ -29,15 +30,13 @@ mod snapshot;
 mod tests;
 
 pub use crate::alarm::{Alarm, Change, Found, What};
-pub use clocks::{ClockQuality, Reading};
+pub use background::Background;
+pub use clocks::{ClockQuality, Reading, Registers, Wanted};
 pub use objects::{EntryQuality, ObjectQuality};
 pub use snapshot::{DeviceQuality, Margin, Moment, Snapshot};
 
-use clocks::Clocks;
-pub(crate) use clocks::{Registers, Wanted, read};
-use objects::Objects;
-use pace::Pace;
-pub(crate) use pace::wire_time;
+pub(crate) use clocks::read;
+pub use pace::wire_time;
 use snapshot::Record;
 
 /// Watches a segment in operation.
@@ -45,8 +44,7 @@ use snapshot::Record;
 pub(crate) struct Monitor {
     began: Time<Host>,
     unled_cycles: u64,
-    clocks: Clocks,
-    objects: Objects,
+    background: Background,
     record: Record,
     /// It was told that clocks are not led.
     unled: bool,
@@ -63,37 +61,25 @@ impl Monitor {
         counts: &Statistics,
         noise: &[Nanos],
     ) -> Self {
-        let pace = Pace::new(config.share_permille, now);
         let (limit, history) = (config.margin_limit, config.history);
-        let clocks = Clocks::new(&config, segment, pace, noise);
-        let objects = Objects::new(config.objects, &segment.devices, pace);
+        let background = Background::new(&config, segment, now, noise);
         let record = Record::new(limit, history, segment, now, cycle, counts);
-        let unled_cycles = config.unled_cycles;
-        let mut monitor = Self { began: now, unled_cycles, clocks, objects, record, unled: false };
-        monitor.divide_the_share();
-        monitor
-    }
-
-    /// Each kind has half of the share, if both are there.
-    fn divide_the_share(&mut self) {
-        let parts = if self.clocks.are_there() && self.objects.are_there() { 2 } else { 1 };
-        self.clocks.pace.divide(parts);
-        self.objects.pace.divide(parts);
+        Self { began: now, unled_cycles: config.unled_cycles, background, record, unled: false }
     }
 
     /// Whether there is something to do.
     pub fn is_due(&self, now: Time<Host>, cycle: u64) -> bool {
-        self.clocks.is_due(now) || self.objects.is_due(now) || self.record.is_due(cycle)
+        self.background.is_due(now) || self.record.is_due(cycle)
     }
 
     /// Which clocks to read now; none if it is not time.
     pub fn clocks_to_read(&mut self, now: Time<Host>) -> Vec<Wanted> {
-        if self.clocks.is_due(now) { self.clocks.batch(now) } else { Vec::new() }
+        self.background.clocks_to_read(now)
     }
 
     /// Takes what came back from a clock; gives the alarms that come or go.
     pub fn take_clock(&mut self, index: usize, found: Option<Registers>) -> Vec<Change> {
-        self.clocks.sample(index, found)
+        self.background.take_clock(index, found)
     }
 
     /// Which entry to read now, of those whose mailbox is free; none if it is not time.
@@ -102,7 +88,7 @@ impl Monitor {
         now: Time<Host>,
         is_free: impl Fn(usize) -> bool,
     ) -> Option<(usize, ObjectAddress)> {
-        if self.objects.is_due(now) { self.objects.next(now, is_free) } else { None }
+        self.background.entry_to_read(now, is_free)
     }
 
     /// Takes the answer to such a reading, and what it cost on the wire; gives the alarms that come or go. Of one that is
@@ -115,8 +101,7 @@ impl Monitor {
         cost: Nanos,
         admitted: bool,
     ) -> Vec<Change> {
-        self.objects.pace.charge(now, cost);
-        if admitted { self.objects.take(wanted, now, answer) } else { Vec::new() }
+        self.background.take_entry(wanted, now, answer, cost, admitted)
     }
 
     /// Ends a moment if it is time, and looks at states; gives the alarms that come or go.
@@ -127,20 +112,12 @@ impl Monitor {
         cycle: &mut CyclicExchange,
         counts: &Statistics,
     ) -> Vec<Change> {
-        let (clocks, objects) = (&mut self.clocks, &mut self.objects);
-        let mut changed = false;
-        self.record.take_states(now, segment, |device| {
-            changed = true;
-            clocks.meet(device);
-            objects.meet(device);
-        });
-        if changed {
-            self.divide_the_share();
-        }
+        let background = &mut self.background;
+        self.record.take_states(now, segment, |device| background.meet(device));
         if !self.record.is_due(cycle.number()) {
             return Vec::new();
         }
-        let last = self.clocks.all.iter().filter_map(|clock| clock.last());
+        let last = self.clocks().iter().filter_map(ClockQuality::last);
         let difference = last.map(|reading| reading.difference.abs()).max().unwrap_or_default();
         self.record.end_moment(now, cycle, counts, difference)
     }
@@ -153,20 +130,18 @@ impl Monitor {
             return None;
         }
         self.unled = unled;
-        for clock in &mut self.clocks.all {
-            clock.unled = unled;
-        }
+        self.background.set_unled(unled);
         Some(if unled { cycles } else { 0 })
     }
 
     /// Frames take another way to this clock, and its delay was set right.
     pub fn delay_changed(&mut self, position: usize) {
-        self.clocks.forget_slope(position);
+        self.background.delay_changed(position);
     }
 
     /// All clocks.
     pub fn clocks(&self) -> &[ClockQuality] {
-        &self.clocks.all
+        self.background.clocks()
     }
 
     /// All that is known.
@@ -177,8 +152,8 @@ impl Monitor {
             cycle: cycle.number(),
             unled: cycle.unled(),
             working_counters: cycle.wrong(),
-            clocks: &self.clocks.all,
-            objects: &self.objects.all,
+            clocks: self.background.clocks(),
+            objects: self.background.objects(),
             devices: &self.record.devices,
             moments: &self.record.moments,
         }
@@ -186,7 +161,7 @@ impl Monitor {
 
     /// Wire time of all reads so far, preambles and gaps included.
     pub fn spent(&self) -> Nanos {
-        self.clocks.pace.spent() + self.objects.pace.spent()
+        self.background.spent()
     }
 
     /// Since when it watches.

@@ -6,12 +6,12 @@
 
 use isocat_descriptions::start_up::{Address, StartUp};
 use isocat_maindevice::DriftFilters;
-use isocat_sync::delay::{Averaging, Found, Mean, Node, Stay, propagation_delays};
+use isocat_sync::delay::{Averaging, Delay, Found, Mean, Node, Stay, propagation_delays};
 use isocat_sync::drift::{Convergence, Limits, Verdict};
 use isocat_wire::dc::{DifferencePolarity, SystemTimeDifference};
 use isocat_wire::dl::DlStatus;
 use isocat_wire::register::{self, Value, features};
-use isocat_wire::time::{Dc, Nanos, Time};
+use isocat_wire::time::{Dc, Host, Nanos, Time};
 use isocat_wire::{Command, PortNumber};
 
 use crate::cyclic::is_drift;
@@ -38,6 +38,8 @@ pub struct Unit {
     pub offset: u64,
     /// Register 0x0928.
     pub delay: Nanos,
+    /// What the receive times say of the delay.
+    pub measured: Delay,
     /// Whether the receive times told the delay; else it is 0.
     pub is_delay_known: bool,
     /// Register 0x092C when the clocks had been led, its size.
@@ -84,12 +86,14 @@ pub(crate) fn set(line: &mut Line, list: &StartUp) -> Result<Option<Clocks>, Kin
     let units =
         ports.iter().zip(&means).zip(&last).enumerate().map(|(position, ((port, mean), latch))| {
             port.has_clock.then(|| {
-                let delay = mean.delay(averaging).nanos();
+                let measured = mean.delay(averaging);
+                let delay = measured.nanos();
                 let unit = Unit {
                     station: port.station,
                     is_wide: port.is_wide,
                     offset: 0,
                     delay: delay.unwrap_or(Nanos::ZERO),
+                    measured,
                     is_delay_known: delay.is_some(),
                     difference: Nanos::ZERO,
                     has_converged: position == reference,
@@ -100,7 +104,7 @@ pub(crate) fn set(line: &mut Line, list: &StartUp) -> Result<Option<Clocks>, Kin
         });
     let mut clocks = Clocks { reference, units: units.collect() };
     write(line, list, &clocks)?;
-    converge(line, &mut clocks)?;
+    converge(line, list, &mut clocks)?;
     Ok(Some(clocks))
 }
 
@@ -244,19 +248,44 @@ fn writes_filters(list: &StartUp) -> bool {
 }
 
 /// Leads the clocks by a burst of drift frames until all have converged, or patience ends: the judges see what comes of a
-/// clock that has not.
-fn converge(line: &mut Line, clocks: &mut Clocks) -> Result<(), Kind> {
+/// clock that has not. Where the cycle's own drift datagrams come much more seldom, slower frames follow, as they teach the
+/// loops the speed well enough for that.
+fn converge(line: &mut Line, list: &StartUp, clocks: &mut Clocks) -> Result<(), Kind> {
+    let end = line.now() + PATIENCE;
+    let converged = lead(line, clocks, (PACE, 0), end)?;
+    for (unit, converged) in clocks.units.iter_mut().zip(converged) {
+        if let Some(unit) = unit {
+            unit.has_converged |= converged;
+        }
+    }
+    let slower = PACE.max(Nanos(list.cycle_ns / 10));
+    if slower > PACE {
+        let settled = end.min(line.now() + Nanos(slower.0 * MOST_LEARNING));
+        lead(line, clocks, (slower, LEARNING_FRAMES), settled)?;
+    }
+    Ok(())
+}
+
+/// Leads the clocks by one drift frame each `pace` until all have converged, and by `least` frames at least; until `end` at
+/// the latest. Gives by position which ones have.
+fn lead(
+    line: &mut Line,
+    clocks: &mut Clocks,
+    (pace, least): (Nanos, i64),
+    end: Time<Host>,
+) -> Result<Vec<bool>, Kind> {
+    let mut converged = vec![false; clocks.units.len()];
     let Some(station) = clocks.units[clocks.reference].map(|unit| unit.station) else {
-        return Ok(());
+        return Ok(converged);
     };
     let address = Address::Physical { device: station, register: register::SYSTEM_TIME.address };
     let reference = clocks.reference;
     let limits = Limits { noise: NOISE, ..Limits::of_difference(THRESHOLD) };
     let mut judges = vec![Convergence::new(limits); clocks.units.len()];
-    let end = line.now() + PATIENCE;
+    let learned = line.now() + Nanos(pace.0 * least);
     while line.now() < end {
         for _ in 0..FRAMES_PER_READING {
-            let next = line.now() + PACE;
+            let next = line.now() + pace;
             let now = line.now().count().to_le_bytes();
             let _lost = line.datagram(Command::Frmw, address, &now)?;
             let left = next - line.now();
@@ -266,19 +295,22 @@ fn converge(line: &mut Line, clocks: &mut Clocks) -> Result<(), Kind> {
         for (position, unit) in clocks.units.iter_mut().enumerate() {
             let Some(unit) = unit.as_mut().filter(|_| position != reference) else { continue };
             let register = register::SYSTEM_TIME_DIFFERENCE.address;
-            let Some(bytes) = line.read(unit.station, register, 4)? else { continue };
+            let Some(bytes) = line.read(unit.station, register, 4)? else {
+                all = false;
+                continue;
+            };
             let difference = SystemTimeDifference(word(&bytes, 0));
             let judge = &mut judges[position];
             judge.sample(line.now(), difference.nanos(DifferencePolarity::PositiveAhead));
             unit.difference = Nanos(i64::from(difference.magnitude()));
-            unit.has_converged = matches!(judge.verdict(), Verdict::Converged { .. });
-            all &= unit.has_converged;
+            converged[position] = matches!(judge.verdict(), Verdict::Converged { .. });
+            all &= converged[position];
         }
-        if all {
+        if all && line.now() >= learned {
             break;
         }
     }
-    Ok(())
+    Ok(converged)
 }
 
 /// How often receive times are latched.
@@ -293,6 +325,9 @@ const SPEED_COUNTER_START: u16 = 0x1000;
 const PACE: Nanos = Nanos(100_000);
 /// Drift frames from one look at 0x092C to the next.
 const FRAMES_PER_READING: usize = 20;
+/// Slower drift frames at least and at most, where the cycle is slow.
+const LEARNING_FRAMES: i64 = 128;
+const MOST_LEARNING: i64 = 512;
 /// A clock counts as converged when 0x092C stays below this.
 const THRESHOLD: Nanos = Nanos(100);
 /// What the jitter of hops leaves in 0x092C behind its filter, 1 sigma.

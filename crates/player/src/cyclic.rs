@@ -1,16 +1,20 @@
-//! The cyclic exchange: the frames of the list as they stand, in the states that they name.
+//! The cyclic exchange: the frames of the list as they stand, in the states that they name. Nothing is allocated once it
+//! runs.
 
 use isocat_descriptions::start_up::{Address, CyclicDatagram, CyclicFrame};
-use isocat_sync::phase::{Servo, Settings, State};
+use isocat_maindevice::Event;
+use isocat_sync::phase::{Servo, Settings, State, Uncertainty};
 use isocat_wire::Command;
 use isocat_wire::al::AlState;
-use isocat_wire::datagram::WKC_LEN;
+use isocat_wire::datagram::Layouts;
 use isocat_wire::frame::{self, FrameWriter};
 use isocat_wire::register;
 use isocat_wire::time::{Dc, Host, Nanos, Time};
 
 use crate::failure::Kind;
-use crate::line::{Line, SOURCE, wire_address};
+use crate::line::{SOURCE, wire_address};
+use crate::tally::Tally;
+use crate::wire::{Buffer, Sent, Wire};
 
 /// The exchange and its state.
 pub(crate) struct Exchange {
@@ -20,6 +24,8 @@ pub(crate) struct Exchange {
     pub state: AlState,
     /// Follows the reference clock; `None` without one.
     servo: Option<Servo>,
+    /// What was last told of its lock.
+    told: State,
     /// The last system time of the reference, to extend readings of 32 bits.
     last: Time<Dc>,
     due: Time<Host>,
@@ -27,9 +33,21 @@ pub(crate) struct Exchange {
     grid: Time<Dc>,
     number: u64,
     longest: Nanos,
+    /// Frames under way.
+    flights: Vec<Flight>,
+    /// The last cycle in which something was wrong.
+    broken: Option<u64>,
+    /// Of the cyclic datagrams, in the order of the list: whether it counted wrongly when it was last back.
+    wrong: Vec<bool>,
+    /// The last cycle whose drift datagram was right, and whether it was told that none is.
+    led: (u64, bool),
+    /// What the list's own broadcast of AL status read last.
+    pub al_status: Option<u16>,
     /// Cycles in a row in which all datagrams counted right.
     pub complete: u64,
     pub counts: Counts,
+    zeros: Box<Buffer>,
+    outgoing: Box<Buffer>,
 }
 
 /// What was counted.
@@ -46,33 +64,49 @@ pub struct Counts {
 }
 
 /// A frame under way.
-struct Sent {
+#[derive(Clone, Copy)]
+struct Flight {
+    index: u8,
     frame: usize,
-    /// Datagrams of the list, by number, with the place of their data in the frame.
-    datagrams: Vec<(usize, usize)>,
-    back: Option<Time<Host>>,
+    cycle: u64,
+    at: Time<Host>,
+    /// The system time that it is to find at the reference.
+    grid: Time<Dc>,
+    /// The state in which it was sent.
+    state: AlState,
 }
 
 impl Exchange {
     /// An exchange that begins at `start`. `reference`: its system time now; `None` without a reference clock.
+    /// `stamp_noise`: how much too early time stamps are as a rule.
     pub fn new(
         frames: &[CyclicFrame],
         cycle: Nanos,
         start: Time<Host>,
         reference: Option<Time<Dc>>,
+        stamp_noise: Nanos,
     ) -> Self {
+        let datagrams = frames.iter().map(|frame| frame.datagrams.len()).sum();
         Self {
             frames: frames.to_vec(),
             cycle,
             state: AlState::PreOp,
-            servo: reference.map(|_| Servo::new(Settings::new(cycle, Nanos::ZERO))),
+            servo: reference.map(|_| Servo::new(Settings::new(cycle, stamp_noise))),
+            told: State::Free,
             last: reference.unwrap_or(Time::ZERO),
             due: start,
             grid: Time::ZERO,
             number: 0,
             longest: Nanos::ZERO,
+            flights: Vec::with_capacity(MOST_FLIGHTS),
+            broken: None,
+            wrong: vec![false; datagrams],
+            led: (0, false),
+            al_status: None,
             complete: 0,
             counts: Counts::default(),
+            zeros: Box::new([0; frame::MAX_LEN]),
+            outgoing: Box::new([0; frame::MAX_LEN]),
         }
     }
 
@@ -81,9 +115,20 @@ impl Exchange {
         self.due
     }
 
-    /// The longest time from the first bit of a frame to its last bit back at the port.
+    /// The longest time from the first bit of a frame to its last bit back at the port; at most a quarter of the cycle, as a
+    /// host that stalled says nothing of the wire.
     pub fn longest_way(&self) -> Nanos {
-        self.longest
+        self.longest.min(Nanos(self.cycle.0 / 4))
+    }
+
+    /// How long a cycle waits for its own frames; what comes later is taken all the same.
+    pub fn collecting(&self) -> Nanos {
+        Nanos(self.cycle.0 / 4 * 3)
+    }
+
+    /// Whether frames of the present cycle are under way.
+    pub fn is_waiting(&self) -> bool {
+        self.flights.iter().any(|flight| flight.cycle == self.number)
     }
 
     /// Whether the cycle is in step with the reference clock; without one there is nothing to be in step with.
@@ -91,35 +136,63 @@ impl Exchange {
         self.servo.as_ref().is_none_or(|servo| servo.state() == State::Locked)
     }
 
+    /// What is known of the reference clock: the servo's state, how much faster than the host's it runs (ppb), and how well
+    /// that is known. `None` without one.
+    pub fn phase(&self) -> Option<(State, i64, Option<Uncertainty>)> {
+        self.servo.as_ref().map(|servo| (servo.state(), servo.rate_ppb(), servo.uncertainty()))
+    }
+
     /// The last phase error.
     pub fn phase_error(&self) -> Nanos {
         self.servo.as_ref().map_or(Nanos::ZERO, Servo::last_error)
     }
 
-    /// Sends the frames of one cycle from `at` on, and takes what comes back.
-    pub fn run(&mut self, line: &mut Line, at: Time<Host>) -> Result<(), Kind> {
+    /// Sends the frames of one cycle, which begins at `at`.
+    pub fn begin(
+        &mut self,
+        wire: &mut dyn Wire,
+        tally: &mut Tally,
+        at: Time<Host>,
+    ) -> Result<(), Kind> {
         self.number += 1;
         self.counts.cycles += 1;
+        tally.statistics.cycles += 1;
+        if let Some(servo) = &mut self.servo {
+            servo.handle_timeout(at);
+        }
+        self.tell_of_clocks(at, tally);
         let slot = self.slot();
-        let mut sent = Vec::new();
+        let mut back = None;
         for number in 0..self.frames.len() {
-            if slot.is_multiple_of(u64::from(self.frames[number].every.max(1))) {
-                sent.extend(self.send(line, at, number)?);
+            if slot.is_multiple_of(u64::from(self.frames[number].every.max(1)))
+                && let Some(sent) = self.send(wire, tally, at, number)?
+            {
+                back = back.max(sent.back);
             }
         }
-        let end = sent.iter().filter_map(|one| one.back).max().unwrap_or(at).max(line.now());
-        line.bus.advance(end)?;
-        if end - at >= self.cycle {
-            return Err(Kind::CycleTooShort { took: end - at, cycle: self.cycle });
+        if let Some(took) = back.map(|back| back - at).filter(|took| *took >= self.cycle) {
+            return Err(Kind::CycleTooShort { took, cycle: self.cycle });
         }
-        self.longest = self.longest.max(end - at);
-        let mut right = true;
-        for one in &sent {
-            right &= self.receive(line, one, at);
+        if !self.is_waiting() {
+            self.complete += 1;
         }
-        self.complete = if right { self.complete + 1 } else { 0 };
-        self.plan_next(at);
         Ok(())
+    }
+
+    /// Tells what has changed of the lock on the reference clock, and of clocks that are not led.
+    fn tell_of_clocks(&mut self, at: Time<Host>, tally: &mut Tally) {
+        let Some(servo) = &self.servo else { return };
+        let (state, cycle) = (servo.state(), self.number);
+        if state != self.told {
+            self.told = state;
+            tally.tell(at, Event::Phase { cycle, state });
+        }
+        let (led, told) = self.led;
+        let unled = cycle.saturating_sub(led);
+        if (unled > UNLED_CYCLES) != told {
+            self.led.1 = !told;
+            tally.tell(at, Event::ClocksUnled { cycles: if told { 0 } else { unled } });
+        }
     }
 
     /// The number of the bus cycle: by system time, as SYNC pulses come; without a reference it is the count.
@@ -133,79 +206,181 @@ impl Exchange {
     }
 
     /// Sends the datagrams of a frame that are sent in this state; `None` if none is.
-    fn send(&self, line: &mut Line, at: Time<Host>, number: usize) -> Result<Option<Sent>, Kind> {
-        let mut bytes = [0; frame::MAX_LEN];
-        let mut writer = FrameWriter::new(&mut bytes, SOURCE);
-        let mut datagrams = Vec::new();
-        for (which, datagram) in self.frames[number].datagrams.iter().enumerate() {
-            if !datagram.states.is_empty() && !datagram.states.contains(&self.state) {
-                continue;
-            }
-            let mut data = vec![0; usize::from(datagram.length)];
-            if let (true, Some(servo)) = (is_drift(datagram), &self.servo) {
-                // The reference puts its own time in their place.
-                let guess = servo.dc_at(at).count().to_le_bytes();
-                data.iter_mut().zip(guess).for_each(|(byte, guess)| *byte = guess);
-            }
-            let address = wire_address(datagram.command, datagram.address);
-            let place = writer.push(datagram.command, number as u8, address, &data);
-            datagrams.push((which, place.map_err(|_| Kind::FrameTooLong { frame: number })?));
-        }
-        if datagrams.is_empty() {
+    fn send(
+        &mut self,
+        wire: &mut dyn Wire,
+        tally: &mut Tally,
+        at: Time<Host>,
+        number: usize,
+    ) -> Result<Option<Sent>, Kind> {
+        let state = self.state;
+        if !self.frames[number].datagrams.iter().any(|one| is_sent(one, state)) {
             return Ok(None);
         }
+        let index = tally.index();
+        let guess = self.servo.as_ref().map_or(0, |servo| servo.dc_at(at).count()).to_le_bytes();
+        let mut writer = FrameWriter::new(&mut self.outgoing[..], SOURCE);
+        for datagram in self.frames[number].datagrams.iter().filter(|one| is_sent(one, state)) {
+            let length = usize::from(datagram.length);
+            // The reference puts its own time in the place of the host's.
+            let data = match is_drift(datagram) && length <= guess.len() {
+                true => &guess[..length],
+                false => &self.zeros[..length.min(frame::MAX_LEN)],
+            };
+            let address = wire_address(datagram.command, datagram.address);
+            let pushed = writer.push(datagram.command, index, address, data);
+            pushed.map_err(|_| Kind::FrameTooLong { frame: number })?;
+            tally.statistics.datagrams += 1;
+            tally.statistics.drift_frames += u64::from(is_drift(datagram));
+        }
         let length = writer.finish();
-        let back = line.send(at, &bytes[..length])?;
-        Ok(Some(Sent { frame: number, datagrams, back }))
+        let sent = wire.send(at, &self.outgoing[..length])?;
+        tally.statistics.frames_sent += 1;
+        if self.flights.len() == MOST_FLIGHTS {
+            let oldest = self.flights.remove(0);
+            self.lose(oldest, at, tally);
+        }
+        let (cycle, grid) = (self.number, self.grid);
+        self.flights.push(Flight { index, frame: number, cycle, at: sent.at, grid, state });
+        Ok(Some(sent))
     }
 
-    /// Takes a frame; whether all of it counted right.
-    fn receive(&mut self, line: &mut Line, sent: &Sent, at: Time<Host>) -> bool {
-        let bytes = sent.back.and_then(|_| line.take(sent.frame as u8));
-        let Some(bytes) = bytes else {
-            self.counts.lost += 1;
+    /// Takes a frame that came in; whether it is one of the exchange.
+    pub fn take(&mut self, index: u8, bytes: &[u8], now: Time<Host>, tally: &mut Tally) -> bool {
+        let Some(place) = self.flights.iter().position(|flight| flight.index == index) else {
             return false;
         };
-        let mut right = true;
-        for (which, place) in &sent.datagrams {
-            let datagram = &self.frames[sent.frame].datagrams[*which];
-            let end = place + usize::from(datagram.length);
-            let counter =
-                bytes.get(end..end + WKC_LEN).map_or(0, |b| u16::from_le_bytes([b[0], b[1]]));
-            if let Some(expected) = datagram.working_counter.filter(|expected| *expected != counter)
-            {
-                right = false;
-                self.counts.wrong += 1;
-                self.counts.first_wrong.get_or_insert((expected, counter));
+        let flight = self.flights.remove(place);
+        let Ok(payload) = frame::payload(bytes) else { return false };
+        let before: usize =
+            self.frames[..flight.frame].iter().map(|frame| frame.datagrams.len()).sum();
+        let mut layouts = Layouts::new();
+        for which in 0..self.frames[flight.frame].datagrams.len() {
+            if !is_sent(&self.frames[flight.frame].datagrams[which], flight.state) {
+                continue;
             }
-            if is_drift(datagram)
-                && counter > 0
-                && let (Some(servo), Some(low)) = (
-                    &mut self.servo,
-                    bytes[*place..end].first_chunk().map(|b| u32::from_le_bytes(*b)),
+            let found = layouts.next(payload).and_then(Result::ok);
+            let found = found.map(|layout| {
+                let counter = payload[layout.wkc()..].first_chunk().copied();
+                (
+                    &payload[layout.data()..layout.wkc()],
+                    u16::from_le_bytes(counter.unwrap_or_default()),
                 )
-            {
-                self.last = extend(low, self.last);
-                servo.sample(at, self.last);
-            }
+            });
+            self.look(flight, (which, before + which), found, now, tally);
         }
-        right
+        let is_last = !self.flights.iter().any(|other| other.cycle == flight.cycle);
+        if is_last && self.broken != Some(flight.cycle) {
+            self.complete += 1;
+        }
+        true
     }
 
-    /// Plans the next cycle at the first instant at which its frame finds the reference clock at phase 0.
-    fn plan_next(&mut self, at: Time<Host>) {
-        let Some(servo) = &self.servo else {
-            self.due += self.cycle;
+    /// Looks at a datagram that came back: its data and its working counter. `number`: in its frame, and in the list.
+    fn look(
+        &mut self,
+        flight: Flight,
+        (number, of_all): (usize, usize),
+        found: Option<(&[u8], u16)>,
+        now: Time<Host>,
+        tally: &mut Tally,
+    ) {
+        let datagram = &self.frames[flight.frame].datagrams[number];
+        let (data, counter) = found.unwrap_or((&[], 0));
+        let (cycle, is_drift) = (flight.cycle, is_drift(datagram));
+        let expected = datagram.working_counter.filter(|expected| *expected != counter);
+        if is_state_watch(datagram) && counter > 0 {
+            self.al_status = data.first_chunk().map(|bytes| u16::from_le_bytes(*bytes));
+        }
+        if let Some(expected) = expected {
+            self.broken = Some(cycle);
+            self.complete = 0;
+            self.counts.wrong += 1;
+            self.counts.first_wrong.get_or_insert((expected, counter));
+            tally.statistics.working_counter_errors += 1;
+            if !self.wrong[of_all] {
+                let found = counter;
+                tally.tell(
+                    now,
+                    match is_drift {
+                        true => Event::Drift { cycle, expected, found },
+                        false => Event::WorkingCounter { cycle, chunk: of_all, expected, found },
+                    },
+                );
+            }
+        }
+        self.wrong[of_all] = expected.is_some();
+        if !is_drift || counter == 0 {
             return;
-        };
-        let earliest = at + Nanos(self.cycle.0 / 2);
-        self.grid += self.cycle;
-        self.due = servo.host_at(self.grid);
-        if !(0..self.cycle.0).contains(&(self.due - earliest).0) {
-            self.grid = servo.next_grid(earliest, self.cycle, Nanos::ZERO);
-            self.due = servo.host_at(self.grid).max(earliest);
+        }
+        if expected.is_none() {
+            self.led.0 = self.led.0.max(cycle);
+        }
+        if let (Some(servo), Some(low)) = (&mut self.servo, data.first_chunk()) {
+            let found = extend(u32::from_le_bytes(*low), self.last);
+            self.last = found;
+            servo.sample(flight.at, found);
+            if flight.state == AlState::Op {
+                tally.statistics.phase_error.add(found - flight.grid);
+            }
         }
     }
+
+    /// The cycle that began at `at` is over, and the next one is planned; frames that were waited for long enough are lost.
+    pub fn end(&mut self, at: Time<Host>, now: Time<Host>, patience: Nanos, tally: &mut Tally) {
+        if !self.is_waiting() {
+            self.longest = self.longest.max(now - at);
+        }
+        while let Some(place) = self.flights.iter().position(|one| now - one.at >= patience) {
+            let lost = self.flights.remove(place);
+            self.lose(lost, now, tally);
+        }
+        let (before, was_due) = (self.grid, self.due);
+        let skipped = match &self.servo {
+            Some(servo) => {
+                let earliest = at + Nanos(self.cycle.0 / 2);
+                self.grid += self.cycle;
+                self.due = servo.host_at(self.grid);
+                // At the first instant at which its frame finds the reference clock at phase 0.
+                if !(0..self.cycle.0).contains(&(self.due - earliest).0) {
+                    self.grid = servo.next_grid(earliest, self.cycle, Nanos::ZERO);
+                    self.due = servo.host_at(self.grid).max(earliest);
+                }
+                ((self.grid - before).0 - self.cycle.0 / 2) / self.cycle.0
+            }
+            None => {
+                self.due += self.cycle;
+                let skipped = ((now - self.due).0 / self.cycle.0).max(0);
+                self.due += Nanos(self.cycle.0 * skipped);
+                skipped
+            }
+        };
+        if skipped > 0 && self.state == AlState::Op {
+            let (late, skipped) = (now.max(at) - was_due, skipped as u64);
+            tally.statistics.cycles_skipped += skipped;
+            tally.tell(now, Event::CyclesSkipped { cycle: self.number + 1, late, skipped });
+        }
+    }
+
+    fn lose(&mut self, flight: Flight, now: Time<Host>, tally: &mut Tally) {
+        let Flight { cycle, frame, .. } = flight;
+        self.broken = Some(cycle);
+        self.complete = 0;
+        self.counts.lost += 1;
+        tally.statistics.frames_lost += 1;
+        tally.tell(now, Event::FrameLost { cycle, frame });
+    }
+}
+
+/// Whether a datagram is sent in a state of the MainDevice.
+fn is_sent(datagram: &CyclicDatagram, state: AlState) -> bool {
+    datagram.states.is_empty() || datagram.states.contains(&state)
+}
+
+/// Whether a datagram reads AL status of all devices.
+fn is_state_watch(datagram: &CyclicDatagram) -> bool {
+    let at = matches!(datagram.address, Address::Physical { register, .. } if register == register::AL_STATUS.address);
+    datagram.command == Command::Brd && at
 }
 
 /// Whether a datagram reads the system time of one clock and writes it to those behind.
@@ -227,3 +402,8 @@ fn is_system_time(address: Address) -> bool {
 pub(crate) fn extend(low: u32, last: Time<Dc>) -> Time<Dc> {
     last + Nanos(i64::from(low.wrapping_sub(last.count() as u32) as i32))
 }
+
+/// Frames under way at a time: their indices have one byte.
+const MOST_FLIGHTS: usize = 200;
+/// Cycles without a drift datagram that reached all clocks, after which 0x092C tells nothing.
+const UNLED_CYCLES: u64 = 100;

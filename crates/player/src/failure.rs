@@ -128,6 +128,31 @@ pub enum Kind {
     },
     /// The virtual bus took no frame.
     Bus(Refused),
+    /// Another number of SubDevices answers than the list names.
+    Count {
+        /// What the list names.
+        expected: usize,
+        /// What answers.
+        found: u16,
+    },
+    /// Another SubDevice answers than the one that the list names.
+    Identity {
+        /// Its position.
+        position: usize,
+        /// Vendor id and product code of the list.
+        expected: (u32, u32),
+        /// Those in its SII.
+        found: (u32, u32),
+    },
+    /// The SII of a SubDevice can't be read, so that nothing tells what it is.
+    NoIdentity {
+        /// Its position.
+        position: usize,
+    },
+    /// The interface failed.
+    Interface(String),
+    /// Somebody ended it.
+    Ended,
 }
 
 impl Kind {
@@ -152,10 +177,16 @@ impl Kind {
             Self::CycleTooShort { .. } => "cycle-too-short",
             Self::FrameTooLong { .. } => "frame-too-long",
             Self::Bus(_) => "bus",
+            Self::Count { .. } => "count",
+            Self::Identity { .. } => "identity",
+            Self::NoIdentity { .. } => "no-identity",
+            Self::Interface(_) => "interface",
+            Self::Ended => "ended",
         }
     }
 
-    /// Whether the list asks for something that the player does not do, so that a run says nothing of the segment.
+    /// Whether the list asks for something that the player does not do, or is that of another segment, so that a run says
+    /// nothing of the segment.
     pub fn is_refused(&self) -> bool {
         matches!(
             self,
@@ -167,7 +198,43 @@ impl Kind {
                 | Self::NoGrid
                 | Self::FrameTooLong { .. }
                 | Self::Bus(_)
+                | Self::Count { .. }
+                | Self::Identity { .. }
+                | Self::NoIdentity { .. }
         )
+    }
+}
+
+impl Failure {
+    /// What failed of which SubDevice's commands, for a reader who is told the SubDevice: its position, and the rest in words.
+    pub(crate) fn of_device(&self) -> (Option<usize>, String) {
+        match self.place.as_ref().and_then(|place| Some((place, place.device.as_ref()?.0))) {
+            None => (None, self.to_string()),
+            Some((place, position)) => {
+                let comment = match place.comment.as_str() {
+                    "" => String::new(),
+                    comment => format!(" \"{comment}\""),
+                };
+                let Place { transition, target, .. } = &**place;
+                (Some(position), format!("{transition}, {target}{comment}: {}", self.kind))
+            }
+        }
+    }
+
+    /// Position of the SubDevice that it concerns; `None` if it is none's.
+    pub fn position(&self) -> Option<usize> {
+        match (&self.place, &self.kind) {
+            (Some(place), _) => place.device.as_ref().map(|(position, _)| *position),
+            (
+                None,
+                Kind::SwappedCable { position }
+                | Kind::NoDriftDatagram { position }
+                | Kind::NoPulses { position }
+                | Kind::Identity { position, .. }
+                | Kind::NoIdentity { position },
+            ) => Some(*position),
+            (None, _) => None,
+        }
     }
 }
 
@@ -282,6 +349,21 @@ impl fmt::Display for Kind {
                 write!(f, "cyclic frame {frame} is too long; expected 1514 bytes at most")
             }
             Self::Bus(refused) => write!(f, "the virtual bus refuses: {refused}"),
+            Self::Count { expected, found } => {
+                write!(f, "{found} SubDevices answer; expected {expected}, as the ENI names them")
+            }
+            Self::Identity { position, expected, found } => write!(
+                f,
+                "SubDevice {position} is vendor 0x{:08X}, product 0x{:08X}; expected vendor 0x{:08X}, product 0x{:08X}, \
+                 as the ENI names it",
+                found.0, found.1, expected.0, expected.1
+            ),
+            Self::NoIdentity { position } => write!(
+                f,
+                "the SII of SubDevice {position} can't be read; expected its vendor id and product code there"
+            ),
+            Self::Interface(error) => f.write_str(error),
+            Self::Ended => f.write_str("ended by a signal"),
         }
     }
 }

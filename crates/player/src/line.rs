@@ -1,9 +1,8 @@
-//! Frames of the player on the virtual bus, and the time that they take.
+//! Frames of the player, and the time that they take.
+
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use isocat_descriptions::start_up::Address;
-use isocat_serve::{Answer, Bus};
-use isocat_sim::MainPort;
-use isocat_sim::random::Stream;
 use isocat_wire::address::{AutoIncrementAddress, StationAddress};
 use isocat_wire::frame::{self, FrameWriter};
 use isocat_wire::time::{Host, Nanos, Time};
@@ -11,16 +10,24 @@ use isocat_wire::{Command, datagram};
 
 use crate::cyclic::Exchange;
 use crate::failure::Kind;
+use crate::tally::Tally;
+use crate::wire::{Buffer, Wire};
 
-/// The bus, with the cyclic exchange that goes on while single commands are sent.
-pub(crate) struct Line {
-    pub bus: Bus,
+/// The wire, with the cyclic exchange that goes on while single commands are sent.
+pub(crate) struct Line<'w> {
+    pub wire: &'w mut dyn Wire,
     /// The exchange; `None` before it begins.
     pub exchange: Option<Exchange>,
-    seed: u64,
-    /// Worst lateness of the host's wake-ups.
-    jitter: Nanos,
-    wake_ups: u64,
+    pub tally: Tally,
+    /// The index of the single datagram that is waited for, and its answer.
+    single: Option<u8>,
+    answer: Option<Vec<u8>>,
+    /// When the last frame of ours came back, and how many cycles had begun then.
+    heard: (Time<Host>, u64),
+    /// Once it is set, everything that waits ends with [`Kind::Ended`].
+    pub stop: Option<&'w AtomicBool>,
+    incoming: Box<Buffer>,
+    outgoing: Box<Buffer>,
 }
 
 /// What came back of a datagram.
@@ -32,13 +39,26 @@ pub(crate) struct Reply {
     pub sent: Time<Host>,
 }
 
-impl Line {
-    pub fn new(bus: Bus, seed: u64, jitter: Nanos) -> Self {
-        Self { bus, exchange: None, seed, jitter, wake_ups: 0 }
+impl<'w> Line<'w> {
+    pub fn new(wire: &'w mut dyn Wire) -> Self {
+        let now = wire.now();
+        Self {
+            wire,
+            exchange: None,
+            tally: Tally::default(),
+            single: None,
+            answer: None,
+            heard: (now, 0),
+            stop: None,
+            incoming: Box::new([0; frame::MAX_LEN]),
+            outgoing: Box::new([0; frame::MAX_LEN]),
+        }
     }
+}
 
+impl Line<'_> {
     pub fn now(&self) -> Time<Host> {
-        self.bus.now()
+        self.wire.now()
     }
 
     /// Waits; cycles that are due meanwhile are sent.
@@ -47,10 +67,7 @@ impl Line {
         while let Some(due) = self.exchange.as_ref().map(Exchange::due).filter(|due| *due <= end) {
             self.run_cycle(due)?;
         }
-        if end > self.now() {
-            self.bus.advance(end)?;
-        }
-        Ok(())
+        self.wire.wait(end)
     }
 
     /// Waits for the end of the next cycle.
@@ -61,6 +78,13 @@ impl Line {
         }
     }
 
+    /// Whether frames of some cycles left since the last one came back, and that was longer ago than `span`.
+    pub fn is_silent(&self, span: Nanos) -> bool {
+        let (at, cycle) = self.heard;
+        let cycles = self.tally.statistics.cycles;
+        self.now() - at > span && cycles >= cycle + SILENT_CYCLES
+    }
+
     /// One datagram in a frame of its own, between the frames of two cycles; `None` if it did not come back.
     pub fn datagram(
         &mut self,
@@ -68,20 +92,24 @@ impl Line {
         address: Address,
         data: &[u8],
     ) -> Result<Option<Reply>, Kind> {
-        let mut bytes = [0; frame::MAX_LEN];
-        let mut writer = FrameWriter::new(&mut bytes, SOURCE);
-        let at = writer.push(command, SINGLE, wire_address(command, address), data);
+        self.heed_stop()?;
+        let needed = data.len() + datagram::HEADER_LEN + datagram::WKC_LEN;
+        self.wait_for_room(frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN + needed)?;
+        let index = self.tally.index();
+        let mut writer = FrameWriter::new(&mut self.outgoing[..], SOURCE);
+        let at = writer.push(command, index, wire_address(command, address), data);
         let at = at.map_err(|_| Kind::FrameTooLong { frame: 0 })?;
         let length = writer.finish();
-        self.wait_for_room(length)?;
-        let sent = self.now();
-        let answer = self.send(sent, &bytes[..length])?;
-        let Some(back) = answer else {
-            self.sleep(PATIENCE)?;
+        (self.single, self.answer) = (Some(index), None);
+        let sent = self.wire.send(self.wire.now(), &self.outgoing[..length])?.at;
+        self.tally.statistics.frames_sent += 1;
+        self.tally.statistics.datagrams += 1;
+        let answer = self.await_answer(sent + self.wire.traits().patience);
+        self.single = None;
+        let Some(frame) = answer? else {
+            self.tally.statistics.frames_lost += 1;
             return Ok(None);
         };
-        self.bus.advance(back.max(self.now()))?;
-        let Some(frame) = self.take(SINGLE) else { return Ok(None) };
         let end = at + data.len();
         let counter = frame.get(end..).and_then(|rest| rest.first_chunk()).copied();
         Ok(counter.map(|counter| Reply {
@@ -89,6 +117,25 @@ impl Line {
             counter: u16::from_le_bytes(counter),
             sent,
         }))
+    }
+
+    /// The answer to the single datagram; cycles go on meanwhile.
+    fn await_answer(&mut self, deadline: Time<Host>) -> Result<Option<Vec<u8>>, Kind> {
+        loop {
+            if let Some(frame) = self.answer.take() {
+                return Ok(Some(frame));
+            }
+            let due = self.exchange.as_ref().map(Exchange::due);
+            let until = due.map_or(deadline, |due| due.min(deadline));
+            match self.wire.receive(until, &mut self.incoming)? {
+                Some(length) => self.dispatch(length),
+                None => match due.filter(|due| *due <= self.now()) {
+                    _ if self.now() >= deadline => return Ok(None),
+                    Some(due) => self.run_cycle(due)?,
+                    None => {}
+                },
+            }
+        }
     }
 
     /// A read by station address; `None` if it did not come back from one device.
@@ -120,25 +167,6 @@ impl Line {
         Ok(false)
     }
 
-    /// Sends a frame whose first bit leaves at `at`; gives when it is back.
-    pub fn send(&mut self, at: Time<Host>, frame: &[u8]) -> Result<Option<Time<Host>>, Kind> {
-        match self.bus.send(MainPort::Primary, at, frame)? {
-            Answer::Back { last_bit, .. } => Ok(Some(last_bit)),
-            Answer::Lost => Ok(None),
-        }
-    }
-
-    /// Takes the frame that is back and whose datagrams have this index; older ones are dropped.
-    pub fn take(&mut self, index: u8) -> Option<Vec<u8>> {
-        while let Some(arrival) = self.bus.receive() {
-            let start = frame::payload_offset(&arrival.frame).ok()?;
-            if arrival.frame.get(start + 1) == Some(&index) {
-                return Some(arrival.frame);
-            }
-        }
-        None
-    }
-
     /// A single frame must not be on the wire when the cycle's frames are due.
     fn wait_for_room(&mut self, length: usize) -> Result<(), Kind> {
         let Some(exchange) = &self.exchange else { return Ok(()) };
@@ -148,18 +176,50 @@ impl Line {
         if self.now() + needed > due { self.run_cycle(due) } else { Ok(()) }
     }
 
+    fn heed_stop(&self) -> Result<(), Kind> {
+        match self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+            true => Err(Kind::Ended),
+            false => Ok(()),
+        }
+    }
+
     fn run_cycle(&mut self, due: Time<Host>) -> Result<(), Kind> {
-        self.wake_ups += 1;
-        let worst = u64::try_from(self.jitter.0).unwrap_or(0);
-        let late = match worst {
-            0 => 0,
-            worst => Stream::new(self.seed, "wake-up of the player", self.wake_ups).lateness(worst),
+        self.heed_stop()?;
+        let at = self.wire.wake_up(due)?;
+        let Some(exchange) = &mut self.exchange else { return Ok(()) };
+        exchange.begin(self.wire, &mut self.tally, at)?;
+        let patience = self.wire.traits().patience;
+        let end = at + patience.min(exchange.collecting());
+        while self.exchange.as_ref().is_some_and(Exchange::is_waiting) {
+            let Some(length) = self.wire.receive(end, &mut self.incoming)? else { break };
+            self.dispatch(length);
+        }
+        let now = self.now();
+        if let Some(exchange) = &mut self.exchange {
+            exchange.end(at, now, patience, &mut self.tally);
+        }
+        Ok(())
+    }
+
+    /// Gives a frame that came in to whom it belongs.
+    fn dispatch(&mut self, length: usize) {
+        let (bytes, now) = (&self.incoming[..length], self.wire.now());
+        let index = frame::payload(bytes).ok().and_then(|payload| payload.get(1)).copied();
+        let is_ours = match (index, &mut self.exchange) {
+            (Some(index), _) if self.single == Some(index) => {
+                self.answer = Some(bytes.to_vec());
+                true
+            }
+            (Some(index), Some(exchange)) => exchange.take(index, bytes, now, &mut self.tally),
+            _ => false,
         };
-        let at = (due + Nanos(late as i64)).max(self.now());
-        let Some(mut exchange) = self.exchange.take() else { return Ok(()) };
-        let result = exchange.run(self, at);
-        self.exchange = Some(exchange);
-        result
+        let counts = &mut self.tally.statistics;
+        if is_ours {
+            counts.frames_received += 1;
+            self.heard = (now, counts.cycles);
+        } else {
+            counts.frames_unexpected += 1;
+        }
     }
 }
 
@@ -176,13 +236,11 @@ pub(crate) fn wire_address(command: Command, address: Address) -> datagram::Addr
     }
 }
 
-/// Source address of the player's frames.
-pub(crate) const SOURCE: [u8; 6] = [0x02, 0, 0, 0, 0, 0x45];
-/// Index of single datagrams; frames of the cycle have their number.
-const SINGLE: u8 = 0xFF;
-/// How long a frame is waited for that does not come.
-const PATIENCE: Nanos = Nanos::millis(1);
+/// Source address of the player's frames: bit 1 of the first octet is the one that SubDevices set.
+pub(crate) const SOURCE: [u8; 6] = [0x10, 0, 0, 0, 0, 0x45];
 /// How often the player's own reads and writes are tried.
 const TRIES: usize = 4;
 /// Room between a single frame and the cycle's frames.
 const GUARD: Nanos = Nanos::micros(2);
+/// So many cycles without an answer are no accident.
+const SILENT_CYCLES: u64 = 5;

@@ -1,13 +1,15 @@
 //! SDO downloads: one request, one answer.
 
 use isocat_descriptions::start_up::{Area, Mailbox, ObjectStep};
-use isocat_wire::AbortCode;
+use isocat_maindevice::SdoError;
+use isocat_maindevice::error::MailboxError;
 use isocat_wire::coe::sdo::{self, INITIATE_LEN, Initiate, specifier};
 use isocat_wire::coe::{self, Service};
 use isocat_wire::mailbox::{HEADER_LEN, Header, Protocol, next_counter};
 use isocat_wire::register;
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::{Host, Nanos, Time};
+use isocat_wire::{AbortCode, ObjectAddress};
 
 use crate::failure::Kind;
 use crate::line::Line;
@@ -38,6 +40,60 @@ pub(crate) fn download(
         if let Some(result) = result(&answer) {
             return result;
         }
+    }
+}
+
+/// Reads an entry of up to 4 bytes.
+pub(crate) fn upload(
+    line: &mut Line,
+    station: u16,
+    mailbox: Mailbox,
+    counter: &mut u8,
+    object: ObjectAddress,
+) -> Result<Result<Vec<u8>, SdoError>, Kind> {
+    let mut request = coe::Header::new(Service::SDO_REQUEST).emit().to_vec();
+    let command = sdo::Command::upload_request(false);
+    request.extend(Initiate { command, object, data: [0; 4] }.emit());
+    *counter = next_counter(*counter);
+    let message = message(mailbox.out, &request, *counter);
+    let end = line.now() + UPLOAD_PATIENCE;
+    let silent = Ok(Err(SdoError::Mailbox(MailboxError::NoAnswer { after: UPLOAD_PATIENCE })));
+    while !line.write(station, mailbox.out.start, &message)? {
+        if line.now() >= end {
+            return silent;
+        }
+        line.sleep(POLL)?;
+    }
+    loop {
+        let answer = match receive(line, station, mailbox.back, end, UPLOAD_PATIENCE) {
+            Ok(answer) => answer,
+            Err(Kind::Mailbox { .. }) => return silent,
+            Err(kind) => return Err(kind),
+        };
+        if let Some(read) = read(&answer, object) {
+            return Ok(read);
+        }
+    }
+}
+
+/// What an answer says of the entry; `None` if it is about something else, such as an emergency.
+fn read(answer: &[u8], object: ObjectAddress) -> Option<Result<Vec<u8>, SdoError>> {
+    let header = Header::parse(answer.first_chunk()?);
+    let body = answer.get(HEADER_LEN..)?;
+    if header.protocol != Protocol::COE {
+        return None;
+    }
+    let head = Initiate::parse(body.get(coe::HEADER_LEN..)?.first_chunk()?);
+    if head.object != object {
+        return None;
+    }
+    match head.command.specifier() {
+        specifier::ABORT => Some(Err(SdoError::Abort(AbortCode(head.value())))),
+        specifier::RESPONSE_UPLOAD if head.command.expedited() => {
+            Some(Ok(head.data[..head.command.expedited_len()].to_vec()))
+        }
+        specifier::RESPONSE_UPLOAD => Some(Err(SdoError::TooLarge { size: head.value(), most: 4 })),
+        _ => None,
     }
 }
 
@@ -115,5 +171,7 @@ fn result(answer: &[u8]) -> Option<Result<(), Kind>> {
 
 /// How long an answer may take where the list does not say: what configuration tools take for 0.
 const PATIENCE: Nanos = Nanos::millis(10_000);
+/// How long the answer to the player's own readings may take.
+const UPLOAD_PATIENCE: Nanos = Nanos::millis(2_000);
 /// From one look at the mailbox to the next.
 const POLL: Nanos = Nanos::micros(500);

@@ -17,6 +17,7 @@ use crate::cyclic::{Counts, Exchange, is_lead};
 use crate::failure::{Failure, Kind, Place, Target};
 use crate::line::Line;
 use crate::virtual_segment::assign_activate;
+use crate::wire::{VirtualWire, Wire};
 use crate::{mailbox, step};
 
 /// How a list is played.
@@ -29,10 +30,21 @@ pub struct Settings {
     pub tolerates_unknown_objects: bool,
 }
 
-/// A list that was played, as far as it went.
+/// A list that was played on a virtual segment, as far as it went.
 pub struct Played {
     /// Why it ended before its end.
     pub failure: Option<Failure>,
+    /// What was done of the list.
+    pub done: Done,
+    /// What the segment and its judges saw.
+    pub summary: Summary,
+    /// The segment as it stands at the end.
+    pub bus: Bus,
+}
+
+/// What was done of a list.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Done {
     /// Commands of the list that were done, those that failed not counted.
     pub commands: usize,
     /// By position: what was measured for it; `None` without a clock. Empty where the list runs no clocks.
@@ -43,51 +55,76 @@ pub struct Played {
     pub unknown_objects: Vec<(usize, ObjectAddress)>,
     /// What the cyclic exchange counted, in OP.
     pub counts: Counts,
-    /// What the segment and its judges saw.
-    pub summary: Summary,
-    /// The segment as it stands at the end.
-    pub bus: Bus,
 }
 
 /// Plays a list on the virtual segment of a scenario.
 pub fn play(list: &StartUp, scenario: &Scenario, settings: Settings) -> Played {
-    let begin: Time<Host> = Time::new(1_000_000_000);
-    let bus = Bus::new(Setup::from(scenario), begin);
-    let mut player = Player {
-        list,
-        line: Line::new(bus, scenario.seed, scenario.host.jitter),
-        commands: 0,
-        clocks: None,
-        starts: vec![None; list.devices.len()],
-        latest_start: None,
-        mailbox_counters: vec![0; list.devices.len()],
-        settings,
-        unknown_objects: Vec::new(),
-    };
-    let failure = player.run().err();
-    let Player { line, commands, clocks, starts, unknown_objects, .. } = player;
-    let counts = line.exchange.as_ref().map(|exchange| exchange.counts).unwrap_or_default();
-    let mut bus = line.bus;
-    let summary = bus.summary(&scenario.source, "virtual");
-    let clocks = clocks.map(|clocks| clocks.units).unwrap_or_default();
-    Played { failure, commands, clocks, starts, unknown_objects, counts, summary, bus }
+    play_with(list, scenario, settings, &mut |_, _| {})
 }
 
-struct Player<'a> {
-    list: &'a StartUp,
-    line: Line,
+/// The same; `tap` sees each frame that the player sends.
+pub fn play_with(
+    list: &StartUp,
+    scenario: &Scenario,
+    settings: Settings,
+    tap: &mut dyn FnMut(Time<Host>, &[u8]),
+) -> Played {
+    let begin: Time<Host> = Time::new(1_000_000_000);
+    let bus = Bus::new(Setup::from(scenario), begin);
+    let mut wire = VirtualWire::new(bus, scenario.seed, scenario.host.jitter, tap);
+    let mut player = Player::new(list, &mut wire, settings.tolerates_unknown_objects);
+    let failure = player.bring_up().and_then(|()| Ok(player.line.sleep(settings.duration)?)).err();
+    let done = player.into_done();
+    let summary = wire.bus.summary(&scenario.source, "virtual");
+    Played { failure, done, summary, bus: wire.bus }
+}
+
+/// A MainDevice that plays a list on a wire.
+pub(crate) struct Player<'a> {
+    pub list: &'a StartUp,
+    pub line: Line<'a>,
     commands: usize,
-    clocks: Option<Clocks>,
+    pub clocks: Option<Clocks>,
     starts: Vec<Option<u64>>,
     /// The latest first pulse of all devices, on the host's clock.
     latest_start: Option<Time<Host>>,
-    mailbox_counters: Vec<u8>,
-    settings: Settings,
+    pub mailbox_counters: Vec<u8>,
+    tolerates_unknown_objects: bool,
     unknown_objects: Vec<(usize, ObjectAddress)>,
 }
 
+impl<'a> Player<'a> {
+    pub fn new(list: &'a StartUp, wire: &'a mut dyn Wire, tolerates_unknown_objects: bool) -> Self {
+        Self {
+            list,
+            line: Line::new(wire),
+            commands: 0,
+            clocks: None,
+            starts: vec![None; list.devices.len()],
+            latest_start: None,
+            mailbox_counters: vec![0; list.devices.len()],
+            tolerates_unknown_objects,
+            unknown_objects: Vec::new(),
+        }
+    }
+
+    /// What the cyclic exchange counted so far.
+    pub fn counts(&self) -> Counts {
+        self.line.exchange.as_ref().map(|exchange| exchange.counts).unwrap_or_default()
+    }
+
+    /// What was done of the list.
+    pub fn into_done(self) -> Done {
+        let Self { line, commands, clocks, starts, unknown_objects, .. } = self;
+        let counts = line.exchange.map(|exchange| exchange.counts).unwrap_or_default();
+        let clocks = clocks.map(|clocks| clocks.units).unwrap_or_default();
+        Done { commands, clocks, starts, unknown_objects, counts }
+    }
+}
+
 impl Player<'_> {
-    fn run(&mut self) -> Result<(), Failure> {
+    /// All devices to OP.
+    pub fn bring_up(&mut self) -> Result<(), Failure> {
         self.check()?;
         self.line.sleep(SWITCHED_ON)?;
         self.transition(Transition::IP)?;
@@ -99,12 +136,11 @@ impl Player<'_> {
         self.transition(Transition::SO)?;
         self.enter(AlState::Op);
         self.forget_counts();
-        self.line.sleep(self.settings.duration)?;
         Ok(())
     }
 
     /// Lists that ask for what the player does not do are refused before anything is sent.
-    fn check(&self) -> Result<(), Failure> {
+    pub fn check(&self) -> Result<(), Failure> {
         let mut cyclic = self.list.frames.iter().flat_map(|frame| &frame.datagrams);
         if cyclic.any(is_lead) {
             return Err(Kind::HostLeads.into());
@@ -119,7 +155,7 @@ impl Player<'_> {
     }
 
     /// All commands of a transition: the MainDevice's own before the devices', each device's, and its own behind them.
-    fn transition(&mut self, transition: Transition) -> Result<(), Failure> {
+    pub fn transition(&mut self, transition: Transition) -> Result<(), Failure> {
         let list = self.list;
         let of_all = |step: &&RegisterStep| step.transitions.contains(&transition);
         for step in list.before.iter().filter(of_all) {
@@ -150,7 +186,7 @@ impl Player<'_> {
         let done = mailbox::download(line, device.station, device.mailbox, counter, step);
         let is_unknown =
             matches!(done, Err(Kind::Abort(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX)));
-        if is_unknown && self.settings.tolerates_unknown_objects {
+        if is_unknown && self.tolerates_unknown_objects {
             self.unknown_objects.push((position, step.object));
             return Ok(());
         }
@@ -239,7 +275,8 @@ impl Player<'_> {
             None => None,
         };
         let (cycle, start) = (Nanos(self.list.cycle_ns), self.line.now() + Nanos::micros(100));
-        self.line.exchange = Some(Exchange::new(&self.list.frames, cycle, start, reference));
+        let noise = self.line.wire.traits().stamp_noise;
+        self.line.exchange = Some(Exchange::new(&self.list.frames, cycle, start, reference, noise));
         let end = start + LOCKING.max(Nanos(cycle.0.saturating_mul(LOCKING_CYCLES)));
         while !self.exchange().is_locked() {
             if self.line.now() > end {
@@ -299,8 +336,11 @@ impl Player<'_> {
         Ok(())
     }
 
-    fn enter(&mut self, state: AlState) {
-        self.exchange().state = state;
+    /// The MainDevice is in this state: it sends the cyclic datagrams of the state.
+    pub fn enter(&mut self, state: AlState) {
+        if let Some(exchange) = &mut self.line.exchange {
+            exchange.state = state;
+        }
     }
 
     fn forget_counts(&mut self) {

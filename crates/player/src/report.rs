@@ -3,18 +3,25 @@
 mod text;
 
 use isocat_descriptions::eni::{Eni, Warning};
+#[cfg(target_os = "linux")]
+use isocat_engine::report::interface::InterfaceReport;
 use isocat_engine::verdict::Answer;
 use isocat_serve::Summary;
 use isocat_serve::summary::Outcome;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use crate::Played;
+use isocat_wire::ObjectAddress;
+
 use crate::differences::Difference;
+use crate::failure::Failure;
+use crate::play::{Done, Played};
+#[cfg(target_os = "linux")]
+use crate::real::PlayedOnWire;
 use crate::virtual_segment::VirtualSegment;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
-pub const FORMAT: &str = "isocat-eni-run/1";
+pub const FORMAT: &str = "isocat-eni-run/2";
 
 /// JSON schema of the document, draft 2020-12.
 pub fn schema() -> serde_json::Value {
@@ -56,7 +63,8 @@ pub struct DeviceReport {
     pub name: String,
     /// Station address in the ENI.
     pub station: u16,
-    /// What the virtual device is made of: `segment-file`, `esi`, `built-in`, or `eni` for the ENI alone.
+    /// What the virtual device is made of, and on a real interface the plan's times of it: `segment-file`, `esi`, `built-in`, or
+    /// `eni` for the ENI alone.
     pub made_of: &'static str,
     /// The same in words.
     pub origin: String,
@@ -94,8 +102,11 @@ pub struct RunReport {
     pub lost_frames: u64,
     /// Datagrams of these that did not count as the list expects.
     pub wrong_counters: u64,
-    /// What the segment and its judges saw.
-    pub summary: Summary,
+    /// What the virtual segment and its judges saw; null on a real interface.
+    pub summary: Option<Summary>,
+    /// What the wire showed, and what the verdict engine made of it; null on a virtual segment.
+    #[cfg(target_os = "linux")]
+    pub interface: Option<InterfaceReport>,
 }
 
 /// Why a run ended.
@@ -175,13 +186,15 @@ impl Report {
 
     /// Whether all came as it should: what the segment file expects of the run, or else that it is in sync.
     pub fn as_expected(&self) -> bool {
-        self.run.as_ref().is_some_and(|run| match run.summary.expected.is_empty() {
-            true => run.in_sync,
-            false => run.failure.is_none() && run.summary.outcome() == Outcome::AsExpected,
+        self.run.as_ref().is_some_and(|run| match &run.summary {
+            Some(summary) if !summary.expected.is_empty() => {
+                run.failure.is_none() && summary.outcome() == Outcome::AsExpected
+            }
+            _ => run.in_sync,
         })
     }
 
-    /// The same with what came of a run.
+    /// The same with what came of a run on a virtual segment.
     pub fn with_run(mut self, played: &Played) -> Self {
         let all_in_op = || {
             let last = played.summary.sessions.last();
@@ -189,43 +202,62 @@ impl Report {
             judged.is_some_and(|judged| judged.in_op == self.devices.len())
         };
         let in_sync = played.failure.is_none()
-            && played.counts.wrong == 0
+            && played.done.counts.wrong == 0
             && played.summary.answer() == Answer::InSync
             && all_in_op();
-        let clock = |(unit, start): (&Option<crate::play::Unit>, &Option<u64>)| {
-            unit.map(|unit| ClockReport {
-                delay_ns: unit.delay.0,
-                is_delay_known: unit.is_delay_known,
-                difference_ns: unit.difference.0,
-                has_converged: unit.has_converged,
-                start_ns: *start,
-            })
-        };
-        self.run = Some(RunReport {
-            in_sync,
-            commands: played.commands,
-            failure: played.failure.as_ref().map(|failure| FailureReport {
-                kind: failure.kind.name(),
-                refused: failure.kind.is_refused(),
-                position: failure.place.as_ref().and_then(|place| Some(place.device.as_ref()?.0)),
-                transition: failure.place.as_ref().map(|place| place.transition.to_string()),
-                message: failure.to_string(),
-            }),
-            clocks: played.clocks.iter().zip(&played.starts).map(clock).collect(),
-            unknown_objects: played
-                .unknown_objects
-                .iter()
-                .map(|(position, object)| UnknownObject {
-                    position: *position,
-                    object: object.to_string(),
-                })
-                .collect(),
-            cycles: played.counts.cycles,
-            lost_frames: played.counts.lost,
-            wrong_counters: played.counts.wrong,
-            summary: played.summary.clone(),
-        });
+        let summary = Some(played.summary.clone());
+        self.run = Some(run_report(in_sync, played.failure.as_ref(), &played.done, summary));
         self
+    }
+
+    /// The same with what came of a run on a real interface.
+    #[cfg(target_os = "linux")]
+    pub fn with_wire(mut self, played: &PlayedOnWire, interface: InterfaceReport) -> Self {
+        let in_sync = played.failure.is_none() && interface.in_sync;
+        let failure = played.failure.as_ref();
+        let run = run_report(in_sync, failure, &played.done, None);
+        self.run = Some(RunReport { interface: Some(interface), ..run });
+        self
+    }
+}
+
+fn run_report(
+    in_sync: bool,
+    failure: Option<&Failure>,
+    done: &Done,
+    summary: Option<Summary>,
+) -> RunReport {
+    let clock = |(unit, start): (&Option<crate::play::Unit>, &Option<u64>)| {
+        unit.map(|unit| ClockReport {
+            delay_ns: unit.delay.0,
+            is_delay_known: unit.is_delay_known,
+            difference_ns: unit.difference.0,
+            has_converged: unit.has_converged,
+            start_ns: *start,
+        })
+    };
+    let unknown = |(position, object): &(usize, ObjectAddress)| UnknownObject {
+        position: *position,
+        object: object.to_string(),
+    };
+    RunReport {
+        in_sync,
+        commands: done.commands,
+        failure: failure.map(|failure| FailureReport {
+            kind: failure.kind.name(),
+            refused: failure.kind.is_refused(),
+            position: failure.position(),
+            transition: failure.place.as_ref().map(|place| place.transition.to_string()),
+            message: failure.to_string(),
+        }),
+        clocks: done.clocks.iter().zip(&done.starts).map(clock).collect(),
+        unknown_objects: done.unknown_objects.iter().map(unknown).collect(),
+        cycles: done.counts.cycles,
+        lost_frames: done.counts.lost,
+        wrong_counters: done.counts.wrong,
+        summary,
+        #[cfg(target_os = "linux")]
+        interface: None,
     }
 }
 

@@ -373,5 +373,5 @@ fn absolute(path: &Path) -> String {
 }
 
 /// Bits of 0x0981.
-const SYNC0: u8 = 0b010;
-const SYNC1: u8 = 0b100;
+pub(crate) const SYNC0: u8 = 0b010;
+pub(crate) const SYNC1: u8 = 0b100;

@@ -72,6 +72,11 @@ kinds! {
             /// Whether it has a carrier; null: not known.
             carrier: Option<bool>,
         },
+        /// A command of a start-up list that another tool wrote (ENI) failed on the way up.
+        CommandFailed = "command-failed" {
+            /// The command, and what happened.
+            what: String,
+        },
         /// A real interface failed.
         InterfaceFailed = "interface-failed" {
             /// What the operating system says.

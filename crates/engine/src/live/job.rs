@@ -124,6 +124,21 @@ impl Outcome {
         Answer::of(&self.findings, &self.unknown)
     }
 
+    /// Adds what ended the run, and what a reader ought to know of it. `carrier` is whether the interface had a signal at
+    /// the end, `jitter` the lateness that the plan keeps, `total` the counts of all frames, and `traffic` what the interface
+    /// counted before and after.
+    pub fn conclude(
+        &mut self,
+        interface: &str,
+        carrier: Option<bool>,
+        jitter: Nanos,
+        total: Statistics,
+        traffic: Option<(Traffic, Traffic)>,
+    ) {
+        judge::judge(self, interface, carrier);
+        judge::note(self, interface, jitter, total, traffic);
+    }
+
     /// The error of the MainDevice that ended the way up.
     pub fn failure(&self) -> Option<&isocat_maindevice::Error> {
         match &self.end {
@@ -142,6 +157,15 @@ pub enum End {
     Asked,
     /// The way up failed.
     Failed(isocat_maindevice::Error),
+    /// The way up of a list that another tool wrote ended at one of its commands.
+    List {
+        /// The command, and what happened.
+        what: String,
+        /// The SubDevice whose command it is; `None` for those of the MainDevice.
+        position: Option<usize>,
+        /// The list asks for something that is not supported, or names other SubDevices than answer.
+        refused: bool,
+    },
     /// The way up did not end.
     TooLong,
     /// Nothing came back any more.
@@ -233,7 +257,7 @@ impl Job {
         let carrier = run.exchange.socket().has_carrier();
         let down = match end {
             // Nothing more can be sent, or the MainDevice sends nothing more.
-            End::Link(_) | End::Failed(_) => Ok(()),
+            End::Link(_) | End::Failed(_) | End::List { .. } => Ok(()),
             _ => run.go_down(),
         };
         notes.extend(down.err());
@@ -262,8 +286,7 @@ impl Job {
         };
         let after = Traffic::of(&interface, namespace);
         let total = exchange.main().statistics();
-        judge::judge(&mut outcome, &interface, carrier);
-        judge::note(&mut outcome, &interface, jitter, total, before.zip(after));
+        outcome.conclude(&interface, carrier, jitter, total, before.zip(after));
         outcome.recorder = exchange.into_parts().1;
         Ok(outcome)
     }

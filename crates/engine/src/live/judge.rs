@@ -28,6 +28,15 @@ pub(super) fn judge(outcome: &mut Outcome, interface: &str, carrier: Option<bool
             let kind = Judged::failed(error.cause.clone()).into();
             Some(Finding { place, since: None, kind })
         }
+        End::List { .. } if nothing_came => {
+            let unprocessed = outcome.figures.unprocessed;
+            Some(segment(None, Judged::NothingAnswers { interface, carrier, unprocessed }))
+        }
+        End::List { what, position, .. } => {
+            let place = Place { device: *position, stage: None };
+            let kind = Judged::CommandFailed { what: what.clone() }.into();
+            Some(Finding { place, since: None, kind })
+        }
         End::TooLong => Some(segment(None, Judged::TooLong)),
         End::Asked if outcome.judged.is_none() => Some(segment(None, Judged::EndedEarly)),
         End::Link(error) => {

@@ -3,7 +3,7 @@
 use std::fmt::{self, Write};
 
 use isocat_descriptions::columns::{WIDTH, cut, plain, wrap};
-use isocat_maindevice::quality::{ClockQuality, EntryQuality, Margin, Snapshot};
+use isocat_maindevice::quality::{Background, ClockQuality, EntryQuality, Margin, ObjectQuality};
 use isocat_maindevice::{MainDevice, QualityWatch};
 use isocat_sync::object::{OUTPUT_PARAMETER, sub};
 use isocat_wire::time::Nanos;
@@ -116,7 +116,8 @@ impl Quality {
         let segment = main.segment();
         let asked = asked?;
         let device = |(position, device): (usize, &isocat_maindevice::SubDevice)| {
-            figures(&snapshot, position, device.name.clone())
+            let margin = snapshot.devices.get(position).and_then(|device| device.margin);
+            figures((snapshot.clocks, snapshot.objects), margin, position, device.name.clone())
         };
         Some(Self {
             share_asked_permille: asked.share_permille,
@@ -132,11 +133,31 @@ impl Quality {
         })
     }
 
-    /// With the alarms of the judged time.
-    pub(crate) fn with_alarms(
-        mut self,
-        alarms: &[(Nanos, isocat_maindevice::quality::Change)],
+    /// What another MainDevice than ours read in the background for as long as `elapsed`; it does not measure what frames leave
+    /// before SYNC0.
+    pub fn of_background(
+        background: &Background,
+        devices: &[isocat_maindevice::SubDevice],
+        asked: QualityWatch,
+        elapsed: Nanos,
     ) -> Self {
+        let read = (background.clocks(), background.objects());
+        let device = |device: &isocat_maindevice::SubDevice| {
+            figures(read, None, device.position, device.name.clone())
+        };
+        let taken = background.spent().0 as f64 / elapsed.0.max(1) as f64;
+        Self {
+            share_asked_permille: asked.share_permille,
+            share_taken_permille: round(taken * 1e3, 3),
+            latest_frame_ns: None,
+            unled_cycles: None,
+            devices: devices.iter().map(device).collect(),
+            alarms: Vec::new(),
+        }
+    }
+
+    /// With the alarms of the judged time.
+    pub fn with_alarms(mut self, alarms: &[(Nanos, isocat_maindevice::quality::Change)]) -> Self {
         let line = |(since, change): &(Nanos, isocat_maindevice::quality::Change)| AlarmLine {
             since_ns: since.0,
             position: change.position,
@@ -242,10 +263,14 @@ impl DeviceQuality {
     }
 }
 
-fn figures(snapshot: &Snapshot<'_>, position: usize, name: String) -> DeviceQuality {
-    let clock = snapshot.clocks.iter().find(|clock| clock.position == position);
-    let objects = snapshot.objects.get(position);
-    let margin = snapshot.devices.get(position).and_then(|device| device.margin);
+fn figures(
+    (clocks, objects): (&[ClockQuality], &[ObjectQuality]),
+    margin: Option<Margin>,
+    position: usize,
+    name: String,
+) -> DeviceQuality {
+    let clock = clocks.iter().find(|clock| clock.position == position);
+    let objects = objects.get(position);
     DeviceQuality {
         position,
         name,

@@ -66,6 +66,7 @@ fn judged(kind: &Judged, family: Family) -> String {
             };
             format!("nothing comes back on {interface} any more; {cable}")
         }
+        Judged::CommandFailed { what } => what.clone(),
         Judged::InterfaceFailed { error } => error.clone(),
         Judged::CountChanged { expected, found } => {
             format!("{found} SubDevices answer, {expected} at the scan")

@@ -1,15 +1,14 @@
 //! 0x092C of each clock over the whole time.
 
-use isocat_maindevice::MainDevice;
 use isocat_sim::{Judged, Place};
 use isocat_wire::time::{Host, Nanos, Time};
 
-use super::{Gap, Readings, Verdict};
+use super::{Gap, Readings, Verdict, Witness};
 
 /// All clocks that make SYNC pulses, but the reference's own.
 pub(super) struct Clocks {
     limit: Nanos,
-    /// By index among [`MainDevice::quality`].
+    /// By index among [`Witness::clocks`].
     followed: Vec<Followed>,
     /// Whether anything is read in the background.
     background: bool,
@@ -27,21 +26,21 @@ struct Followed {
 }
 
 impl Clocks {
-    pub fn new(main: &MainDevice, limit: Nanos) -> Self {
-        let followed = vec![Followed::default(); main.quality().len()];
-        Self { limit, followed, background: main.snapshot().is_some() }
+    pub fn new(main: &impl Witness, limit: Nanos) -> Self {
+        let followed = vec![Followed::default(); main.clocks().len()];
+        Self { limit, followed, background: main.objects().is_some() }
     }
 
     /// Looks at the readings of one clock: in each cycle at another one.
-    pub fn look(&mut self, at: Nanos, main: &MainDevice, cycle: u64) {
+    pub fn look(&mut self, at: Nanos, main: &impl Witness, cycle: u64) {
         let count = self.followed.len() as u64;
         if count > 0 {
             self.look_at((cycle % count) as usize, at, main);
         }
     }
 
-    fn look_at(&mut self, index: usize, at: Nanos, main: &MainDevice) {
-        let (limit, quality) = (self.limit, main.quality());
+    fn look_at(&mut self, index: usize, at: Nanos, main: &impl Witness) {
+        let (limit, quality) = (self.limit, main.clocks());
         let (Some(followed), Some(clock)) = (self.followed.get_mut(index), quality.get(index))
         else {
             return;
@@ -65,7 +64,7 @@ impl Clocks {
     pub fn end(
         &mut self,
         at: Nanos,
-        main: &MainDevice,
+        main: &impl Witness,
         readings: &[Readings],
         verdict: &mut Verdict,
     ) {
@@ -79,7 +78,7 @@ impl Clocks {
             if !device.mode.uses_dc() || segment.reference == Some(position) || !device.admitted {
                 continue;
             }
-            let index = main.quality().iter().position(|clock| clock.position == position);
+            let index = main.clocks().iter().position(|clock| clock.position == position);
             let followed = index.map_or(Followed::default(), |index| self.followed[index]);
             let at_end = readings.get(position).and_then(|readings| readings.difference);
             let mut add = |since, difference| {

@@ -1,15 +1,15 @@
 //! What the SubDevices themselves count: 0x1C32 and 0x1C33 before, meanwhile and after.
 
+use isocat_maindevice::SubDevice;
 use isocat_maindevice::quality::EntryQuality;
 use isocat_maindevice::segment::SyncObject;
-use isocat_maindevice::{MainDevice, SubDevice};
 use isocat_sim::run::Counters;
 use isocat_sim::{Judged, Place};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AlStatus, AlStatusCode, ObjectAddress};
 
-use super::{Gap, Verdict};
+use super::{Gap, Verdict, Witness};
 
 /// What one SubDevice said when the time in operation began, and when it was over.
 #[derive(Clone, Copy, Debug, Default)]
@@ -42,15 +42,15 @@ struct Pace {
 }
 
 impl Counted {
-    pub fn new(main: &MainDevice) -> Self {
+    pub fn new(main: &impl Witness) -> Self {
         Self { paces: vec![Pace::default(); main.segment().devices.len()] }
     }
 
     /// Looks at the readings of one SubDevice: in each cycle at another one.
-    pub fn look(&mut self, main: &MainDevice, cycle: u64) {
-        let Some(snapshot) = main.snapshot() else { return };
+    pub fn look(&mut self, main: &impl Witness, cycle: u64) {
+        let Some(objects) = main.objects() else { return };
         let at = (cycle % self.paces.len().max(1) as u64) as usize;
-        let (Some(pace), Some(objects)) = (self.paces.get_mut(at), snapshot.objects.get(at)) else {
+        let (Some(pace), Some(objects)) = (self.paces.get_mut(at), objects.get(at)) else {
             return;
         };
         pace.silent |= objects.is_silent();
@@ -68,16 +68,15 @@ impl Counted {
     /// Says what was counted. `in_frames` tells of which positions the frames' times show misses.
     pub fn end(
         &mut self,
-        main: &MainDevice,
+        main: &impl Witness,
         readings: &[Readings],
         in_frames: impl Fn(usize) -> bool,
         verdict: &mut Verdict,
     ) {
-        let snapshot = main.snapshot();
         for device in main.segment().devices.iter().filter(|device| device.admitted) {
             let position = device.position;
             let place = Place::device(position);
-            let objects = snapshot.and_then(|snapshot| snapshot.objects.get(position));
+            let objects = main.objects().and_then(|objects| objects.get(position));
             let entries = objects.map_or(&[][..], |objects| &objects.entries);
             let said = readings.get(position).copied().unwrap_or_default();
             // The inputs' object mirrors the outputs'.

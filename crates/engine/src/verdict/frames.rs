@@ -5,14 +5,13 @@
 //! SubDevice came with outputs too late for its pulse; one that was too early fetched inputs that were not ready, brought
 //! outputs before those of the cycle before had acted, or so early that these count as late ones of that cycle.
 
-use isocat_maindevice::MainDevice;
 use isocat_maindevice::segment::Timing;
 use isocat_sim::{Judged, Place};
 use isocat_sync::SyncMode;
 use isocat_sync::budget::Check;
 use isocat_wire::time::Nanos;
 
-use super::{Gap, Verdict};
+use super::{Gap, Verdict, Witness};
 
 /// The frames of all cycles, and what they mean for each SubDevice.
 pub(super) struct Frames {
@@ -47,7 +46,7 @@ struct Count {
 }
 
 impl Frames {
-    pub fn new(main: &MainDevice) -> Self {
+    pub fn new(main: &impl Witness) -> Self {
         let segment = main.segment();
         let timing = segment.timing.as_ref().filter(|_| segment.reference.is_some());
         let room = |position: usize| Room::new(timing?, position);
@@ -77,7 +76,7 @@ impl Frames {
     }
 
     /// Says what they came to; `missing` cycles brought no time back.
-    pub fn end(&self, main: &MainDevice, missing: u64, verdict: &mut Verdict) {
+    pub fn end(&self, main: &impl Witness, missing: u64, verdict: &mut Verdict) {
         for (position, room) in self.rooms.iter().enumerate() {
             let Some(Room { late, early }) = room else { continue };
             let device = &main.segment().devices[position];

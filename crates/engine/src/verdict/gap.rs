@@ -1,10 +1,10 @@
 //! What is not known of a segment, and why.
 
-use isocat_maindevice::{MainDevice, kinds};
+use isocat_maindevice::kinds;
 use isocat_sim::Place;
 use isocat_wire::time::Nanos;
 
-use super::Verdict;
+use super::{Verdict, Witness};
 
 /// Something that is not known.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -101,7 +101,7 @@ impl Gap {
 }
 
 /// What registers and frames never show of this segment.
-pub(super) fn out_of_sight(main: &MainDevice, verdict: &mut Verdict) {
+pub(super) fn out_of_sight(main: &impl Witness, verdict: &mut Verdict) {
     let segment = main.segment();
     let synchronized = segment.devices.iter().filter(|device| device.mode.uses_dc()).count();
     if synchronized == 0 {

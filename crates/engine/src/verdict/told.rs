@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use isocat_maindevice::quality::{Alarm, Change};
-use isocat_maindevice::{Event, MainDevice, SegmentChange};
+use isocat_maindevice::{Event, SegmentChange};
 use isocat_sim::{Finding, Judged, Place};
 use isocat_sync::delay::Delay;
 use isocat_sync::phase;
 use isocat_wire::time::{Nanos, Picos};
 use isocat_wire::{AlState, AlStatus, AlStatusCode};
 
-use super::{Gap, Readings, Verdict};
+use super::{Gap, Readings, Verdict, Witness};
 
 /// Events, as far as they matter for the verdict.
 pub(super) struct Told {
@@ -135,7 +135,13 @@ impl Told {
 
     /// Says what it came to. `readings` is what the SubDevices said at the end, `errors` counts datagrams with a wrong working
     /// counter.
-    pub fn end(self, main: &MainDevice, readings: &[Readings], errors: u64, verdict: &mut Verdict) {
+    pub fn end(
+        self,
+        main: &impl Witness,
+        readings: &[Readings],
+        errors: u64,
+        verdict: &mut Verdict,
+    ) {
         for device in &main.segment().devices {
             let position = device.position;
             let optional = self.is_optional(position);
@@ -188,12 +194,12 @@ impl Told {
     }
 
     /// Whether the number that answers may change, as SubDevices come and go.
-    fn may_change(&self, main: &MainDevice) -> bool {
+    fn may_change(&self, main: &impl Witness) -> bool {
         (0..main.segment().devices.len()).any(|position| self.is_optional(position))
     }
 
     /// The SubDevice whose working counter was wrong, if process data of no other one were concerned.
-    fn only_device(&self, main: &MainDevice) -> Place {
+    fn only_device(&self, main: &impl Witness) -> Place {
         let segment = main.segment();
         let [chunk] = self.chunks[..] else { return Place::SEGMENT };
         let Some(chunk) = segment.image.chunks.get(chunk) else { return Place::SEGMENT };

@@ -107,8 +107,8 @@ pub fn plan(path: &str, wishes: &Wishes<'_>) -> u8 {
     tell(&report, wishes, if fits { IN_SYNC } else { NOT_IN_SYNC })
 }
 
-/// Reads an ENI and makes its segment.
-pub fn segment(path: &str, options: &Options) -> Result<(Eni, VirtualSegment), String> {
+/// Reads an ENI that can be run.
+pub fn read(path: &str) -> Result<Eni, String> {
     let eni = Eni::read(path).map_err(|error| error.to_string())?;
     if let Err(reasons) = eni.runnable() {
         let reasons = reasons.iter().map(|reason| format!("\n- {reason}")).collect::<String>();
@@ -116,6 +116,12 @@ pub fn segment(path: &str, options: &Options) -> Result<(Eni, VirtualSegment), S
             "{path} can't be run:{reasons}\n\"isocat eni {path}\" lists what is in it"
         ));
     }
+    Ok(eni)
+}
+
+/// Reads an ENI and makes its segment.
+pub fn segment(path: &str, options: &Options) -> Result<(Eni, VirtualSegment), String> {
+    let eni = read(path)?;
     let made = match &options.against {
         Some(file) => SegmentFile::read(file).and_then(|file| virtual_segment::of_file(&eni, file)),
         None => virtual_segment::descriptions(&options.esi)

@@ -93,7 +93,7 @@ impl Options {
 }
 
 /// Looks at the machine, prints what harms.
-pub fn look(arguments: &Arguments, file: Option<&SegmentFile>) -> u8 {
+pub fn look(arguments: &Arguments, cycle: Option<Nanos>) -> u8 {
     let options = &arguments.wire;
     if let Err(message) = options.check(false) {
         return fail(&message);
@@ -115,7 +115,7 @@ pub fn look(arguments: &Arguments, file: Option<&SegmentFile>) -> u8 {
         wish: options.wish(),
         keeps_awake: false,
     };
-    let cycle = options.cycle.or(file.map(|file| file.cycle)).unwrap_or(DEFAULT_CYCLE);
+    let cycle = options.cycle.or(cycle).unwrap_or(DEFAULT_CYCLE);
     // On a thread of its own, which takes its scheduling with it.
     let looked = std::thread::scope(|scope| {
         let thread = scope.spawn(|| {
@@ -181,27 +181,10 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
         Err(error) => return fail(&format!("signals can't be caught: {error}")),
     };
     let bar = progress_bar(asked.duration);
-    let begin = |path: &Path| {
-        let output = Output::create(path)?;
-        let capture = Capture::of_interface(BufWriter::new(output.file()?), interface)?;
-        Ok((CaptureSink(capture), output))
-    };
-    let (capture, file) = match arguments.capture.as_deref().map(begin).transpose() {
-        Ok(begun) => begun.unzip(),
-        Err(error) => return fail(&unwritable("capture", arguments.capture.as_deref(), &error)),
-    };
-    let (guard, events) = match options.recording.begin(interface, names(options, &scenario)) {
-        Ok(begun) => begun.unzip(),
+    let begun = begin_recording(arguments, interface, names(options, &scenario));
+    let (recorder, written) = match begun {
+        Ok(begun) => begun,
         Err(message) => return fail(&message),
-    };
-    let written = Written { file, events };
-    let recorder = match (capture, guard) {
-        (Some(capture), Some(guard)) => {
-            Some(Recorder::new(BothSinks(Box::new(capture), Box::new(guard))))
-        }
-        (Some(capture), None) => Some(Recorder::new(capture)),
-        (None, Some(guard)) => Some(Recorder::new(guard)),
-        (None, None) => None,
     };
     let (scribe, _metrics) = match arguments.metrics {
         None => (None, None),
@@ -234,8 +217,72 @@ pub fn run(arguments: &Arguments, interface: &str, file: SegmentFile) -> u8 {
     }
 }
 
+/// Begins to write frames as `--capture` and `--record` ask for it.
+pub(super) fn begin_recording(
+    arguments: &Arguments,
+    interface: &str,
+    names: Vec<String>,
+) -> Result<(Option<Recorder>, Written), String> {
+    let begin = |path: &Path| {
+        let output = Output::create(path)?;
+        let capture = Capture::of_interface(BufWriter::new(output.file()?), interface)?;
+        Ok((CaptureSink(capture), output))
+    };
+    let (capture, file) = arguments
+        .capture
+        .as_deref()
+        .map(begin)
+        .transpose()
+        .map_err(|error| unwritable("capture", arguments.capture.as_deref(), &error))?
+        .unzip();
+    let (guard, events) = arguments.wire.recording.begin(interface, names)?.unzip();
+    let recorder = match (capture, guard) {
+        (Some(capture), Some(guard)) => {
+            Some(Recorder::new(BothSinks(Box::new(capture), Box::new(guard))))
+        }
+        (Some(capture), None) => Some(Recorder::new(capture)),
+        (None, Some(guard)) => Some(Recorder::new(guard)),
+        (None, None) => None,
+    };
+    Ok((recorder, Written { file, events }))
+}
+
+/// Ends what was begun, and notes what is missing in it.
+pub(super) fn end_recording(
+    arguments: &Arguments,
+    outcome: &mut Outcome,
+    written: Written,
+) -> Result<(), String> {
+    let finished = outcome.recorder.take().map(|recorder| {
+        let dropped = recorder.finish()?;
+        written.file.map(Output::commit).transpose().map(|_| dropped)
+    });
+    outcome.notes.extend(written.events.iter().flat_map(record::notes));
+    match finished {
+        None | Some(Ok(0)) => Ok(()),
+        Some(Ok(dropped)) => {
+            let what = match arguments.capture {
+                Some(_) => "in the capture: the disk was too slow",
+                None => "recorded: this machine was too slow",
+            };
+            outcome.notes.push(format!("{dropped} frames are not {what}"));
+            Ok(())
+        }
+        Some(Err(error)) => Err(unwritable("capture", arguments.capture.as_deref(), &error)),
+    }
+}
+
+/// The exit code of an answer.
+pub(super) const fn exit_code(answer: Answer) -> u8 {
+    match answer {
+        Answer::InSync => IN_SYNC,
+        Answer::Except => NOT_IN_SYNC,
+        Answer::NotKnown => NOT_KNOWN,
+    }
+}
+
 /// What frames are written to.
-struct Written {
+pub(super) struct Written {
     /// The file of `--capture`.
     file: Option<Output>,
     /// What `--record` says.
@@ -305,23 +352,8 @@ fn finish(
     mut outcome: Outcome,
     written: Written,
 ) -> u8 {
-    let finished = outcome.recorder.take().map(|recorder| {
-        let dropped = recorder.finish()?;
-        written.file.map(Output::commit).transpose().map(|_| dropped)
-    });
-    outcome.notes.extend(written.events.iter().flat_map(record::notes));
-    match finished {
-        None | Some(Ok(0)) => {}
-        Some(Ok(dropped)) => {
-            let what = match arguments.capture {
-                Some(_) => "in the capture: the disk was too slow",
-                None => "recorded: this machine was too slow",
-            };
-            outcome.notes.push(format!("{dropped} frames are not {what}"));
-        }
-        Some(Err(error)) => {
-            return fail(&unwritable("capture", arguments.capture.as_deref(), &error));
-        }
+    if let Err(message) = end_recording(arguments, &mut outcome, written) {
+        return fail(&message);
     }
     let report = InterfaceReport::new(asked, &outcome);
     let page = is_page(arguments.report.as_deref()).then(|| {
@@ -351,11 +383,7 @@ fn finish(
     });
     match code {
         IN_SYNC if refused => BAD_INPUT,
-        IN_SYNC => match report.answer {
-            Answer::InSync => IN_SYNC,
-            Answer::Except => NOT_IN_SYNC,
-            Answer::NotKnown => NOT_KNOWN,
-        },
+        IN_SYNC => exit_code(report.answer),
         code => code,
     }
 }

@@ -34,6 +34,7 @@ Examples:
   isocat run --series run.parquet           a row for each SubDevice and cycle; run.csv for CSV
   isocat run --json --report run.txt        the report for a program, and as a text beside it
   isocat run network.xml --esi esi/         what a configuration tool wrote (ENI), on devices made of these descriptions
+  isocat run network.xml --interface eth1   the same on a real wire
 
 docs/exports.md says what is in each file.";
 
@@ -45,7 +46,7 @@ pub struct Arguments {
     /// How long to run once all devices are in OP, in virtual time or, with --interface, in host time:
     /// 500ms, 10s, 2min
     #[arg(long = "for", value_name = "DURATION", value_parser = duration)]
-    duration: Option<Nanos>,
+    pub duration: Option<Nanos>,
     /// Seed of everything random; the same seed gives the same run
     #[arg(long)]
     seed: Option<u64>,
@@ -122,7 +123,8 @@ pub fn run(arguments: &Arguments) -> u8 {
     #[cfg(target_os = "linux")]
     match arguments.wire.interface.as_deref() {
         _ if arguments.wire.preflight => {
-            return super::interface::look(arguments, arguments.segment.as_ref().map(|_| &file));
+            let cycle = arguments.segment.as_ref().map(|_| file.cycle);
+            return super::interface::look(arguments, cycle);
         }
         Some(_) if arguments.junit.is_some() => {
             return fail(
@@ -189,15 +191,15 @@ pub fn run(arguments: &Arguments) -> u8 {
 /// Plays an ENI, unless keys are given that go with a segment file alone.
 fn run_eni(arguments: &Arguments, path: &str) -> u8 {
     #[cfg(target_os = "linux")]
-    if arguments.wire.interface.is_some() || arguments.wire.preflight {
-        return fail(
-            "--interface is beside an ENI, which is not supported yet; expected a run on a virtual segment, without it",
-        );
-    }
+    let (on_wire, records) =
+        (arguments.wire.interface.as_deref(), arguments.wire.recording.is_given());
+    #[cfg(not(target_os = "linux"))]
+    let (on_wire, records) = (None::<&str>, false);
     let files = &arguments.files;
     let keys = [
         ("--junit", arguments.junit.is_some()),
-        ("--capture", arguments.capture.is_some()),
+        ("--capture without --interface", arguments.capture.is_some() && on_wire.is_none()),
+        ("--record without --interface", records && on_wire.is_none()),
         ("--waves", arguments.waves.is_some()),
         ("--trace", files.trace.is_some()),
         ("--series", files.series.is_some()),
@@ -214,6 +216,17 @@ fn run_eni(arguments: &Arguments, path: &str) -> u8 {
     }
     if let Some(message) = arguments.overwrites() {
         return fail(&message);
+    }
+    #[cfg(target_os = "linux")]
+    if arguments.wire.preflight {
+        return match super::eni_run::read(path) {
+            Ok(eni) => super::interface::look(arguments, Some(Nanos(eni.start_up.cycle_ns))),
+            Err(message) => fail(&message),
+        };
+    }
+    #[cfg(target_os = "linux")]
+    if let Some(interface) = on_wire {
+        return super::eni_interface::run(arguments, interface, path);
     }
     let wishes = super::eni_run::Wishes {
         options: &arguments.eni,

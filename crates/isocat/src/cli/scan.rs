@@ -1,9 +1,13 @@
 //! `isocat scan`.
 
 use clap::Args;
+#[cfg(target_os = "linux")]
+use isocat_descriptions::StartUp;
 use isocat_engine::report::scan::{Place, ScanReport};
 use isocat_engine::scan::{Failure, Scan};
 use isocat_maindevice::Cause;
+#[cfg(target_os = "linux")]
+use isocat_player::found::FoundReport;
 use isocat_segment::Scenario;
 
 use super::run::{json, progress_bar};
@@ -12,11 +16,12 @@ use super::{BAD_INPUT, IN_SYNC, NOT_IN_SYNC, fail, print};
 /// Arguments of `scan`.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// Segment file to scan in virtual time, or an ENI (.xml, .eni); without one, the built-in segment
+    /// Segment file to scan in virtual time, or an ENI (.xml, .eni); without one, the built-in segment. With --interface:
+    /// an ENI to compare with what answers
     segment: Option<String>,
     /// Scan what is on this network interface instead
     #[cfg(target_os = "linux")]
-    #[arg(long, value_name = "IF", conflicts_with_all = ["segment", "seed"])]
+    #[arg(long, value_name = "IF", conflicts_with = "seed")]
     interface: Option<String>,
     /// Network namespace of the interface
     #[cfg(target_os = "linux")]
@@ -69,6 +74,18 @@ pub fn run(arguments: &Arguments) -> u8 {
 #[cfg(target_os = "linux")]
 fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
     let namespace = arguments.netns.as_deref();
+    let eni = match arguments.segment.as_deref() {
+        None => None,
+        Some(path) if super::eni_run::is_eni(path) => match super::eni_run::read(path) {
+            Ok(eni) => Some((path, eni)),
+            Err(message) => return fail(&message),
+        },
+        Some(path) => {
+            return fail(&format!(
+                "{path} is beside --interface; expected an ENI (.xml, .eni) to compare with what answers"
+            ));
+        }
+    };
     let socket = match isocat_host::RawSocket::open(interface, namespace) {
         Ok(socket) => socket,
         Err(error) => return fail(&error.to_string()),
@@ -83,7 +100,32 @@ fn on_interface(arguments: &Arguments, interface: &str) -> u8 {
     let told = &mut |stage: isocat_maindevice::Stage| bar.set_message(stage.name());
     let scan = isocat_engine::live::scan::scan(config, socket, &stop, told);
     bar.finish_and_clear();
-    finish(arguments, Place::Interface(interface, namespace), &scan)
+    let place = Place::Interface(interface, namespace);
+    match eni {
+        None => finish(arguments, place, &scan),
+        Some((path, eni)) => compare(arguments, place, &scan, path, &eni.start_up),
+    }
+}
+
+/// Compares what answers with an ENI.
+#[cfg(target_os = "linux")]
+fn compare(arguments: &Arguments, place: Place<'_>, scan: &Scan, path: &str, list: &StartUp) -> u8 {
+    if let Some(message) = no_answer(place, scan) {
+        return fail(&message);
+    }
+    let report = FoundReport::new(path, list, &scan.segment, ScanReport::new(place, scan));
+    if let Some(message) = no_such_device(arguments, &report.scan) {
+        return fail(&message);
+    }
+    let code = print(&match arguments.json {
+        true => json(&report),
+        false => format!("{}\n{}", report.text(), report.scan.text(arguments.device)),
+    });
+    match report.same && report.scan.consistent {
+        _ if code == BAD_INPUT => BAD_INPUT,
+        true => IN_SYNC,
+        false => NOT_IN_SYNC,
+    }
 }
 
 fn finish(arguments: &Arguments, place: Place<'_>, scan: &Scan) -> u8 {
@@ -91,11 +133,8 @@ fn finish(arguments: &Arguments, place: Place<'_>, scan: &Scan) -> u8 {
         return fail(&message);
     }
     let report = ScanReport::new(place, scan);
-    if let Some(wanted) = arguments.device.filter(|wanted| *wanted >= report.devices.len()) {
-        let last = report.devices.len().saturating_sub(1);
-        return fail(&format!(
-            "--device {wanted}: there is no such SubDevice, expected 0 to {last}"
-        ));
+    if let Some(message) = no_such_device(arguments, &report) {
+        return fail(&message);
     }
     let code = print(&match arguments.json {
         true => json(&report),
@@ -106,6 +145,13 @@ fn finish(arguments: &Arguments, place: Place<'_>, scan: &Scan) -> u8 {
         true => IN_SYNC,
         false => NOT_IN_SYNC,
     }
+}
+
+/// What to say if all is asked of a SubDevice that is not there.
+fn no_such_device(arguments: &Arguments, report: &ScanReport) -> Option<String> {
+    let wanted = arguments.device.filter(|wanted| *wanted >= report.devices.len())?;
+    let last = report.devices.len().saturating_sub(1);
+    Some(format!("--device {wanted}: there is no such SubDevice, expected 0 to {last}"))
 }
 
 /// What to say if nobody answered; there is nothing to report then.

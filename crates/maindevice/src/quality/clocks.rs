@@ -182,15 +182,17 @@ impl ClockQuality {
 
 /// What the registers of one clock said.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Registers {
+pub struct Registers {
+    /// When the frame was sent that read them.
     pub at: Time<Host>,
-    /// 0x092C to 0x0933.
+    /// Registers 0x092C to 0x0933.
     pub bytes: [u8; 8],
+    /// Register 0x0984; `None` where the ESC has none.
     pub activation: Option<ActivationStatus>,
 }
 
-/// Who is to be read: index among the clocks, station, and whether 0x0984 exists.
-pub(crate) type Wanted = (usize, StationAddress, bool);
+/// What is to be read: index among the clocks, station, and whether 0x0984 exists.
+pub type Wanted = (usize, StationAddress, bool);
 
 /// Reads all clocks in turn.
 #[derive(Clone, Debug)]

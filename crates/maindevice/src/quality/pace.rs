@@ -47,7 +47,7 @@ impl Pace {
 }
 
 /// The time that datagrams of these lengths take in a frame of their own, preamble and gap included.
-pub(crate) fn wire_time(lengths: impl Iterator<Item = usize>) -> Nanos {
+pub fn wire_time(lengths: impl Iterator<Item = usize>) -> Nanos {
     let overhead = isocat_wire::datagram::HEADER_LEN + isocat_wire::datagram::WKC_LEN;
     let datagrams: usize = lengths.map(|length| length + overhead).sum();
     let bytes = frame::ETHERNET_HEADER_LEN + frame::ETHERCAT_HEADER_LEN + datagrams;

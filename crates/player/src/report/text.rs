@@ -23,7 +23,12 @@ impl Report {
             writeln!(out, "{}", run.headline())?;
         }
         writeln!(out, "{}: {count} {devices}, cycle {cycle}", self.eni)?;
-        writeln!(out, "\n what the virtual devices are made of")?;
+        let on_wire = self.run.as_ref().is_some_and(|run| run.verdict().is_some());
+        let title = match on_wire {
+            true => "where the plan has the times of the devices from",
+            false => "what the virtual devices are made of",
+        };
+        writeln!(out, "\n {title}")?;
         for device in &self.devices {
             writeln!(out, "  {:>3} {}: {}", device.position, device.name, device.origin)?;
         }
@@ -80,11 +85,20 @@ fn write_all<'a>(
 }
 
 impl RunReport {
+    /// What the verdict engine says in a sentence; `None` on a virtual segment.
+    fn verdict(&self) -> Option<&str> {
+        #[cfg(target_os = "linux")]
+        return self.interface.as_ref().map(|interface| interface.verdict.as_str());
+        #[cfg(not(target_os = "linux"))]
+        None
+    }
+
     fn headline(&self) -> String {
         match &self.failure {
             _ if self.in_sync => "In sync: the ENI was executed to the letter.".into(),
             Some(failure) if failure.refused => format!("Not run: {}", failure.message),
             Some(failure) => format!("Not in sync: {}", failure.message),
+            None if self.verdict().is_some() => self.verdict().unwrap_or_default().to_owned(),
             None if self.wrong_counters > 0 => format!(
                 "Not in sync: {} of the datagrams in {} cycles did not count as the ENI expects",
                 self.wrong_counters, self.cycles
@@ -124,6 +138,13 @@ impl RunReport {
             }
             writeln!(out)?;
         }
-        write!(out, "\n{}", self.summary.text())
+        if let Some(summary) = &self.summary {
+            write!(out, "\n{}", summary.text())?;
+        }
+        #[cfg(target_os = "linux")]
+        if let Some(interface) = &self.interface {
+            write!(out, "\n{}", interface.text())?;
+        }
+        Ok(())
     }
 }

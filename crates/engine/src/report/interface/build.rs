@@ -64,7 +64,7 @@ impl InterfaceReport {
             ended_by: match outcome.end {
                 End::Time => EndedBy::Time,
                 End::Asked => EndedBy::Signal,
-                End::Failed(_) | End::TooLong => EndedBy::BringUp,
+                End::Failed(_) | End::List { .. } | End::TooLong => EndedBy::BringUp,
                 End::Silence => EndedBy::Silence,
                 End::Link(_) => EndedBy::Interface,
             },

@@ -62,9 +62,7 @@ pub use module_choice::{ModuleName, ModuleWish, NoModule, SlotName, WishPart};
 pub use modules::{EsiModule, ModuleAt};
 pub use pdo::{Direction, EsiPdo, EsiPdoEntry};
 pub use sii::{EsiImage, ImageNote};
-pub use slots::{
-    EsiPdoGroup, EsiPlace, EsiSlot, EsiSlots, Follows, Increments, ModuleClass,
-};
+pub use slots::{EsiPdoGroup, EsiPlace, EsiSlot, EsiSlots, Follows, Increments, ModuleClass};
 pub use sync_manager::{EsiSyncManager, Purpose};
 pub(crate) use tree::guard;
 use tree::{Element, Malformed, Problem};
@@ -223,8 +221,7 @@ impl EsiFile {
         };
         let mut left = MOST_ENTRIES;
         if let Some(list) = descriptions.child("Modules") {
-            self.modules =
-                modules::modules(list, self.vendor_id, &mut left, warnings, refused);
+            self.modules = modules::modules(list, self.vendor_id, &mut left, warnings, refused);
         }
         let groups: HashMap<String, String> = descriptions
             .child("Groups")

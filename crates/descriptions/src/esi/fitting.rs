@@ -175,9 +175,9 @@ fn grouped(
             if managers[..at].contains(&(direction, manager)) {
                 continue;
             }
-            let before = all.iter().filter(|pdo| {
-                pdo.direction == direction && pdo.sync_manager == Some(manager)
-            });
+            let before = all
+                .iter()
+                .filter(|pdo| pdo.direction == direction && pdo.sync_manager == Some(manager));
             let bits: u32 = before.map(EsiPdo::bits).sum();
             let fill = bits.next_multiple_of(alignment) - bits;
             if fill == 0 {
@@ -251,7 +251,7 @@ fn commands(
 }
 
 /// The objects of modules among those of the device, ascending. What a module says of an object goes before what the
-/// device says, which may be there for tools that know no modules.
+/// device says, which may be there for tools that know no modules; but the device communicates as it says itself.
 fn add_objects(
     all: &mut Vec<EsiObject>,
     placed: &[(EsiPlace<'_>, &EsiModule)],
@@ -270,13 +270,17 @@ fn add_objects(
             if added.contains_key(&index) {
                 w.add(WarningKind::ModuleIndexRepeated, at, || {
                     let (name, number) = (read::cut(&module.type_name), place.number);
-                    format!("object 0x{index:04X} of \"{name}\" at place {number} stands before, too")
+                    format!(
+                        "object 0x{index:04X} of \"{name}\" at place {number} stands before, too"
+                    )
                 });
                 continue;
             }
             added.insert(index, EsiObject { at, index, ..object.clone() });
         }
     }
+    let own: HashSet<u16> = all.iter().map(|object| object.index).collect();
+    added.retain(|index, _| *index >= MANUFACTURERS || !own.contains(index));
     all.retain(|object| !added.contains_key(&object.index));
     all.extend(added.into_values());
     all.sort_by_key(|object| object.index);
@@ -378,6 +382,8 @@ fn detected(at: usize, idents: &[u32]) -> EsiObject {
     }
 }
 
+/// Where the communication area of the dictionary ends.
+const MANUFACTURERS: u16 = 0x2000;
 /// Configured Module Ident List (ETG.5001).
 const CONFIGURED: u16 = 0xF030;
 /// Detected Module Ident List.

@@ -158,11 +158,8 @@ impl<'f> Choice<'f, '_> {
             let of_slot = matches!(wish.slot, Some(SlotName::Name(_)));
             if of_slot && place.slot_number != self.places[start].slot_number {
                 let slot = self.places[start].slot;
-                let message = format!(
-                    "slot {} takes {} at most",
-                    named(slot),
-                    modules(slot.most.into())
-                );
+                let message =
+                    format!("slot {} takes {} at most", named(slot), modules(slot.most.into()));
                 return Err(NoModule::of(number, WishPart::Count, message));
             }
             if let Some(known) = self.filled[at] {

@@ -11,8 +11,8 @@ use isocat_wire::time::Nanos;
 
 use super::{
     CycleTime, Direction, Encoding, EsiCoe, EsiDc, EsiDevice, EsiEeprom, EsiFile, EsiGroup,
-    EsiMailbox, EsiOpMode, EsiPdo, EsiPdoEntry, EsiProfile, EsiSyncManager, EsiTimeouts, Follows, Purpose,
-    ShiftTime, data_type, sync_manager,
+    EsiMailbox, EsiOpMode, EsiPdo, EsiPdoEntry, EsiProfile, EsiSyncManager, EsiTimeouts, Follows,
+    Purpose, ShiftTime, data_type, sync_manager,
 };
 use crate::sii::{
     General, Names, OtherCategory, Sii, SiiEntry, SiiFile, SiiOpMode, SiiPdo, Unwritable,

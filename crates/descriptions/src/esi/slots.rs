@@ -190,9 +190,11 @@ impl EsiPlace<'_> {
             true => number.wrapping_mul(step),
             false => 0,
         };
-        index
-            .wrapping_add(steps(follows.slot, self.number, by_place))
-            .wrapping_add(steps(follows.group, self.slot.group, by_group))
+        index.wrapping_add(steps(follows.slot, self.number, by_place)).wrapping_add(steps(
+            follows.group,
+            self.slot.group,
+            by_group,
+        ))
     }
 }
 

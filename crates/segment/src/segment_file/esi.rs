@@ -90,8 +90,10 @@ fn file<'f>(
             for ((value, name), other) in named[1..].iter().zip(all) {
                 let other = other?;
                 if other.modules.is_empty() {
-                    let message = format!("{name} has no modules; expected a file with modules \
-                                           behind that with the device");
+                    let message = format!(
+                        "{name} has no modules; expected a file with modules \
+                                           behind that with the device"
+                    );
                     return Err(value.error(message));
                 }
                 file.add_modules(other);
@@ -109,7 +111,7 @@ pub(super) fn in_op_mode(
     keys: &Keys<'_>,
     cycle: Nanos,
 ) -> Result<Imported, FileError> {
-    let (op_mode, mut notes) = op_mode(device, keys.value("opmode"))?;
+    let (op_mode, mut notes) = op_mode(device, keys)?;
     notes.extend(modules::unfit(device, op_mode));
     notes.extend(choice.map(|note| Doubt::new("revision", note)));
     let told = |error: crate::profile::NotSimulated| error.error;
@@ -163,20 +165,19 @@ pub(super) fn agree(
     }
 }
 
-/// The OpMode that the key names or numbers; without it the first, but for a drive the first with SYNC0.
-fn op_mode(
-    device: &EsiDevice,
-    value: Option<Value<'_>>,
-) -> Result<(Option<usize>, Vec<Doubt>), FileError> {
+/// The OpMode that the key names or numbers; without it the first, but for a drive the first with SYNC0. Modules that the
+/// table names leave those that they are for.
+fn op_mode(device: &EsiDevice, keys: &Keys<'_>) -> Result<(Option<usize>, Vec<Doubt>), FileError> {
     let modes = device.op_modes();
     let names = || modes.iter().map(|mode| mode.name.as_str());
-    let Some(value) = value else {
-        // Modules may be for some OpModes only; where none is for all of them, a note says so later.
-        let fits = |number: &usize| modules::unfit(device, Some(*number)).is_none();
+    let Some(value) = keys.value("opmode") else {
+        let chosen = keys.value("modules").is_some();
+        let fits = |number: &usize| !chosen || modules::unfit(device, Some(*number)).is_none();
         let with_sync = |number: &usize| modes[*number].sync0();
         let drive = device.profile.is_drive();
         let mut all: Vec<usize> = (0..modes.len()).filter(fits).collect();
         if all.is_empty() {
+            // No OpMode is for all of them; a note says so.
             all = (0..modes.len()).collect();
         }
         let first_with_sync = all.iter().copied().find(with_sync);

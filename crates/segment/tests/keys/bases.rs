@@ -113,7 +113,10 @@ fn segment(head: &str) -> Base {
         "a table of modules" => {
             after = "}]\n";
             let text = of_device("").replace("device = \"simple_io4\"\n", "esi = \"rack.xml\"\n");
-            (format!("{}modules = [{{ ", text.trim_end_matches('\n').to_owned() + "\n"), &[("module", "\"DI16\"")])
+            (
+                format!("{}modules = [{{ ", text.trim_end_matches('\n').to_owned() + "\n"),
+                &[("module", "\"DI16\"")],
+            )
         }
         "measured_times" => (of_device("[subdevice.measured_times]"), &[]),
         "clock_ramp" => {

@@ -5,7 +5,10 @@
 
 `esi_reading.py` reads the files with Python's ElementTree. What it expects is compared with what `isocat plan --start-up --json`
 writes and what `isocat scan --json` finds: identity, ports, mailbox, SyncManagers, PDOs, FMMUs, AssignActivate, SYNC0 and SYNC1,
-the OpModes of the SII, and InitCmds with their transitions. A table tells how often each field was equal; each difference is
+the OpModes of the SII, and InitCmds with their transitions. A modular device is tried with its default modules, and with three
+choices of modules: each place with the first that its slot takes, one after the other, and with empty places; of these the objects
+are compared, too, which the example `dictionary` of isocat-segment prints. Modules of files whose root is EtherCATModule belong to
+devices of the same vendor. --modules tries modular devices alone. A table tells how often each field was equal; each difference is
 listed with file, device, OpMode, expected and found. With --run each one is run for 60 ms as well: `plan` and `run` have to
 agree. --rows prints a line for each device and OpMode.
 
@@ -13,6 +16,7 @@ The bus cycle is 1 ms, or the first of CYCLES that `plan` takes. The folders are
 project unless others are given. Exit codes: 0 all equal, 1 something differs, 77 there are no descriptions.
 """
 import argparse
+import copy
 import json
 import os
 import re
@@ -33,7 +37,10 @@ TARGET = Path(os.environ.get("CARGO_TARGET_DIR", PROJECT / "target")).resolve()
 CYCLES = ["1ms", "2ms", "4ms", "10ms", "20ms", "100ms", "1s", "3ms", "500us", "250us", "125us"]
 NS = {"s": 10**9, "ms": 10**6, "us": 10**3}
 TOO_LONG = 60
+MOST_PROCESS_DATA = 256
 AL_EVENT = 0x20
+# Objects that follow from SyncManagers, PDOs and identity.
+FOLLOWS = {0x1018, 0x1C00, 0x1C12, 0x1C13}
 
 
 @dataclass
@@ -41,6 +48,9 @@ class Trial:
     path: Path
     device: esi_reading.Device
     mode: object  # the number of the OpMode, None for a device without
+    further: tuple = ()  # files with modules
+    chosen: object = None  # {place: module}, None for the default
+    filled: str = ""  # in words
     cycle: str = CYCLES[0]
     plan_code: object = None
     run_code: object = None
@@ -52,16 +62,26 @@ class Trial:
     def name(self):
         mode = "-" if self.mode is None else f"{self.mode} {self.device.mode_names()[self.mode]}"
         device = self.device
+        mode += f" | {self.filled}" if self.filled else ""
         return f"{self.path.name} | {device.type} {device.product or 0:#x} {device.revision:#010x} | {mode}"
 
     def segment(self):
         ports = self.device.physics() or "Y"
         host = '[host]\nport = "ebus"\n' if ports[0] in "KB" else ""
         mode = "" if self.mode is None else f"opmode = {self.mode}\n"
-        quoted = [json.dumps(text, ensure_ascii=False) for text in (str(self.path), self.device.type)]
+        paths = [str(path) for path in (self.path, *self.further)]
+        quoted = [json.dumps(text, ensure_ascii=False) for text in (paths if self.further else paths[0], self.device.type)]
         product = "" if self.device.product is None else f"product = {self.device.product}\n"
         return (f'cycle = "{self.cycle}"\n{host}[[subdevice]]\nesi = {quoted[0]}\ntype = {quoted[1]}\n'
-                f"{product}revision = {self.device.revision}\n{mode}")
+                f"{product}revision = {self.device.revision}\n{mode}{self.modules()}")
+
+    def modules(self):
+        """The key `modules`, by ident with the number of the place: types are not unique in all files."""
+        if self.chosen is None:
+            return ""
+        rows = [f"{{ slot = {place}, module = {module.find('Type').get('ModuleIdent').lower().replace('#x', '0x')} }}"
+                for place, module in sorted(self.chosen.items())]
+        return f"modules = [{', '.join(rows)}]\n"
 
     def compare(self, what, expected, found):
         if expected == found:
@@ -87,8 +107,11 @@ def reason_of(errors, report):
     return re.sub(r"\d+", "#", re.sub(r"^error: [^ ]*?:\d+(:\d+)?: ", "", words))[:110] or "no reason"
 
 
-def try_one(trial, isocat, folder, also_run, place):
+def try_one(trial, isocat, folder, also_run, place, dictionary=None):
     """Fills in a trial; gives it back."""
+    # All OpModes of a device share it, and each trial has modules of its own.
+    trial.device = copy.copy(trial.device)
+    trial.device.chosen = trial.chosen
     file = Path(folder) / f"{place}.toml"
     for trial.cycle in CYCLES:
         file.write_text(trial.segment())
@@ -108,6 +131,8 @@ def try_one(trial, isocat, folder, also_run, place):
         found = json.loads(scanned or "{}").get("devices")
         if found and found[0].get("op_modes") is not None:
             compare(trial, json.loads(written)["devices"][0], found[0])
+            if trial.chosen is not None and dictionary is not None:
+                compare_objects(trial, json.loads(call(dictionary, file)[1])[0])
         else:
             trial.differs.append(("scan", "what was found", f"exit {scan_code}: {reason_of(scan_errors, None)}"))
     if also_run:
@@ -139,6 +164,34 @@ class Written:
             if self.value(address + 12, 1):
                 found.append((self.value(address + 11, 1), self.value(address + 8, 2), self.value(address + 4, 2)))
         return found
+
+
+def compare_objects(trial, dictionary):
+    """The objects of chosen modules, against what the virtual device answers."""
+    device, idents = trial.device, trial.device.module_idents()
+    # Mapping objects follow from the PDOs; how the device communicates it says itself.
+    own = {esi_reading.number(text) for text in (one.findtext("Index") for one in device.element.iter("Object"))}
+    mapping = {pdo.index for pdo in device.pdos()} | {index for index in own if index < 0x2000} | FOLLOWS
+    known = {one["index"]: {sub: (bits, value) for sub, bits, value in one["entries"]} for one in dictionary["objects"]}
+    written = {(command.index, command.sub) for command in device.commands()}
+    for index, entries in device.module_objects().items():
+        if index in mapping:
+            continue
+        if index not in known:
+            told = any("left out" in one and f"0x{index:04X}" in one for one in dictionary["assumptions"])
+            trial.compare("module objects left out, said so", (hex(index), True), (hex(index), told))
+            continue
+        # Sub-index 0 of a structure is a count of 8 bits, whatever a file says; entries of no bits are none.
+        expected = {sub: 8 if sub == 0 and len(entries) > 1 else bits for sub, (bits, _) in entries.items() if bits}
+        found = {sub: bits for sub, (bits, _) in known[index].items() if sub in expected or (index, sub) not in written}
+        trial.compare("module objects: bits by sub-index", (hex(index), expected), (hex(index), found))
+        values = {sub: value[:2] if expected.get(sub) == 8 else value for sub, (_, value) in entries.items()
+                  if value and sub in found and (sub or len(entries) == 1)}
+        trial.compare("module objects: defaults", (hex(index), values),
+                      (hex(index), {sub: known[index][sub][1] for sub in values}))
+    if 0xF050 in known:
+        detected = [int.from_bytes(bytes.fromhex(known[0xF050][place + 1][1]), "little") for place in range(len(idents))]
+        trial.compare("0xF050 as the modules stand", idents, detected)
 
 
 def compare(trial, listed, scanned):
@@ -194,7 +247,7 @@ def compare_pdos(trial, expected, scanned):
         trial.compare("PDO assignment", [f"{index:#06x}" for index, _ in wanted], [f"{pdo['index']:#06x}" for pdo in found])
         sizes = [(f"{index:#06x}", sum(bits for _, _, bits in entries)) for index, entries in wanted]
         trial.compare("PDO sizes", sizes, [(f"{pdo['index']:#06x}", pdo["bits"]) for pdo in found])
-        mapped = [(index, sub, bits) for _, entries in wanted for index, sub, bits in entries if bits <= 255]
+        mapped = [(index, sub, bits) for _, entries in wanted for index, sub, bits in entries if 0 < bits <= 255]
         listed = [(e["index"], e["sub"], e["bits"]) for pdo in found for e in pdo["entries"]]
         if all(bits <= 255 for _, entries in wanted for _, _, bits in entries):
             trial.compare("PDO entries", mapped, listed)
@@ -234,6 +287,60 @@ def compare_commands(trial, expected, listed):
         trial.compare("SoE InitCmds left out, said so", True, told)
 
 
+def filled(path, device, further):
+    """Configurations of a modular device, in its last OpMode: each place with the first module that its slot takes, and with
+    one after the other; as many as the process data of isocat take, which is told where it is the limit."""
+    places = [(place, device.admissible(slot)) for place, slot in device.places()]
+    places = [(place, modules) for place, modules in places if modules]
+    mode = len(device.modes) - 1 if device.modes else None
+    for words, turn in (("each place with its first module", lambda place, all_: all_[0]),
+                        ("one module after the other", lambda place, all_: all_[place % len(all_)]),
+                        ("every third place empty", lambda place, all_: all_[-1 - place % len(all_)])):
+        chosen = {}
+        for place, modules in places:
+            if words.startswith("every third") and place % 3 == 1 and place not in needed(device):
+                continue
+            chosen[place] = turn(place, modules)
+            device.chosen = chosen
+            if too_long(device):
+                del chosen[place]
+                break
+        device.chosen = None
+        yield Trial(path.resolve(), device, mode, tuple(further), chosen, f"{words}: {len(chosen)}")
+
+
+def needed(device):
+    """Places that must have a module."""
+    result, seen = set(), Counter()
+    for place, slot in device.places():
+        seen[id(slot)] += 1
+        if seen[id(slot)] <= (esi_reading.number(slot.get("MinInstances")) or 0):
+            result.add(place)
+    return result
+
+
+def too_long(device):
+    """More process data than a virtual SubDevice of isocat has room for."""
+    bits = Counter()
+    for pdo in device.pdos():
+        if pdo.sync_manager is not None:
+            bits[pdo.outputs] += sum(entry[2] for entry in pdo.entries)
+    return any((count + 7) // 8 > MOST_PROCESS_DATA for count in bits.values())
+
+
+def module_files(paths):
+    """Files of modules alone, by vendor."""
+    found = defaultdict(list)
+    for path in paths:
+        try:
+            root = ET.parse(path).getroot()
+        except ET.ParseError:
+            continue
+        if root.tag == "EtherCATModule":
+            found[esi_reading.number(root.findtext("Vendor/Id"))].append(path.resolve())
+    return found
+
+
 def folders(given):
     found = [Path(folder) for folder in given] or [PROJECT.parent / "shared" / name for name in ("esi", "esi-more")]
     return [folder for folder in found if folder.is_dir()]
@@ -242,6 +349,7 @@ def folders(given):
 def read(paths):
     """The trials of all files, and (file, reason) of those that can't be read."""
     trials, unread, twice = [], [], []
+    of_vendor = module_files(paths)
     for path in paths:
         try:
             devices = list(esi_reading.devices(path))
@@ -257,6 +365,11 @@ def read(paths):
             known.add(key)
             modes = range(len(device.modes)) if device.modes else [None]
             trials += [Trial(path.resolve(), device, mode) for mode in modes]
+            if device.element.find("Slots") is not None:
+                further = of_vendor[device.vendor]
+                same = next(one for one in esi_reading.devices(path, further)
+                            if (one.type, one.product, one.revision) == key)
+                trials += filled(path, same, further)
     return trials, unread, twice
 
 
@@ -300,6 +413,9 @@ def print_results(trials, also_run):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--isocat", default=TARGET / "release" / "isocat")
+    parser.add_argument("--dictionary", default=TARGET / "release" / "examples" / "dictionary",
+                        help="the example of isocat-segment that prints a device's objects")
+    parser.add_argument("--modules", action="store_true", help="only devices with slots")
     parser.add_argument("--run", action="store_true", help="run each for 60 ms, too")
     parser.add_argument("--rows", action="store_true", help="a line for each device and OpMode")
     parser.add_argument("folders", nargs="*")
@@ -309,8 +425,13 @@ def main():
         print("skipped: there are no device descriptions beside the project")
         return 77
     trials, unread, twice = read(paths)
+    if arguments.modules:
+        trials = [trial for trial in trials if trial.device.element.find("Slots") is not None]
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
-        one = lambda numbered: try_one(numbered[1], arguments.isocat, folder, arguments.run, numbered[0])
+        dictionary = arguments.dictionary if Path(arguments.dictionary).exists() else None
+        if dictionary is None:
+            print("objects of modules are not compared: cargo build --release -p isocat-segment --example dictionary")
+        one = lambda numbered: try_one(numbered[1], arguments.isocat, folder, arguments.run, numbered[0], dictionary)
         trials = list(pool.map(one, enumerate(trials)))
     print(f"{len(paths)} files, {len({id(trial.device) for trial in trials})} devices, {len(trials)} device x OpMode")
     for name, error in unread:

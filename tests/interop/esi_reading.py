@@ -83,11 +83,47 @@ class Expected:
     commands: list = field(default_factory=list)
 
 
+def object_entries(element, types):
+    """{sub-index: (bits, default as hex or None)} of an object; an array is spread out."""
+    def bits_of(item):
+        return number(text_of(item, "BitSize")) or 0
+
+    def default(info, bits):
+        if info is None:
+            return None
+        length = (bits + 7) // 8
+        data, value = text_of(info, "DefaultData"), text_of(info, "DefaultValue")
+        if data:
+            return "".join(data.split()).lower().ljust(2 * length, "0")
+        plain = value and set(value.lower().lstrip("#x")) <= set("0123456789abcdef")
+        return number(value).to_bytes(8, "little")[:length].hex() if plain and bits <= 64 else None
+
+    kind = types.get(text_of(element, "Type"))
+    infos = element.findall("Info/SubItem")
+    if kind is None or not kind.findall("SubItem"):
+        bits = bits_of(element)
+        return {0: (bits, default(element.find("Info"), bits))}
+    found = []
+    for item in kind.findall("SubItem"):
+        array = types.get(text_of(item, "Type"))
+        if item.find("SubIdx") is None and array is not None and array.find("ArrayInfo") is not None:
+            first, count = (number(text_of(array, f"ArrayInfo/{key}")) for key in ("LBound", "Elements"))
+            bits = bits_of(item) // count
+            found += [(max(1, first) + turn, bits, None) for turn in range(count)]
+        else:
+            found.append((number(text_of(item, "SubIdx")), bits_of(item), text_of(item, "Name")))
+    # Only where names leave no doubt is a default compared.
+    named = {text_of(info, "Name"): info.find("Info") for info in infos}
+    doubtful = len(named) != len(infos) or len({name for _, _, name in found}) != len(found)
+    return {sub: (bits, None if doubtful or name is None else default(named.get(name), bits)) for sub, bits, name in found}
+
+
 class Device:
     """A device of a file."""
 
     def __init__(self, element, vendor, modules):
         self.element, self.vendor, self.modules = element, vendor, modules
+        self.chosen = None  # {place: module}; None for the default
         kind = element.find("Type")
         self.type = "".join(kind.itertext()).strip()
         self.product = number(kind.get("ProductCode"))
@@ -114,51 +150,136 @@ class Device:
             kind = ("mailbox out" if writes else "mailbox in") if box else ("outputs" if writes else "inputs")
         return SyncManager(kind, number(element.get("StartAddress")) or 0, number(element.get("DefaultSize")) or 0, control)
 
-    def slot_modules(self):
-        """(place, module) of each slot that has a module by default: the preset, or the first where one has to be."""
-        place = 0
+    def places(self):
+        """(number, slot) of each place for a module: a slot has as many as it takes modules at most."""
+        number_of = lambda slot, key: number(slot.get(key))
+        slots = self.element.find("Slots")
+        if slots is None:
+            return []
+        found = []
+        for slot in slots.findall("Slot"):
+            least, most = number_of(slot, "MinInstances") or 0, number_of(slot, "MaxInstances")
+            found += [slot] * (max(1, least) if most is None else most)
+        limit = number_of(slots, "MaxSlotCount") or 255
+        return list(enumerate(found[:min(limit, 255)]))
+
+    def admissible(self, slot):
+        """The modules that a slot takes: in the order of its list of idents, or by class in that of the file."""
+        idents = [number(ident.text) for ident in slot.findall("ModuleIdent")]
+        classes = [(text_of(c, "Class") or (c.text or "").strip(), number(text_of(c, "VendorId")))
+                   for c in slot.findall("ModuleClass")]
+        listed = [self.modules[ident] for ident in idents if ident in self.modules]
+        return listed + [module for ident, module in self.modules.items() if ident not in idents and any(
+            name == module.find("Type").get("ModuleClass") and vendor in (None, module.vendor) for name, vendor in classes)]
+
+    def default_modules(self):
+        """{place: module}: the preset of each slot, or the first that fits where one has to be."""
+        chosen, places = {}, self.places()
         for slot in self.element.findall("Slots/Slot"):
             least = number(slot.get("MinInstances")) or 0
-            most = number(slot.get("MaxInstances"))
-            most = max(1, least) if most is None else most
-            idents = slot.findall("ModuleIdent")
-            preset = [number(ident.text) for ident in idents if flag(ident.get("Default"))]
-            count = max(1, least) if preset else least
-            classes = [text_of(c, "Class") or (c.text or "").strip() for c in slot.findall("ModuleClass")]
-            wanted = preset or [number(ident.text) for ident in idents]
-            module = next((self.modules[ident] for ident in wanted if ident in self.modules), None)
-            if module is None and not preset:
-                module = next((m for m in self.modules.values() if m.find("Type").get("ModuleClass") in classes), None)
-            for turn in range(count):
-                if module is not None:
-                    yield place + turn, module
-            place += max(count, most)
+            preset = [number(i.text) for i in slot.findall("ModuleIdent") if flag(i.get("Default"))]
+            fitting = [self.modules[i] for i in preset if i in self.modules] if preset else self.admissible(slot)
+            own = [place for place, of in places if of is slot]
+            chosen.update({place: fitting[0] for place in own[:max(1, least) if preset else least] if fitting})
+        return chosen
+
+    def owners(self):
+        """(place, group, increments, owner) of the device, then of each of its modules."""
+        chosen = self.default_modules() if self.chosen is None else self.chosen
+        slots, result = self.element.find("Slots"), [(0, 0, dict.fromkeys(INCREMENTS, 0), self.element)]
+        for place, slot in self.places():
+            if place in chosen:
+                # What a slot says goes before what all slots have.
+                increments = {key: number(slot.get(key, slots.get(key))) or 0 for key in INCREMENTS}
+                result.append((place, number(slot.get("SlotGroup")) or 0, increments, chosen[place]))
+        return result
+
+    @staticmethod
+    def moved(index, owner, kind):
+        """The index of an element (`Index`) of an owner; `kind`: "Pdo" or "Index"."""
+        place, group, increments, _ = owner
+        result = number("".join(index.itertext()))
+        result += place * increments[f"Slot{kind}Increment"] if flag(index.get("DependOnSlot")) else 0
+        result += group * increments[f"SlotGroup{kind}Increment"] if flag(index.get("DependOnSlotGroup")) else 0
+        return result & 0xFFFF
 
     def pdos(self):
-        slots = self.element.find("Slots")
-        increment = {key: number(slots.get(key)) or 0 if slots is not None else 0
-                     for key in ("SlotPdoIncrement", "SlotIndexIncrement")}
         found = []
-        for place, owner in [(0, self.element), *self.slot_modules()]:
-            for element in owner:
+        for owner in self.owners():
+            group = number(owner[3].find("Type").get("ModulePdoGroup")) or 0
+            for element in owner[3]:
                 if element.tag not in ("RxPdo", "TxPdo") or element.find("Index") is None:
                     continue
-                shift = increment["SlotPdoIncrement"] * place if flag(element.find("Index").get("DependOnSlot")) else 0
                 entries = []
                 for entry in element.findall("Entry"):
                     index = number(text_of(entry, "Index"))
-                    if index and flag(entry.find("Index").get("DependOnSlot")):
-                        index += increment["SlotIndexIncrement"] * place
+                    index = index and self.moved(entry.find("Index"), owner, "Index")
                     entries.append((index, number(text_of(entry, "SubIndex")) or 0, number(text_of(entry, "BitLen"))))
                 # Old files define the PDO of a channel once; the channels follow each other.
                 channel = number(element.get("Chn")) or 0 if element.get("Ref") else 0
-                index = (number(text_of(element, "Index")) + shift + channel) & 0xFFFF
-                if owner is not self.element and any(pdo.index == index for pdo in found):
+                index = (self.moved(element.find("Index"), owner, "Pdo") + channel) & 0xFFFF
+                if owner[3] is not self.element and any(pdo.index == index for _, pdo in found):
                     continue
                 factor, step = number(element.get("OSFac")) or 0, number(element.get("OSIndexInc")) or 0
                 outputs = element.tag == "RxPdo"
-                found.append(Pdo(index, outputs, number(element.get("Sm")), factor, step, entries))
-        return found
+                found.append((group, Pdo(index, outputs, number(element.get("Sm")), factor, step, entries)))
+        found.sort(key=lambda row: row[0])
+        return self.aligned(found)
+
+    def aligned(self, found):
+        """PDOs by group; before a group that must begin at whole bytes stands the PDO that its ModulePdoGroup names."""
+        groups, result = self.element.findall("Slots/ModulePdoGroup"), []
+        for group in sorted({group for group, _ in found}):
+            own = [pdo for of, pdo in found if of == group]
+            head = groups[group] if group < len(groups) else None
+            step = 8 * max(1, number(head.get("Alignment")) or 0) if head is not None else 8
+            for outputs, at in dict.fromkeys((pdo.outputs, pdo.sync_manager) for pdo in own if pdo.sync_manager is not None):
+                bits = sum(entry[2] for pdo in result for entry in pdo.entries
+                           if (pdo.outputs, pdo.sync_manager) == (outputs, at))
+                index = head is not None and number(head.get("RxPdo" if outputs else "TxPdo"))
+                taken = {pdo.index for _, pdo in found} | {pdo.index for pdo in result}
+                if bits % step and index and index not in taken:
+                    result.append(Pdo(index, outputs, at, 0, 0, [(0, 0, step - bits % step)]))
+            result += own
+        return result
+
+    def module_objects(self):
+        """{index: {sub-index: (bits, default as hex or None)}} of the objects that modules bring; the first counts."""
+        result = {}
+        for owner in self.owners()[1:]:
+            dictionary = owner[3].find("Profile/Dictionary")
+            if dictionary is None:
+                continue
+            types = {}
+            for kind in dictionary.findall("DataTypes/DataType"):
+                types.setdefault(text_of(kind, "Name"), kind)
+            for element in dictionary.findall("Objects/Object"):
+                index = self.moved(element.find("Index"), owner, "Index")
+                entries = object_entries(element, types)
+                if entries:
+                    result.setdefault(index, entries)
+        return result
+
+    def module_idents(self):
+        """Idents by place, 0 for an empty one, up to the last module."""
+        idents = []
+        for place, _, _, owner in self.owners()[1:]:
+            idents += [0] * (place - len(idents)) + [number(owner.find("Type").get("ModuleIdent"))]
+        return idents
+
+    def takes_list(self):
+        """Whether the list of modules is written to 0xF030: the slots say so, or the dictionary has it to write."""
+        slots = self.element.find("Slots")
+        if slots is None or self.element.find("Mailbox/CoE") is None:
+            return False
+        for kind in self.element.findall("Profile/Dictionary/Objects/Object"):
+            if number(text_of(kind, "Index")) == 0xF030:
+                name = text_of(kind, "Type")
+                definition = next(t for t in self.element.findall("Profile/Dictionary/DataTypes/DataType")
+                                  if text_of(t, "Name") == name)
+                access = [text_of(item, "Flags/Access") for item in definition.findall("SubItem")][1:]
+                return flag(slots.get("DownloadModuleIdentList")) or any("w" in text for text in access)
+        return flag(slots.get("DownloadModuleIdentList"))
 
     def assigned(self, mode):
         """{SyncManager: [(PDO, factor)]}: the default, or what the OpMode puts in its place."""
@@ -183,18 +304,21 @@ class Device:
         return result
 
     def commands(self):
-        slots = self.element.find("Slots")
-        increment = number(slots.get("SlotIndexIncrement")) or 0 if slots is not None else 0
         all_commands = []
-        for place, owner in [(0, self.element), *self.slot_modules()]:
-            for one in owner.findall("Mailbox/CoE/InitCmd"):
-                index = number(text_of(one, "Index"))
-                if flag(one.find("Index").get("DependOnSlot")):
-                    index = (index + increment * place) & 0xFFFF
+        if self.element.find("Mailbox/CoE") is None:
+            return all_commands
+        for owner in self.owners():
+            for one in owner[3].findall("Mailbox/CoE/InitCmd"):
+                index = self.moved(one.find("Index"), owner, "Index")
                 transitions = [(t.text or "").strip() for t in one.findall("Transition")]
                 data = "".join(text_of(one, "Data").split()).lower()
                 all_commands.append(
                     Command(transitions, index, number(text_of(one, "SubIndex")), data, flag(one.get("CompleteAccess"))))
+        idents = self.module_idents()
+        if idents and self.takes_list() and all(command.index != 0xF030 for command in all_commands):
+            at = self.element.find("Slots").get("DownloadModuleListTransition") or "PS"
+            all_commands += [Command(["PS" if at == "SP" else at], 0xF030, place + 1, ident.to_bytes(4, "little").hex(), False)
+                             for place, ident in enumerate(idents)]
         return all_commands
 
     def soe_commands(self):
@@ -279,8 +403,30 @@ def pulses(mode, word, bus):
     return sync0, (period("CycleTimeSync1", sync0) or sync0) - sync0 + shift
 
 
-def devices(path):
-    """The devices of a file; raises ET.ParseError where it is not well-formed, ValueError where it is no description."""
+def read_modules(root, modules):
+    """Adds the modules of a file by ident, each with the vendor that the file names; the first of an ident counts."""
+    vendor = number(text_of(root, "Vendor/Id"))
+    for module in root.findall("Descriptions/Modules/Module") + root.findall("Modules/Module"):
+        module = Module(module, vendor)
+        modules.setdefault(number(module.find("Type").get("ModuleIdent")), module)
+
+
+class Module:
+    """A module: its element, and its vendor."""
+
+    def __init__(self, element, vendor):
+        self.element, self.vendor = element, vendor
+
+    def __iter__(self):
+        return iter(self.element)
+
+    def __getattr__(self, name):
+        return getattr(self.element, name)
+
+
+def devices(path, further=()):
+    """The devices of a file; raises ET.ParseError where it is not well-formed, ValueError where it is no description.
+    `further`: files whose modules the slots take, too."""
     root = ET.parse(path).getroot()
     if root.tag != "EtherCATInfo" or root.find("Descriptions") is None:
         raise ValueError(f"the root is {root.tag}")
@@ -290,8 +436,9 @@ def devices(path):
         if pdo.tag in ("RxPdo", "TxPdo") and pdo.get("Ref") in definitions:
             pdo.extend(definitions[pdo.get("Ref")])
     modules = {}
-    for module in root.findall("Descriptions/Modules/Module"):
-        modules.setdefault(number(module.find("Type").get("ModuleIdent")), module)
+    read_modules(root, modules)
+    for other in further:
+        read_modules(ET.parse(other).getroot(), modules)
     vendor = number(text_of(root, "Vendor/Id"))
     for element in root.findall("Descriptions/Devices/Device"):
         yield Device(element, vendor, modules)
@@ -299,3 +446,4 @@ def devices(path):
 
 PROTOCOLS = {"AoE", "EoE", "CoE", "FoE", "SoE", "VoE"}
 FMMU_READ, FMMU_WRITE = 1, 2
+INCREMENTS = ("SlotPdoIncrement", "SlotIndexIncrement", "SlotGroupPdoIncrement", "SlotGroupIndexIncrement")

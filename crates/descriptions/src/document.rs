@@ -408,6 +408,11 @@ impl<'a> Value<'a> {
         }
     }
 
+    /// Whether it is an array.
+    pub fn is_array(&self) -> bool {
+        matches!(self.value.get_ref(), DeValue::Array(_))
+    }
+
     /// A table.
     pub fn table(&self) -> Result<Table<'a>, FileError> {
         match self.value.get_ref() {

@@ -35,13 +35,16 @@ mod decode;
 mod device;
 mod dictionary;
 mod eeprom;
+mod fitting;
 mod image;
 mod mailbox;
+mod module_choice;
 mod modules;
 mod numbers;
 mod pdo;
 mod read;
 mod sii;
+mod slots;
 mod sync_manager;
 mod tree;
 mod warning;
@@ -52,11 +55,14 @@ pub use decode::Encoding;
 pub use device::{EsiDevice, EsiGroup};
 pub use dictionary::{EsiEntry, EsiObject, EsiProfile};
 pub use eeprom::{EsiEeprom, EsiTimeouts};
+pub use fitting::FittedModule;
 pub use image::Image;
 pub use mailbox::{EsiCoe, EsiMailbox, InitCommand};
-pub use modules::{EsiModule, EsiSlot, EsiSlots};
+pub use module_choice::{ModuleName, ModuleWish, NoModule, SlotName, WishPart};
+pub use modules::{EsiModule, ModuleAt};
 pub use pdo::{Direction, EsiPdo, EsiPdoEntry};
 pub use sii::{EsiImage, ImageNote};
+pub use slots::{EsiPdoGroup, EsiPlace, EsiSlot, EsiSlots, Follows, Increments, ModuleClass};
 pub use sync_manager::{EsiSyncManager, Purpose};
 pub(crate) use tree::guard;
 use tree::{Element, Malformed, Problem};
@@ -80,11 +86,15 @@ pub struct EsiFile {
     pub modules: Vec<EsiModule>,
     /// Devices and modules that could not be read, each with its place.
     pub refused: Vec<FileError>,
+    /// Other files that it refers to (`InfoReference`), as written; they are not read.
+    pub references: Vec<String>,
     /// Doubts about the file as a whole.
     pub file_warnings: Vec<Warning>,
     text: String,
     /// Byte at which each line begins; made when the first place is asked for.
     lines: OnceLock<Vec<usize>>,
+    /// Fingerprints of the files whose modules it took in.
+    other_texts: Vec<u64>,
 }
 
 /// A place in a file: line and column, both from 1.
@@ -149,9 +159,11 @@ impl EsiFile {
             devices: Vec::new(),
             modules: Vec::new(),
             refused: Vec::new(),
+            references: Vec::new(),
             file_warnings: Vec::new(),
             text: String::new(),
             lines: OnceLock::new(),
+            other_texts: Vec::new(),
         };
         let mut refused = Vec::new();
         let content = file.content(Element::root(&document), &mut warnings, &mut refused);
@@ -199,13 +211,17 @@ impl EsiFile {
             warnings.add(WarningKind::ReferencedFileNotRead, reference.at(), || {
                 format!("\"{}\"", read::cut(&reference.text()))
             });
+            if self.references.len() < MOST_REFERENCES {
+                self.references.push(read::cut(&reference.text()));
+            }
         }
         let Some(descriptions) = descriptions else {
             let message = "the file lacks <Descriptions>; expected devices or modules in it";
             return Err(Problem::new(root.at(), message));
         };
+        let mut left = MOST_ENTRIES;
         if let Some(list) = descriptions.child("Modules") {
-            self.modules = modules::modules(list, warnings, refused);
+            self.modules = modules::modules(list, self.vendor_id, &mut left, warnings, refused);
         }
         let groups: HashMap<String, String> = descriptions
             .child("Groups")
@@ -215,7 +231,6 @@ impl EsiFile {
             .collect();
         let definitions = pdo::Definitions::of(descriptions);
         let list = descriptions.child("Devices");
-        let mut left = MOST_ENTRIES;
         for element in list.iter().flat_map(|list| list.children("Device")) {
             if self.devices.len() == MOST_DEVICES {
                 let message = format!("more than {MOST_DEVICES} devices; the rest is not read");
@@ -261,28 +276,14 @@ impl EsiFile {
         }
     }
 
-    /// The process data of a device, by default or in one of its OpModes.
-    pub fn image(&self, device: &EsiDevice, mode: Option<&EsiOpMode>) -> image::Image {
-        // The doubts were noted when the device was read.
-        image::default(device, &self.modules, mode, &mut Warnings::default())
-    }
-
-    /// The InitCmds of a device and of the modules that stand in its slots by default.
-    pub fn commands(&self, device: &EsiDevice, coe: Option<&EsiCoe>) -> Vec<InitCommand> {
-        let mut all: Vec<InitCommand> = coe.map_or(Vec::new(), |coe| coe.commands.clone());
-        let Some(slots) = &device.slots else { return all };
-        let places = modules::default_modules(slots, &self.modules, &mut Warnings::default());
-        for (place, module) in places.into_iter().enumerate() {
-            for command in module.iter().flat_map(|module| &module.commands) {
-                let mut command = command.clone();
-                if command.depends_on_slot {
-                    let step = (place as u16).wrapping_mul(slots.index_increment);
-                    command.object.index = command.object.index.wrapping_add(step);
-                }
-                all.push(command);
-            }
-        }
-        all
+    /// Takes in the modules of another file, whose devices are not looked at. Where something of them is doubted later, it
+    /// stands at the slot that has the module.
+    pub fn add_modules(&mut self, other: Self) {
+        self.other_texts.push(other.fingerprint());
+        let own = |file: Option<String>| Some(file.unwrap_or_else(|| other.path.clone()));
+        let modules = other.modules.into_iter();
+        self.modules.extend(modules.map(|module| EsiModule { file: own(module.file), ..module }));
+        self.refused.extend(other.refused);
     }
 
     /// The text, decoded.
@@ -294,6 +295,7 @@ impl EsiFile {
     pub fn fingerprint(&self) -> u64 {
         let mut hasher = std::hash::DefaultHasher::new();
         self.text.hash(&mut hasher);
+        self.other_texts.hash(&mut hasher);
         hasher.finish()
     }
 
@@ -341,5 +343,7 @@ fn line_starts(text: &str) -> Vec<usize> {
 
 /// The richest file that is known has 147.
 const MOST_DEVICES: usize = 10_000;
+/// Of a list of references no more is kept.
+const MOST_REFERENCES: usize = 16;
 /// Entries of all dictionaries together: some 100 MB.
 const MOST_ENTRIES: usize = 1_000_000;

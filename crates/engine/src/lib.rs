@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 pub mod calibrate;
+pub mod catalog;
 pub mod diagnosis;
 pub mod explain;
 #[cfg(target_os = "linux")]

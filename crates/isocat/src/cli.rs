@@ -107,7 +107,7 @@ Examples:
   isocat sii eeprom.bin               what is in an EEPROM, and its doubts; --from vendor.xml writes one
   isocat run network.xml --esi esi/   the same executed to the letter, judged, and compared with our plan
   isocat explain 0x001A               what a code, an object, a register or a mode means
-  isocat devices vendor.xml           what a maker's description (ESI) holds
+  isocat devices vendor.xml           what a maker's description (ESI) holds; --modules: slots of modular devices
   isocat explain modes                what each synchronization mode needs of a device
 
 Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input, 3 on a real interface: not known. plan: 0 fits, 1 does not, or with --prove does not hold. conform:

@@ -44,8 +44,8 @@ pub use isocat_diagnose as diagnose;
 #[cfg(target_os = "linux")]
 pub use isocat_engine::live;
 pub use isocat_engine::{
-    NoTap, Report, Scan, calibrate, diagnosis, explain, plan, recording, replay, report, run, scan,
-    status, timeline,
+    NoTap, Report, Scan, calibrate, catalog, diagnosis, explain, plan, recording, replay, report,
+    run, scan, status, timeline,
 };
 #[cfg(target_os = "linux")]
 pub use isocat_host as host;

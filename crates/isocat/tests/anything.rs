@@ -74,7 +74,12 @@ fn try_all(seed: u64, goods: &[&[u8]], rounds: usize, check: fn(&[u8])) {
 
 #[test]
 fn descriptions() {
-    try_all(1, &[include_bytes!("esi/box.xml")], 400, checking::esi);
+    try_all(
+        1,
+        &[include_bytes!("esi/box.xml"), include_bytes!("esi/rack.xml")],
+        400,
+        checking::esi,
+    );
 }
 
 #[test]

@@ -72,6 +72,7 @@ mod expect;
 mod fault;
 mod keys;
 mod misbehave;
+mod modules;
 mod operation;
 mod output;
 mod plant;

@@ -42,6 +42,8 @@ fn folder() -> PathBuf {
         assert!(text.contains(drive));
         let renamed = text.replacen(drive, "RevisionNo=\"#x00110000\">EL2502-0010</Type>", 1);
         std::fs::write(folder.join("vendor.xml"), renamed).unwrap();
+        let rack = concat!(env!("CARGO_MANIFEST_DIR"), "/../isocat/tests/esi/rack.xml");
+        std::fs::copy(rack, folder.join("rack.xml")).unwrap();
         let simple = isocat_segment::profile::built_in("simple_io4").unwrap();
         std::fs::write(folder.join("eeprom.bin"), &simple.sii).unwrap();
         folder

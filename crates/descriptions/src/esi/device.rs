@@ -5,10 +5,13 @@ use std::collections::{HashMap, HashSet};
 use super::dc::{self, EsiDc};
 use super::dictionary::{self, EsiProfile};
 use super::eeprom::{self, EsiEeprom, EsiTimeouts};
+use super::fitting::{self, FittedModule};
+use super::image::{self, Image};
 use super::mailbox::{self, EsiMailbox, PROTOCOLS};
-use super::modules::{self, EsiModule, EsiSlots};
+use super::modules::EsiModule;
 use super::pdo::{self, Direction, EsiPdo};
-use super::read::{self, U32, cut};
+use super::read::{self, U16, U32, cut};
+use super::slots::{self, EsiSlots};
 use super::sync_manager::{self, EsiSyncManager, Purpose};
 use super::tree::{Element, Problem};
 use super::warning::{Warning, WarningKind, Warnings};
@@ -50,8 +53,12 @@ pub struct EsiDevice {
     pub dc: Option<EsiDc>,
     /// Device profile and dictionary.
     pub profile: EsiProfile,
-    /// Slots of a modular device.
+    /// Number of the group in which its own process data lie (`Type@ModulePdoGroup`).
+    pub pdo_group: u16,
+    /// Slots of a modular device; `None` once it has its modules.
     pub slots: Option<EsiSlots>,
+    /// The modules whose PDOs, objects and downloads are among its own: see [`super::EsiFile::fitted`].
+    pub modules: Vec<FittedModule>,
     /// EEPROM.
     pub eeprom: Option<EsiEeprom>,
     /// What was doubtful about it.
@@ -71,6 +78,13 @@ impl EsiDevice {
     /// OpModes; none for a device without DC.
     pub fn op_modes(&self) -> &[dc::EsiOpMode] {
         self.dc.as_ref().map_or(&[], |dc| &dc.op_modes)
+    }
+
+    /// The process data by default or in one of its OpModes; of a modular device those of the
+    /// modules only if it [has them](super::EsiFile::fitted).
+    pub fn image(&self, mode: Option<&dc::EsiOpMode>) -> Image {
+        // The doubts were noted when the device was read.
+        image::default(self, &self.pdos, mode, &mut Warnings::default())
     }
 }
 
@@ -141,13 +155,22 @@ pub(super) fn read<'a>(
         mailbox: mailbox::read(element, w)?,
         dc: dc::read(element, w)?,
         profile: dictionary::read(element, left, w)?,
-        slots: modules::slots(element, w)?,
+        pdo_group: read::attribute(kind, "ModulePdoGroup", U16, w)?.unwrap_or(0) as u16,
+        slots: slots::read(element, w)?,
+        modules: Vec::new(),
         eeprom: eeprom::read(element, w)?,
         type_name,
         warnings: Vec::new(),
     };
     check(&mut device, w);
-    default_image(&device, modules, w);
+    match &device.slots {
+        None => check_image(&device, &device.pdos, w),
+        Some(slots) => {
+            let modules = slots.default_modules(modules, w);
+            let pdos = fitting::pdos(&device, slots, &modules, w);
+            check_image(&device, &pdos, w);
+        }
+    }
     device.warnings = warnings.0;
     Ok(device)
 }
@@ -238,8 +261,8 @@ fn check(device: &mut EsiDevice, w: &mut Warnings) {
 }
 
 /// Doubts about the process data that are assigned by default.
-fn default_image(device: &EsiDevice, modules: &[EsiModule], w: &mut Warnings) {
-    let image = super::image::default(device, modules, None, w);
+pub(super) fn check_image(device: &EsiDevice, pdos: &[EsiPdo], w: &mut Warnings) {
+    let image = image::default(device, pdos, None, w);
     for (direction, size) in
         [(Direction::Outputs, &image.outputs), (Direction::Inputs, &image.inputs)]
     {

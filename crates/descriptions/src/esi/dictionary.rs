@@ -12,6 +12,7 @@ use isocat_wire::coe::info::{Access, ObjectCode};
 
 use super::numbers::{hex_bytes, number};
 use super::read::{self, U16, U32, cut};
+use super::slots::{self, Follows};
 use super::tree::{Element, Problem};
 use super::warning::{WarningKind, Warnings};
 
@@ -22,6 +23,8 @@ pub struct EsiObject {
     pub at: usize,
     /// Index.
     pub index: u16,
+    /// By what its index grows, for an object of a module.
+    pub follows: Follows,
     /// Name.
     pub name: String,
     /// VAR, ARRAY or RECORD.
@@ -282,6 +285,7 @@ fn object(
     Ok(EsiObject {
         at,
         index,
+        follows: slots::follows(element)?,
         name: name.unwrap_or_default().into_owned(),
         code,
         data_type,

@@ -1,10 +1,7 @@
 //! The process data that a device has by default, or in one of its OpModes.
 
-use std::collections::HashSet;
-
 use super::dc::EsiOpMode;
 use super::device::EsiDevice;
-use super::modules::{self, EsiModule};
 use super::pdo::{Direction, EsiPdo};
 use super::sync_manager::Purpose;
 use super::warning::{WarningKind, Warnings};
@@ -48,16 +45,15 @@ impl Image {
     }
 }
 
-/// The default image; `mode` replaces the assignment of the SyncManagers that it names.
+/// The default image of a device with these PDOs; `mode` replaces the assignment of the SyncManagers that it names.
 pub(super) fn default(
     device: &EsiDevice,
-    all_modules: &[EsiModule],
+    known: &[EsiPdo],
     mode: Option<&EsiOpMode>,
     w: &mut Warnings,
 ) -> Image {
     let mut image = Image::default();
-    let known = every_pdo(device, all_modules, w);
-    for pdo in &known {
+    for pdo in known {
         let Some(number) = pdo.sync_manager else { continue };
         match direction(device, number) {
             Some(right) if right == pdo.direction => {
@@ -93,40 +89,6 @@ pub(super) fn default(
         }
     }
     image
-}
-
-/// The device's own PDOs and those of its modules, with the indices of their slots; each entry
-/// once, whatever is oversampled.
-fn every_pdo(device: &EsiDevice, all_modules: &[EsiModule], w: &mut Warnings) -> Vec<EsiPdo> {
-    let mut known = device.pdos.clone();
-    let Some(slots) = &device.slots else { return known };
-    let mut taken: HashSet<u16> = known.iter().map(|pdo| pdo.index).collect();
-    let mut entries = 0;
-    for (place, module) in modules::default_modules(slots, all_modules, w).into_iter().enumerate() {
-        let step = |increment: u16| (place as u16).wrapping_mul(increment);
-        for pdo in module.iter().flat_map(|module| &module.pdos) {
-            let shift = if pdo.depends_on_slot { step(slots.pdo_increment) } else { 0 };
-            let index = pdo.index.wrapping_add(shift);
-            entries += pdo.entries.len();
-            if entries > MOST_ENTRIES {
-                w.add(WarningKind::PdoLeftOut, pdo.at, || {
-                    format!("the modules have more than {MOST_ENTRIES} entries of process data")
-                });
-                return known;
-            }
-            if !taken.insert(index) {
-                continue;
-            }
-            let mut pdo = EsiPdo { index, ..pdo.clone() };
-            for entry in pdo.entries.iter_mut().filter(|entry| entry.depends_on_slot) {
-                if let Some(object) = &mut entry.object {
-                    object.index = object.index.wrapping_add(step(slots.index_increment));
-                }
-            }
-            known.push(pdo);
-        }
-    }
-    known
 }
 
 /// A PDO whose entries repeat `factor` times, each with its own index.

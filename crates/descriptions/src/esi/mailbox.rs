@@ -2,8 +2,8 @@
 
 use isocat_wire::ObjectAddress;
 
-use super::pdo::depends_on_slot;
 use super::read::{self, U8, U16};
+use super::slots::{self, Follows};
 use super::tree::{Element, Problem};
 use super::warning::Warnings;
 
@@ -48,8 +48,8 @@ pub struct InitCommand {
     pub transitions: Vec<String>,
     /// What is written.
     pub object: ObjectAddress,
-    /// Index grows with the slot.
-    pub depends_on_slot: bool,
+    /// By what the index of that grows.
+    pub follows: Follows,
     /// Bytes in the order of the wire.
     pub data: Vec<u8>,
     /// The whole object is written.
@@ -104,7 +104,7 @@ pub(super) fn commands(
             at: element.at(),
             transitions: element.children("Transition").map(|t| t.text().into_owned()).collect(),
             object: ObjectAddress::new(index, sub),
-            depends_on_slot: depends_on_slot(element)?,
+            follows: slots::follows(element)?,
             data: read::bytes(element, "Data")?.unwrap_or_default(),
             complete_access: read::flag(element, "CompleteAccess")?,
             adapts: data.map_or(Ok(false), |data| read::flag(data, "AdaptAutomatically"))?,

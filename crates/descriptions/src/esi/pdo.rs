@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use isocat_wire::ObjectAddress;
 
 use super::read::{self, U8, U16};
+use super::slots::{self, Follows};
 use super::tree::{Element, Problem};
 use super::warning::{WarningKind, Warnings};
 
@@ -26,8 +27,8 @@ pub struct EsiPdo {
     pub direction: Direction,
     /// Index of its mapping object.
     pub index: u16,
-    /// Index grows with the slot it is in.
-    pub depends_on_slot: bool,
+    /// By what its index grows.
+    pub follows: Follows,
     /// Name.
     pub name: String,
     /// SyncManager that it is assigned to by default.
@@ -53,8 +54,8 @@ pub struct EsiPdoEntry {
     pub at: usize,
     /// What it maps; `None` for padding.
     pub object: Option<ObjectAddress>,
-    /// Its index grows with the slot it is in.
-    pub depends_on_slot: bool,
+    /// By what the index of that grows.
+    pub follows: Follows,
     /// Bits in the process data: they count, whatever the type is called.
     pub bits: u16,
     /// Name.
@@ -147,7 +148,7 @@ fn pdo(
         at: element.at(),
         direction,
         index: (read::required(body, "Index", U16, warnings)? as u16).wrapping_add(channel),
-        depends_on_slot: depends_on_slot(body)?,
+        follows: slots::follows(body)?,
         name: read::name(body),
         sync_manager: read::attribute(element, "Sm", U8, warnings)?.map(|sm| sm as u8),
         fixed: read::flag(element, "Fixed")?,
@@ -166,14 +167,9 @@ fn entry(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiPdoEntry, P
     Ok(EsiPdoEntry {
         at: element.at(),
         object: (index != 0).then_some(ObjectAddress::new(index, sub)),
-        depends_on_slot: depends_on_slot(element)?,
+        follows: slots::follows(element)?,
         bits: read::required(element, "BitLen", U16, warnings)? as u16,
         name: read::name(element),
         data_type: element.child_text("DataType").into_owned(),
     })
-}
-
-/// `Index/@DependOnSlot`.
-pub(super) fn depends_on_slot(element: Element<'_>) -> Result<bool, Problem> {
-    element.child("Index").map_or(Ok(false), |index| read::flag(index, "DependOnSlot"))
 }

@@ -11,8 +11,8 @@ use isocat_wire::time::Nanos;
 
 use super::{
     CycleTime, Direction, Encoding, EsiCoe, EsiDc, EsiDevice, EsiEeprom, EsiFile, EsiGroup,
-    EsiMailbox, EsiOpMode, EsiPdo, EsiPdoEntry, EsiProfile, EsiSyncManager, EsiTimeouts, Purpose,
-    ShiftTime, data_type, sync_manager,
+    EsiMailbox, EsiOpMode, EsiPdo, EsiPdoEntry, EsiProfile, EsiSyncManager, EsiTimeouts, Follows,
+    Purpose, ShiftTime, data_type, sync_manager,
 };
 use crate::sii::{
     General, Names, OtherCategory, Sii, SiiEntry, SiiFile, SiiOpMode, SiiPdo, Unwritable,
@@ -133,6 +133,8 @@ impl EsiFile {
             // There is no text; this one tells images of one path apart.
             text: digits.collect(),
             lines: OnceLock::new(),
+            references: Vec::new(),
+            other_texts: Vec::new(),
         }
     }
 }
@@ -288,7 +290,9 @@ fn device_of(sii: &Sii, bytes: usize) -> EsiDevice {
             ..EsiDc::default()
         }),
         profile: EsiProfile::default(),
+        pdo_group: 0,
         slots: None,
+        modules: Vec::new(),
         eeprom: Some(EsiEeprom {
             byte_size: bytes,
             configuration: Some(header.configuration),
@@ -341,7 +345,7 @@ fn esi_pdo(direction: Direction, pdo: &SiiPdo, sync_managers: usize) -> EsiPdo {
     let entry = |entry: &SiiEntry| EsiPdoEntry {
         at: 0,
         object: (entry.index != 0).then(|| ObjectAddress::new(entry.index, entry.sub)),
-        depends_on_slot: false,
+        follows: Follows::default(),
         bits: entry.bits.into(),
         name: entry.name.clone(),
         data_type: type_name(DataType(entry.data_type.into())),
@@ -350,7 +354,7 @@ fn esi_pdo(direction: Direction, pdo: &SiiPdo, sync_managers: usize) -> EsiPdo {
         at: 0,
         direction,
         index: pdo.index,
-        depends_on_slot: false,
+        follows: Follows::default(),
         name: pdo.name.clone(),
         sync_manager: pdo.sync_manager.filter(|number| usize::from(*number) < sync_managers),
         fixed: pdo.flags & SiiPdo::FIXED != 0,

@@ -147,6 +147,12 @@ kinds! {
     SlotModuleAssumed = "slot-module-assumed";
     /// A slot must have a module, but the file has none that fits.
     SlotModuleMissing = "slot-module-missing";
+    /// A PDO or an object of a module has the index of another one; the first counts.
+    ModuleIndexRepeated = "module-index-repeated";
+    /// A group of PDOs does not begin where it should, since no free PDO is named that fills the room before it.
+    PdoGroupUnaligned = "pdo-group-unaligned";
+    /// The modules of a device have more objects and downloads than are taken; the rest is left out.
+    ModulesTooLarge = "modules-too-large";
     /// No `Eeprom`: usual contents are assumed.
     EepromMissing = "eeprom-missing";
     /// `ConfigData` ends before the pulse length, within a word or after word 6: zeros are added, or what is
@@ -154,6 +160,25 @@ kinds! {
     ConfigDataLength = "config-data-length";
     /// Elements that this import does not know; they are skipped.
     ElementUnknown = "element-unknown";
+}
+
+impl WarningKind {
+    /// Whether it is about process data or modules, so that other modules may not have it.
+    pub(super) const fn is_of_process_data(self) -> bool {
+        matches!(
+            self,
+            Self::SlotModuleAssumed
+                | Self::SlotModuleMissing
+                | Self::ModuleIndexRepeated
+                | Self::PdoGroupUnaligned
+                | Self::ModulesTooLarge
+                | Self::PdoSyncManager
+                | Self::SyncManagerSize
+                | Self::PdoExcluded
+                | Self::PdoEntryPadded
+                | Self::ProcessDataMissing
+        )
+    }
 }
 
 impl fmt::Display for WarningKind {

@@ -4,7 +4,9 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use clap::Args;
+use isocat_descriptions::document::FileError;
 use isocat_descriptions::esi::{EsiDevice, EsiFile, Warning};
+use isocat_engine::catalog::{self, Catalog, Module, one_line as plain};
 use isocat_segment::profile::{self, Profile};
 
 use super::{fail, print};
@@ -14,25 +16,54 @@ use super::{fail, print};
 pub struct Arguments {
     /// Profile to print, or a device description (.xml) to list
     name: Option<String>,
+    /// Further descriptions, whose modules the slots of the first one's devices take
+    #[arg(value_name = "FILE")]
+    further: Vec<String>,
+    /// List slots, and the modules that each takes
+    #[arg(long)]
+    modules: bool,
+    /// Print a description for a program (schema: docs/devices.schema.json)
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the verb; gives the exit code.
 pub fn run(arguments: &Arguments) -> u8 {
-    let Some(name) = arguments.name.as_deref() else { return print(&built_in()) };
-    if name.to_ascii_lowercase().ends_with(".xml") {
-        return match EsiFile::read(name) {
-            Ok(file) if file.usable().next().is_none() => {
-                print(&list(&file));
-                fail(&format!("{name}: {}", file.none_usable()))
+    let name = arguments.name.as_deref();
+    if let Some(name) = name.filter(|name| name.to_ascii_lowercase().ends_with(".xml")) {
+        return match read(name, &arguments.further) {
+            Ok(file) => {
+                let code = print(&match arguments.json {
+                    true => super::run::json(&Catalog::of(&file)),
+                    false => list(&file, arguments.modules),
+                });
+                match file.usable().next().is_none() && file.modules.is_empty() {
+                    true => fail(&format!("{name}: {}", file.none_usable())),
+                    false => code,
+                }
             }
-            Ok(file) => print(&list(&file)),
             Err(error) => fail(&error.to_string()),
         };
     }
+    if arguments.json || arguments.modules || !arguments.further.is_empty() {
+        return fail(
+            "--json, --modules and further files are for a device description (ESI), which ends in .xml",
+        );
+    }
+    let Some(name) = name else { return print(&built_in()) };
     match profile::built_in_text(name) {
         Some(text) => print(text),
         None => fail(&unknown(name)),
     }
+}
+
+/// A description, with the modules of further ones.
+fn read(name: &str, further: &[String]) -> Result<EsiFile, FileError> {
+    let mut file = EsiFile::read(name)?;
+    for other in further {
+        file.add_modules(EsiFile::read(other)?);
+    }
+    Ok(file)
 }
 
 /// What is wrong with a name that no profile has: a path may have been meant.
@@ -65,7 +96,7 @@ fn built_in() -> String {
 }
 
 /// What a description holds: each device with its OpModes, then all that is doubtful.
-fn list(file: &EsiFile) -> String {
+fn list(file: &EsiFile, modules: bool) -> String {
     let mut out = String::new();
     let number =
         |count: usize, what| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
@@ -84,6 +115,15 @@ fn list(file: &EsiFile) -> String {
     }
     for device in &file.devices {
         write_device(&mut out, file, device);
+        if modules {
+            write_slots(&mut out, file, device);
+        }
+    }
+    if modules && file.devices.is_empty() {
+        let _ = writeln!(out);
+        for module in &file.modules {
+            write_module(&mut out, &catalog::module(module), "");
+        }
     }
     for error in &file.refused {
         let _ = writeln!(out, "\nrefused: {error}");
@@ -129,6 +169,42 @@ fn write_device(out: &mut String, file: &EsiFile, device: &EsiDevice) {
     }
 }
 
+/// The slots of a device, each with the modules that it takes.
+fn write_slots(out: &mut String, file: &EsiFile, device: &EsiDevice) {
+    let Some(slots) = &device.slots else { return };
+    for slot in catalog::slots(slots, &file.modules) {
+        let places = match slot.places {
+            1 => format!("place {}", slot.first_place),
+            count => {
+                format!("places {} to {}", slot.first_place, slot.first_place + count.max(1) - 1)
+            }
+        };
+        let need = match (slot.least, slot.places) {
+            (0, _) => "may be empty".to_owned(),
+            (1, 1) => "needed".to_owned(),
+            (least, _) => format!("{least} needed"),
+        };
+        let _ = writeln!(out, "  slot \"{}\"  {places}, {need}", slot.name);
+        if slot.takes.is_empty() {
+            let _ = writeln!(out, "    no module of the file fits");
+        }
+        for module in file.modules.iter().filter(|module| slot.takes.contains(&module.ident)) {
+            let preset = if slot.preset == Some(module.ident) { "  preset" } else { "" };
+            write_module(out, &catalog::module(module), preset);
+        }
+    }
+}
+
+fn write_module(out: &mut String, module: &Module, preset: &str) {
+    let size = format!("{} bits out, {} bits in", module.output_bits, module.input_bits);
+    let (ident, name) = (module.ident, &module.type_name);
+    let only = match module.op_modes.is_empty() {
+        true => String::new(),
+        false => format!("  for OpMode \"{}\"", module.op_modes.join("\" or \"")),
+    };
+    let _ = writeln!(out, "    {ident:#010x}  {name:<24}  {size}{only}{preset}");
+}
+
 fn write_warning(out: &mut String, file: &EsiFile, warning: &Warning) {
     let line = file.place(warning.at).line;
     let more = match warning.count {
@@ -136,10 +212,4 @@ fn write_warning(out: &mut String, file: &EsiFile, warning: &Warning) {
         count => format!(" (and {} more)", count - 1),
     };
     let _ = writeln!(out, "  {} line {line}: {}{more}", warning.kind, plain(&warning.message));
-}
-
-/// A text of the file in one line.
-fn plain(text: &str) -> String {
-    let words: Vec<_> = text.split_whitespace().collect();
-    words.join(" ").chars().filter(|character| !character.is_control()).collect()
 }

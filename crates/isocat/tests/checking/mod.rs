@@ -5,7 +5,7 @@ use isocat_captures::annotating::Annotated;
 use isocat_captures::reading::Reading;
 use isocat_descriptions::FileError;
 use isocat_descriptions::eni::Eni;
-use isocat_descriptions::esi::EsiFile;
+use isocat_descriptions::esi::{EsiFile, ModuleAt};
 use isocat_descriptions::limits;
 use isocat_descriptions::sii::SiiFile;
 use isocat_diagnose::{Around, DiagnoseReport, Diagnosis, Names};
@@ -20,6 +20,16 @@ pub fn esi(bytes: &[u8]) {
             for device in file.devices.iter().take(4) {
                 // Made into a device, or not for a reason that has a place.
                 if let Err(refused) = Profile::from_esi(&file, device, None) {
+                    placed(&refused.error);
+                }
+                // The same with its slots full.
+                let Some(slots) = &device.slots else { continue };
+                let full = slots.places().filter_map(|place| {
+                    let module = file.modules.iter().find(|module| place.slot.takes(module))?;
+                    Some(ModuleAt { place: place.number, module })
+                });
+                let fitted = file.fitted(device, &full.collect::<Vec<_>>());
+                if let Err(refused) = Profile::from_esi(&file, &fitted, None) {
                     placed(&refused.error);
                 }
             }

@@ -11,7 +11,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use isocat_descriptions::document::{FileError, Source};
 use isocat_descriptions::esi::{
-    Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, Purpose, data_type,
+    Direction, EsiDevice, EsiFile, EsiOpMode, EsiPdo, FittedModule, Purpose, data_type,
 };
 use isocat_esc::chip::{Chip, DcUnits, ET1100};
 use isocat_subdevice::description::{Behaviour, Mailbox};
@@ -97,16 +97,19 @@ impl std::error::Error for NotSimulated {}
 
 impl Profile {
     /// The virtual SubDevice of a device in one of its OpModes, by its number; `None` for a device without.
+    /// A device with slots has its default modules, unless it comes from [`EsiFile::fitted`].
     /// Equal devices of equal texts give the same profile.
     pub fn from_esi(
         file: &EsiFile,
         device: &EsiDevice,
         op_mode: Option<usize>,
     ) -> Result<Arc<Profile>, NotSimulated> {
-        type Key = (String, u64, usize, Option<usize>);
+        type Key = (String, u64, usize, Option<usize>, Vec<FittedModule>);
         static INTERNED: LazyLock<Mutex<HashMap<Key, Arc<Profile>>>> =
             LazyLock::new(Mutex::default);
-        let key = (file.path.clone(), file.fingerprint(), device.at, op_mode);
+        let device = &*file.with_default_modules(device);
+        let modules = device.modules.clone();
+        let key = (file.path.clone(), file.fingerprint(), device.at, op_mode, modules);
         let known = INTERNED.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
         if let Some(profile) = known {
             return Ok(profile);
@@ -178,7 +181,7 @@ impl<'f> Import<'f> {
             serial: device.serial,
         };
         let mailbox = self.mailbox()?;
-        let image = self.file.image(device, self.mode);
+        let image = device.image(self.mode);
         let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
         let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
         self.emulated = mailbox.is_none() && self.has_emulation([&outputs, &inputs]);

@@ -1,4 +1,4 @@
-//! Devices from descriptions of makers: the keys `esi`, `type`, `product`, `revision` and `opmode`.
+//! Devices from descriptions of makers: the keys `esi`, `type`, `product`, `revision`, `modules` and `opmode`.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -6,16 +6,17 @@ use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value, name_hint};
-use isocat_descriptions::esi::{Choice, EsiDevice, EsiFile, Wanted, Wish};
+use isocat_descriptions::esi::{EsiDevice, EsiFile, Wanted, Wish};
 use isocat_sync::SyncMode;
 use isocat_wire::time::Nanos;
 
+use super::modules;
 use crate::profile::Doubt;
 use crate::profile::{ApplicationKind, Profile, RunAs};
 
-/// Descriptions that were read for this segment, by path; and profiles that the caller has in hand.
+/// Descriptions that were read for this segment, by their paths; and profiles that the caller has in hand.
 pub(super) struct Files<'a> {
-    read: HashMap<String, EsiFile>,
+    read: HashMap<Vec<String>, EsiFile>,
     pub(super) profiles: &'a [Arc<Profile>],
 }
 
@@ -40,20 +41,7 @@ pub(super) fn device(
     cycle: Nanos,
     files: &mut Files<'_>,
 ) -> Result<Imported, FileError> {
-    let name = esi.name("the path of a device description, such as esi = \"vendor.xml\"")?;
-    let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
-    let path = folder.join(name).display().to_string();
-    let file = match files.read.entry(path) {
-        std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
-        std::collections::hash_map::Entry::Vacant(free) => {
-            let file = EsiFile::read(free.key()).map_err(|error| match error.line {
-                // It could not be read at all: the segment file is to blame.
-                0 => esi.error(error.to_string()),
-                _ => error,
-            })?;
-            free.insert(file)
-        }
-    };
+    let file = file(source, esi, files)?;
     let kind = keys.value("type");
     let type_name = kind.as_ref().map(|kind| kind.name("a type of the description")).transpose()?;
     let wish = Wish { type_name, product: keys.find("product")?, revision: keys.find("revision")? };
@@ -65,19 +53,67 @@ pub(super) fn device(
         };
         blamed.as_ref().unwrap_or(esi).error(refused.message)
     })?;
-    in_op_mode(file, choice, keys, cycle)
+    let device = modules::fitted(file, choice.device, keys)?;
+    in_op_mode(file, &device, choice.note, keys, cycle)
 }
 
-/// A device of a description, in the OpMode that the table names.
+/// The description that the key names; of a list the first, which takes in the modules of the others.
+fn file<'f>(
+    source: Source<'_>,
+    esi: &Value<'_>,
+    files: &'f mut Files<'_>,
+) -> Result<&'f EsiFile, FileError> {
+    const EXPECTED: &str = "the path of a device description, such as esi = \"vendor.xml\"";
+    let named = match esi.is_array() {
+        false => vec![(*esi, esi.name(EXPECTED)?)],
+        true => {
+            let all = esi.array("paths")?.into_iter();
+            all.map(|path| Ok((path, path.name(EXPECTED)?))).collect::<Result<_, FileError>>()?
+        }
+    };
+    if named.is_empty() {
+        return Err(esi.error(format!("an empty list; expected {EXPECTED}")));
+    }
+    let folder = Path::new(source.path).parent().unwrap_or(Path::new(""));
+    let paths = named.iter().map(|(_, name)| folder.join(name).display().to_string()).collect();
+    match files.read.entry(paths) {
+        std::collections::hash_map::Entry::Occupied(known) => Ok(known.into_mut()),
+        std::collections::hash_map::Entry::Vacant(free) => {
+            let mut all = free.key().iter().zip(&named).map(|(path, (value, _))| {
+                EsiFile::read(path).map_err(|error| match error.line {
+                    // It could not be read at all: the segment file is to blame.
+                    0 => value.error(error.to_string()),
+                    _ => error,
+                })
+            });
+            let mut file = all.next().expect("the list is not empty")?;
+            for ((value, name), other) in named[1..].iter().zip(all) {
+                let other = other?;
+                if other.modules.is_empty() {
+                    let message = format!(
+                        "{name} has no modules; expected a file with modules \
+                                           behind that with the device"
+                    );
+                    return Err(value.error(message));
+                }
+                file.add_modules(other);
+            }
+            Ok(free.insert(file))
+        }
+    }
+}
+
+/// A device of a description, in the OpMode that the table names. `choice`: what should be known about its choice.
 pub(super) fn in_op_mode(
     file: &EsiFile,
-    choice: Choice<'_>,
+    device: &EsiDevice,
+    choice: Option<String>,
     keys: &Keys<'_>,
     cycle: Nanos,
 ) -> Result<Imported, FileError> {
-    let Choice { device, note } = choice;
-    let (op_mode, mut notes) = op_mode(device, keys.value("opmode"))?;
-    notes.extend(note.map(|note| Doubt::new("revision", note)));
+    let (op_mode, mut notes) = op_mode(device, keys)?;
+    notes.extend(modules::unfit(device, op_mode));
+    notes.extend(choice.map(|note| Doubt::new("revision", note)));
     let told = |error: crate::profile::NotSimulated| error.error;
     let profile = Profile::from_esi(file, device, op_mode).map_err(told)?;
     let mut run_as = RunAs::new(file, device, op_mode, &profile, cycle).map_err(told)?;
@@ -91,7 +127,7 @@ pub(super) fn in_op_mode(
         }
     }
     if device.profile.is_drive() && profile.application == ApplicationKind::Io {
-        notes.push(not_enabled(file, device, op_mode));
+        notes.push(not_enabled(device, op_mode));
     }
     run_as.notes = notes;
     Ok(Imported { profile, run_as })
@@ -129,17 +165,23 @@ pub(super) fn agree(
     }
 }
 
-/// The OpMode that the key names or numbers; without it the first, but for a drive the first with SYNC0.
-fn op_mode(
-    device: &EsiDevice,
-    value: Option<Value<'_>>,
-) -> Result<(Option<usize>, Vec<Doubt>), FileError> {
+/// The OpMode that the key names or numbers; without it the first, but for a drive the first with SYNC0. Modules that the
+/// table names leave those that they are for.
+fn op_mode(device: &EsiDevice, keys: &Keys<'_>) -> Result<(Option<usize>, Vec<Doubt>), FileError> {
     let modes = device.op_modes();
     let names = || modes.iter().map(|mode| mode.name.as_str());
-    let Some(value) = value else {
-        let first_with_sync = modes.iter().position(|mode| mode.sync0());
+    let Some(value) = keys.value("opmode") else {
+        let chosen = keys.value("modules").is_some();
+        let fits = |number: &usize| !chosen || modules::unfit(device, Some(*number)).is_none();
+        let with_sync = |number: &usize| modes[*number].sync0();
         let drive = device.profile.is_drive();
-        let number = first_with_sync.filter(|_| drive).or((!modes.is_empty()).then_some(0));
+        let mut all: Vec<usize> = (0..modes.len()).filter(fits).collect();
+        if all.is_empty() {
+            // No OpMode is for all of them; a note says so.
+            all = (0..modes.len()).collect();
+        }
+        let first_with_sync = all.iter().copied().find(with_sync);
+        let number = first_with_sync.filter(|_| drive).or(all.first().copied());
         let note = match number {
             Some(number) if modes.len() > 1 => {
                 let why = if drive { "the first with SYNC0, as for drives" } else { "the first" };
@@ -170,8 +212,8 @@ fn op_mode(
 }
 
 /// Why a drive is treated as inputs and outputs.
-fn not_enabled(file: &EsiFile, device: &EsiDevice, op_mode: Option<usize>) -> Doubt {
-    let image = file.image(device, op_mode.and_then(|number| device.op_modes().get(number)));
+fn not_enabled(device: &EsiDevice, op_mode: Option<usize>) -> Doubt {
+    let image = device.image(op_mode.and_then(|number| device.op_modes().get(number)));
     let has = |index: u16, bits: u16| {
         let mut entries = image.all().flat_map(|pdo| &pdo.entries);
         entries.any(|entry| entry.object.is_some_and(|o| o.index == index) && entry.bits == bits)

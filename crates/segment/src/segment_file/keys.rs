@@ -8,11 +8,13 @@
 mod clock;
 mod expect;
 mod fault;
+mod module;
 mod operation;
 mod output;
 mod plant;
 
 pub(super) use clock::LONGEST_RUN;
+pub(super) use module::{MODULE, MODULE_EXPECTED, MOST_PLACES, SLOT_EXPECTED};
 pub(super) use operation::{DIRECTIONS, MARGIN, RECOVERY};
 pub(super) use output::TYPES;
 pub(super) use plant::COMMANDS;
@@ -156,6 +158,10 @@ pub static FILE: Section = Section {
     rules: &[],
 };
 
+/// Where a description is.
+const DESCRIPTION: Kind =
+    Kind::Name("the path of a device description, such as esi = \"vendor.xml\"");
+
 /// Copper and fibre.
 pub(super) const CABLE_LENGTH: Kind = Kind::Length { least: 10, most: 2_000_000 };
 pub(super) const RING_EXPECTED: &str = "true, false, or the length of a cable such as \"20m\"";
@@ -259,10 +265,11 @@ static SUBDEVICE: Section = Section {
         },
         Key {
             name: "esi",
-            kind: Kind::Name("the path of a device description, such as esi = \"vendor.xml\""),
+            kind: Kind::Either(&[DESCRIPTION, Kind::List(&DESCRIPTION)]),
             need: Need::Without("`device` says what it is"),
             means: "A maker's description (ESI), relative to the segment file. `type` says which \
-                    device of it.",
+                    device of it. In a list the first file has the device; the others have further \
+                    modules for its slots.",
             goes: "the device's chip, dictionary, EEPROM and OpModes",
             example: r#""vendor.xml""#,
         },
@@ -293,6 +300,7 @@ static SUBDEVICE: Section = Section {
             goes: "the choice of the device in the ESI file; object 0x1018:03",
             example: "0x0011_0000",
         },
+        module::MODULES_KEY,
         Key {
             name: "opmode",
             kind: Kind::Either(&[
@@ -551,6 +559,7 @@ static SUBDEVICE: Section = Section {
         Rule::Needs("type", "esi"),
         Rule::Needs("product", "esi"),
         Rule::Needs("revision", "esi"),
+        Rule::Needs("modules", "esi"),
         Rule::NeedsAny("opmode", &["esi", "sii"]),
         Rule::Needs("arrives", "optional"),
     ],

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use isocat_descriptions::document::section::Keys;
 use isocat_descriptions::document::{FileError, Source, Value};
-use isocat_descriptions::esi::{Choice, EsiFile};
+use isocat_descriptions::esi::EsiFile;
 use isocat_descriptions::sii::SiiFile;
 use isocat_wire::time::Nanos;
 
@@ -40,8 +40,7 @@ pub(super) fn device(
     let Some(device) = file.devices.first() else {
         unreachable!("a description of an SII has its device");
     };
-    let choice = Choice { device, note: None };
-    let mut imported = esi::in_op_mode(&file, choice, keys, cycle).map_err(|error| {
+    let mut imported = esi::in_op_mode(&file, device, None, keys, cycle).map_err(|error| {
         // What can't be simulated has its place in the SII, which has no lines.
         if error.path == file.path { value.error(&*error.message) } else { error }
     })?;

@@ -105,7 +105,7 @@ fn device(
 ) -> Result<Made, FileError> {
     let file = sii::file(source, keys)?;
     if let (None, None, Some((value, file))) = (keys.value("device"), keys.value("esi"), &file) {
-        let of_esi = ["type", "product", "revision"];
+        let of_esi = ["type", "product", "revision", "modules"];
         if let Some(value) = of_esi.into_iter().find_map(|key| keys.value(key)) {
             return Err(value.error("given without esi; expected esi = \"vendor.xml\" beside it"));
         }
@@ -136,7 +136,7 @@ fn described(
         return Ok((imported.profile, Some(imported.run_as)));
     }
     let device = keys.required("device")?;
-    let of_esi = ["type", "product", "revision", "opmode"];
+    let of_esi = ["type", "product", "revision", "modules", "opmode"];
     if let Some(value) = of_esi.into_iter().find_map(|key| keys.value(key)) {
         return Err(value.error("given without esi; expected esi = \"vendor.xml\" beside it"));
     }

@@ -40,6 +40,7 @@ fn beside(head: &str, name: &str) -> (&'static [&'static str], &'static [&'stati
         ("[[subdevice]]", "product" | "revision" | "opmode") => {
             (&["device"], &["esi = \"vendor.xml\"", "type = \"EL2502-0010\""])
         }
+        ("[[subdevice]]", "modules") => (&["device"], &["esi = \"rack.xml\""]),
         ("[[subdevice]]", "sync1") => (&[], &["mode = \"dc-sync1\""]),
         ("[[subdevice]]", "sync0_cycle") => (&[], &["mode = \"dc-subordinated\""]),
         ("[[subdevice]]", "acknowledge") => (&[], &["pulse = \"0ns\""]),
@@ -89,6 +90,7 @@ fn segment(head: &str) -> Base {
         format!("cycle = \"1ms\"\nsubdevice = [{{ device = \"simple_io4\" }}]\n{head}\n")
     };
     let of_device = |head: &str| format!("{DEVICES}device = \"simple_io4\"\n{head}\n");
+    let mut after = "\n";
     let (before, lines): (_, &[(&str, &str)]) = match head {
         "" => (
             String::new(),
@@ -112,6 +114,14 @@ fn segment(head: &str) -> Base {
         ),
         "recovery" => (of_root("[recovery]"), &[("first", "\"1s\""), ("longest", "\"30s\"")]),
         "[[subdevice]]" => (DEVICES.replace("name = \"x\"\n", ""), &[DEVICE]),
+        "a table of modules" => {
+            after = "}]\n";
+            let text = of_device("").replace("device = \"simple_io4\"\n", "esi = \"rack.xml\"\n");
+            (
+                format!("{}modules = [{{ ", text.trim_end_matches('\n').to_owned() + "\n"),
+                &[("module", "\"DI16\"")],
+            )
+        }
         "measured_times" => (of_device("[subdevice.measured_times]"), &[]),
         "clock_ramp" => {
             (of_device("[subdevice.clock_ramp]"), &[("by", "\"1ppm\""), ("over", "\"1s\"")])
@@ -125,7 +135,7 @@ fn segment(head: &str) -> Base {
         ),
         other => panic!("no segment file around {other}"),
     };
-    Base { before, lines, after: "\n", inline: false }
+    Base { before, lines, after, inline: after != "\n" }
 }
 
 /// The top level of a profile.

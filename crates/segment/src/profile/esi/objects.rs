@@ -179,9 +179,12 @@ fn fit(object: &EsiObject) -> Option<draft::Object> {
     let mut free = 0;
     for found in object.entries.iter().filter(|entry| entry.bits > 0) {
         let count = found.sub == 0 && !single;
-        if count && found.bits != 8 {
+        // Some files give the count the 16 bits that complete access has for it.
+        if count && !matches!(found.bits, 8 | 16) {
             return None;
         }
+        let most = if count { 1 } else { usize::MAX };
+        let default: Vec<u8> = found.default.iter().copied().take(most).collect();
         // Offsets that overlap are no layout; then one follows the other.
         let offset = found.offset.max(free);
         let bits = if found.sub == 0 { found.bits.max(16) } else { found.bits };
@@ -191,11 +194,11 @@ fn fit(object: &EsiObject) -> Option<draft::Object> {
             sub: found.sub,
             name: super::super::sii::cut(&found.name).to_owned(),
             data_type: if count { DataType::UNSIGNED8 } else { found.data_type },
-            bits: found.bits,
+            bits: if count { 8 } else { found.bits },
             offset,
             access: found.access,
-            written: written(&found.default),
-            default: found.default.clone(),
+            written: written(&default),
+            default,
         });
     }
     let first = entries.first()?;

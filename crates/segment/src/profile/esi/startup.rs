@@ -83,7 +83,7 @@ impl Import<'_> {
     }
 
     fn commands(&self) -> Vec<InitCommand> {
-        self.file.commands(self.device, self.coe())
+        self.coe().map_or(Vec::new(), |coe| coe.commands.clone())
     }
 
     fn coe(&self) -> Option<&EsiCoe> {

@@ -4,7 +4,7 @@ use isocat_subdevice::describe::{
     RO, SyncStatement, assignment, end, identity, mapping, object, sync_manager_types,
     sync_parameter, value,
 };
-use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea};
+use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea, Speaks};
 use isocat_subdevice::{Description, Entry};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -28,6 +28,7 @@ pub static DESCRIPTION: Description = Description {
     mailbox: Some(Mailbox {
         receive: MailboxArea { start: 0x1000, length: 64 },
         send: MailboxArea { start: 0x1080, length: 64 },
+        speaks: Speaks::COE,
     }),
     outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 4 },
     inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 4 },

@@ -218,7 +218,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 _ => {
                     self.station = pdi.load(register::STATION_ADDRESS);
                     self.mailbox.start(pdi);
-                    self.coe.reset();
+                    self.services.reset();
                     self.esm.state = PreOp;
                 }
             },
@@ -332,7 +332,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
         if asked == AlState::Init {
             self.mailbox.stop();
-            self.coe.reset();
+            self.services.reset();
             self.chosen = Default::default();
         }
         self.esm.state = asked;

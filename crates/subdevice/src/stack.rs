@@ -7,7 +7,6 @@ use isocat_wire::time::{Device, Time};
 use isocat_wire::{AlState, AlStatusCode, Nanos};
 
 use crate::application::Application;
-use crate::coe::Server;
 use crate::description::Description;
 use crate::dictionary::Dictionary;
 use crate::esm::Esm;
@@ -15,6 +14,7 @@ use crate::mailbox::Mailbox;
 use crate::misbehaviour::{self, Misbehaviour, Misbehaviours};
 use crate::objects::Objects;
 use crate::process_data::ProcessData;
+use crate::services::Services;
 use crate::steps::Steps;
 use crate::sync_engine::{Chosen, Reaction, SyncEngine};
 
@@ -40,7 +40,7 @@ pub struct SubDevice<A, S> {
     pub(crate) dictionary: Dictionary<S>,
     pub(crate) esm: Esm,
     pub(crate) mailbox: Mailbox,
-    pub(crate) coe: Server,
+    pub(crate) services: Services,
     pub(crate) process_data: ProcessData,
     pub(crate) sync: SyncEngine,
     pub(crate) chosen: Chosen,
@@ -67,7 +67,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             dictionary,
             esm: Esm::new(),
             mailbox: Mailbox::new(description.mailbox),
-            coe: Server::new(),
+            services: Services::new(),
             process_data: ProcessData::new(),
             sync,
             chosen: Chosen::default(),
@@ -86,7 +86,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.dictionary.reset();
         self.esm = Esm::new();
         self.mailbox.stop();
-        self.coe.reset();
+        self.services.reset();
         self.process_data = ProcessData::new();
         self.sync = SyncEngine::new();
         self.sync.load_settings(&self.dictionary);
@@ -149,7 +149,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 chosen: &mut self.chosen,
                 state: self.esm.state,
             };
-            self.mailbox.poll(events, &mut self.coe, &mut objects, pdi);
+            self.mailbox.poll(events, &mut self.services, &mut objects, pdi);
         }
         self.continue_opening(now, pdi);
         self.supervise(now, pdi);

@@ -4,7 +4,7 @@ use isocat_descriptions::document::section::{Keys, Row};
 use isocat_descriptions::document::{FileError, Source, Table, Value};
 use isocat_esc::chip::Chip;
 use isocat_sim::{Overrun, Unevenness};
-use isocat_subdevice::description::{Behaviour, Mailbox, Measured};
+use isocat_subdevice::description::{Behaviour, Mailbox, Measured, Speaks};
 use isocat_sync::SupportedTypes;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
@@ -104,7 +104,10 @@ fn mailbox(keys: &Keys<'_>) -> Result<Placed<Mailbox>, FileError> {
         let area = keys.required_table(key)?;
         Ok(MailboxArea { start: area.get("start")?, length: area.get("length")? })
     };
-    Ok(Placed { at: keys.at(), value: Mailbox { receive: area("receive")?, send: area("send")? } })
+    Ok(Placed {
+        at: keys.at(),
+        value: Mailbox { receive: area("receive")?, send: area("send")?, speaks: Speaks::COE },
+    })
 }
 
 /// What a device works by that has no mailbox to state it in 0x1C32:04.

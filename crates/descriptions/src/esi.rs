@@ -53,7 +53,7 @@ pub use device::{EsiDevice, EsiGroup};
 pub use dictionary::{EsiEntry, EsiObject, EsiProfile};
 pub use eeprom::{EsiEeprom, EsiTimeouts};
 pub use image::Image;
-pub use mailbox::{EsiCoe, EsiMailbox, InitCommand};
+pub use mailbox::{EsiCoe, EsiMailbox, EsiSoe, IdnCommand, InitCommand};
 pub use modules::{EsiModule, EsiSlot, EsiSlots};
 pub use pdo::{Direction, EsiPdo, EsiPdoEntry};
 pub use sii::{EsiImage, ImageNote};

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::Played;
 use crate::differences::Difference;
+use crate::failure::Target;
 use crate::virtual_segment::VirtualSegment;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
@@ -215,9 +216,12 @@ impl Report {
             unknown_objects: played
                 .unknown_objects
                 .iter()
-                .map(|(position, object)| UnknownObject {
+                .map(|(position, target)| UnknownObject {
                     position: *position,
-                    object: object.to_string(),
+                    object: match target {
+                        Target::Object(object) => object.to_string(),
+                        other => other.to_string(),
+                    },
                 })
                 .collect(),
             cycles: played.counts.cycles,

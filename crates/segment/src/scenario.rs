@@ -7,6 +7,7 @@ use isocat_esc::DriftLaw;
 use isocat_maindevice::written::Output;
 use isocat_maindevice::{
     AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, MeasureTimes, StartupDownload,
+    StartupParameter,
 };
 use isocat_sim::plant::PlantSetup;
 use isocat_sim::random::Stream;
@@ -156,7 +157,8 @@ impl Scenario {
         config.recovery = self.operation.recovery;
         config.direction = self.operation.direction;
         config.measure_times = self.operation.measure_times.then(MeasureTimes::default);
-        config.devices = self.devices.iter().map(device_config).collect();
+        let own = |device| device_config(device, self.cycle);
+        config.devices = self.devices.iter().map(own).collect();
         for (position, _) in self.devices.iter().enumerate().filter(|(_, d)| d.optional) {
             let known = offline::known(&self.devices, position);
             config.devices[position].hot_connect = Some(Box::new(known));
@@ -232,7 +234,7 @@ fn closing(ring: Ring) -> Closing {
 /// Four months in ns.
 const MOST_LOCAL_TIME: u64 = 10_000_000_000_000_000;
 
-fn device_config(device: &SubDevice) -> DeviceConfig {
+fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
     let profile = &device.profile;
     let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
     // A device without mailbox states nothing over the wire: the user's file speaks for it.
@@ -287,6 +289,11 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         assumed,
         clock: Some(clock_range(device)),
         startup: profile.startup.iter().map(startup).collect(),
+        parameters: profile
+            .parameters
+            .iter()
+            .map(|one| parameter(one, device.cycle.unwrap_or(cycle)))
+            .collect(),
         hot_connect: None,
     }
 }
@@ -334,6 +341,10 @@ fn startup(download: &profile::Startup) -> StartupDownload {
         data: download.data.clone(),
         complete: download.complete_access,
     }
+}
+
+fn parameter(wanted: &profile::StartupParameter, cycle: Nanos) -> StartupParameter {
+    StartupParameter { drive: wanted.drive, idn: wanted.idn, data: wanted.at_cycle(cycle) }
 }
 
 fn application(profile: &Profile) -> Box<dyn Application + Send> {

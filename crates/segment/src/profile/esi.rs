@@ -15,7 +15,7 @@ use isocat_descriptions::esi::{
 };
 use isocat_esc::chip::{Chip, DcUnits, ET1100};
 use isocat_subdevice::description::{Behaviour, Mailbox};
-use isocat_subdevice::{MAX_AREAS, MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX};
+use isocat_subdevice::{MAX_AREAS, MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX, Speaks};
 use isocat_sync::{SupportedTypes, object};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
@@ -32,6 +32,7 @@ use super::{
 mod eeprom;
 mod objects;
 mod op_mode;
+mod soe;
 mod startup;
 
 pub use op_mode::{Doubt, RunAs};
@@ -148,8 +149,14 @@ impl Import<'_> {
             revision: device.revision.unwrap_or(0),
             serial: device.serial,
         };
-        let mailbox = self.mailbox()?;
+        let mut mailbox = self.mailbox()?;
         let image = self.file.image(device, self.mode);
+        let both =
+            [(Direction::Outputs, &image.outputs[..]), (Direction::Inputs, &image.inputs[..])];
+        let speaks = mailbox.is_some().then(|| self.speaks(both));
+        if let (Some(mailbox), Some(speaks)) = (&mut mailbox, speaks) {
+            mailbox.value.speaks = speaks;
+        }
         let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
         let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
         self.emulated = mailbox.is_none() && self.has_emulation([&outputs, &inputs]);
@@ -204,9 +211,11 @@ impl Import<'_> {
         check::memory(&draft).map_err(of(Obstacle::MemoryOverlap))?;
         check::stored(&draft).map_err(of(Obstacle::TooLarge))?;
         let startup = self.startup(&draft);
+        let parameters = speaks.map_or(Vec::new(), |speaks| self.parameters_at_start(&speaks));
         draft.assumed.append(&mut self.assumed);
         let mut profile = draft.finish().map_err(of(Obstacle::TooLarge))?;
         profile.startup = startup;
+        profile.parameters = parameters;
         profile.doubts = self.doubts;
         profile.physics = device.physics.clone();
         profile.origin = Origin::Description;
@@ -253,7 +262,7 @@ impl Import<'_> {
                 return Err(self.stopped(Obstacle::MailboxArea, at, message));
             }
         }
-        Ok(Some(Placed { at, value: Mailbox { receive, send } }))
+        Ok(Some(Placed { at, value: Mailbox { receive, send, speaks: Speaks::COE } }))
     }
 
     /// The area of a direction: the one SyncManager that has PDOs, and all PDOs that could be assigned to it.

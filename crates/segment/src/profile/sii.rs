@@ -107,6 +107,7 @@ fn general(draft: &Draft<'_>) -> General {
             coe_details: eeprom.coe_details,
             foe: u8::from(eeprom.protocols & FOE != 0),
             eoe: u8::from(eeprom.protocols & EOE != 0),
+            soe_channels: draft.mailbox.map_or(0, |mailbox| mailbox.value.speaks.drives),
             ports: eeprom.ports,
             ..general
         },

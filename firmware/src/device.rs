@@ -30,15 +30,17 @@ pub static DESCRIPTION: Description = Description {
         send: MailboxArea { start: 0x1080, length: 64 },
         speaks: Speaks::COE,
     }),
-    outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 4 },
-    inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 4 },
+    outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: PROCESS_DATA },
+    inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: PROCESS_DATA },
     further_outputs: &[],
     further_inputs: &[],
     behaviour: Behaviour::DEFAULT,
 };
 
-/// Bytes of the dictionary's values.
-pub const STORE: usize = end(&OUTPUTS) as usize;
+/// Bytes of the dictionary's values, and of the images of the process data behind them.
+pub const STORE: usize = end(&OUTPUTS) as usize + 2 * PROCESS_DATA as usize;
+/// Bytes of outputs, and of inputs.
+const PROCESS_DATA: u16 = 4;
 
 const DEVICE_TYPE: [Entry; 1] = value(0, "Device type", DataType::UNSIGNED32, RO, &[0x91, 1, 3, 0]);
 const IDENTITY: [Entry; 5] =

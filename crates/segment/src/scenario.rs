@@ -16,8 +16,9 @@ use isocat_sim::{
     Setup,
 };
 use isocat_subdevice::Application;
+use isocat_subdevice::description::ProcessDataArea;
 use isocat_subdevice::drive::Drive;
-use isocat_subdevice::io::Io;
+use isocat_subdevice::{IoOf, MAX_PROCESS_DATA};
 use isocat_sync::SyncSignal;
 use isocat_sync::budget::Limits;
 use isocat_wire::time::{Nanos, Time};
@@ -347,11 +348,25 @@ fn parameter(wanted: &profile::StartupParameter, cycle: Nanos) -> StartupParamet
     StartupParameter { drive: wanted.drive, idn: wanted.idn, data: wanted.at_cycle(cycle) }
 }
 
+/// Of a size that holds the process data of the device: a segment may have thousands of small ones.
+fn io(profile: &Profile) -> Box<dyn Application + Send> {
+    let bytes = |areas: &mut dyn Iterator<Item = ProcessDataArea>| -> usize {
+        areas.map(|area| usize::from(area.max_length)).sum()
+    };
+    let description = &profile.description;
+    let outputs = bytes(&mut description.output_areas());
+    match outputs.min(bytes(&mut description.input_areas())) {
+        ..=32 => Box::new(IoOf::<32>::new()),
+        33..=256 => Box::new(IoOf::<256>::new()),
+        _ => Box::new(IoOf::<MAX_PROCESS_DATA>::new()),
+    }
+}
+
 fn application(profile: &Profile) -> Box<dyn Application + Send> {
     match profile.application {
         ApplicationKind::Drive => Box::new(Drive::default()),
         ApplicationKind::DriveAt(layout) => Box::new(LaidOutDrive::new(layout)),
-        ApplicationKind::Io => Box::new(Io::default()),
+        ApplicationKind::Io => io(profile),
     }
 }
 

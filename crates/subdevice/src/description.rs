@@ -9,6 +9,7 @@ use isocat_wire::time::Nanos;
 use isocat_wire::{AlStatusCode, ObjectAddress};
 
 use crate::misbehaviour::{Misbehaviour, Misbehaviours};
+use crate::process_data::{MAX_AREAS, MAX_PROCESS_DATA};
 
 /// Everything the stack must know about the device it runs in.
 #[derive(Clone, Debug)]
@@ -66,8 +67,23 @@ impl Description {
         self.mailbox.map_or(&[], |mailbox| mailbox.speaks.parameters)
     }
 
-    /// Bytes that the value store needs, objects and parameters together.
+    /// Bytes that the value store needs: objects, parameters, and the images of outputs and inputs.
     pub fn store_len(&self) -> usize {
+        self.values_len() + self.output_bytes() + self.input_bytes()
+    }
+
+    /// Most bytes of outputs, those of all areas together; at most [`MAX_PROCESS_DATA`](crate::MAX_PROCESS_DATA).
+    pub(crate) fn output_bytes(&self) -> usize {
+        image_len(self.output_areas())
+    }
+
+    /// Most bytes of inputs.
+    pub(crate) fn input_bytes(&self) -> usize {
+        image_len(self.input_areas())
+    }
+
+    /// Bytes of the value store that are the values of objects and parameters.
+    pub(crate) fn values_len(&self) -> usize {
         let parameters = self.parameters().iter();
         let behind = parameters.map(|one| usize::from(one.store) + usize::from(one.len)).max();
         self.objects_len() + behind.unwrap_or(0)
@@ -78,6 +94,11 @@ impl Description {
         let entries = self.objects.iter().flat_map(|object| object.entries);
         entries.map(|entry| usize::from(entry.store) + entry.len()).max().unwrap_or(0)
     }
+}
+
+fn image_len(areas: impl Iterator<Item = ProcessDataArea>) -> usize {
+    let all = areas.take(MAX_AREAS).map(|area| usize::from(area.max_length));
+    all.sum::<usize>().min(MAX_PROCESS_DATA)
 }
 
 /// The two mailbox areas.

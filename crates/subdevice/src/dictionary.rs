@@ -4,6 +4,7 @@ use isocat_wire::ObjectAddress;
 
 use crate::description::{Description, Entry, LIST_HEAD, Object, Parameter};
 use crate::misbehaviour::Misbehaviours;
+use crate::process_data::Images;
 
 /// The dictionary: what the description says, and the store with the present values.
 pub(crate) struct Dictionary<S> {
@@ -11,6 +12,12 @@ pub(crate) struct Dictionary<S> {
     store: S,
     /// Where the values of parameters begin in the store.
     parameters: usize,
+    /// Where the images of the process data begin in it: outputs, then inputs.
+    images: usize,
+    /// Bytes of the image of the outputs.
+    outputs: usize,
+    /// Bytes of the image of the inputs.
+    inputs: usize,
 }
 
 impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
@@ -26,8 +33,14 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
             description.objects.is_sorted_by_key(|object| object.index),
             "objects must stand in ascending order: they are searched by halves"
         );
-        let mut dictionary =
-            Self { description: description.clone(), store, parameters: description.objects_len() };
+        let mut dictionary = Self {
+            description: description.clone(),
+            store,
+            parameters: description.objects_len(),
+            images: description.values_len(),
+            outputs: description.output_bytes(),
+            inputs: description.input_bytes(),
+        };
         for object in description.objects {
             assert!(
                 object.entries.is_sorted_by_key(|entry| entry.sub),
@@ -60,6 +73,9 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
             value[..given].copy_from_slice(&parameter.default[..given]);
             value[given..].fill(0);
         }
+        let images = self.images_mut();
+        images.outputs.fill(0);
+        images.inputs.fill(0);
     }
 
     /// What the device does wrong.
@@ -71,6 +87,18 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
     pub fn bytes_mut(&mut self, entry: &Entry) -> &mut [u8] {
         let start = usize::from(entry.store);
         &mut self.store.as_mut()[start..start + entry.len()]
+    }
+
+    /// The images of the process data.
+    pub fn images_mut(&mut self) -> Images<'_> {
+        let both = &mut self.store.as_mut()[self.images..][..self.outputs + self.inputs];
+        let (outputs, inputs) = both.split_at_mut(self.outputs);
+        Images { outputs, inputs }
+    }
+
+    /// The image of the outputs.
+    pub fn output_image(&self) -> &[u8] {
+        &self.store.as_ref()[self.images..][..self.outputs]
     }
 
     /// All bytes that a parameter can have.

@@ -306,7 +306,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.sync.keep_counters(&before);
         }
         self.esm.watchdog = found.watchdog;
-        self.process_data.start(found.outputs, found.inputs);
+        let images = self.dictionary.images_mut();
+        self.process_data.start(found.outputs, found.inputs, images);
         self.first_exchange(pdi);
         self.esm.state = AlState::SafeOp;
         true

@@ -51,7 +51,7 @@ mod tests;
 pub use application::Application;
 pub use description::{Description, Entry, Object, Parameter, Speaks};
 pub use drive::Drive;
-pub use io::Io;
+pub use io::{Io, IoOf};
 pub use isocat_sync::{Chain, Event, Step, SyncMode};
 pub use mailbox::{MAX_MAILBOX, MIN_MAILBOX};
 pub use misbehaviour::{BadAnswer, Misbehaviour, Misbehaviours};

@@ -34,7 +34,8 @@ use crate::sync_engine::{Chosen, Reaction, SyncEngine};
 ///
 /// [`power_off`](Self::power_off) takes it back to its beginning.
 ///
-/// The dictionary's values live in `S`, of at least [`Description::store_len`] bytes.
+/// The dictionary's values, those of parameters and the images of the process data live in `S`, of at least
+/// [`Description::store_len`] bytes.
 pub struct SubDevice<A, S> {
     pub(crate) application: A,
     pub(crate) dictionary: Dictionary<S>,
@@ -243,10 +244,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
         match step {
             Step::MapOutputs => {
-                self.process_data.fetch_outputs(pdi);
+                self.process_data.fetch_outputs(self.dictionary.images_mut().outputs, pdi);
                 let toggle = self.description().behaviour.output_toggle;
                 let toggle = toggle.filter(|_| self.esm.state == AlState::Op);
-                self.sync.outputs_fetched(toggle.and_then(|at| self.process_data.output_bit(at)));
+                self.sync.outputs_fetched(toggle.and_then(|at| {
+                    self.process_data.output_bit(self.dictionary.output_image(), at)
+                }));
             }
             Step::OutputsValid if self.esm.state == AlState::Op => self.application.outputs_valid(),
             Step::LatchInputs => self.application.latch_inputs(),
@@ -267,14 +270,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             Step::MapOutputs => {
                 let in_time = self.sync.outputs_ready();
                 if in_time && self.esm.state == AlState::Op {
-                    self.application.map_outputs(self.process_data.outputs());
+                    let image = self.dictionary.output_image();
+                    self.application.map_outputs(self.process_data.outputs(image));
                 }
                 self.supervise(now, pdi);
             }
             Step::Application => self.application.application(self.sync.application_cycle()),
             Step::MapInputs => {
-                self.application.map_inputs(self.process_data.inputs_mut());
-                self.process_data.store_inputs(pdi);
+                self.hand_over_inputs(pdi);
             }
             Step::OutputsValid | Step::LatchInputs => {}
         }
@@ -338,14 +341,19 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         al_event::sync_manager(self.description().outputs.sync_manager.into())
     }
 
+    fn hand_over_inputs(&mut self, pdi: &mut impl Pdi) {
+        let image = self.dictionary.images_mut().inputs;
+        self.application.map_inputs(self.process_data.inputs(image));
+        self.process_data.store_inputs(image, pdi);
+    }
+
     /// SAFEOP is being entered: inputs stand in the buffer before the first frame fetches them, and
     /// outputs that wait from before are not news.
     pub(crate) fn first_exchange(&mut self, pdi: &mut impl Pdi) {
         let faults = self.description().behaviour.faults();
         if self.sync.has_inputs() && !faults.contains(&Misbehaviour::NoFirstInputs) {
             self.application.latch_inputs();
-            self.application.map_inputs(self.process_data.inputs_mut());
-            self.process_data.store_inputs(pdi);
+            self.hand_over_inputs(pdi);
         }
         if self.sync.has_outputs() && pdi.events() & self.output_event() != 0 {
             self.process_data.drop_outputs(pdi);

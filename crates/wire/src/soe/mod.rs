@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn header_both_ways() {
-        let bytes = [0b010_1_1_010, 0x42, 0x0A, 0x80];
+        let bytes = [0x5A, 0x42, 0x0A, 0x80];
         let header = Header::parse(&bytes);
         assert_eq!(header.opcode, Opcode::READ_RESPONSE);
         assert_eq!((header.incomplete, header.error, header.drive), (true, true, 2));

@@ -27,9 +27,12 @@ struct Found {
 
 type All = BTreeMap<(u8, Idn), Found>;
 
+/// The PDOs of each SyncManager, both directions.
+type Assigned<'a> = [(Direction, &'a [(u8, Vec<EsiPdo>)]); 2];
+
 impl Import<'_> {
     /// What the mailbox answers.
-    pub(super) fn speaks(&mut self, image: [(Direction, &[(u8, Vec<EsiPdo>)]); 2]) -> Speaks {
+    pub(super) fn speaks(&mut self, image: Assigned<'_>) -> Speaks {
         let protocols = self.device.mailbox.as_ref().map_or(0, |mailbox| mailbox.protocols);
         if protocols & Protocol::SOE.announcement() == 0 {
             return Speaks { protocols, drives: 0, parameters: &[] };

@@ -4,7 +4,7 @@ use isocat_subdevice::describe::{
     RO, SyncStatement, assignment, end, identity, mapping, object, sync_manager_types,
     sync_parameter, value,
 };
-use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea};
+use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea, Speaks};
 use isocat_subdevice::{Description, Entry};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -28,16 +28,19 @@ pub static DESCRIPTION: Description = Description {
     mailbox: Some(Mailbox {
         receive: MailboxArea { start: 0x1000, length: 64 },
         send: MailboxArea { start: 0x1080, length: 64 },
+        speaks: Speaks::COE,
     }),
-    outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 4 },
-    inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 4 },
+    outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: PROCESS_DATA },
+    inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: PROCESS_DATA },
     further_outputs: &[],
     further_inputs: &[],
     behaviour: Behaviour::DEFAULT,
 };
 
-/// Bytes of the dictionary's values.
-pub const STORE: usize = end(&OUTPUTS) as usize;
+/// Bytes of the dictionary's values, and of the images of the process data behind them.
+pub const STORE: usize = end(&OUTPUTS) as usize + 2 * PROCESS_DATA as usize;
+/// Bytes of outputs, and of inputs.
+const PROCESS_DATA: u16 = 4;
 
 const DEVICE_TYPE: [Entry; 1] = value(0, "Device type", DataType::UNSIGNED32, RO, &[0x91, 1, 3, 0]);
 const IDENTITY: [Entry; 5] =

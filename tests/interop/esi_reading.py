@@ -322,7 +322,14 @@ class Device:
         return all_commands
 
     def soe_commands(self):
-        return len(self.element.findall("Mailbox/SoE/InitCmd"))
+        """Transition, drive, IDN in words and data of each."""
+        rows = []
+        for one in self.element.findall("Mailbox/SoE/InitCmd"):
+            idn, drive = number(text_of(one, "IDN")), number(one.get("Chn") or "0")
+            name = f"{'P' if idn & 0x8000 else 'S'}-{idn >> 12 & 7}-{idn & 0xFFF:04}"
+            data = "".join(text_of(one, "Data").split()).lower()
+            rows += [((t.text or "").strip(), drive, name, data) for t in one.findall("Transition")]
+        return rows
 
     def expected(self, mode_number, bus):
         mode = self.modes[mode_number] if mode_number is not None else None

@@ -57,7 +57,7 @@ pub use dictionary::{EsiEntry, EsiObject, EsiProfile};
 pub use eeprom::{EsiEeprom, EsiTimeouts};
 pub use fitting::FittedModule;
 pub use image::Image;
-pub use mailbox::{EsiCoe, EsiMailbox, InitCommand};
+pub use mailbox::{EsiCoe, EsiMailbox, EsiSoe, IdnCommand, InitCommand};
 pub use module_choice::{ModuleName, ModuleWish, NoModule, SlotName, WishPart};
 pub use modules::{EsiModule, ModuleAt};
 pub use pdo::{Direction, EsiPdo, EsiPdoEntry};

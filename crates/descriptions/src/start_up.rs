@@ -15,12 +15,13 @@ use isocat_wire::address::{AutoIncrementAddress, ObjectAddress, StationAddress};
 use isocat_wire::al::{AlControl, AlState};
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::register::{self, Register, Value};
+use isocat_wire::soe::Idn;
 use isocat_wire::time::Nanos;
 use schemars::JsonSchema;
 use serde::{Serialize, Serializer};
 
 /// Version of the JSON document.
-pub const FORMAT: &str = "isocat-start-up/2";
+pub const FORMAT: &str = "isocat-start-up/3";
 
 /// The whole list. All times are nanoseconds unless their name says otherwise.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, JsonSchema)]
@@ -87,6 +88,8 @@ pub struct DeviceStartUp {
     pub registers: Vec<RegisterStep>,
     /// SDO downloads, in this order within a transition.
     pub objects: Vec<ObjectStep>,
+    /// Parameters of its drives that SoE writes, in this order within a transition.
+    pub parameters: Vec<ParameterStep>,
     /// Distributed clocks; null for one without.
     pub dc: Option<Dc>,
     /// What the list does not say of it and somebody must know.
@@ -115,6 +118,8 @@ pub struct Mailbox {
     pub back: Area,
     /// CoE is spoken.
     pub coe: bool,
+    /// SoE is spoken.
+    pub soe: bool,
 }
 
 /// A piece of an ESC's memory.
@@ -247,6 +252,28 @@ pub struct ObjectStep {
     /// Complete access.
     pub complete: bool,
     /// The value, little-endian.
+    #[serde(serialize_with = "hex_bytes")]
+    #[schemars(with = "String")]
+    pub data: Vec<u8>,
+    /// How long the answer may take; 0 for the MainDevice's own patience.
+    pub patience_ms: u32,
+    /// What it is for.
+    pub comment: String,
+}
+
+/// One parameter of a drive that SoE writes, in some transitions.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct ParameterStep {
+    /// When it is done; at least one.
+    pub transitions: Vec<Transition>,
+    /// Which drive of the SubDevice, 0 to 7.
+    pub drive: u8,
+    /// The parameter, such as S-0-0032.
+    #[serde(serialize_with = "display")]
+    #[schemars(with = "String")]
+    pub idn: Idn,
+    /// The value, little-endian; a list with its lengths in front.
     #[serde(serialize_with = "hex_bytes")]
     #[schemars(with = "String")]
     pub data: Vec<u8>,
@@ -392,18 +419,23 @@ pub enum Step<'a> {
     Register(&'a RegisterStep),
     /// An SDO download.
     Object(&'a ObjectStep),
+    /// A parameter of a drive, by SoE.
+    Parameter(&'a ParameterStep),
 }
 
 impl DeviceStartUp {
-    /// What is done in a transition, in order. SDO downloads come before register accesses, except in a
-    /// transition that begins in INIT, where there is no mailbox before its end.
+    /// What is done in a transition, in order. SDO downloads and then parameters come before register accesses, except
+    /// in a transition that begins in INIT, where there is no mailbox before its end.
     pub fn at(&self, transition: Transition) -> Vec<Step<'_>> {
         let registers = self.registers.iter().filter(|step| step.transitions.contains(&transition));
         let objects = self.objects.iter().filter(|step| step.transitions.contains(&transition));
-        let (registers, objects) = (registers.map(Step::Register), objects.map(Step::Object));
+        let parameters = self.parameters.iter();
+        let parameters = parameters.filter(|step| step.transitions.contains(&transition));
+        let registers = registers.map(Step::Register);
+        let mailbox = objects.map(Step::Object).chain(parameters.map(Step::Parameter));
         match transition.begins_without_mailbox() {
-            true => registers.chain(objects).collect(),
-            false => objects.chain(registers).collect(),
+            true => registers.chain(mailbox).collect(),
+            false => mailbox.chain(registers).collect(),
         }
     }
 

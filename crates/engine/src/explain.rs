@@ -12,11 +12,12 @@ mod text;
 use isocat_descriptions::document::{name_hint, nearest};
 use isocat_segment::keys;
 use isocat_sync::explain::{
-    Entry, aborts, al_codes, assign_activate, modes, objects, registers, symptoms,
+    Entry, aborts, al_codes, assign_activate, modes, objects, registers, soe_codes, symptoms,
 };
 use isocat_sync::object::{SupportedTypes, SyncType, sub};
 use isocat_sync::{SyncMode, opmode};
 use isocat_wire::dc::{AssignActivate, SystemTimeDifference};
+use isocat_wire::soe::ErrorCode;
 use isocat_wire::{AbortCode, AlStatus, AlStatusCode, Nanos, ObjectAddress};
 use number::{Number, number};
 use serde::Serialize;
@@ -168,8 +169,15 @@ fn meanings(number: Number, value: Option<u32>) -> Vec<Meaning> {
     if objects::COMMON_SUPPORTED.contains(&short) && value.is_none() {
         all.push(supported_meaning(short));
     }
+    // Numbers below are AL status codes and registers, which are more often meant.
+    if short >= FIRST_SOE && value.is_none() {
+        all.extend(soe_meaning(short));
+    }
     all
 }
+
+/// The first SoE error code of those that are explained without a word before them.
+const FIRST_SOE: u16 = 0x1001;
 
 /// Words for AssignActivate that are more often registers.
 const MORE_OFTEN_REGISTERS: [u16; 2] = [0x0120, 0x0130];
@@ -184,7 +192,7 @@ struct Kind {
     near: fn(u32) -> Option<String>,
 }
 
-static KINDS: [Kind; 6] = [
+static KINDS: [Kind; 7] = [
     Kind {
         name: "AL",
         aliases: &["al-status-code", "al-code"],
@@ -198,6 +206,13 @@ static KINDS: [Kind; 6] = [
         example: "0x06090030",
         explain: abort_meaning,
         near: near_abort,
+    },
+    Kind {
+        name: "SoE",
+        aliases: &["soe-error", "soe-code"],
+        example: "0x1001",
+        explain: |code| soe_meaning(u16::try_from(code).ok()?),
+        near: |_| None,
     },
     Kind {
         name: "object",
@@ -274,6 +289,12 @@ fn abort_meaning(code: u32) -> Option<Meaning> {
     let entry = aborts::explain(AbortCode(code))?;
     let name = AbortCode(code).meaning().unwrap_or_default();
     Some(of("SDO abort code", format!("0x{code:08X}"), name, entry))
+}
+
+fn soe_meaning(code: u16) -> Option<Meaning> {
+    let entry = soe_codes::explain(ErrorCode(code))?;
+    let name = ErrorCode(code).meaning().unwrap_or_default();
+    Some(of("SoE error code", format!("0x{code:04X}"), name, entry))
 }
 
 fn object_meaning(address: ObjectAddress, value: Option<u32>) -> Option<Meaning> {
@@ -478,7 +499,7 @@ fn understood(near: Option<String>) -> String {
 const FORMS: &str = "understood: 0x001A (AL status code), 0x06090030 (SDO abort code), 0x1C32:0B \
                      (object), 0x1C32:04=0x0427 (its value), 0x0990 (register), 0x0300 \
                      (AssignActivate), dc-sync0 (mode), modes, \"lost sync\" (symptom), input_shift \
-                     (key of a segment file or a profile); a kind before a number: AL, abort, \
+                     (key of a segment file or a profile); a kind before a number: AL, abort, SoE, \
                      object, register, AssignActivate, SI4, key";
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use isocat_subdevice::describe::{
     RO, SyncStatement, assignment, end, identity, mapping, object, sync_manager_types,
     sync_parameter, value,
 };
-use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea};
+use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea, Speaks};
 use isocat_subdevice::{Application, Description, Entry, Object, SyncMode};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -24,7 +24,7 @@ use isocat_wire::time::{Nanos, Picos, Time};
 /// What is fixed about the device. Values of the dictionary lie one behind the other: each begins where the one before ends.
 static DESCRIPTION: Description = Description {
     objects: &OBJECTS,
-    mailbox: Some(Mailbox { receive: RECEIVE, send: SEND }),
+    mailbox: Some(Mailbox { receive: RECEIVE, send: SEND, speaks: Speaks::COE }),
     outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 4 },
     inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 4 },
     further_outputs: &[],

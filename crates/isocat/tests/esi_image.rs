@@ -216,12 +216,33 @@ fn where_the_limits_are() {
         obstacle(PROGRAM, &managers, "")
     };
     assert_eq!((several(8), several(9)), (None, Some(Obstacle::SeveralSyncManagers)));
-    let long = |bits| obstacle(PROGRAM, &[(0x1000, 0x64, 8 * 200), (0x1400, 0x64, bits)], "");
-    assert_eq!(long(8 * 56), None, "256 bytes in all");
-    assert_eq!(long(8 * 56 + 1), Some(Obstacle::ProcessDataTooLong));
+    let long = |bits| obstacle(PROGRAM, &[(0x1000, 0x64, 8 * 1000), (0x2000, 0x64, bits)], "");
+    assert_eq!(long(8 * 486), None, "1486 bytes in all");
+    assert_eq!(long(8 * 486 + 1), Some(Obstacle::ProcessDataTooLong));
     // Their three buffers: 0x1100 to 0x1105.
     let overlap = |start| obstacle(PROGRAM, &[(0x1100, 0x64, 16), (start, 0x64, 16)], "");
     assert_eq!((overlap(0x1106), overlap(0x1105)), (None, Some(Obstacle::MemoryOverlap)));
+}
+
+/// Process data of hundreds of bytes come up; what one datagram carries beside the drift datagram and AL status is the most, and
+/// one byte more is refused by the plan.
+#[test]
+fn long_process_data() {
+    let device = |outputs: u16, inputs: u16| {
+        let managers = [(0x1000, 0x64, 8 * outputs), (0x1000 + 3 * outputs, 0x20, 8 * inputs)];
+        segment("long", &described(PROGRAM, &managers, ""))
+    };
+    for (outputs, inputs) in [(257, 416), (1452, 8), (8, 1452)] {
+        let (managers, _) = written(device(outputs, inputs));
+        let lengths: Vec<_> = managers.iter().map(|manager| manager.2).collect();
+        assert_eq!(lengths, [outputs, inputs]);
+        run_of(device(outputs, inputs));
+    }
+    for (outputs, inputs) in [(1453, 8), (8, 1453)] {
+        let plan = Plan::of(&Scenario::from(device(outputs, inputs)));
+        let words = plan.err().expect("it does not fit into a datagram").to_string();
+        assert!(words.contains("1453") && words.contains("1452"), "{words}");
+    }
 }
 
 /// What a file leaves open is filled in, and said.

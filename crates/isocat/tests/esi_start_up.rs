@@ -126,14 +126,14 @@ fn what_is_left_out_is_told() {
     let never = BOX.replace(IN_PREOP, &IN_PREOP.replace("<Transition>PS</Transition>", ""));
     let assignment = BOX.replace(NOT_THERE, &NOT_THERE.replace("#x3000", "#x1C12"));
     let soe =
-        "<SoE><InitCmd><Transition>PS</Transition><IDN>1</IDN><Data>07</Data></InitCmd></SoE>";
+        "<SoE><InitCmd><Transition>SO</Transition><IDN>1</IDN><Data>0700</Data></InitCmd></SoE>";
     let soe =
         BOX.replace("</CoE>\n\t\t\t\t</Mailbox>", &format!("</CoE>{soe}\n\t\t\t\t</Mailbox>"));
     for (name, text, words) in [
         ("late", late, "InitCmd 0x2000:01 (SO) is left out"),
         ("never", never, "InitCmd 0x2000:01 (no transition) is left out"),
         ("assignment", assignment, "InitCmd 0x1C12:01 is left out"),
-        ("soe", soe, "1 SoE InitCmds are left out"),
+        ("soe", soe, "SoE InitCmd S-0-0001 of drive 0 (SO) is left out"),
     ] {
         let file = File::new(name, &text);
         let scenario = file.scenario("type = \"Drive\"\nopmode = 1");

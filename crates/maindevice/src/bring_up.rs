@@ -28,7 +28,7 @@ use crate::left_out::{self, Failures, each, leave_out};
 use crate::link::{Link, Procedure, join};
 use crate::mailbox::{Mailbox, Mailboxes};
 use crate::segment::{Segment, SubDevice};
-use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, sync, timing};
+use crate::{clock, esm, mapping, mode, objects, ring, scan, sii, soe, sync, timing};
 
 /// What a piece of the way works on, and gives back whether it got to its end or not.
 pub(crate) struct Work {
@@ -102,10 +102,7 @@ async fn preparation(work: &mut Work) -> Result<(), Cause> {
     let failures = each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
             let wish = config.devices.get(device.position);
-            match mailbox {
-                Some(mailbox) => objects::read(mailbox, device, wish).await?,
-                None => objects::from_sii(device),
-            }
+            read_objects(mailbox, device, wish).await?;
             mapping::place_process_data(device)
         })
     })
@@ -256,6 +253,19 @@ pub(crate) fn check(config: &Config) -> Result<(), Cause> {
     Ok(())
 }
 
+/// Writes what the configuration wants written in PREOP, and reads what process data and synchronization are.
+pub(crate) async fn read_objects(
+    mut mailbox: Option<&mut Mailbox>,
+    device: &mut SubDevice,
+    wish: Option<&DeviceConfig>,
+) -> Result<(), Cause> {
+    match &mut mailbox {
+        Some(mailbox) if device.has_coe() => objects::read(mailbox, device, wish).await?,
+        _ => objects::from_sii(device),
+    }
+    soe::start_up(mailbox, device, wish).await
+}
+
 /// Sets up the mailbox SyncManagers and goes to PREOP.
 pub(crate) async fn to_preop(
     link: &Link,
@@ -287,7 +297,8 @@ pub(crate) fn mailbox_writes(device: &SubDevice) -> Vec<(u16, Vec<u8>)> {
 pub(crate) fn mailbox(link: &Link, config: &Config, device: &SubDevice) -> Option<Mailbox> {
     let areas = sii::mailbox_areas(&device.sii.header);
     let patience = config.timeouts.mailbox;
-    device.has_coe().then(|| Mailbox::new(link, device.position, device.station, areas, patience))
+    let speaks = device.has_coe() || device.has_soe();
+    speaks.then(|| Mailbox::new(link, device.position, device.station, areas, patience))
 }
 
 async fn synchronization(work: &mut Work) -> Result<(), Cause> {
@@ -296,7 +307,7 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     work.enter(Stage::Sync);
     let failures = each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
-            let Some(mailbox) = mailbox else { return Ok(()) };
+            let Some(mailbox) = mailbox.filter(|_| device.has_coe()) else { return Ok(()) };
             let wish = config.devices.get(device.position);
             sync::write_types(mailbox, device, config, wish).await
         })
@@ -335,7 +346,7 @@ async fn synchronization(work: &mut Work) -> Result<(), Cause> {
     leave_out(work, failures).await;
     let failures = each_with_mailbox(work, |device, mailbox| {
         Box::pin(async move {
-            let Some(mailbox) = mailbox else { return Ok(()) };
+            let Some(mailbox) = mailbox.filter(|_| device.has_coe()) else { return Ok(()) };
             let wish = config.devices.get(device.position);
             sync::verify_types(mailbox, device, wish).await
         })

@@ -9,6 +9,7 @@ use isocat_sync::phase::Direction;
 use isocat_sync::{SyncMode, SyncSignal};
 use isocat_wire::address::ObjectAddress;
 use isocat_wire::dc::AssignActivate;
+use isocat_wire::soe::Idn;
 use isocat_wire::time::Nanos;
 
 use crate::segment::SubDevice;
@@ -428,6 +429,9 @@ pub struct DeviceConfig {
     pub hot_connect: Option<Box<SubDevice>>,
     /// SDO downloads in PREOP, in this order, before mode and mapping are read.
     pub startup: Vec<StartupDownload>,
+    /// Parameters of its drives that SoE writes in PREOP, in this order, behind the SDO downloads. A device without SoE
+    /// is not brought up if there are some.
+    pub parameters: Vec<StartupParameter>,
 }
 
 impl DeviceConfig {
@@ -488,6 +492,17 @@ impl ClockRange {
     pub fn apart(self, other: Self) -> i64 {
         (self.most_ppb - other.least_ppb).max(other.most_ppb - self.least_ppb)
     }
+}
+
+/// One parameter of a drive that is written at start.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct StartupParameter {
+    /// Which drive of the SubDevice, 0 to 7.
+    pub drive: u8,
+    /// The parameter.
+    pub idn: Idn,
+    /// The bytes, little-endian; a list with its lengths in front.
+    pub data: Vec<u8>,
 }
 
 /// One SDO download at start.

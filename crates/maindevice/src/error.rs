@@ -11,6 +11,7 @@ use isocat_wire::command::Command;
 use isocat_wire::datagram::Address;
 use isocat_wire::dc::ActivationStatus;
 use isocat_wire::mailbox::{ErrorDetail, Protocol};
+use isocat_wire::soe::{self, Idn};
 use isocat_wire::time::{Dc, Nanos, Time};
 use isocat_wire::{AbortCode, ObjectAddress, PortNumber};
 
@@ -168,6 +169,17 @@ pub enum Cause {
         object: ObjectAddress,
         /// How.
         error: SdoError,
+    },
+    /// A parameter of a drive can't be written.
+    Soe {
+        /// Where.
+        place: Place,
+        /// Which drive of the SubDevice.
+        drive: u8,
+        /// The parameter.
+        idn: Idn,
+        /// How.
+        error: SoeError,
     },
     /// An object does not hold what was written to it.
     ReadBack {
@@ -438,6 +450,21 @@ pub enum SdoError {
     },
 }
 
+/// Why a parameter of a drive can't be written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum SoeError {
+    /// Below SoE.
+    Mailbox(MailboxError),
+    /// The drive refuses.
+    Code(soe::ErrorCode),
+}
+
+impl From<MailboxError> for SoeError {
+    fn from(error: MailboxError) -> Self {
+        SoeError::Mailbox(error)
+    }
+}
+
 impl From<MailboxError> for SdoError {
     fn from(error: MailboxError) -> Self {
         SdoError::Mailbox(error)
@@ -497,6 +524,7 @@ impl Cause {
             Cause::StateTimeout { .. } => "state-timeout",
             Cause::Mailbox { .. } => "mailbox",
             Cause::Sdo { .. } => "sdo",
+            Cause::Soe { .. } => "soe",
             Cause::ReadBack { .. } => "read-back",
             Cause::Mode { .. } => "mode",
             Cause::Plan { .. } => "plan",
@@ -531,6 +559,7 @@ impl Cause {
             | Cause::StateTimeout { place, .. }
             | Cause::Mailbox { place, .. }
             | Cause::Sdo { place, .. }
+            | Cause::Soe { place, .. }
             | Cause::ReadBack { place, .. }
             | Cause::Mode { place, .. }
             | Cause::Plan { place, .. }
@@ -621,6 +650,9 @@ impl fmt::Display for Cause {
             ),
             Cause::Mailbox { place, error } => write!(f, "{place}: {error}"),
             Cause::Sdo { place, object, error } => write!(f, "{place}: {object}: {error}"),
+            Cause::Soe { place, drive, idn, error } => {
+                write!(f, "{place}: drive {drive}, {idn}: {error}")
+            }
             Cause::ReadBack { place, object, written, found } => {
                 write!(f, "{place}: {object} reads {found:#x} after {written:#x} was written")
             }
@@ -784,6 +816,15 @@ impl fmt::Display for SdoError {
             SdoError::Length { expected, found } => {
                 write!(f, "{found} bytes, expected {expected}")
             }
+        }
+    }
+}
+
+impl fmt::Display for SoeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            SoeError::Mailbox(error) => write!(f, "{error}"),
+            SoeError::Code(code) => write!(f, "{code}"),
         }
     }
 }

@@ -99,6 +99,7 @@ mod ring;
 mod runner;
 mod scan;
 mod sii;
+mod soe;
 mod stage;
 mod survey;
 mod sync;
@@ -114,9 +115,10 @@ pub use application::{Application, Cycle};
 pub use change::SegmentChange;
 pub use config::{
     AssumedTimes, ClockRange, Config, DelayWatch, DeviceConfig, DriftFilters, MeasureTimes,
-    MeasuredTimes, QualityWatch, Readmission, Recovery, Ring, StartupDownload, Survey, Timeouts,
+    MeasuredTimes, QualityWatch, Readmission, Recovery, Ring, StartupDownload, StartupParameter,
+    Survey, Timeouts,
 };
-pub use error::{AccessError, Cause, Error, Fault, Place, SdoError};
+pub use error::{AccessError, Cause, Error, Fault, Place, SdoError, SoeError};
 pub use event::{Event, RequestId, Stage};
 pub use link::FRAME_LEN;
 pub use machine::MainDevice;

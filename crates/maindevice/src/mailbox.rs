@@ -71,10 +71,20 @@ impl Mailbox {
     }
 
     /// Sends a CoE service and waits for the CoE answer to it; `is_answer` tells it from others.
-    /// Emergencies in between are reported as events.
     pub async fn coe(
         &mut self,
         service: &[u8],
+        is_answer: impl Fn(&[u8]) -> bool,
+    ) -> Result<Vec<u8>, MailboxError> {
+        self.ask(Protocol::COE, &[service], is_answer).await
+    }
+
+    /// Sends a request of a protocol in one message or in several, and waits for the answer in that protocol; `is_answer`
+    /// tells it from others. Emergencies of CoE in between are reported as events.
+    pub async fn ask(
+        &mut self,
+        protocol: Protocol,
+        messages: &[&[u8]],
         is_answer: impl Fn(&[u8]) -> bool,
     ) -> Result<Vec<u8>, MailboxError> {
         if self.stale {
@@ -83,10 +93,12 @@ impl Mailbox {
         }
         // Until the answer is there, this future may be dropped and leave an answer behind.
         self.stale = true;
-        self.write(service).await?;
+        for message in messages {
+            self.write(protocol, message).await?;
+        }
         let mut wait = Wait { end: self.deadline(), interval: POLL_FIRST };
         loop {
-            let answer = self.coe_answer(&mut wait).await?;
+            let answer = self.answer(protocol, &mut wait).await?;
             if is_answer(&answer) {
                 self.stale = false;
                 return Ok(answer);
@@ -102,7 +114,7 @@ impl Mailbox {
 
     /// Waits for a further CoE message of a service that answers in several.
     pub async fn coe_more(&mut self, end: Time<Host>) -> Result<Vec<u8>, MailboxError> {
-        self.coe_answer(&mut Wait { end, interval: POLL_FIRST }).await
+        self.answer(Protocol::COE, &mut Wait { end, interval: POLL_FIRST }).await
     }
 
     /// An error once a service has taken too long.
@@ -113,11 +125,16 @@ impl Mailbox {
         }
     }
 
-    async fn coe_answer(&mut self, wait: &mut Wait) -> Result<Vec<u8>, MailboxError> {
+    async fn answer(
+        &mut self,
+        expected: Protocol,
+        wait: &mut Wait,
+    ) -> Result<Vec<u8>, MailboxError> {
         loop {
             let (protocol, service) = self.read(wait.end).await?;
+            let emergency = protocol == Protocol::COE && self.take_emergency(&service);
             match protocol {
-                Protocol::COE if !self.take_emergency(&service) => return Ok(service),
+                _ if protocol == expected && !emergency => return Ok(service),
                 Protocol::ERROR => {
                     let detail = service
                         .first_chunk()
@@ -180,14 +197,14 @@ impl Mailbox {
         Ok(status & SyncManager::STATUS_FULL != 0)
     }
 
-    /// Writes a request of CoE into SM0, waiting until the device has taken the one before.
-    async fn write(&mut self, service: &[u8]) -> Result<(), MailboxError> {
+    /// Writes a request into SM0, waiting until the device has taken the one before.
+    async fn write(&mut self, protocol: Protocol, service: &[u8]) -> Result<(), MailboxError> {
         let length = service.len() + mailbox::HEADER_LEN;
         if service.len() > self.request_len() {
             return Err(MailboxError::TooLong { length, mailbox: self.receive.length });
         }
         self.counter = next_counter(self.counter);
-        let header = Header::new(service.len() as u16, 0, Protocol::COE, self.counter);
+        let header = Header::new(service.len() as u16, 0, protocol, self.counter);
         let mut bytes = Vec::with_capacity(usize::from(self.receive.length));
         bytes.extend_from_slice(&header.emit());
         bytes.extend_from_slice(service);

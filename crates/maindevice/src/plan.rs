@@ -7,6 +7,7 @@
 use alloc::vec::Vec;
 
 use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
+use isocat_wire::soe::Idn;
 use isocat_wire::{ObjectAddress, register};
 
 use crate::config::Config;
@@ -51,6 +52,8 @@ pub enum Target {
     Register(u16),
     /// An entry of the object dictionary.
     Object(ObjectAddress),
+    /// A parameter of this drive, by SoE.
+    Parameter(u8, Idn),
 }
 
 /// Everything that the way up writes to one SubDevice by itself, but for addresses and requests of states: on the way
@@ -99,6 +102,13 @@ pub fn writes(
                 all.push(object(entry, data, "PDO assignment"));
             }
         }
+    }
+    for parameter in wish.map(|wish| &wish.parameters[..]).unwrap_or_default() {
+        all.push(Write {
+            target: Target::Parameter(parameter.drive, parameter.idn),
+            data: Some(parameter.data.clone()),
+            comment: "as the configuration has it",
+        });
     }
     for (address, data) in mapping::writes(device, config.watchdog) {
         all.push(register(address, data, "process data"));

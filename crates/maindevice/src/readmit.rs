@@ -31,7 +31,7 @@ use crate::health::Found;
 use crate::link::{Link, Procedure, Travel, join};
 use crate::mailbox::Mailbox;
 use crate::segment::{DcCapability, Segment, SubDevice};
-use crate::{esm, mapping, mode, objects, scan, sii, sync, timing};
+use crate::{esm, mapping, mode, scan, sii, sync, timing};
 
 mod keeper;
 mod places;
@@ -192,10 +192,8 @@ async fn prepare(
         let lengths = |device: &SubDevice| (device.outputs.length, device.inputs.length);
         let planned = (device.outputs.clone(), device.inputs.clone());
         let planned_lengths = lengths(device);
-        match &mut one.mailbox {
-            Some(mailbox) => objects::read(mailbox, device, wish(config, device)).await?,
-            None => objects::from_sii(device),
-        }
+        let mailbox = one.mailbox.as_mut();
+        bring_up::read_objects(mailbox, device, wish(config, device)).await?;
         mapping::place_process_data(device)?;
         if (&device.outputs, &device.inputs) != (&planned.0, &planned.1) {
             let (planned, found) = (planned_lengths, lengths(device));
@@ -298,12 +296,12 @@ async fn finish(
             .await?;
     }
     stays_on(way, link, segment, device)?;
-    if let Some(mailbox) = &mut one.mailbox {
+    if let Some(mailbox) = one.mailbox.as_mut().filter(|_| device.has_coe()) {
         sync::write_types(mailbox, device, config, wish(config, device)).await?;
     }
     program_sync(link, config, segment, device).await?;
     esm::change(link, device, AlState::SafeOp, config.timeouts.safeop).await?;
-    if let Some(mailbox) = &mut one.mailbox {
+    if let Some(mailbox) = one.mailbox.as_mut().filter(|_| device.has_coe()) {
         sync::verify_types(mailbox, device, wish(config, device)).await?;
     }
     wait_for_inputs(link, config, device).await?;

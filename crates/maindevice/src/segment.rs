@@ -571,6 +571,11 @@ impl SubDevice {
             && header.send.length > 0
     }
 
+    /// Whether it has an SoE mailbox.
+    pub fn has_soe(&self) -> bool {
+        self.sii.header.protocols & sii::Header::SOE != 0 && self.has_mailbox()
+    }
+
     /// Whether it has a mailbox of any kind. Its areas say so: some devices name no protocol and still want the SyncManagers
     /// of their mailbox switched on.
     pub fn has_mailbox(&self) -> bool {

@@ -2,7 +2,7 @@
 
 use alloc::vec::Vec;
 
-use crate::error::{Cause, MailboxError, SdoError};
+use crate::error::{Cause, MailboxError, SdoError, SoeError};
 use crate::segment::SubDevice;
 
 crate::kinds! {
@@ -103,6 +103,7 @@ fn is_of_the_wire(cause: &Cause) -> bool {
         Cause::Access(_)
             | Cause::Mailbox { error: Access(_), .. }
             | Cause::Sdo { error: SdoError::Mailbox(Access(_)), .. }
+            | Cause::Soe { error: SoeError::Mailbox(Access(_)), .. }
     )
 }
 

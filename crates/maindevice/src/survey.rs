@@ -55,7 +55,8 @@ async fn look(work: &mut Work) -> Result<(), Cause> {
     each(work, &mut good, |device| Box::pin(bring_up::to_preop(link, config, device))).await;
 
     work.enter(Stage::Objects);
-    let with_mailbox = |device: &SubDevice| good[device.position] && wish.objects;
+    let with_mailbox =
+        |device: &SubDevice| good[device.position] && wish.objects && device.has_coe();
     work.mailboxes = work
         .segment
         .devices

@@ -5,6 +5,8 @@ use std::fmt;
 use isocat_descriptions::start_up::{Address, Transition};
 use isocat_serve::bus::Refused;
 use isocat_wire::al::AlStatusCode;
+use isocat_wire::mailbox::ErrorDetail;
+use isocat_wire::soe::{ErrorCode, Idn};
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, Command, ObjectAddress};
 
@@ -37,6 +39,8 @@ pub enum Target {
     Register(Command, Address),
     /// An entry of the object dictionary.
     Object(ObjectAddress),
+    /// A parameter of this drive, by SoE.
+    Parameter(u8, Idn),
 }
 
 /// What happened.
@@ -62,6 +66,10 @@ pub enum Kind {
     },
     /// The device refused an SDO download.
     Abort(AbortCode),
+    /// The device refused a parameter of a drive.
+    Drive(ErrorCode),
+    /// The mailbox of the device refused the request.
+    Refused(ErrorDetail),
     /// A device took no mailbox request, or gave no answer, for as long as the list waits.
     Mailbox {
         /// How long it was waited for.
@@ -163,6 +171,8 @@ impl Kind {
             Self::WorkingCounter { .. } => "working-counter",
             Self::Check { .. } => "check",
             Self::Abort(_) => "sdo-abort",
+            Self::Drive(_) => "soe-error",
+            Self::Refused(_) => "mailbox-error",
             Self::Mailbox { .. } => "mailbox",
             Self::NoMailbox => "no-mailbox",
             Self::TooLong { .. } => "value-too-long",
@@ -286,6 +296,7 @@ impl fmt::Display for Target {
                 write!(f, "{command} of 0x{address:08X}")
             }
             Self::Object(object) => write!(f, "object {object}"),
+            Self::Parameter(drive, idn) => write!(f, "{idn} of drive {drive}"),
         }
     }
 }
@@ -303,9 +314,11 @@ impl fmt::Display for Kind {
                 code.map_or(Ok(()), |code| write!(f, "; AL status code 0x{:04X}, {code}", code.0))
             }
             Self::Abort(code) => write!(f, "the device refuses the value: {code}"),
+            Self::Drive(code) => write!(f, "the drive refuses the value: {code}"),
+            Self::Refused(detail) => write!(f, "the device refuses the request: {detail}"),
             Self::Mailbox { after } => write!(f, "no answer from the mailbox within {after}"),
             Self::NoMailbox => {
-                f.write_str("an SDO download, but the list tells no mailbox (Mailbox/Send, Recv)")
+                f.write_str("a write through the mailbox, but the list tells no mailbox (Mailbox/Send, Recv)")
             }
             Self::TooLong { length, most } => write!(
                 f,

@@ -1,12 +1,13 @@
-//! SDO downloads: one request, one answer.
+//! What the list writes through the mailbox: SDO downloads and parameters of drives, one request and one answer each.
 
-use isocat_descriptions::start_up::{Area, Mailbox, ObjectStep};
+use isocat_descriptions::start_up::{Area, Mailbox, ObjectStep, ParameterStep};
 use isocat_maindevice::SdoError;
 use isocat_maindevice::error::MailboxError;
 use isocat_wire::coe::sdo::{self, INITIATE_LEN, Initiate, specifier};
 use isocat_wire::coe::{self, Service};
-use isocat_wire::mailbox::{HEADER_LEN, Header, Protocol, next_counter};
+use isocat_wire::mailbox::{ErrorDetail, HEADER_LEN, Header, Protocol, next_counter};
 use isocat_wire::register;
+use isocat_wire::soe::{self, Elements, ErrorCode, Idn, Opcode};
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::{Host, Nanos, Time};
 use isocat_wire::{AbortCode, ObjectAddress};
@@ -15,30 +16,75 @@ use crate::failure::Kind;
 use crate::line::Line;
 use crate::step::LONGEST;
 
+/// The mailbox of a device, as the list has it, and the counter of its messages.
+pub(crate) struct Way<'a> {
+    pub station: u16,
+    pub areas: Option<Mailbox>,
+    pub counter: &'a mut u8,
+}
+
 /// Writes the value of a step, expedited up to 4 bytes, else in one normal message.
-pub(crate) fn download(
+pub(crate) fn download(line: &mut Line, to: Way<'_>, step: &ObjectStep) -> Result<(), Kind> {
+    let Some(areas) = to.areas else { return Err(Kind::NoMailbox) };
+    let request = download_request(areas.out, step)?;
+    exchange(line, to, areas, Protocol::COE, &[request], step.patience_ms, download_result)
+}
+
+/// Writes a parameter, in fragments if it is longer than the mailbox.
+pub(crate) fn write(line: &mut Line, to: Way<'_>, step: &ParameterStep) -> Result<(), Kind> {
+    let Some(areas) = to.areas else { return Err(Kind::NoMailbox) };
+    let room = usize::from(areas.out.length).saturating_sub(HEADER_LEN + soe::HEADER_LEN).max(1);
+    let header = soe::Header::new(Opcode::WRITE_REQUEST, step.drive, Elements::VALUE, step.idn);
+    let count = step.data.len().div_ceil(room).max(1);
+    let fragment = |number: usize| {
+        let left = count - 1 - number;
+        let part = &step.data[number * room..step.data.len().min((number + 1) * room)];
+        let header = match left {
+            0 => header,
+            _ => soe::Header { incomplete: true, idn: Idn(left as u16), ..header },
+        };
+        [&header.emit()[..], part].concat()
+    };
+    let fragments: Vec<_> = (0..count).map(fragment).collect();
+    let result = |body: &[u8]| write_result(body, header);
+    exchange(line, to, areas, Protocol::SOE, &fragments, step.patience_ms, result)
+}
+
+/// Writes the messages of a request and waits for what `result` takes for its answer.
+fn exchange(
     line: &mut Line,
-    station: u16,
-    mailbox: Option<Mailbox>,
-    counter: &mut u8,
-    step: &ObjectStep,
+    to: Way<'_>,
+    areas: Mailbox,
+    protocol: Protocol,
+    messages: &[Vec<u8>],
+    patience_ms: u32,
+    result: impl Fn(&[u8]) -> Option<Result<(), Kind>>,
 ) -> Result<(), Kind> {
-    let Some(mailbox) = mailbox else { return Err(Kind::NoMailbox) };
-    let request = request(mailbox.out, step)?;
-    *counter = next_counter(*counter);
-    let message = message(mailbox.out, &request, *counter);
-    let patience = match step.patience_ms {
+    let patience = match patience_ms {
         0 => PATIENCE,
         given => Nanos::millis(given.into()).min(LONGEST),
     };
     let end = line.now() + patience;
-    while !line.write(station, mailbox.out.start, &message)? {
-        wait(line, end, patience)?;
+    for body in messages {
+        *to.counter = next_counter(*to.counter);
+        let message = message(areas.out, protocol, body, *to.counter);
+        while !line.write(to.station, areas.out.start, &message)? {
+            wait(line, end, patience)?;
+        }
     }
     loop {
-        let answer = receive(line, station, mailbox.back, end, patience)?;
-        if let Some(result) = result(&answer) {
-            return result;
+        let answer = receive(line, to.station, areas.back, end, patience)?;
+        let Some((head, body)) = answer.split_first_chunk() else { continue };
+        // What is about something else, such as an emergency, is passed over.
+        let found = match Header::parse(head).protocol {
+            Protocol::ERROR => {
+                body.first_chunk().map(|detail| Err(Kind::Refused(ErrorDetail::parse(detail))))
+            }
+            other if other == protocol => result(body),
+            _ => None,
+        };
+        if let Some(found) = found {
+            return found;
         }
     }
 }
@@ -55,7 +101,7 @@ pub(crate) fn upload(
     let command = sdo::Command::upload_request(false);
     request.extend(Initiate { command, object, data: [0; 4] }.emit());
     *counter = next_counter(*counter);
-    let message = message(mailbox.out, &request, *counter);
+    let message = message(mailbox.out, Protocol::COE, &request, *counter);
     let end = line.now() + UPLOAD_PATIENCE;
     let silent = Ok(Err(SdoError::Mailbox(MailboxError::NoAnswer { after: UPLOAD_PATIENCE })));
     while !line.write(station, mailbox.out.start, &message)? {
@@ -98,7 +144,7 @@ fn read(answer: &[u8], object: ObjectAddress) -> Option<Result<Vec<u8>, SdoError
 }
 
 /// The SDO request behind the mailbox header.
-fn request(area: Area, step: &ObjectStep) -> Result<Vec<u8>, Kind> {
+fn download_request(area: Area, step: &ObjectStep) -> Result<Vec<u8>, Kind> {
     let ObjectStep { object, complete, data, .. } = step;
     let mut request = coe::Header::new(Service::SDO_REQUEST).emit().to_vec();
     if (1..=4).contains(&data.len()) {
@@ -120,10 +166,10 @@ fn request(area: Area, step: &ObjectStep) -> Result<Vec<u8>, Kind> {
 }
 
 /// The whole area: its last byte hands it over to the device.
-fn message(area: Area, request: &[u8], counter: u8) -> Vec<u8> {
-    let header = Header::new(request.len() as u16, 0, Protocol::COE, counter);
+fn message(area: Area, protocol: Protocol, body: &[u8], counter: u8) -> Vec<u8> {
+    let header = Header::new(body.len() as u16, 0, protocol, counter);
     let mut message = header.emit().to_vec();
-    message.extend(request);
+    message.extend(body);
     message.resize(usize::from(area.length).max(message.len()), 0);
     message
 }
@@ -153,19 +199,28 @@ fn wait(line: &mut Line, end: Time<Host>, patience: Nanos) -> Result<(), Kind> {
     line.sleep(POLL)
 }
 
-/// What an answer says of the download; `None` if it is about something else, such as an emergency.
-fn result(answer: &[u8]) -> Option<Result<(), Kind>> {
-    let header = Header::parse(answer.first_chunk()?);
-    let body = answer.get(HEADER_LEN..)?;
-    if header.protocol != Protocol::COE {
-        return None;
-    }
+/// What a message of CoE says of the download; `None` if it is about something else, such as an emergency.
+fn download_result(body: &[u8]) -> Option<Result<(), Kind>> {
     let service = coe::Header::parse(*body.first_chunk()?).service;
     let head = Initiate::parse(body.get(coe::HEADER_LEN..)?.first_chunk()?);
     match head.command.specifier() {
         specifier::ABORT => Some(Err(Kind::Abort(AbortCode(head.value())))),
         specifier::RESPONSE_DOWNLOAD if service == Service::SDO_RESPONSE => Some(Ok(())),
         _ => None,
+    }
+}
+
+/// What a message of SoE says of the write; `None` if it is about something else.
+fn write_result(body: &[u8], request: soe::Header) -> Option<Result<(), Kind>> {
+    let (head, rest) = body.split_first_chunk()?;
+    let head = soe::Header::parse(head);
+    let about = (Opcode::WRITE_RESPONSE, request.drive, request.idn);
+    if (head.opcode, head.drive, head.idn) != about {
+        return None;
+    }
+    match head.error {
+        true => Some(Err(Kind::Drive(ErrorCode(u16::from_le_bytes(*rest.first_chunk()?))))),
+        false => Some(Ok(())),
     }
 }
 

@@ -1,15 +1,17 @@
 //! The procedure: INIT to PREOP, clocks, PREOP to SAFEOP, process data, SAFEOP to OP, and then the exchange.
 
 use isocat_descriptions::start_up::{
-    Address, DeviceStartUp, ObjectStep, RegisterStep, StartUp, Step, Transition,
+    Address, DeviceStartUp, ObjectStep, ParameterStep, RegisterStep, StartUp, Step, Transition,
 };
 use isocat_segment::Scenario;
 use isocat_serve::{Bus, Setup, Summary};
 use isocat_sync::start::Grid;
 use isocat_wire::al::AlState;
+use isocat_wire::mailbox::ErrorDetail;
 use isocat_wire::register::{self, Value};
+use isocat_wire::soe::ErrorCode;
 use isocat_wire::time::{Host, Nanos, Time};
-use isocat_wire::{AbortCode, Command, ObjectAddress};
+use isocat_wire::{AbortCode, Command};
 
 pub use crate::clock::Unit;
 use crate::clock::{self, Clocks};
@@ -52,7 +54,7 @@ pub struct Done {
     /// By position: the start time that was put in the place of the list's (0x0990).
     pub starts: Vec<Option<u64>>,
     /// Objects that the list writes and a virtual device does not have, with its position.
-    pub unknown_objects: Vec<(usize, ObjectAddress)>,
+    pub unknown_objects: Vec<(usize, Target)>,
     /// What the cyclic exchange counted, in OP.
     pub counts: Counts,
 }
@@ -90,7 +92,7 @@ pub(crate) struct Player<'a> {
     latest_start: Option<Time<Host>>,
     pub mailbox_counters: Vec<u8>,
     tolerates_unknown_objects: bool,
-    unknown_objects: Vec<(usize, ObjectAddress)>,
+    unknown_objects: Vec<(usize, Target)>,
 }
 
 impl<'a> Player<'a> {
@@ -166,6 +168,7 @@ impl Player<'_> {
                 match step {
                     Step::Register(step) => self.register(Some(position), transition, step)?,
                     Step::Object(step) => self.object(position, device, transition, step)?,
+                    Step::Parameter(step) => self.parameter(position, device, transition, step)?,
                 }
             }
         }
@@ -182,15 +185,47 @@ impl Player<'_> {
         transition: Transition,
         step: &ObjectStep,
     ) -> Result<(), Failure> {
-        let (line, counter) = (&mut self.line, &mut self.mailbox_counters[position]);
-        let done = mailbox::download(line, device.station, device.mailbox, counter, step);
-        let is_unknown =
+        let way = way(&mut self.mailbox_counters[position], device);
+        let done = mailbox::download(&mut self.line, way, step);
+        let unknown =
             matches!(done, Err(Kind::Abort(AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX)));
-        if is_unknown && self.tolerates_unknown_objects {
-            self.unknown_objects.push((position, step.object));
+        let target = Target::Object(step.object);
+        self.written(done, unknown, position, transition, target, &step.comment)
+    }
+
+    fn parameter(
+        &mut self,
+        position: usize,
+        device: &DeviceStartUp,
+        transition: Transition,
+        step: &ParameterStep,
+    ) -> Result<(), Failure> {
+        let way = way(&mut self.mailbox_counters[position], device);
+        let done = mailbox::write(&mut self.line, way, step);
+        let unknown = matches!(
+            done,
+            Err(Kind::Drive(ErrorCode::NO_IDN | ErrorCode::DRIVE_NUMBER)
+                | Kind::Refused(ErrorDetail::UNSUPPORTED_PROTOCOL))
+        );
+        let target = Target::Parameter(step.drive, step.idn);
+        self.written(done, unknown, position, transition, target, &step.comment)
+    }
+
+    /// What came of a write through a mailbox. What the device does not have may be let pass.
+    fn written(
+        &mut self,
+        done: Result<(), Kind>,
+        unknown: bool,
+        position: usize,
+        transition: Transition,
+        target: Target,
+        comment: &str,
+    ) -> Result<(), Failure> {
+        if unknown && self.tolerates_unknown_objects {
+            self.unknown_objects.push((position, target));
             return Ok(());
         }
-        self.done(done, Some(position), transition, Target::Object(step.object), &step.comment)
+        self.done(done, Some(position), transition, target, comment)
     }
 
     fn register(
@@ -364,3 +399,8 @@ const LOCKING_CYCLES: i64 = 64;
 const COMPLETE_CYCLES: u64 = 10;
 /// How long they are waited for.
 const PROCESS_DATA: Nanos = Nanos::millis(5_000);
+
+/// The way through the mailbox of a device.
+const fn way<'a>(counter: &'a mut u8, device: &DeviceStartUp) -> mailbox::Way<'a> {
+    mailbox::Way { station: device.station, areas: device.mailbox, counter }
+}

@@ -11,10 +11,8 @@ use isocat_serve::summary::Outcome;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use isocat_wire::ObjectAddress;
-
 use crate::differences::Difference;
-use crate::failure::Failure;
+use crate::failure::{Failure, Target};
 use crate::play::{Done, Played};
 #[cfg(target_os = "linux")]
 use crate::real::PlayedOnWire;
@@ -236,9 +234,12 @@ fn run_report(
             start_ns: *start,
         })
     };
-    let unknown = |(position, object): &(usize, ObjectAddress)| UnknownObject {
+    let unknown = |(position, target): &(usize, Target)| UnknownObject {
         position: *position,
-        object: object.to_string(),
+        object: match target {
+            Target::Object(object) => object.to_string(),
+            other => other.to_string(),
+        },
     };
     RunReport {
         in_sync,

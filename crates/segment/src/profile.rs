@@ -84,6 +84,7 @@ use isocat_esc::chip::{Chip, PortKind};
 use isocat_sim::Unevenness;
 use isocat_subdevice::{Description, Misbehaviours};
 use isocat_sync::{SupportedTypes, SyncMode, SyncParameters, object};
+use isocat_wire::soe::Idn;
 use isocat_wire::time::Nanos;
 use isocat_wire::{ObjectAddress, PortNumber};
 
@@ -146,6 +147,8 @@ pub struct Profile {
     pub op_modes: Vec<OpMode>,
     /// Downloads at start that the description asks for.
     pub startup: Vec<Startup>,
+    /// Parameters of its drives that the description wants written at start.
+    pub parameters: Vec<StartupParameter>,
     /// What was not taken over from a description as it stands there: plans and start-up lists tell it.
     pub doubts: Vec<Doubt>,
     /// The letters of its ports as a description has them ([`DeviceStartUp::physics`]).
@@ -295,6 +298,37 @@ pub struct Startup {
     pub data: Vec<u8>,
     /// The whole object is written.
     pub complete_access: bool,
+}
+
+/// A parameter of a drive that SoE writes in PREOP.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct StartupParameter {
+    /// When the description wants it done, as in [`Startup`].
+    pub transition: Transition,
+    /// Which drive of the device, 0 to 7.
+    pub drive: u8,
+    /// The parameter.
+    pub idn: Idn,
+    /// The description's bytes in the order of the wire.
+    pub data: Vec<u8>,
+    /// What it is, in the description's words.
+    pub comment: String,
+}
+
+impl StartupParameter {
+    /// Whether it is a cycle time, which a configuration tool replaces: S-0-0001 or S-0-0002, in us.
+    pub fn is_cycle(&self) -> bool {
+        matches!(self.idn, Idn::CONTROL_CYCLE | Idn::COMMUNICATION_CYCLE) && self.data.len() == 2
+    }
+
+    /// What is written at a bus cycle: the description's bytes, but for a cycle time that is a whole number of us.
+    pub fn at_cycle(&self, cycle: Nanos) -> Vec<u8> {
+        let micros = (cycle.0 % 1_000 == 0).then_some(cycle.0 / 1_000);
+        match micros.and_then(|micros| u16::try_from(micros).ok()).filter(|_| self.is_cycle()) {
+            Some(micros) => micros.to_le_bytes().to_vec(),
+            None => self.data.clone(),
+        }
+    }
 }
 
 /// A value that the maker does not publish.

@@ -7,6 +7,7 @@ use isocat_esc::DriftLaw;
 use isocat_maindevice::written::Output;
 use isocat_maindevice::{
     AssumedTimes, ClockRange, Config, DeviceConfig, DriftFilters, MeasureTimes, StartupDownload,
+    StartupParameter,
 };
 use isocat_sim::plant::PlantSetup;
 use isocat_sim::random::Stream;
@@ -15,8 +16,9 @@ use isocat_sim::{
     Setup,
 };
 use isocat_subdevice::Application;
+use isocat_subdevice::description::ProcessDataArea;
 use isocat_subdevice::drive::Drive;
-use isocat_subdevice::io::Io;
+use isocat_subdevice::{IoOf, MAX_PROCESS_DATA};
 use isocat_sync::SyncSignal;
 use isocat_sync::budget::Limits;
 use isocat_wire::time::{Nanos, Time};
@@ -156,7 +158,8 @@ impl Scenario {
         config.recovery = self.operation.recovery;
         config.direction = self.operation.direction;
         config.measure_times = self.operation.measure_times.then(MeasureTimes::default);
-        config.devices = self.devices.iter().map(device_config).collect();
+        let own = |device| device_config(device, self.cycle);
+        config.devices = self.devices.iter().map(own).collect();
         for (position, _) in self.devices.iter().enumerate().filter(|(_, d)| d.optional) {
             let known = offline::known(&self.devices, position);
             config.devices[position].hot_connect = Some(Box::new(known));
@@ -232,7 +235,7 @@ fn closing(ring: Ring) -> Closing {
 /// Four months in ns.
 const MOST_LOCAL_TIME: u64 = 10_000_000_000_000_000;
 
-fn device_config(device: &SubDevice) -> DeviceConfig {
+fn device_config(device: &SubDevice, cycle: Nanos) -> DeviceConfig {
     let profile = &device.profile;
     let list = |pdos: &[u16]| (!pdos.is_empty()).then(|| pdos.to_vec());
     // A device without mailbox states nothing over the wire: the user's file speaks for it.
@@ -287,6 +290,11 @@ fn device_config(device: &SubDevice) -> DeviceConfig {
         assumed,
         clock: Some(clock_range(device)),
         startup: profile.startup.iter().map(startup).collect(),
+        parameters: profile
+            .parameters
+            .iter()
+            .map(|one| parameter(one, device.cycle.unwrap_or(cycle)))
+            .collect(),
         hot_connect: None,
     }
 }
@@ -336,11 +344,29 @@ fn startup(download: &profile::Startup) -> StartupDownload {
     }
 }
 
+fn parameter(wanted: &profile::StartupParameter, cycle: Nanos) -> StartupParameter {
+    StartupParameter { drive: wanted.drive, idn: wanted.idn, data: wanted.at_cycle(cycle) }
+}
+
+/// Of a size that holds the process data of the device: a segment may have thousands of small ones.
+fn io(profile: &Profile) -> Box<dyn Application + Send> {
+    let bytes = |areas: &mut dyn Iterator<Item = ProcessDataArea>| -> usize {
+        areas.map(|area| usize::from(area.max_length)).sum()
+    };
+    let description = &profile.description;
+    let outputs = bytes(&mut description.output_areas());
+    match outputs.min(bytes(&mut description.input_areas())) {
+        ..=32 => Box::new(IoOf::<32>::new()),
+        33..=256 => Box::new(IoOf::<256>::new()),
+        _ => Box::new(IoOf::<MAX_PROCESS_DATA>::new()),
+    }
+}
+
 fn application(profile: &Profile) -> Box<dyn Application + Send> {
     match profile.application {
         ApplicationKind::Drive => Box::new(Drive::default()),
         ApplicationKind::DriveAt(layout) => Box::new(LaidOutDrive::new(layout)),
-        ApplicationKind::Io => Box::new(Io::default()),
+        ApplicationKind::Io => io(profile),
     }
 }
 

@@ -1,6 +1,7 @@
 //! What a device author writes.
 
 use isocat_sync::Event;
+use isocat_wire::soe::{self, Idn};
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, ObjectAddress};
 
@@ -44,6 +45,27 @@ pub trait Application {
         _value: &mut [u8],
     ) -> Option<Result<usize, AbortCode>> {
         None
+    }
+
+    /// The present value of a parameter of the application, which SoE asks for, into the front of `value`; gives its
+    /// bytes. A list has its length in front ([`Parameter`](crate::Parameter)). `None` leaves it to the stack's own store.
+    fn read_parameter(
+        &mut self,
+        _drive: u8,
+        _idn: Idn,
+        _value: &mut [u8],
+    ) -> Option<Result<usize, soe::ErrorCode>> {
+        None
+    }
+
+    /// A value was written to a parameter; an error ends the transfer and nothing is stored.
+    fn write_parameter(
+        &mut self,
+        _drive: u8,
+        _idn: Idn,
+        _value: &[u8],
+    ) -> Result<(), soe::ErrorCode> {
+        Ok(())
     }
 
     /// A value was written to an object; an error aborts the transfer and nothing is stored.

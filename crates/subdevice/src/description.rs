@@ -4,10 +4,12 @@ use isocat_sync::SupportedTypes;
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::MailboxArea;
+use isocat_wire::soe::{Attribute, Idn};
 use isocat_wire::time::Nanos;
 use isocat_wire::{AlStatusCode, ObjectAddress};
 
 use crate::misbehaviour::{Misbehaviour, Misbehaviours};
+use crate::process_data::{MAX_AREAS, MAX_PROCESS_DATA};
 
 /// Everything the stack must know about the device it runs in.
 #[derive(Clone, Debug)]
@@ -60,11 +62,43 @@ impl Description {
         preset.filter(|_| entry.bits == 32).map_or(entry.default, |preset| &preset.value)
     }
 
-    /// Bytes that the value store of the dictionary needs.
+    /// Parameters of drives; none without SoE.
+    pub fn parameters(&self) -> &'static [Parameter] {
+        self.mailbox.map_or(&[], |mailbox| mailbox.speaks.parameters)
+    }
+
+    /// Bytes that the value store needs: objects, parameters, and the images of outputs and inputs.
     pub fn store_len(&self) -> usize {
+        self.values_len() + self.output_bytes() + self.input_bytes()
+    }
+
+    /// Most bytes of outputs, those of all areas together; at most [`MAX_PROCESS_DATA`](crate::MAX_PROCESS_DATA).
+    pub(crate) fn output_bytes(&self) -> usize {
+        image_len(self.output_areas())
+    }
+
+    /// Most bytes of inputs.
+    pub(crate) fn input_bytes(&self) -> usize {
+        image_len(self.input_areas())
+    }
+
+    /// Bytes of the value store that are the values of objects and parameters.
+    pub(crate) fn values_len(&self) -> usize {
+        let parameters = self.parameters().iter();
+        let behind = parameters.map(|one| usize::from(one.store) + usize::from(one.len)).max();
+        self.objects_len() + behind.unwrap_or(0)
+    }
+
+    /// Bytes of the value store that are the objects'.
+    pub(crate) fn objects_len(&self) -> usize {
         let entries = self.objects.iter().flat_map(|object| object.entries);
         entries.map(|entry| usize::from(entry.store) + entry.len()).max().unwrap_or(0)
     }
+}
+
+fn image_len(areas: impl Iterator<Item = ProcessDataArea>) -> usize {
+    let all = areas.take(MAX_AREAS).map(|area| usize::from(area.max_length));
+    all.sum::<usize>().min(MAX_PROCESS_DATA)
 }
 
 /// The two mailbox areas.
@@ -74,7 +108,59 @@ pub struct Mailbox {
     pub receive: MailboxArea,
     /// SubDevice to MainDevice, SM1.
     pub send: MailboxArea,
+    /// What it speaks.
+    pub speaks: Speaks,
 }
+
+/// The protocols of a mailbox. CoE is answered from [`Description::objects`], SoE from the
+/// [`parameters`](Self::parameters).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Speaks {
+    /// Protocols in the bits of SII word 0x1C: 0 AoE, 1 EoE, 2 CoE, 3 FoE, 4 SoE, 5 VoE. What the device has nothing for
+    /// (files, ports, ADS targets) is answered by the error that the protocol has for that; a protocol that is not
+    /// announced, by the mailbox error 2.
+    pub protocols: u16,
+    /// Number of drives that SoE addresses, 0 to 8.
+    pub drives: u8,
+    /// Parameters of the drives, ascending by drive and IDN.
+    pub parameters: &'static [Parameter],
+}
+
+impl Speaks {
+    /// CoE alone.
+    pub const COE: Self = Self { protocols: 1 << 2, drives: 0, parameters: &[] };
+}
+
+/// A parameter of a drive, as SoE reads and writes it. It has no unit, no least, greatest and default value.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Parameter {
+    /// Which drive, from 0 on.
+    pub drive: u8,
+    /// Its number.
+    pub idn: Idn,
+    /// Its name; empty: it has none.
+    pub name: &'static str,
+    /// How the value is to be understood, and in which states it can't be written.
+    pub attribute: Attribute,
+    /// Only the value that it has can be written: a choice that the device does not leave.
+    pub fixed: bool,
+    /// Byte of the value store behind that of the objects.
+    pub store: u16,
+    /// Bytes of the value. That of a list begins with its length and the most that it can have, in bytes, 2 bytes each.
+    pub len: u16,
+    /// Value after power-on, as SoE has it. Of a list that is shorter than it can be, the rest is zeros.
+    pub default: &'static [u8],
+}
+
+impl Parameter {
+    /// The most bytes that a list can have.
+    pub const fn list_room(&self) -> u16 {
+        self.len.saturating_sub(LIST_HEAD as u16)
+    }
+}
+
+/// Bytes in front of a list of SoE.
+pub(crate) const LIST_HEAD: usize = 4;
 
 /// Where process data may lie.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

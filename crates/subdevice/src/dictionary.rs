@@ -2,13 +2,22 @@
 
 use isocat_wire::ObjectAddress;
 
-use crate::description::{Description, Entry, Object};
+use crate::description::{Description, Entry, LIST_HEAD, Object, Parameter};
 use crate::misbehaviour::Misbehaviours;
+use crate::process_data::Images;
 
 /// The dictionary: what the description says, and the store with the present values.
 pub(crate) struct Dictionary<S> {
     description: Description,
     store: S,
+    /// Where the values of parameters begin in the store.
+    parameters: usize,
+    /// Where the images of the process data begin in it: outputs, then inputs.
+    images: usize,
+    /// Bytes of the image of the outputs.
+    outputs: usize,
+    /// Bytes of the image of the inputs.
+    inputs: usize,
 }
 
 impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
@@ -24,7 +33,14 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
             description.objects.is_sorted_by_key(|object| object.index),
             "objects must stand in ascending order: they are searched by halves"
         );
-        let mut dictionary = Self { description: description.clone(), store };
+        let mut dictionary = Self {
+            description: description.clone(),
+            store,
+            parameters: description.objects_len(),
+            images: description.values_len(),
+            outputs: description.output_bytes(),
+            inputs: description.input_bytes(),
+        };
         for object in description.objects {
             assert!(
                 object.entries.is_sorted_by_key(|entry| entry.sub),
@@ -32,6 +48,11 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
                 object.index
             );
         }
+        let speaks = description.parameters();
+        assert!(
+            speaks.is_sorted_by_key(|one| (one.drive, one.idn)),
+            "parameters must stand in ascending order: they are searched by halves"
+        );
         dictionary.reset();
         dictionary
     }
@@ -46,6 +67,15 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
             value[..given].copy_from_slice(&default[..given]);
             value[given..].fill(0);
         }
+        for parameter in self.description.parameters() {
+            let value = self.parameter_mut(parameter);
+            let given = parameter.default.len().min(value.len());
+            value[..given].copy_from_slice(&parameter.default[..given]);
+            value[given..].fill(0);
+        }
+        let images = self.images_mut();
+        images.outputs.fill(0);
+        images.inputs.fill(0);
     }
 
     /// What the device does wrong.
@@ -57,6 +87,37 @@ impl<S: AsRef<[u8]> + AsMut<[u8]>> Dictionary<S> {
     pub fn bytes_mut(&mut self, entry: &Entry) -> &mut [u8] {
         let start = usize::from(entry.store);
         &mut self.store.as_mut()[start..start + entry.len()]
+    }
+
+    /// The images of the process data.
+    pub fn images_mut(&mut self) -> Images<'_> {
+        let both = &mut self.store.as_mut()[self.images..][..self.outputs + self.inputs];
+        let (outputs, inputs) = both.split_at_mut(self.outputs);
+        Images { outputs, inputs }
+    }
+
+    /// The image of the outputs.
+    pub fn output_image(&self) -> &[u8] {
+        &self.store.as_ref()[self.images..][..self.outputs]
+    }
+
+    /// All bytes that a parameter can have.
+    pub fn parameter_mut(&mut self, parameter: &Parameter) -> &mut [u8] {
+        let start = self.parameters + usize::from(parameter.store);
+        &mut self.store.as_mut()[start..start + usize::from(parameter.len)]
+    }
+
+    /// The bytes that a parameter has; of a list, as many as are in use.
+    pub fn parameter(&self, parameter: &Parameter) -> &[u8] {
+        let start = self.parameters + usize::from(parameter.store);
+        let bytes = &self.store.as_ref()[start..start + usize::from(parameter.len)];
+        match *bytes {
+            [l0, l1, _, _, ..] if parameter.attribute.is_list() => {
+                let used = LIST_HEAD + usize::from(u16::from_le_bytes([l0, l1]));
+                &bytes[..used.min(bytes.len())]
+            }
+            _ => bytes,
+        }
     }
 
     /// Sets a number, if the device has the entry; bytes that the entry lacks are dropped.

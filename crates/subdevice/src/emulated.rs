@@ -56,7 +56,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         let inputs = wired(self.description().input_areas());
         let setup = self.wired_to(outputs.is_used(), inputs.is_used(), pdi);
         self.sync.start(now, setup);
-        self.process_data.start(outputs, inputs);
+        self.process_data.start(outputs, inputs, self.dictionary.images_mut());
         self.first_exchange(pdi);
     }
 

@@ -218,7 +218,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 _ => {
                     self.station = pdi.load(register::STATION_ADDRESS);
                     self.mailbox.start(pdi);
-                    self.coe.reset();
+                    self.services.reset();
                     self.esm.state = PreOp;
                 }
             },
@@ -306,7 +306,8 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             self.sync.keep_counters(&before);
         }
         self.esm.watchdog = found.watchdog;
-        self.process_data.start(found.outputs, found.inputs);
+        let images = self.dictionary.images_mut();
+        self.process_data.start(found.outputs, found.inputs, images);
         self.first_exchange(pdi);
         self.esm.state = AlState::SafeOp;
         true
@@ -332,7 +333,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
         if asked == AlState::Init {
             self.mailbox.stop();
-            self.coe.reset();
+            self.services.reset();
             self.chosen = Default::default();
         }
         self.esm.state = asked;

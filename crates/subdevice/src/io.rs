@@ -1,38 +1,40 @@
 //! An I/O application: what is put out comes back as input.
 
 use crate::application::Application;
-use crate::process_data::MAX_PROCESS_DATA;
 
-/// Outputs wired to inputs, as far as the lengths allow; further inputs are 0.
+/// Up to 256 bytes of outputs wired to inputs.
+pub type Io = IoOf<256>;
+
+/// Up to `BYTES` bytes of outputs wired to inputs, as far as the lengths allow; further inputs are 0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Io {
-    mapped: [u8; MAX_PROCESS_DATA],
-    outputs: [u8; MAX_PROCESS_DATA],
-    inputs: [u8; MAX_PROCESS_DATA],
+pub struct IoOf<const BYTES: usize> {
+    mapped: [u8; BYTES],
+    outputs: [u8; BYTES],
+    inputs: [u8; BYTES],
     /// Most bytes that ever came: the rest is 0 everywhere.
     used: usize,
 }
 
-impl Io {
+impl<const BYTES: usize> IoOf<BYTES> {
     /// All outputs 0.
     pub const fn new() -> Self {
-        let zeros = [0; MAX_PROCESS_DATA];
+        let zeros = [0; BYTES];
         Self { mapped: zeros, outputs: zeros, inputs: zeros, used: 0 }
     }
 
     /// The bytes that stand at the output terminals.
-    pub fn outputs(&self) -> &[u8; MAX_PROCESS_DATA] {
+    pub fn outputs(&self) -> &[u8; BYTES] {
         &self.outputs
     }
 }
 
-impl Default for Io {
+impl<const BYTES: usize> Default for IoOf<BYTES> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Application for Io {
+impl<const BYTES: usize> Application for IoOf<BYTES> {
     fn map_outputs(&mut self, outputs: &[u8]) {
         let len = outputs.len().min(self.mapped.len());
         self.mapped[..len].copy_from_slice(&outputs[..len]);
@@ -57,8 +59,8 @@ impl Application for Io {
     }
 
     fn safe_outputs(&mut self) {
-        self.mapped = [0; MAX_PROCESS_DATA];
-        self.outputs = [0; MAX_PROCESS_DATA];
+        self.mapped = [0; BYTES];
+        self.outputs = [0; BYTES];
     }
 }
 

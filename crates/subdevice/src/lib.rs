@@ -4,8 +4,8 @@
 //!
 //! 1. [`SubDevice`] is called by the main loop and by interrupts, over [`isocat_esc::Pdi`];
 //! 2. its state machine answers AL control, after checking what the MainDevice has set up;
-//! 3. its mailbox takes requests from SM0 and hands them to the CoE server, which reads and writes the
-//!    dictionary: what a device has is a [`Description`] ([`describe`] helps to write one), its values live in a store of the
+//! 3. its mailbox takes requests from SM0 and hands them to the server of their protocol: CoE reads and writes the
+//!    dictionary, SoE the parameters of drives. What a device has is a [`Description`] ([`describe`] helps to write one), its values live in a store of the
 //!    caller;
 //! 4. its [`SyncEngine`] turns SM2, SYNC0, SYNC1 and the local timer into [`Steps`]: which pieces of the cycle
 //!    start, when, and what is counted when one comes too late;
@@ -38,7 +38,10 @@ mod measurement;
 pub mod misbehaviour;
 mod missed;
 mod objects;
+mod parameters;
 mod process_data;
+mod services;
+mod soe;
 mod stack;
 mod steps;
 mod sync_engine;
@@ -46,9 +49,9 @@ mod sync_engine;
 mod tests;
 
 pub use application::Application;
-pub use description::{Description, Entry, Object};
+pub use description::{Description, Entry, Object, Parameter, Speaks};
 pub use drive::Drive;
-pub use io::Io;
+pub use io::{Io, IoOf};
 pub use isocat_sync::{Chain, Event, Step, SyncMode};
 pub use mailbox::{MAX_MAILBOX, MIN_MAILBOX};
 pub use misbehaviour::{BadAnswer, Misbehaviour, Misbehaviours};

@@ -6,9 +6,10 @@ use isocat_wire::register::{self, al_event};
 use isocat_wire::sync_manager::SyncManager;
 
 use crate::application::Application;
-use crate::coe::{Outcome, Server};
+use crate::coe::Outcome;
 use crate::description;
 use crate::objects::Objects;
+use crate::services::Services;
 
 /// Most bytes of a mailbox, header included. The stack keeps two messages of this size: the last one
 /// may be asked for again, even when the next already waits.
@@ -155,7 +156,7 @@ impl Mailbox {
     pub fn poll<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
         &mut self,
         events: u32,
-        server: &mut Server,
+        services: &mut Services,
         objects: &mut Objects<'_, A, S>,
         pdi: &mut impl Pdi,
     ) {
@@ -167,14 +168,16 @@ impl Mailbox {
         if !self.occupied && core::mem::take(&mut self.again) {
             self.put(self.latest, pdi);
         }
-        if !self.occupied && server.has_more() {
-            self.reply(pdi, |body| server.more(objects, body));
+        if !self.occupied
+            && let Some(protocol) = services.has_more()
+        {
+            self.reply(protocol, pdi, |body| services.more(protocol, objects, body));
         }
         if !self.occupied && events & al_event::sync_manager(RECEIVE) != 0 {
             let mut request = [0; MAX_MAILBOX];
             let request = &mut request[..usize::from(areas.receive.length)];
             pdi.read(areas.receive.start, request);
-            self.receive(request, server, objects, pdi);
+            self.receive(request, services, objects, pdi);
         }
         if was_read && !self.occupied {
             // Writing its first byte releases the event of the mailbox that was read.
@@ -185,7 +188,7 @@ impl Mailbox {
     fn receive<A: Application, S: AsRef<[u8]> + AsMut<[u8]>>(
         &mut self,
         request: &[u8],
-        server: &mut Server,
+        services: &mut Services,
         objects: &mut Objects<'_, A, S>,
         pdi: &mut impl Pdi,
     ) {
@@ -205,23 +208,30 @@ impl Mailbox {
             Some(ErrorDetail::INVALID_SIZE)
         } else if header.length == 0 {
             Some(ErrorDetail::SIZE_TOO_SHORT)
-        } else if header.protocol != Protocol::COE {
-            Some(ErrorDetail::UNSUPPORTED_PROTOCOL)
         } else {
             None
         };
-        self.reply(pdi, |answer| match fault {
+        let protocol = header.protocol;
+        self.reply(protocol, pdi, |answer| match fault {
             Some(detail) => Outcome::Error(detail),
-            None => server.handle(&body[..usize::from(header.length)], objects, answer),
+            None => {
+                let request = &body[..usize::from(header.length)];
+                services.handle(protocol, request, objects, answer)
+            }
         });
     }
 
     /// Makes a message of what `fill` puts behind the mailbox header, and sends it.
-    fn reply(&mut self, pdi: &mut impl Pdi, fill: impl FnOnce(&mut [u8]) -> Outcome) {
+    fn reply(
+        &mut self,
+        protocol: Protocol,
+        pdi: &mut impl Pdi,
+        fill: impl FnOnce(&mut [u8]) -> Outcome,
+    ) {
         let Some(areas) = self.areas else { return };
         let next = 1 - self.latest;
         let counter = next_counter(self.sent);
-        let mut header = Header::new(0, MAIN_DEVICE, Protocol::COE, counter);
+        let mut header = Header::new(0, MAIN_DEVICE, protocol, counter);
         let (head, body) = self.messages[next].bytes.split_at_mut(HEADER_LEN);
         let room = usize::from(areas.send.length) - HEADER_LEN;
         let len = match fill(&mut body[..room]) {

@@ -5,9 +5,10 @@ use core::ops::Range;
 
 use isocat_esc::Pdi;
 
-/// Most bytes of process data in one direction. The stack keeps one image of each direction, since a
-/// buffer of the ESC is fetched or filled as a whole.
-pub const MAX_PROCESS_DATA: usize = 256;
+/// Most bytes of process data in one direction: what one datagram carries. The stack keeps one image of each direction, since a
+/// buffer of the ESC is fetched or filled as a whole; the images are as long as the areas of the description, and lie
+/// in the value store of the caller.
+pub const MAX_PROCESS_DATA: usize = 1486;
 
 /// Most SyncManagers of one direction.
 pub const MAX_AREAS: usize = 8;
@@ -43,6 +44,16 @@ impl Buffers {
     pub const NONE: Self =
         Self { all: [Buffer { start: 0, length: 0 }; MAX_AREAS], used: 0, length: 0 };
 
+    /// These buffers.
+    #[cfg(test)]
+    pub fn of(all: &[Buffer]) -> Self {
+        let mut buffers = Self::NONE;
+        for (area, buffer) in all.iter().enumerate() {
+            buffers.set(area, *buffer);
+        }
+        buffers
+    }
+
     /// The buffer of the area with this number, in the order of the description.
     pub fn set(&mut self, area: usize, buffer: Buffer) {
         if let Some(place) = self.all.get_mut(area) {
@@ -69,68 +80,66 @@ impl Buffers {
         usize::from(self.length)
     }
 
-    /// Where each buffer that is used begins, and its bytes in the image.
-    fn places(&self) -> impl Iterator<Item = (u16, Range<usize>)> + '_ {
+    /// Where each buffer that is used begins, and its bytes in an image of so many.
+    fn places(&self, image: usize) -> impl Iterator<Item = (u16, Range<usize>)> + '_ {
         let mut at = 0;
         let used = self.all.iter().take(usize::from(self.used));
         used.filter(|buffer| buffer.is_used()).map(move |buffer| {
             let from = at;
-            at = (from + usize::from(buffer.length)).min(MAX_PROCESS_DATA);
+            at = (from + usize::from(buffer.length)).min(image);
             (buffer.start, from..at)
         })
     }
 }
 
-/// The two images.
+/// Where the process data lie. The images are the caller's: they lie behind the values of the dictionary.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProcessData {
     outputs: Buffers,
     inputs: Buffers,
-    output_image: [u8; MAX_PROCESS_DATA],
-    input_image: [u8; MAX_PROCESS_DATA],
 }
 
 impl ProcessData {
     /// No process data.
     pub const fn new() -> Self {
-        Self {
-            outputs: Buffers::NONE,
-            inputs: Buffers::NONE,
-            output_image: [0; MAX_PROCESS_DATA],
-            input_image: [0; MAX_PROCESS_DATA],
-        }
+        Self { outputs: Buffers::NONE, inputs: Buffers::NONE }
     }
 
-    /// Takes the buffers that the SyncManagers guard; their lengths were checked against the maximum.
-    pub fn start(&mut self, outputs: Buffers, inputs: Buffers) {
-        *self = Self { outputs, inputs, ..Self::new() };
+    /// Takes the buffers that the SyncManagers guard; their lengths were checked against the maximum. The images begin
+    /// with zeros.
+    pub fn start(&mut self, outputs: Buffers, inputs: Buffers, images: Images<'_>) {
+        *self = Self { outputs, inputs };
+        images.outputs.fill(0);
+        images.inputs.fill(0);
     }
 
     /// Nothing is exchanged any more.
     pub fn stop(&mut self) {
-        self.outputs = Buffers::NONE;
-        self.inputs = Buffers::NONE;
+        *self = Self::new();
     }
 
     /// Fetches the outputs. One access of a whole buffer opens and closes it.
-    pub fn fetch_outputs(&mut self, pdi: &mut impl Pdi) {
-        for (start, bytes) in self.outputs.places() {
-            pdi.read(start, &mut self.output_image[bytes]);
+    pub fn fetch_outputs(&self, image: &mut [u8], pdi: &mut impl Pdi) {
+        for (start, bytes) in self.outputs.places(image.len()) {
+            pdi.read(start, &mut image[bytes]);
         }
     }
 
-    /// Acknowledges outputs that nobody will use.
+    /// Acknowledges outputs that nobody will use: the first byte opens a buffer, the last one closes it.
     pub fn drop_outputs(&self, pdi: &mut impl Pdi) {
-        let mut dropped = [0; MAX_PROCESS_DATA];
-        for (start, bytes) in self.outputs.places() {
-            pdi.read(start, &mut dropped[bytes]);
+        for (start, bytes) in self.outputs.places(MAX_PROCESS_DATA) {
+            let last = bytes.len().saturating_sub(1) as u16;
+            pdi.read(start, &mut [0]);
+            if last > 0 {
+                pdi.read(start.wrapping_add(last), &mut [0]);
+            }
         }
     }
 
     /// Hands the inputs over. One access of a whole buffer opens and closes it.
-    pub fn store_inputs(&self, pdi: &mut impl Pdi) {
-        for (start, bytes) in self.inputs.places() {
-            pdi.write(start, &self.input_image[bytes]);
+    pub fn store_inputs(&self, image: &[u8], pdi: &mut impl Pdi) {
+        for (start, bytes) in self.inputs.places(image.len()) {
+            pdi.write(start, &image[bytes]);
         }
     }
 
@@ -140,17 +149,24 @@ impl ProcessData {
     }
 
     /// The outputs fetched last.
-    pub fn outputs(&self) -> &[u8] {
-        &self.output_image[..self.outputs.length()]
+    pub fn outputs<'a>(&self, image: &'a [u8]) -> &'a [u8] {
+        &image[..self.outputs.length().min(image.len())]
     }
 
     /// A bit of the outputs fetched last; `None` beyond their end.
-    pub fn output_bit(&self, at: u16) -> Option<bool> {
-        self.outputs().get(usize::from(at / 8)).map(|byte| byte >> (at % 8) & 1 != 0)
+    pub fn output_bit(&self, image: &[u8], at: u16) -> Option<bool> {
+        self.outputs(image).get(usize::from(at / 8)).map(|byte| byte >> (at % 8) & 1 != 0)
     }
 
     /// The inputs to be handed over.
-    pub fn inputs_mut(&mut self) -> &mut [u8] {
-        &mut self.input_image[..self.inputs.length()]
+    pub fn inputs<'a>(&self, image: &'a mut [u8]) -> &'a mut [u8] {
+        let length = self.inputs.length().min(image.len());
+        &mut image[..length]
     }
+}
+
+/// The images of both directions.
+pub(crate) struct Images<'a> {
+    pub outputs: &'a mut [u8],
+    pub inputs: &'a mut [u8],
 }

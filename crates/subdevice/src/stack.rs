@@ -7,7 +7,6 @@ use isocat_wire::time::{Device, Time};
 use isocat_wire::{AlState, AlStatusCode, Nanos};
 
 use crate::application::Application;
-use crate::coe::Server;
 use crate::description::Description;
 use crate::dictionary::Dictionary;
 use crate::esm::Esm;
@@ -15,6 +14,7 @@ use crate::mailbox::Mailbox;
 use crate::misbehaviour::{self, Misbehaviour, Misbehaviours};
 use crate::objects::Objects;
 use crate::process_data::ProcessData;
+use crate::services::Services;
 use crate::steps::Steps;
 use crate::sync_engine::{Chosen, Reaction, SyncEngine};
 
@@ -34,13 +34,14 @@ use crate::sync_engine::{Chosen, Reaction, SyncEngine};
 ///
 /// [`power_off`](Self::power_off) takes it back to its beginning.
 ///
-/// The dictionary's values live in `S`, of at least [`Description::store_len`] bytes.
+/// The dictionary's values, those of parameters and the images of the process data live in `S`, of at least
+/// [`Description::store_len`] bytes.
 pub struct SubDevice<A, S> {
     pub(crate) application: A,
     pub(crate) dictionary: Dictionary<S>,
     pub(crate) esm: Esm,
     pub(crate) mailbox: Mailbox,
-    pub(crate) coe: Server,
+    pub(crate) services: Services,
     pub(crate) process_data: ProcessData,
     pub(crate) sync: SyncEngine,
     pub(crate) chosen: Chosen,
@@ -67,7 +68,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             dictionary,
             esm: Esm::new(),
             mailbox: Mailbox::new(description.mailbox),
-            coe: Server::new(),
+            services: Services::new(),
             process_data: ProcessData::new(),
             sync,
             chosen: Chosen::default(),
@@ -86,7 +87,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.dictionary.reset();
         self.esm = Esm::new();
         self.mailbox.stop();
-        self.coe.reset();
+        self.services.reset();
         self.process_data = ProcessData::new();
         self.sync = SyncEngine::new();
         self.sync.load_settings(&self.dictionary);
@@ -149,7 +150,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
                 chosen: &mut self.chosen,
                 state: self.esm.state,
             };
-            self.mailbox.poll(events, &mut self.coe, &mut objects, pdi);
+            self.mailbox.poll(events, &mut self.services, &mut objects, pdi);
         }
         self.continue_opening(now, pdi);
         self.supervise(now, pdi);
@@ -243,10 +244,12 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         }
         match step {
             Step::MapOutputs => {
-                self.process_data.fetch_outputs(pdi);
+                self.process_data.fetch_outputs(self.dictionary.images_mut().outputs, pdi);
                 let toggle = self.description().behaviour.output_toggle;
                 let toggle = toggle.filter(|_| self.esm.state == AlState::Op);
-                self.sync.outputs_fetched(toggle.and_then(|at| self.process_data.output_bit(at)));
+                self.sync.outputs_fetched(toggle.and_then(|at| {
+                    self.process_data.output_bit(self.dictionary.output_image(), at)
+                }));
             }
             Step::OutputsValid if self.esm.state == AlState::Op => self.application.outputs_valid(),
             Step::LatchInputs => self.application.latch_inputs(),
@@ -267,14 +270,14 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             Step::MapOutputs => {
                 let in_time = self.sync.outputs_ready();
                 if in_time && self.esm.state == AlState::Op {
-                    self.application.map_outputs(self.process_data.outputs());
+                    let image = self.dictionary.output_image();
+                    self.application.map_outputs(self.process_data.outputs(image));
                 }
                 self.supervise(now, pdi);
             }
             Step::Application => self.application.application(self.sync.application_cycle()),
             Step::MapInputs => {
-                self.application.map_inputs(self.process_data.inputs_mut());
-                self.process_data.store_inputs(pdi);
+                self.hand_over_inputs(pdi);
             }
             Step::OutputsValid | Step::LatchInputs => {}
         }
@@ -338,14 +341,19 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         al_event::sync_manager(self.description().outputs.sync_manager.into())
     }
 
+    fn hand_over_inputs(&mut self, pdi: &mut impl Pdi) {
+        let image = self.dictionary.images_mut().inputs;
+        self.application.map_inputs(self.process_data.inputs(image));
+        self.process_data.store_inputs(image, pdi);
+    }
+
     /// SAFEOP is being entered: inputs stand in the buffer before the first frame fetches them, and
     /// outputs that wait from before are not news.
     pub(crate) fn first_exchange(&mut self, pdi: &mut impl Pdi) {
         let faults = self.description().behaviour.faults();
         if self.sync.has_inputs() && !faults.contains(&Misbehaviour::NoFirstInputs) {
             self.application.latch_inputs();
-            self.application.map_inputs(self.process_data.inputs_mut());
-            self.process_data.store_inputs(pdi);
+            self.hand_over_inputs(pdi);
         }
         if self.sync.has_outputs() && pdi.events() & self.output_event() != 0 {
             self.process_data.drop_outputs(pdi);

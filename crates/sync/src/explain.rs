@@ -1,7 +1,7 @@
 //! What codes, objects, registers, modes and symptoms mean to somebody who looks for a fault: in plain words, with the
 //! usual causes in order of likelihood, what to read next and what to change.
 //!
-//! Constant tables, one file for each kind; [`al_codes`] and [`aborts`] have an entry for every code that the
+//! Constant tables, one file for each kind; [`al_codes`], [`aborts`] and [`soe_codes`] have an entry for every code that the
 //! project's own SubDevice or MainDevice can emit.
 
 pub mod aborts;
@@ -10,6 +10,7 @@ pub mod assign_activate;
 pub mod modes;
 pub mod objects;
 pub mod registers;
+pub mod soe_codes;
 pub mod symptoms;
 
 /// What is known of one thing. Lists are in the order in which they are worth trying.

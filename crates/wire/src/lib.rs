@@ -8,7 +8,8 @@
 //!    that have an inner structure live in [`al`], [`dl`], [`dc`], [`fmmu`], [`sync_manager`],
 //!    [`eeprom`];
 //! 4. [`sii`]: the device's EEPROM image;
-//! 5. [`mailbox`] and [`coe`]: the acyclic channel and the object protocol in it.
+//! 5. [`mailbox`] and [`coe`]: the acyclic channel and the object protocol in it; [`soe`], the parameters of drives;
+//!    [`foe`], [`eoe`] and [`aoe`], as far as a device needs them to answer that it has no files and no ports.
 //!
 //! Beside them stands [`time`]: points on four clocks that must not be mixed.
 //!
@@ -23,17 +24,21 @@ extern crate std;
 
 pub mod address;
 pub mod al;
+pub mod aoe;
 pub mod coe;
 pub mod command;
 pub mod datagram;
 pub mod dc;
 pub mod dl;
 pub mod eeprom;
+pub mod eoe;
 pub mod fmmu;
+pub mod foe;
 pub mod frame;
 pub mod mailbox;
 pub mod register;
 pub mod sii;
+pub mod soe;
 pub mod sync_manager;
 pub mod time;
 

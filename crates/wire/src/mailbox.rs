@@ -24,6 +24,19 @@ impl Protocol {
     pub const SOE: Self = Self(5);
     /// Vendor specific.
     pub const VOE: Self = Self(15);
+
+    /// The bit by which SII word 0x1C announces it; 0 for one that is not announced there.
+    pub const fn announcement(self) -> u16 {
+        match self {
+            Self::AOE => 1,
+            Self::EOE => 1 << 1,
+            Self::COE => 1 << 2,
+            Self::FOE => 1 << 3,
+            Self::SOE => 1 << 4,
+            Self::VOE => 1 << 5,
+            _ => 0,
+        }
+    }
 }
 
 /// The six bytes before a mailbox service.

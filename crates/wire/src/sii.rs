@@ -110,6 +110,8 @@ pub struct Header {
 impl Header {
     /// Protocol bit of CoE.
     pub const COE: u16 = 1 << 2;
+    /// Protocol bit of SoE.
+    pub const SOE: u16 = 1 << 4;
 
     /// Reads the header; `None` if the image is shorter. The checksum is not judged: the ESC does.
     pub fn parse(image: &[u8]) -> Option<Self> {

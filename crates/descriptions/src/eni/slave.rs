@@ -1,6 +1,7 @@
 //! One `Slave` of an ENI.
 
 use isocat_wire::register;
+use isocat_wire::soe::{Elements, Idn, Opcode};
 use isocat_wire::{AutoIncrementAddress, ObjectAddress};
 use roxmltree::Node;
 
@@ -8,8 +9,8 @@ use super::tree::{Reader, Result, child, children, commands, named, text, text_o
 use super::warning::WarningKind;
 use super::{EniEntry, EniPdo, EniSlave};
 use crate::start_up::{
-    Address, Area, Dc, DeviceStartUp, ImageBits, Mailbox, ObjectStep, Parent, ProcessSyncManager,
-    RegisterStep,
+    Address, Area, Dc, DeviceStartUp, ImageBits, Mailbox, ObjectStep, ParameterStep, Parent,
+    ProcessSyncManager, RegisterStep,
 };
 
 impl Reader<'_> {
@@ -159,11 +160,14 @@ impl Reader<'_> {
         };
         if let (Some(out), Some(back)) = (child(node, "Send"), back) {
             let (out, back) = (self.area(out)?, self.area(back)?);
-            let coe =
-                slave.protocols.iter().any(|name| name == "CoE") || child(node, "CoE").is_some();
+            let speaks = |protocol: &str| {
+                slave.protocols.iter().any(|name| name == protocol)
+                    || child(node, protocol).is_some()
+            };
+            let (coe, soe) = (speaks("CoE"), speaks("SoE"));
             // A mailbox of no bytes is what tools write for none.
             if out.length > 0 || back.length > 0 {
-                device.mailbox = Some(Mailbox { out, back, coe });
+                device.mailbox = Some(Mailbox { out, back, coe, soe });
             }
         }
         if let Some(coe) = child(node, "CoE") {
@@ -173,7 +177,14 @@ impl Reader<'_> {
                 }
             }
         }
-        for protocol in ["SoE", "AoE", "EoE", "FoE"] {
+        if let Some(soe) = child(node, "SoE") {
+            for command in commands(soe) {
+                if let Some(step) = self.parameter_step(command)? {
+                    device.parameters.push(step);
+                }
+            }
+        }
+        for protocol in ["AoE", "EoE", "FoE"] {
             let left_out = child(node, protocol).map_or(0, |part| commands(part).count());
             if left_out > 0 {
                 let message = format!("{left_out} start-up commands of {protocol}: left out");
@@ -213,6 +224,36 @@ impl Reader<'_> {
             object,
             complete: self.attribute(node, "CompleteAccess")?,
             data,
+            patience_ms: self.number(node, "Timeout")?.unwrap_or(0),
+            comment: text_of(node, "Comment"),
+        }))
+    }
+
+    fn parameter_step(&mut self, node: Node) -> Result<Option<ParameterStep>> {
+        let Some(transitions) = self.transitions(node)? else { return Ok(None) };
+        let idn = self.number(node, "IDN")?.map(Idn);
+        let idn = idn.ok_or_else(|| self.error(node, "an SoE command without IDN"))?;
+        let drive: u8 = self.number(node, "DriveNo")?.unwrap_or(0);
+        if drive > MOST_DRIVE {
+            return Err(self.error(node, format!("drive {drive}; expected 0 to {MOST_DRIVE}")));
+        }
+        let writes: Opcode = self.number(node, "OpCode")?.map_or(Opcode::WRITE_REQUEST, Opcode);
+        let elements: Elements = self.number(node, "Elements")?.map_or(Elements::VALUE, Elements);
+        if (writes, elements) != (Opcode::WRITE_REQUEST, Elements::VALUE) {
+            let message = format!(
+                "{idn} of drive {drive}: OpCode {}, Elements {}: left out; expected OpCode 3 and Elements 64, \
+                 the write of a value",
+                writes.0, elements.0
+            );
+            self.warn(WarningKind::ProtocolLeftOut, node, message);
+            return Ok(None);
+        }
+        let data = child(node, "Data").map(|data| self.bytes(data)).transpose()?;
+        Ok(Some(ParameterStep {
+            transitions,
+            drive,
+            idn,
+            data: data.unwrap_or_default(),
             patience_ms: self.number(node, "Timeout")?.unwrap_or(0),
             comment: text_of(node, "Comment"),
         }))
@@ -284,3 +325,6 @@ impl Reader<'_> {
         }
     }
 }
+
+/// SoE has three bits for the number of a drive.
+const MOST_DRIVE: u8 = 7;

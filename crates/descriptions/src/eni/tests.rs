@@ -1,6 +1,7 @@
 //! What is written is read back equal; real files; what is broken says where.
 
 use isocat_wire::al::AlState;
+use isocat_wire::soe::Idn;
 use isocat_wire::{Command, ObjectAddress, StationAddress};
 use proptest::prelude::*;
 
@@ -38,6 +39,7 @@ fn list() -> StartUp {
             out: Area { start: 0x1000, length: 128 },
             back: Area { start: 0x1080, length: 128 },
             coe: true,
+            soe: true,
         }),
         sync_managers: vec![ProcessSyncManager {
             number: 2,
@@ -51,6 +53,14 @@ fn list() -> StartUp {
         inputs: None,
         registers,
         objects: vec![download],
+        parameters: vec![ParameterStep {
+            transitions: ps.to_vec(),
+            drive: 1,
+            idn: Idn(0x800A),
+            data: vec![0xFE, 0x7F, 0, 0, 0, 0, 0, 0],
+            patience_ms: 100,
+            comment: "Feature flags".into(),
+        }],
         dc: Some(Dc { reference: true, sync0_ns: 1_000_000, sync1_ns: 0, shift_ns: -300_000 }),
         notes: Vec::new(),
     };
@@ -224,8 +234,18 @@ fn doubts_have_names() {
     let both = format!("{cycles}{reference}");
     assert_eq!(kinds(&around(&both, "")), ["cycles-differ", "cycle-time-missing"]);
     assert_eq!(kinds(&around("", "<Surprise/>")), ["element-unknown"]);
-    let soe = "<Mailbox><SoE><InitCmds><InitCmd/></InitCmds></SoE></Mailbox>";
-    assert_eq!(kinds(&around(soe, "")), ["protocol-left-out"]);
+    let foe = "<Mailbox><FoE><InitCmds><InitCmd/></InitCmds></FoE></Mailbox>";
+    assert_eq!(kinds(&around(foe, "")), ["protocol-left-out"]);
+    let soe = |command: &str| {
+        let command = format!("<InitCmd>{ps}{command}<IDN>32</IDN><Data>0b00</Data></InitCmd>");
+        format!("<Mailbox><SoE><InitCmds>{command}</InitCmds></SoE></Mailbox>")
+    };
+    for read in ["<OpCode>1</OpCode>", "<Elements>2</Elements>", "<Elements>66</Elements>"] {
+        assert_eq!(kinds(&around(&soe(read), "")), ["protocol-left-out"], "{read}");
+    }
+    assert_eq!(kinds(&around(&soe("<OpCode>3</OpCode><DriveNo>7</DriveNo>"), "")), [""; 0]);
+    let error = read(&around(&soe("<DriveNo>8</DriveNo>"), "")).unwrap_err().to_string();
+    assert!(error.contains("drive 8; expected 0 to 7"), "{error}");
     let upload = format!(
         "<Mailbox><CoE><InitCmds><InitCmd>{ps}<Index>7186</Index></InitCmd></InitCmds></CoE></Mailbox>"
     );
@@ -331,6 +351,17 @@ fn any_device() -> impl Strategy<Value = DeviceStartUp> {
             comment,
         });
     let objects = proptest::collection::vec(object, 0..4);
+    let parameter =
+        (
+            any_transitions(),
+            (0..8u8, any::<(u16, u32)>()),
+            proptest::collection::vec(any::<u8>(), 0..20),
+            any_text(),
+        )
+            .prop_map(|(transitions, (drive, (idn, patience_ms)), data, comment)| {
+                ParameterStep { transitions, drive, idn: Idn(idn), data, patience_ms, comment }
+            });
+    let parameters = proptest::collection::vec(parameter, 0..4);
     let bits = || proptest::option::of(any::<(u32, u32)>());
     let manager = any::<(u8, bool, u16, bool, Vec<u16>)>();
     let managers = proptest::collection::vec(manager, 0..3);
@@ -340,57 +371,57 @@ fn any_device() -> impl Strategy<Value = DeviceStartUp> {
     let numbers = any::<(u16, u32, u32, u32, u32)>();
     (
         (any_text(), any_text(), numbers),
-        (registers, objects),
+        (registers, objects, parameters),
         (bits(), bits(), managers),
         (dc, mailbox, parent),
     )
-        .prop_map(
-            |((name, physics, numbers), (registers, objects), image, (dc, mailbox, parent))| {
-                let bits = |bits: Option<(u32, u32)>| {
-                    bits.map(|(start, length)| ImageBits { start, length })
-                };
-                // A mailbox of no bytes is none; a device with SDO downloads speaks CoE.
-                let coe = !objects.is_empty();
-                DeviceStartUp {
-                    name,
-                    station: numbers.0,
-                    vendor: numbers.1,
-                    product: numbers.2,
-                    revision: numbers.3,
-                    serial: numbers.4,
-                    physics,
-                    parent: parent.map(|(station, port)| Parent { station, port }),
-                    mailbox: mailbox.map(|(start, length, back, speaks)| Mailbox {
-                        out: Area { start, length: length.max(1) },
-                        back: Area { start: back, length },
-                        coe: speaks || coe,
-                    }),
-                    sync_managers: image
-                        .2
-                        .into_iter()
-                        .map(|(number, outputs, start, enabled, pdos)| ProcessSyncManager {
-                            number: number % 16,
-                            outputs,
-                            start,
-                            control: if outputs { 0x64 } else { 0x20 },
-                            enabled,
-                            pdos,
-                        })
-                        .collect(),
-                    outputs: bits(image.0),
-                    inputs: bits(image.1),
-                    registers,
-                    objects,
-                    dc: dc.map(|(reference, sync0_ns, sync1_ns, shift_ns)| Dc {
-                        reference,
-                        sync0_ns,
-                        sync1_ns,
-                        shift_ns,
-                    }),
-                    notes: Vec::new(),
-                }
-            },
-        )
+        .prop_map(|((name, physics, numbers), lists, image, (dc, mailbox, parent))| {
+            let (registers, objects, parameters) = lists;
+            let bits =
+                |bits: Option<(u32, u32)>| bits.map(|(start, length)| ImageBits { start, length });
+            // A mailbox of no bytes is none; a device with SDO downloads speaks CoE, and so on.
+            let (coe, soe) = (!objects.is_empty(), !parameters.is_empty());
+            DeviceStartUp {
+                name,
+                station: numbers.0,
+                vendor: numbers.1,
+                product: numbers.2,
+                revision: numbers.3,
+                serial: numbers.4,
+                physics,
+                parent: parent.map(|(station, port)| Parent { station, port }),
+                mailbox: mailbox.map(|(start, length, back, speaks)| Mailbox {
+                    out: Area { start, length: length.max(1) },
+                    back: Area { start: back, length },
+                    coe: speaks || coe,
+                    soe: speaks || soe,
+                }),
+                sync_managers: image
+                    .2
+                    .into_iter()
+                    .map(|(number, outputs, start, enabled, pdos)| ProcessSyncManager {
+                        number: number % 16,
+                        outputs,
+                        start,
+                        control: if outputs { 0x64 } else { 0x20 },
+                        enabled,
+                        pdos,
+                    })
+                    .collect(),
+                outputs: bits(image.0),
+                inputs: bits(image.1),
+                registers,
+                objects,
+                parameters,
+                dc: dc.map(|(reference, sync0_ns, sync1_ns, shift_ns)| Dc {
+                    reference,
+                    sync0_ns,
+                    sync1_ns,
+                    shift_ns,
+                }),
+                notes: Vec::new(),
+            }
+        })
 }
 
 fn any_list() -> impl Strategy<Value = StartUp> {

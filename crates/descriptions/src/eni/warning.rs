@@ -51,7 +51,7 @@ kinds! {
     UploadLeftOut = "upload-left-out";
     /// A command that is disabled, or has no transition; it is left out.
     CommandLeftOut = "command-left-out";
-    /// A start-up command of SoE, AoE or EoE; it is left out.
+    /// A start-up command of AoE, EoE or FoE, or one of SoE that does not write a value; it is left out.
     ProtocolLeftOut = "protocol-left-out";
     /// `AutoIncAddr` does not agree with the place in the file, which counts.
     AutoIncrement = "auto-increment";

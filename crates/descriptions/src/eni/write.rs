@@ -3,11 +3,12 @@
 use std::fmt::{self, Write};
 
 use isocat_wire::AutoIncrementAddress;
+use isocat_wire::soe::{Elements, Opcode};
 
 use crate::markup::escaped;
 use crate::start_up::{
-    Address, Area, Check, CyclicDatagram, DeviceStartUp, ObjectStep, Own, RegisterStep, StartUp,
-    Transition, hex,
+    Address, Area, Check, CyclicDatagram, DeviceStartUp, ObjectStep, Own, ParameterStep,
+    RegisterStep, StartUp, Transition, hex,
 };
 
 /// The list as the text of an ENI file, in UTF-8. What ENI has no place for stands in comments: the notes, and a
@@ -137,19 +138,48 @@ impl Writer {
                     if name == "Recv" { w.number("PollTime", POLL_TIME_MS) } else { Ok(()) }
                 })?;
             }
-            if mailbox.coe {
-                w.text("Protocol", "CoE")?;
+            for (speaks, name) in [(mailbox.coe, "CoE"), (mailbox.soe, "SoE")] {
+                if speaks {
+                    w.text("Protocol", name)?;
+                }
             }
-            w.coe(&device.objects)
+            w.coe(&device.objects)?;
+            w.soe(&device.parameters)
         })
     }
 
-    /// SDO downloads to a device of which the list tells no mailbox areas.
+    /// What is written to a device of which the list tells no mailbox areas.
     fn objects_without_mailbox(&mut self, device: &DeviceStartUp) -> fmt::Result {
-        if device.objects.is_empty() {
+        if device.objects.is_empty() && device.parameters.is_empty() {
             return Ok(());
         }
-        self.within("Mailbox", "", |w| w.coe(&device.objects))
+        self.within("Mailbox", "", |w| {
+            w.coe(&device.objects)?;
+            w.soe(&device.parameters)
+        })
+    }
+
+    fn soe(&mut self, parameters: &[ParameterStep]) -> fmt::Result {
+        if parameters.is_empty() {
+            return Ok(());
+        }
+        self.within("SoE", "", |w| {
+            w.within("InitCmds", "", |w| {
+                for step in parameters {
+                    w.within("InitCmd", "", |w| {
+                        w.transitions(&step.transitions)?;
+                        w.text("Comment", &step.comment)?;
+                        w.number("Timeout", step.patience_ms)?;
+                        w.number("OpCode", Opcode::WRITE_REQUEST.0)?;
+                        w.number("DriveNo", step.drive)?;
+                        w.number("IDN", step.idn.0)?;
+                        w.number("Elements", Elements::VALUE.0)?;
+                        w.text("Data", &hex(&step.data))
+                    })?;
+                }
+                Ok(())
+            })
+        })
     }
 
     fn coe(&mut self, objects: &[ObjectStep]) -> fmt::Result {

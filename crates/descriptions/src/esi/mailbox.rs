@@ -1,6 +1,9 @@
 //! The mailbox: which protocols, and what is to be written at start.
 
+use std::ops::RangeInclusive;
+
 use isocat_wire::ObjectAddress;
+use isocat_wire::soe::Idn;
 
 use super::read::{self, U8, U16};
 use super::slots::{self, Follows};
@@ -16,8 +19,34 @@ pub struct EsiMailbox {
     pub protocols: u16,
     /// CoE, if it has it.
     pub coe: Option<EsiCoe>,
-    /// Number of SoE start commands; SoE is not simulated.
-    pub soe_commands: usize,
+    /// SoE, if it has it.
+    pub soe: Option<EsiSoe>,
+}
+
+/// `Mailbox/SoE`.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct EsiSoe {
+    /// Number of drives (`ChannelCount`); 1 if it is not told.
+    pub drives: u8,
+    /// Values of parameters at start, in order.
+    pub commands: Vec<IdnCommand>,
+}
+
+/// `InitCmd` of SoE: a parameter of a drive that a MainDevice writes at a transition.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct IdnCommand {
+    /// Byte of the text at which it stands.
+    pub at: usize,
+    /// Transitions such as `PS`, as written.
+    pub transitions: Vec<String>,
+    /// Which drive (`Chn`), 0 to 7.
+    pub drive: u8,
+    /// What is written.
+    pub idn: Idn,
+    /// Bytes in the order of the wire; a list with its lengths in front.
+    pub data: Vec<u8>,
+    /// What it is.
+    pub comment: String,
 }
 
 /// `Mailbox/CoE`.
@@ -71,7 +100,7 @@ pub(super) fn read(
         mailbox.protocols |= 1 << bit;
         match child.name() {
             "CoE" => mailbox.coe = Some(coe(child, warnings)?),
-            "SoE" => mailbox.soe_commands = child.children("InitCmd").count(),
+            "SoE" => mailbox.soe = Some(soe(child, warnings)?),
             _ => {}
         }
     }
@@ -113,5 +142,25 @@ pub(super) fn commands(
     Ok(all)
 }
 
+fn soe(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiSoe, Problem> {
+    let drives = read::attribute(element, "ChannelCount", DRIVES, warnings)?.unwrap_or(1);
+    let mut commands = Vec::new();
+    for element in element.children("InitCmd") {
+        let drive = read::attribute(element, "Chn", 0..=DRIVES.end() - 1, warnings)?.unwrap_or(0);
+        let idn = read::required(element, "IDN", U16, warnings)?;
+        commands.push(IdnCommand {
+            at: element.at(),
+            transitions: element.children("Transition").map(|t| t.text().into_owned()).collect(),
+            drive: drive as u8,
+            idn: Idn(idn as u16),
+            data: read::bytes(element, "Data")?.unwrap_or_default(),
+            comment: element.child_text("Comment").trim().to_owned(),
+        });
+    }
+    Ok(EsiSoe { drives: drives as u8, commands })
+}
+
+/// Drives of a SubDevice: SoE has three bits for their number.
+const DRIVES: RangeInclusive<i64> = 1..=8;
 /// Names of the protocols, by their bit.
 pub(super) const PROTOCOLS: [&str; 6] = ["AoE", "EoE", "CoE", "FoE", "SoE", "VoE"];

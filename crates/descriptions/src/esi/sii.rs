@@ -11,8 +11,8 @@ use isocat_wire::time::Nanos;
 
 use super::{
     CycleTime, Direction, Encoding, EsiCoe, EsiDc, EsiDevice, EsiEeprom, EsiFile, EsiGroup,
-    EsiMailbox, EsiOpMode, EsiPdo, EsiPdoEntry, EsiProfile, EsiSyncManager, EsiTimeouts, Follows,
-    Purpose, ShiftTime, data_type, sync_manager,
+    EsiMailbox, EsiOpMode, EsiPdo, EsiPdoEntry, EsiProfile, EsiSoe, EsiSyncManager, EsiTimeouts,
+    Follows, Purpose, ShiftTime, data_type, sync_manager,
 };
 use crate::sii::{
     General, Names, OtherCategory, Sii, SiiEntry, SiiFile, SiiOpMode, SiiPdo, Unwritable,
@@ -316,7 +316,8 @@ fn esi_mailbox(protocols: u16, general: &General) -> EsiMailbox {
             complete_access: has(5),
             ..EsiCoe::default()
         }),
-        ..EsiMailbox::default()
+        soe: (protocols & Header::SOE != 0)
+            .then(|| EsiSoe { drives: general.soe_channels.clamp(1, 8), commands: Vec::new() }),
     }
 }
 

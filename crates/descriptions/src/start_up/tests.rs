@@ -26,6 +26,14 @@ fn list() -> StartUp {
             ObjectStep::new(&ps, object, vec![2], "two PDOs"),
             ObjectStep::new(&[Transition::IP], object, vec![0], "no PDOs"),
         ],
+        parameters: vec![ParameterStep {
+            transitions: ps.to_vec(),
+            drive: 1,
+            idn: Idn(32),
+            data: vec![0x0B, 0],
+            patience_ms: 0,
+            comment: "operation mode".into(),
+        }],
         dc: Some(Dc { reference: true, sync0_ns: 1_000_000, sync1_ns: 0, shift_ns: -500 }),
         ..DeviceStartUp::default()
     };
@@ -56,10 +64,10 @@ fn objects_come_first_but_where_there_is_no_mailbox_yet() {
     let list = list();
     let kinds = |transition| -> Vec<bool> {
         let steps = list.devices[0].at(transition);
-        steps.iter().map(|step| matches!(step, Step::Object(_))).collect()
+        steps.iter().map(|step| !matches!(step, Step::Register(_))).collect()
     };
     assert_eq!(kinds(Transition::IP), [false, true]);
-    assert_eq!(kinds(Transition::PS), [true, false, false, false, false, false]);
+    assert_eq!(kinds(Transition::PS), [true, true, false, false, false, false, false]);
     assert!(kinds(Transition::SO).is_empty());
     assert_eq!(list.devices[0].assign_activate(), Some(AssignActivate::SYNC0));
 }
@@ -87,6 +95,7 @@ all SubDevices, before each one
   IP  APWR 0x0010     0110                                station address
   IP  SDO  0x1C12:00  00                                  no PDOs
   PS  SDO  0x1C12:00  02                                  two PDOs
+  PS  SoE  1 S-0-0032 0b00                                operation mode
   PS  FPWR 0x09A0     40420f00 00000000                   cycles
   PS  FPWR 0x0990     00000000 00000000                   start time, to be replaced
   PS  FPWR 0x0980     0003                                SYNC0 on
@@ -98,6 +107,7 @@ each cycle, with a process image of 0 bytes of inputs, 0 of outputs
   frame 0  ARMW 0x0910         4 bytes  in SAFEOP, OP  system time
 
 c, f: in a cycle or frame of its own; SDO*: complete access; = what a read must find
+SoE: number of the drive, and the parameter that is written
 ";
     assert_eq!(list().text(), expected);
 }

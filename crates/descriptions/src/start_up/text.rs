@@ -5,8 +5,8 @@ use std::fmt::{self, Write};
 use isocat_wire::time::Nanos;
 
 use super::{
-    Address, CyclicFrame, DeviceStartUp, ObjectStep, Own, RegisterStep, StartUp, Step, Transition,
-    hex,
+    Address, CyclicFrame, DeviceStartUp, ObjectStep, Own, ParameterStep, RegisterStep, StartUp,
+    Step, Transition, hex,
 };
 use crate::columns::wrap;
 
@@ -48,7 +48,11 @@ impl StartUp {
         }
         write_notes(out, &self.notes)?;
         let mark = "\nc, f: in a cycle or frame of its own; SDO*: complete access; = what a read must find";
-        writeln!(out, "{mark}")
+        writeln!(out, "{mark}")?;
+        match self.devices.iter().any(|device| !device.parameters.is_empty()) {
+            true => writeln!(out, "SoE: number of the drive, and the parameter that is written"),
+            false => Ok(()),
+        }
     }
 }
 
@@ -100,6 +104,9 @@ fn write_step(out: &mut String, transition: Transition, step: Step<'_>) -> fmt::
     let (what, place, data, comment) = match step {
         Step::Object(ObjectStep { object, complete, data, comment, .. }) => {
             (if *complete { "SDO*" } else { "SDO" }, object.to_string(), bytes(data), comment)
+        }
+        Step::Parameter(ParameterStep { drive, idn, data, comment, .. }) => {
+            ("SoE", format!("{drive} {idn}"), bytes(data), comment)
         }
         Step::Register(step) => {
             let data = match &step.check {

@@ -21,6 +21,8 @@ fn numbers_that_are_several_things() {
     assert_eq!(kinds("0x06090030"), ["SDO abort code"]);
     assert_eq!(kinds("06090030"), ["SDO abort code"]);
     assert_eq!(kinds("26"), ["AL status code"]);
+    assert_eq!(kinds("0x7008"), ["SoE error code"]);
+    assert_eq!(kinds("0x0009"), ["register"], "SoE has it, too, and it is less often meant");
 }
 
 #[test]
@@ -33,6 +35,8 @@ fn a_kind_says_which_one_is_meant() {
         ("AssignActivate 0x0500", "AssignActivate", "0x0500"),
         ("SI4 0x0427", "value of 0x1C32:04 and 0x1C33:04", "0x0427"),
         ("abort 0x08000022", "SDO abort code", "0x08000022"),
+        ("SoE 0x1001", "SoE error code", "0x1001"),
+        ("soe 9", "SoE error code", "0x0009"),
         ("object 0x1C33:06", "object", "0x1C33:06"),
         ("dc-sync0", "mode", "dc-sync0"),
         ("DC-Sync0", "mode", "dc-sync0"),

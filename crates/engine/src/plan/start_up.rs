@@ -2,14 +2,14 @@
 
 use isocat_descriptions::start_up::{
     Address, Area, CyclicDatagram, CyclicFrame, Dc, DeviceStartUp, ImageBits, Mailbox, ObjectStep,
-    Parent, ProcessSyncManager, RegisterStep, StartUp, Transition,
+    ParameterStep, Parent, ProcessSyncManager, RegisterStep, StartUp, Transition,
 };
 use isocat_esc::chip::PortKind;
 use isocat_maindevice::plan::{Target, Write, Writes, writes};
 use isocat_maindevice::segment::{ProcessData, SubDevice};
 use isocat_segment::Scenario;
 use isocat_segment::offline;
-use isocat_segment::profile::Startup;
+use isocat_segment::profile::{Profile, Startup, StartupParameter};
 use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
 use isocat_wire::PortNumber;
 use isocat_wire::al::AlState;
@@ -88,6 +88,8 @@ impl Plan {
                     Target::Object(object) => {
                         objects.push(ObjectStep::new(transition, object, data, *comment));
                     }
+                    // They are below, with their own transitions.
+                    Target::Parameter(..) => {}
                 }
             }
         }
@@ -117,7 +119,7 @@ impl Plan {
                     length: area.length,
                 };
                 let (out, back) = (area(header.receive), area(header.send));
-                Mailbox { out, back, coe: device.has_coe() }
+                Mailbox { out, back, coe: device.has_coe(), soe: device.has_soe() }
             }),
             sync_managers: [(true, &device.outputs), (false, &device.inputs)]
                 .into_iter()
@@ -127,9 +129,32 @@ impl Plan {
             inputs: bits(&device.inputs),
             registers,
             objects,
+            parameters: self.parameters(profile, position),
             dc: self.dc(position),
             notes: profile.doubts.iter().map(|doubt| doubt.what.clone()).collect(),
         }
+    }
+
+    /// What SoE writes: the values as the run has them, at the transitions of the description.
+    fn parameters(&self, profile: &Profile, position: usize) -> Vec<ParameterStep> {
+        let values = self.config.devices.get(position).map(|wish| &wish.parameters[..]);
+        let written = profile.parameters.iter().zip(values.unwrap_or_default());
+        let step = |(wanted, value): (&StartupParameter, &isocat_maindevice::StartupParameter)| {
+            let what = match wanted.comment.as_str() {
+                "" => "InitCmd of the description",
+                comment => comment,
+            };
+            let cycle = if value.data == wanted.data { "" } else { "; the bus cycle, us" };
+            ParameterStep {
+                transitions: vec![wanted.transition],
+                drive: value.drive,
+                idn: value.idn,
+                data: value.data.clone(),
+                patience_ms: 0,
+                comment: format!("{what}{cycle}"),
+            }
+        };
+        written.map(step).collect()
     }
 
     fn dc(&self, position: usize) -> Option<Dc> {

@@ -17,6 +17,7 @@ const EXAMPLES: &str = "\
 Examples:
   isocat explain 0x001A               an AL status code
   isocat explain 0x06090030           an SDO abort code
+  isocat explain SoE 0x7005           an error code of SoE, which reads and writes the parameters of drives
   isocat explain 0x1C32:0B            an entry of an object
   isocat explain 0x1C32:04=0x0427     a value of it, taken apart; the same: SI4 0x0427
   isocat explain 0x0990               a register of the ESC
@@ -28,8 +29,8 @@ Examples:
   isocat explain subdevice.cycle      a key in one place
   isocat explain --schema segment-file > segment-file.schema.json     for editors: completion and checks
 
-A number that may be several things is explained as each, the likeliest first; AL, abort, object, register,
-AssignActivate or SI4 before it says which one is meant, and key before a word that is a key of a file.
+A number that may be several things is explained as each, the likeliest first; AL, abort, SoE, object,
+register, AssignActivate or SI4 before it says which one is meant, and key before a word that is a key of a file.
 Exit code: 0 explained, 2 not known.";
 
 /// Arguments of `isocat explain`.

@@ -62,6 +62,9 @@ impl Page {
         for note in &device.notes {
             self.note(indent, format!("Note: {note}"));
         }
+        if let Some(limit) = device.drives_left_out() {
+            self.note(indent, format!("LIMIT: {limit}"));
+        }
     }
 
     /// What the tool can't do, and what to do instead.

@@ -1,6 +1,8 @@
 //! What any other tool can be told of a plan: numbers, each with its reason.
 
-use isocat_descriptions::start_up::{Address, DeviceStartUp, ObjectStep, Transition};
+use isocat_descriptions::start_up::{
+    Address, DeviceStartUp, ObjectStep, ParameterStep, Transition,
+};
 use isocat_engine::plan::report::{self, Line, Term};
 use isocat_engine::plan::{Plan, PlanReport};
 use isocat_maindevice::segment::{Pdo, ProcessData};
@@ -63,6 +65,8 @@ pub struct Device {
     pub channels: Vec<Channel>,
     /// SDO downloads in the order of the plan, PDO assignments included.
     pub objects: Vec<Object>,
+    /// Parameters of its drives that SoE writes, in order.
+    pub drives: Vec<ParameterStep>,
     /// Register 0x0420, in steps of 100 us; `None` where the chip's own value stays.
     pub watchdog: Option<u16>,
     /// Its process data travel in every so many bus cycles.
@@ -190,6 +194,21 @@ impl Device {
         self.objects.iter().filter(|object| !object.assigns())
     }
 
+    /// What none of the tools is told: the parameters of drives. `None` for a device without.
+    pub fn drives_left_out(&self) -> Option<String> {
+        let of = |step: &ParameterStep| {
+            let data: String = step.data.iter().map(|byte| format!("{byte:02x}")).collect();
+            format!("{} of drive {} = {data}", step.idn, step.drive)
+        };
+        let all: Vec<_> = self.drives.iter().map(of).collect();
+        (!all.is_empty()).then(|| {
+            format!(
+                "parameters of drives (SoE) are not part of this output; they have to be written in PREOP beside it: {}.",
+                all.join(", ")
+            )
+        })
+    }
+
     /// Bytes of its outputs and of its inputs.
     pub fn bytes(&self) -> [u16; 2] {
         [true, false].map(|outputs| {
@@ -255,6 +274,7 @@ fn device(plan: &Plan, report: &PlanReport, of: &report::Device, list: &DeviceSt
             .flatten()
             .collect(),
         objects: list.objects.iter().map(object).collect(),
+        drives: list.parameters.clone(),
         watchdog: written(list, register::WATCHDOG_TIME_PROCESS_DATA.address)
             .and_then(|data| Some(u16::from_le_bytes(*data.first_chunk()?))),
         every: of.every,

@@ -81,6 +81,13 @@ fn limits(sheet: &Sheet) -> Vec<String> {
                 download.",
         );
     }
+    // The others are named where their SDO downloads are.
+    let without_objects = sheet.devices.iter().filter(|device| device.objects.is_empty());
+    let drives = |device: &Device| {
+        let words = device.drives_left_out()?;
+        Some(format!("SubDevice {} ({}): {words}", device.position, device.name))
+    };
+    limits.extend(without_objects.filter_map(drives));
     limits
 }
 

@@ -12,6 +12,7 @@ use crate::coe;
 use crate::error::{MailboxError, SdoError, SdoResult};
 use crate::event::{Event, RequestId};
 use crate::mailbox::Mailbox;
+use crate::segment::SubDevice;
 
 /// An object access that waits for its mailbox.
 pub(super) struct Job {
@@ -103,7 +104,9 @@ impl MainDevice {
                 at += 1;
                 continue;
             }
-            let mailbox = self.mailboxes.get_mut(position).and_then(Option::take);
+            let has_coe = self.segment.devices.get(position).is_some_and(SubDevice::has_coe);
+            let mailbox = self.mailboxes.get_mut(position).filter(|_| has_coe);
+            let mailbox = mailbox.and_then(Option::take);
             let Some(job) = self.jobs.remove(at) else { continue };
             match mailbox {
                 Some(mailbox) => self.run(job, mailbox),

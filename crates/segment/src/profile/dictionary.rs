@@ -214,6 +214,7 @@ impl Draft<'_> {
             vendor: self.vendor,
             op_modes: self.op_modes,
             startup: self.startup.into_iter().map(|startup| startup.value).collect(),
+            parameters: self.parameters,
             doubts: Vec::new(),
             physics: None,
         })
@@ -345,11 +346,11 @@ fn store(objects: &[draft::Object]) -> &'static [Object] {
     leak(objects.iter().map(object).collect())
 }
 
-fn leak<T>(items: Vec<T>) -> &'static [T] {
+pub(super) fn leak<T>(items: Vec<T>) -> &'static [T] {
     Box::leak(items.into_boxed_slice())
 }
 
-fn leak_text(text: &str) -> &'static str {
+pub(super) fn leak_text(text: &str) -> &'static str {
     Box::leak(text.to_owned().into_boxed_str())
 }
 

@@ -14,7 +14,7 @@ use isocat_wire::register;
 use isocat_wire::sii::{Header, MailboxArea, SmRecord};
 use isocat_wire::time::Nanos;
 
-use super::{ApplicationKind, Deviation, Identity, OpMode, Startup};
+use super::{ApplicationKind, Deviation, Identity, OpMode, Startup, StartupParameter};
 
 /// A profile as its file gives it, with generated objects added by `dictionary`.
 #[derive(Clone, Debug)]
@@ -41,6 +41,8 @@ pub(super) struct Draft<'a> {
     pub op_modes: Vec<OpMode>,
     /// Downloads at start, each with its place in the file.
     pub startup: Vec<Placed<Startup>>,
+    /// Parameters of drives that SoE writes at start.
+    pub parameters: Vec<StartupParameter>,
     pub times: Times,
     pub behaviour: Placed<Behaviour>,
     /// It states none of its times before it has measured them.

@@ -15,7 +15,7 @@ use isocat_descriptions::esi::{
 };
 use isocat_esc::chip::{Chip, DcUnits, ET1100};
 use isocat_subdevice::description::{Behaviour, Mailbox};
-use isocat_subdevice::{MAX_AREAS, MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX};
+use isocat_subdevice::{MAX_AREAS, MAX_MAILBOX, MAX_PROCESS_DATA, MIN_MAILBOX, Speaks};
 use isocat_sync::{SupportedTypes, object};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::Access;
@@ -31,6 +31,7 @@ use super::{ApplicationKind, Identity, OpMode, Origin, Profile, check, dictionar
 mod eeprom;
 mod objects;
 mod op_mode;
+mod soe;
 mod startup;
 
 pub use op_mode::{Doubt, RunAs};
@@ -180,8 +181,14 @@ impl<'f> Import<'f> {
             revision: device.revision.unwrap_or(0),
             serial: device.serial,
         };
-        let mailbox = self.mailbox()?;
+        let mut mailbox = self.mailbox()?;
         let image = device.image(self.mode);
+        let both =
+            [(Direction::Outputs, &image.outputs[..]), (Direction::Inputs, &image.inputs[..])];
+        let speaks = mailbox.is_some().then(|| self.speaks(both));
+        if let (Some(mailbox), Some(speaks)) = (&mut mailbox, speaks) {
+            mailbox.value.speaks = speaks;
+        }
         let mut outputs = self.area(Direction::Outputs, &image.outputs, mailbox.is_some())?;
         let mut inputs = self.area(Direction::Inputs, &image.inputs, mailbox.is_some())?;
         self.emulated = mailbox.is_none() && self.has_emulation([&outputs, &inputs]);
@@ -226,6 +233,7 @@ impl<'f> Import<'f> {
             objects,
             op_modes: device.op_modes().iter().map(op_mode).collect(),
             startup: Vec::new(),
+            parameters: Vec::new(),
             times,
             behaviour: Placed { at: device.at, value: self.behaviour() },
             assumed: std::mem::take(&mut self.assumed),
@@ -239,6 +247,7 @@ impl<'f> Import<'f> {
         check::memory(&draft).map_err(of(Obstacle::MemoryOverlap))?;
         check::stored(&draft).map_err(of(Obstacle::TooLarge))?;
         draft.startup = self.startup(&draft);
+        draft.parameters = speaks.map_or(Vec::new(), |speaks| self.parameters_at_start(&speaks));
         draft.assumed.append(&mut self.assumed);
         Ok(draft)
     }
@@ -283,7 +292,7 @@ impl<'f> Import<'f> {
                 return Err(self.stopped(Obstacle::MailboxArea, at, message));
             }
         }
-        Ok(Some(Placed { at, value: Mailbox { receive, send } }))
+        Ok(Some(Placed { at, value: Mailbox { receive, send, speaks: Speaks::COE } }))
     }
 
     /// The area of a direction: the one SyncManager that has PDOs, and all PDOs that could be assigned to it.

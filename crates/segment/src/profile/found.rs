@@ -2,7 +2,7 @@
 
 use isocat_descriptions::document::{FileError, Source};
 use isocat_esc::chip::Chip;
-use isocat_subdevice::description::{Behaviour, Mailbox};
+use isocat_subdevice::description::{Behaviour, Mailbox, Speaks};
 use isocat_sync::object;
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
@@ -125,7 +125,9 @@ impl ProfileText {
             },
             mailbox: found.mailbox.map(|[receive, send]| {
                 let area = |(start, length)| MailboxArea { start, length };
-                Placed { at: 0, value: Mailbox { receive: area(receive), send: area(send) } }
+                let speaks = Speaks { protocols: found.protocols, drives: 0, parameters: &[] };
+                let (receive, send) = (area(receive), area(send));
+                Placed { at: 0, value: Mailbox { receive, send, speaks } }
             }),
             protocols: found.protocols,
             modes: None,
@@ -134,6 +136,7 @@ impl ProfileText {
             objects,
             op_modes: found.op_modes.clone(),
             startup: Vec::new(),
+            parameters: Vec::new(),
             times: times(found),
             behaviour: Placed {
                 at: 0,

@@ -4,7 +4,7 @@ use isocat_descriptions::document::section::{Keys, Row};
 use isocat_descriptions::document::{FileError, Source, Table, Value};
 use isocat_esc::chip::Chip;
 use isocat_sim::{Overrun, Unevenness};
-use isocat_subdevice::description::{Behaviour, Mailbox, Measured};
+use isocat_subdevice::description::{Behaviour, Mailbox, Measured, Speaks};
 use isocat_sync::{SupportedTypes, SyncMode};
 use isocat_wire::ObjectAddress;
 use isocat_wire::coe::DataType;
@@ -57,6 +57,7 @@ pub(super) fn parse(source: Source<'_>) -> Result<Draft<'_>, FileError> {
         objects: objects(root.tables("object")?)?,
         op_modes: op_modes(&root)?,
         startup: startup(&root)?,
+        parameters: Vec::new(),
         times: match root.table("times")? {
             None if behaviour.value.device_emulation => Times::none(behaviour.at),
             _ => times(&root.required_table("times")?)?,
@@ -113,7 +114,6 @@ fn mailbox(keys: &Keys<'_>) -> Result<(Placed<Mailbox>, u16), FileError> {
         let area = keys.required_table(key)?;
         Ok(MailboxArea { start: area.get("start")?, length: area.get("length")? })
     };
-    let value = Mailbox { receive: area("receive")?, send: area("send")? };
     let protocols = match keys.value("protocols") {
         None => Header::COE,
         Some(list) => {
@@ -124,6 +124,8 @@ fn mailbox(keys: &Keys<'_>) -> Result<(Placed<Mailbox>, u16), FileError> {
             all
         }
     };
+    let speaks = Speaks { protocols, drives: 0, parameters: &[] };
+    let value = Mailbox { receive: area("receive")?, send: area("send")?, speaks };
     Ok((Placed { at: keys.at(), value }, protocols))
 }
 

@@ -107,6 +107,7 @@ fn general(draft: &Draft<'_>) -> General {
         Some(eeprom) => General {
             order: eeprom.order.clone(),
             coe_details: eeprom.coe_details,
+            soe_channels: draft.mailbox.map_or(0, |mailbox| mailbox.value.speaks.drives),
             ports: eeprom.ports,
             ..general
         },

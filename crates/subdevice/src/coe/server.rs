@@ -15,7 +15,7 @@ use crate::objects::{MAX_TRANSFER, Objects};
 /// What a request leads to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Outcome {
-    /// An answer of so many bytes, CoE header included.
+    /// An answer of so many bytes behind the mailbox header.
     Reply(usize),
     /// No answer.
     Silent,
@@ -60,6 +60,16 @@ impl Server {
     pub fn reset(&mut self) {
         self.transfer = Transfer::Idle;
         self.list = None;
+    }
+
+    /// What the transfers of other protocols use of it, while none of CoE is under way.
+    pub fn buffer_mut(&mut self) -> &mut [u8; MAX_TRANSFER] {
+        &mut self.buffer
+    }
+
+    /// The same, to read.
+    pub const fn buffer(&self) -> &[u8; MAX_TRANSFER] {
+        &self.buffer
     }
 
     /// Whether the last answer has a continuation that needs no request.

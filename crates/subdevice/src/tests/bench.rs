@@ -22,7 +22,7 @@ use crate::stack::SubDevice;
 
 /// The ESC's memory and what it notices.
 pub struct FakeEsc {
-    pub memory: Box<[u8; 0x2000]>,
+    pub memory: Box<[u8; 0x3000]>,
     pub events: u32,
     /// PDI control that was written while a frame passes, to be done at its end.
     pub passing: Option<Vec<(usize, u8)>>,
@@ -30,7 +30,7 @@ pub struct FakeEsc {
 
 impl FakeEsc {
     fn new() -> Self {
-        let mut memory = Box::new([0; 0x2000]);
+        let mut memory = Box::new([0; 0x3000]);
         register::RAM_SIZE.store(&mut memory[..], 4);
         register::AL_STATUS.store(&mut memory[..], AlStatus::new(AlState::Init));
         register::WATCHDOG_TIME_PROCESS_DATA.store(&mut memory[..], 1000);

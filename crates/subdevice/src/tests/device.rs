@@ -7,7 +7,7 @@ use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::MailboxArea;
 
-use crate::description::{Behaviour, Description, Entry, Mailbox, Object, ProcessDataArea};
+use crate::description::{Behaviour, Description, Entry, Mailbox, Object, ProcessDataArea, Speaks};
 
 pub const RO: Access = Access::READ;
 pub const RW: Access = Access::READ.with(Access::WRITE);
@@ -161,6 +161,7 @@ impl Builder {
             mailbox: Some(Mailbox {
                 receive: MailboxArea { start: 0x1000, length: 64 },
                 send: MailboxArea { start: 0x1080, length: 64 },
+                speaks: Speaks::COE,
             }),
             outputs: ProcessDataArea { sync_manager: 2, start: 0x1100, max_length: 64 },
             inputs: ProcessDataArea { sync_manager: 3, start: 0x1400, max_length: 64 },

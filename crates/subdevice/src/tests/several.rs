@@ -1,7 +1,9 @@
 //! Several SyncManagers in one direction: one image for the application, a buffer each in the ESC.
 
 use std::boxed::Box;
+use std::vec::Vec;
 
+use isocat_esc::Pdi;
 use isocat_sync::{Event, SupportedTypes};
 use isocat_wire::register::{self, al_event};
 use isocat_wire::sync_manager::SyncManager;
@@ -9,6 +11,7 @@ use isocat_wire::{AlState, AlStatus, AlStatusCode};
 
 use super::bench::{Bench, Call};
 use crate::description::{Behaviour, Description, ProcessDataArea};
+use crate::process_data::{Buffer, Buffers, Images, ProcessData};
 
 use AlState::{Op, PreOp, SafeOp};
 
@@ -132,16 +135,16 @@ fn an_error_closes_all_outputs_until_it_is_acknowledged() {
     assert_eq!(closed(&bench), [true; 4]);
 }
 
-/// The image of a direction has 256 bytes for all of its buffers; one more is refused.
+/// The image of a direction has 1486 bytes, those of a datagram, for all of its buffers; one more is refused.
 #[test]
 fn all_buffers_fit_in_one_image() {
-    for (second, right) in [(56, true), (57, false)] {
+    for (second, right) in [(486, true), (487, false)] {
         let description = Description {
             objects: &[],
             mailbox: None,
-            outputs: area(2, 0x1100, 200),
+            outputs: area(2, 0x1100, 1000),
             inputs: area(3, 0x1400, 0),
-            further_outputs: Box::leak(Box::new([area(4, 0x1400, second)])),
+            further_outputs: Box::leak(Box::new([area(4, 0x1CB8, second)])),
             further_inputs: &[],
             behaviour: Behaviour {
                 undeclared_types: SupportedTypes(0b010),
@@ -150,8 +153,45 @@ fn all_buffers_fit_in_one_image() {
         };
         let mut bench = Bench::new(Box::leak(Box::new(description)));
         bench.ask(PreOp);
-        bench.set_process_data(200, 0);
-        set(&mut bench, 4, 0x1400, second, SyncManager::OUTPUTS);
-        assert_eq!(bench.ask(SafeOp) == ok(SafeOp), right, "200 and {second} bytes");
+        bench.set(register::RAM_SIZE, 8);
+        bench.set_process_data(1000, 0);
+        set(&mut bench, 4, 0x1CB8, second, SyncManager::OUTPUTS);
+        assert_eq!(bench.ask(SafeOp) == ok(SafeOp), right, "1000 and {second} bytes");
     }
+}
+
+/// Outputs that nobody will use are acknowledged by their first and last byte; those fetched before stay.
+#[test]
+fn dropped_outputs_leave_the_image_as_it_is() {
+    let mut bench = in_op();
+    let buffers =
+        Buffers::of(&[Buffer { start: 0x1100, length: 3 }, Buffer { start: 0x1200, length: 1 }]);
+    let mut image = [7; 4];
+    let mut data = ProcessData::new();
+    data.start(buffers, Buffers::NONE, Images { outputs: &mut image, inputs: &mut [] });
+    assert_eq!(data.outputs(&image), [0; 4], "nothing is left of what ran before");
+    bench.esc.memory[0x1100..0x1103].copy_from_slice(&[1, 2, 3]);
+    bench.esc.memory[0x1200] = 4;
+    data.fetch_outputs(&mut image, &mut bench.esc);
+    assert_eq!(data.outputs(&image), [1, 2, 3, 4]);
+    let mut reads = Reads(Vec::new());
+    data.drop_outputs(&mut reads);
+    assert_eq!(reads.0, [(0x1100, 1), (0x1102, 1), (0x1200, 1)]);
+    assert_eq!(data.outputs(&image), [1, 2, 3, 4]);
+    // An image that is shorter than the buffers is filled as far as it reaches.
+    bench.esc.memory[0x1100..0x1103].fill(9);
+    let mut short = [0; 2];
+    data.fetch_outputs(&mut short, &mut bench.esc);
+    assert_eq!(data.outputs(&short), [9, 9]);
+}
+
+/// An ESC that notes what is read.
+struct Reads(Vec<(u16, usize)>);
+
+impl Pdi for Reads {
+    fn read(&mut self, address: u16, data: &mut [u8]) {
+        self.0.push((address, data.len()));
+    }
+
+    fn write(&mut self, _: u16, _: &[u8]) {}
 }

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea};
+use isocat_subdevice::description::{Behaviour, Mailbox, ProcessDataArea, Speaks};
 use isocat_subdevice::{Application, Description, Entry, Object};
 use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
@@ -58,7 +58,11 @@ pub fn description() -> &'static Description {
         let mailbox = |start| MailboxArea { start, length: MAILBOX as u16 };
         Description {
             objects: objects(),
-            mailbox: Some(Mailbox { receive: mailbox(RECEIVE), send: mailbox(SEND) }),
+            mailbox: Some(Mailbox {
+                receive: mailbox(RECEIVE),
+                send: mailbox(SEND),
+                speaks: Speaks::COE,
+            }),
             outputs: area(2, OUTPUTS),
             inputs: area(3, INPUTS),
             further_outputs: &[],

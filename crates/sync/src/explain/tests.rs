@@ -1,5 +1,6 @@
 //! Nothing that can be met lacks its explanation, and each has the parts that help.
 
+use isocat_wire::soe::ErrorCode;
 use isocat_wire::{AbortCode, AlStatusCode, ObjectAddress};
 use std::format;
 
@@ -36,6 +37,18 @@ fn codes_of_makers_are_said_to_be_theirs() {
     }
     complete(&al_codes::VENDOR, "vendor");
     assert_eq!(al_codes::explain(AlStatusCode(0x0005)), None);
+}
+
+#[test]
+fn every_soe_code_is_explained() {
+    for code in ErrorCode::ALL {
+        let entry = soe_codes::explain(*code).unwrap_or_else(|| panic!("{code}"));
+        assert!(!entry.means.is_empty() && !entry.causes.is_empty(), "{code}");
+        assert!(!entry.read.is_empty() && !entry.change.is_empty(), "{code}");
+    }
+    for unknown in [0, 0x1000, 0x7001, 0x700D, 0x800D] {
+        assert_eq!(soe_codes::explain(ErrorCode(unknown)), None);
+    }
 }
 
 #[test]

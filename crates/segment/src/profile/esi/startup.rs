@@ -73,11 +73,6 @@ impl Import<'_> {
                 self.assume("InitCmd left out", left_out, why);
             }
         }
-        let soe = self.device.mailbox.as_ref().map_or(0, |mailbox| mailbox.soe_commands);
-        if soe > 0 {
-            let words = format!("{soe} SoE InitCmds are left out: only CoE is spoken");
-            self.doubts.push(Doubt::new("soe-commands-left-out", words));
-        }
         all.sort_by_key(|download: &Placed<Startup>| download.value.transition != Transition::IP);
         all
     }
@@ -92,7 +87,7 @@ impl Import<'_> {
 }
 
 /// The transitions at which downloads are made.
-fn early(name: &str) -> Option<Transition> {
+pub(super) fn early(name: &str) -> Option<Transition> {
     [Transition::IP, Transition::PS].into_iter().find(|at| at.to_string() == name)
 }
 

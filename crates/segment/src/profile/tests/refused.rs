@@ -249,8 +249,8 @@ fn contradictions_of_memory() {
          mailbox"
     );
     assert_eq!(
-        refused("start = 0x1100\nlength = 16", "start = 0x1100\nlength = 300"),
-        "22:10 length = 300 is out of range; expected an integer from 0 to 256"
+        refused("start = 0x1100\nlength = 16", "start = 0x1100\nlength = 1500"),
+        "22:10 length = 1500 is out of range; expected an integer from 0 to 1486"
     );
     assert_eq!(
         refused("start = 0x1100", "start = 0x2FF0"),

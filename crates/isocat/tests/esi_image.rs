@@ -240,7 +240,7 @@ fn long_process_data() {
     }
     for (outputs, inputs) in [(1453, 8), (8, 1453)] {
         let plan = Plan::of(&Scenario::from(device(outputs, inputs)));
-        let words = plan.err().expect("it does not fit into a datagram").to_string();
+        let words = plan.expect_err("it does not fit into a datagram").to_string();
         assert!(words.contains("1453") && words.contains("1452"), "{words}");
     }
 }

@@ -37,9 +37,13 @@ pub fn run(arguments: &Arguments) -> u8 {
                     true => super::run::json(&Catalog::of(&file)),
                     false => list(&file, arguments.modules),
                 });
-                match file.usable().next().is_none() && file.modules.is_empty() {
-                    true => fail(&format!("{name}: {}", file.none_usable())),
-                    false => code,
+                // A file of modules has no device, and nothing in it is broken.
+                let of_modules = file.devices.is_empty() && file.refused.is_empty();
+                match file.usable().next() {
+                    None if !of_modules || file.modules.is_empty() => {
+                        fail(&format!("{name}: {}", file.none_usable()))
+                    }
+                    _ => code,
                 }
             }
             Err(error) => fail(&error.to_string()),

@@ -19,6 +19,7 @@ use crate::led;
 use crate::memory::{Registers, Shadow};
 use crate::mii::Mii;
 use crate::pdi::EscPdi;
+use crate::regular::{Brought, Known};
 use crate::sync_manager::SyncManagers;
 use crate::watchdog::Watchdog;
 
@@ -75,6 +76,10 @@ pub struct Esc<M> {
     pub(crate) reach_version: u32,
     /// The memory acknowledges nothing.
     eeprom_is_dead: bool,
+    /// See [`Esc::set_lane`].
+    pub(crate) lane: bool,
+    /// Where process data lies, as far as it is known.
+    pub(crate) areas: Known,
 }
 
 /// The frame in flight.
@@ -93,6 +98,8 @@ pub(crate) struct Flight {
     pub irq: u16,
     /// It latches receive times.
     pub latches: bool,
+    /// The system time that it brought, as long as it wrote nothing else to registers.
+    pub brought: Brought,
     /// What its sender calls it.
     pub label: u64,
     /// PDI control bytes that the PDI wrote meanwhile, and for which SyncManagers.
@@ -110,6 +117,7 @@ impl Flight {
         enabled: [false; 2],
         irq: 0,
         latches: false,
+        brought: Brought::NONE,
         label: 0,
         pdi_control: [0; 16],
         pdi_control_written: 0,
@@ -187,6 +195,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             overdue: None,
             reach_version: 0,
             eeprom_is_dead: false,
+            lane: true,
+            areas: Known::Nothing,
         };
         esc.start(Time::ZERO, 0);
         esc
@@ -238,6 +248,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     fn start(&mut self, now: Time<Device>, local: u64) {
         let chip = &{ self.chip };
         self.reach_version = self.reach_version.wrapping_add(1);
+        self.areas = Known::Nothing;
         self.registers = Registers::new();
         let registers = &mut self.registers;
         registers.store(register::TYPE, chip.kind);

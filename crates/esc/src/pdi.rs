@@ -17,6 +17,7 @@ use crate::esc::{Esc, PDI_DIGITAL_IO};
 use crate::led;
 use crate::mii::Mii;
 use crate::process::split;
+use crate::regular::Known;
 use crate::sync_manager::{Access, Direction, Side};
 
 /// The ESC as the local CPU sees it: the software ESC, or a driver of a chip.
@@ -183,6 +184,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 let number = usize::from(address - 0x0800) / 8;
                 if esc.flight.end == Time::NEVER {
                     esc.sync_managers.write_pdi_control(number, value, &mut esc.registers);
+                    esc.areas = Known::Nothing;
                 } else {
                     esc.flight.pdi_control[number] = value;
                     esc.flight.pdi_control_written |= 1 << number;

@@ -275,6 +275,19 @@ impl DcUnit {
         self.compare((start, end), copy, |address| shadow.byte(address), registers);
     }
 
+    /// A frame that arrived at `start` and ended at `end` brought these lower four bytes of the system time, and wrote nothing
+    /// else: what [`Self::end_frame`] makes of it.
+    pub fn follow_whole(
+        &mut self,
+        (start, end): (Time<Device>, Time<Device>),
+        received: [u8; 4],
+        registers: &mut Registers,
+    ) {
+        let copy = (self.system(start) as u32).wrapping_sub(self.delay);
+        let byte = |address: u16| Some(received[usize::from(address - 0x0910) & 3]);
+        self.compare((start, end), copy, byte, registers);
+    }
+
     /// The PDI has written a system time of another segment: it belongs to the last positive edge
     /// of LATCH0, which both segments have seen. See [`Chip::system_time_by_pdi`].
     pub fn follow_latch(

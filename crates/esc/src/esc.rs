@@ -407,6 +407,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// When the next own event is due: [`step`](Self::step) does something then. Never, if nothing is.
+    #[inline]
     pub fn next_event(&self) -> Time<Device> {
         match self.overdue {
             Some((at, _)) => at,
@@ -428,17 +429,30 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             if self.overdue.is_some_and(|(at, _)| at <= limit) {
                 return self.overdue.take();
             }
-            let (at, due) = self.earliest();
+            let at = self.next_event();
             if at > limit || at == Time::NEVER {
                 return None;
             }
+            // What comes in every cycle is asked for first.
+            let due = match at {
+                _ if at == self.flight.end => Due::FrameEnd,
+                _ if at == self.dc.sync.due() => Due::Sync,
+                _ => self.earliest().1,
+            };
             if let Some(event) = self.handle(due) {
                 return Some((at, event));
             }
         }
     }
 
+    /// The local CPU is at work at `now` and accesses nothing: what [`pdi`](Self::pdi) does by itself.
+    #[inline]
+    pub fn note_pdi(&mut self, now: Time<Device>) {
+        self.pdi(now);
+    }
+
     /// The local CPU's access at `now`.
+    #[inline]
     pub fn pdi(&mut self, now: Time<Device>) -> EscPdi<'_, M> {
         self.settle(now);
         EscPdi::new(self, now)
@@ -506,9 +520,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         core::array::from_fn(|address| self.registers.byte(address as u16))
     }
 
-    /// Process RAM from 0x1000 on, all buffers of SyncManagers included.
+    /// Process RAM from 0x1000 on, all buffers of SyncManagers included; where it grows with its use, as far as it was used.
     pub fn ram(&self) -> &[u8] {
-        &self.ram.as_ref()[..self.ram_len]
+        let ram = self.ram.as_ref();
+        &ram[..self.ram_len.min(ram.len())]
     }
 
     /// The EEPROM image with everything written to it.
@@ -566,6 +581,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Applies the end of the frame in flight if it is over, whoever forgot to `step` to it.
+    #[inline]
     pub(crate) fn settle(&mut self, now: Time<Device>) {
         if self.flight.end <= now && self.flight.end != Time::NEVER {
             let end = self.flight.end;

@@ -74,6 +74,7 @@ pub struct EscPdi<'a, M> {
 }
 
 impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
+    #[inline]
     pub(crate) fn new(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
         if esc.registers.load(register::PDI_CONTROL) != PDI_DIGITAL_IO {
             esc.pdi_watchdog.restart(now);
@@ -276,7 +277,30 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
     /// What does not exist or may not be read reads 0.
+    #[inline]
     fn read(&mut self, address: u16, data: &mut [u8]) {
+        if self.esc.read_regular_outputs(address, data) {
+            return;
+        }
+        self.read_any(address, data);
+    }
+
+    #[inline]
+    fn write(&mut self, address: u16, data: &[u8]) {
+        match self.esc.write_regular_inputs(address, data) {
+            Some(false) => {}
+            Some(true) => self.esc.trigger_watchdog(self.now),
+            None => self.write_any(address, data),
+        }
+    }
+
+    fn events(&mut self) -> u32 {
+        self.esc.al_events(self.now)
+    }
+}
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
+    fn read_any(&mut self, address: u16, data: &mut [u8]) {
         data.fill(0);
         let (registers, ram) = split(address, data.len());
         if registers > 0 {
@@ -310,7 +334,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
         }
     }
 
-    fn write(&mut self, address: u16, data: &[u8]) {
+    fn write_any(&mut self, address: u16, data: &[u8]) {
         let (registers, ram) = split(address, data.len());
         if registers > 0 {
             self.write_registers(address, &data[..registers]);
@@ -335,9 +359,5 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
                 self.latch_buffer_times(outcome);
             }
         }
-    }
-
-    fn events(&mut self) -> u32 {
-        self.esc.al_events(self.now)
     }
 }

@@ -26,11 +26,17 @@ pub(crate) struct Areas {
 #[derive(Clone, Copy, Debug)]
 struct Area {
     logical: u32,
+    physical: u16,
     length: u16,
     sync_manager: u8,
 }
 
 impl Area {
+    /// Whether an access of the PDI is to all of it.
+    fn is(&self, address: u16, len: usize) -> bool {
+        address == self.physical && len == usize::from(self.length)
+    }
+
     /// Its place in a datagram, if the datagram has all of it.
     fn place(&self, address: u32, len: usize) -> Option<Range<usize>> {
         let from = self.logical.checked_sub(address)? as usize;
@@ -88,7 +94,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         let (adp, ado) = (address as u16, (address >> 16) as u16);
         match command {
-            Command::Lrw | Command::Lrd | Command::Lwr => self.exchange_areas(command, address, data),
+            Command::Lrw | Command::Lrd | Command::Lwr => {
+                self.exchange_areas(command, address, data)
+            }
             Command::Frmw if ado == TIME && !self.is_addressed(adp) => self.bring_time(data),
             Command::Armw if ado == TIME && adp != 0 => self.bring_time(data),
             Command::Brd if ado == register::AL_STATUS.address => {
@@ -126,12 +134,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Process data of both directions, or of one.
-    fn exchange_areas(
-        &mut self,
-        command: Command,
-        address: u32,
-        data: &mut [u8],
-    ) -> Option<u16> {
+    fn exchange_areas(&mut self, command: Command, address: u32, data: &mut [u8]) -> Option<u16> {
         let areas = match self.areas {
             Known::Usual(areas) => areas,
             Known::Unusual => return None,
@@ -141,10 +144,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 found?
             }
         };
-        // Some RAM may not be there yet, or not answer.
-        let reserved = self.sync_managers.reserved_end().wrapping_sub(PROCESS_RAM.into());
-        let end = self.ram_len.min(self.ram.as_ref().len());
-        if reserved > end || !self.is_operational() || self.is_protected(PROCESS_RAM) {
+        if !self.is_regular_ram() || self.is_protected(PROCESS_RAM) {
             return None;
         }
         let place = |area: Option<Area>, wanted: bool| match area.filter(|_| wanted) {
@@ -155,7 +155,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         let inputs = place(areas.inputs, command != Command::Lwr)?;
         let mut count = 0;
         let Self { sync_managers, registers, ram, .. } = self;
-        let ram = &mut ram.as_mut()[..end];
+        let ram = ram.as_mut();
         let base = usize::from(PROCESS_RAM);
         // Outputs go first: they are taken as received, where inputs replace them.
         if let Some((at, number)) = outputs
@@ -185,13 +185,55 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
                 return Some(None);
             };
             let number = self.sync_managers.three_buffers(physical, length)?;
-            Some(Some(Area { logical, length, sync_manager: number as u8 }))
+            Some(Some(Area { logical, physical, length, sync_manager: number as u8 }))
         };
         let areas = Areas { outputs: area(Fmmu::WRITE)?, inputs: area(Fmmu::READ)? };
         // One SyncManager serves one direction; both at one would wait for each other.
         let number = |area: Option<Area>| area.map(|area| area.sync_manager);
         let apart = areas.outputs.is_none() || number(areas.outputs) != number(areas.inputs);
         apart.then_some(areas)
+    }
+
+    /// The PDI reads the outputs as a whole. `false`: nothing was done.
+    #[inline]
+    pub(crate) fn read_regular_outputs(&mut self, address: u16, data: &mut [u8]) -> bool {
+        let Known::Usual(Areas { outputs: Some(area), .. }) = self.areas else { return false };
+        if !area.is(address, data.len()) || !self.is_regular_ram() {
+            return false;
+        }
+        let Self { sync_managers, registers, ram, .. } = self;
+        let number = usize::from(area.sync_manager);
+        let way = Direction::Read;
+        let Some((place, _)) = sync_managers.pdi_whole(way, registers, number) else {
+            return false;
+        };
+        let from = place - usize::from(PROCESS_RAM);
+        data.copy_from_slice(&ram.as_ref()[from..from + data.len()]);
+        true
+    }
+
+    /// The PDI writes the inputs as a whole; whether that triggers the watchdog. `None`: nothing was done.
+    #[inline]
+    pub(crate) fn write_regular_inputs(&mut self, address: u16, data: &[u8]) -> Option<bool> {
+        let Known::Usual(Areas { inputs: Some(area), .. }) = self.areas else { return None };
+        if !area.is(address, data.len()) || !self.is_regular_ram() {
+            return None;
+        }
+        let Self { sync_managers, registers, ram, .. } = self;
+        let number = usize::from(area.sync_manager);
+        let way = Direction::Write;
+        let (place, watchdog) = sync_managers.pdi_whole(way, registers, number)?;
+        let from = place - usize::from(PROCESS_RAM);
+        ram.as_mut()[from..from + data.len()].copy_from_slice(data);
+        Some(watchdog)
+    }
+
+    /// Process RAM answers, and all of it that SyncManagers use is there.
+    #[inline]
+    fn is_regular_ram(&self) -> bool {
+        let reserved = self.sync_managers.reserved_end().wrapping_sub(PROCESS_RAM.into());
+        let end = self.ram_len.min(self.ram.as_ref().len());
+        self.lane && reserved <= end && self.is_operational()
     }
 
     /// The end of a frame that brought process data and the system time at most. `None`: it brought more, and nothing was done.

@@ -35,13 +35,16 @@ pub struct Setup {
     pub faults: Vec<Planned>,
     /// SubDevices that may be put in the place of others ([`Fault::Replace`]).
     pub spares: Vec<DeviceSetup>,
+    /// Whether what is regular in a cycle takes the short way, as it does by default: see [`Segment::set_lane`].
+    pub lane: bool,
 }
 
 impl Setup {
     /// A segment in which nothing goes wrong.
     pub const fn new(seed: u64, config: Config, host: HostModel, segment: Vec<Connection>) -> Self {
         let ring = None;
-        Self { seed, config, host, segment, ring, faults: Vec::new(), spares: Vec::new() }
+        let faults = Vec::new();
+        Self { seed, config, host, segment, ring, faults, spares: Vec::new(), lane: true }
     }
 }
 
@@ -160,6 +163,7 @@ impl<A: Application, T: Tap> World<A, T> {
     pub fn new(setup: Setup, application: A, tap: Option<T>) -> Self {
         let host = HostMachine::new(setup.host, setup.seed);
         let mut segment = Segment::new(setup.segment, setup.seed).in_ring(setup.ring);
+        segment.set_lane(setup.lane);
         for position in tap.iter().flat_map(Tap::probes) {
             segment.probe(position);
         }

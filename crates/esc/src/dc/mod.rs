@@ -239,8 +239,16 @@ impl DcUnit {
     /// Handles the SYNC unit's earliest due time; see [`SyncUnit::fire`].
     pub fn fire(&mut self, registers: &Registers) -> Option<sync::Output> {
         let now = self.sync.due();
-        let output = self.sync.fire(self.system(now), registers);
-        self.reschedule(now);
+        if self.sync.is_rough() {
+            // Not due yet: it is near now, and placed.
+            self.reschedule(now);
+            return None;
+        }
+        let system = self.system(now);
+        let output = self.sync.fire(system, registers);
+        if output != Some(sync::Output::Sync0) || !self.sync.schedule_roughly(now, system) {
+            self.reschedule(now);
+        }
         output
     }
 

@@ -343,6 +343,31 @@ impl SyncManagers {
         Some(place)
     }
 
+    /// The PDI opens, accesses and closes one area as a whole; gives its place in memory, and whether the watchdog is
+    /// triggered. `None`, and nothing is done, where more happens besides, or nothing.
+    #[inline]
+    pub fn pdi_whole(
+        &mut self,
+        direction: Direction,
+        registers: &mut Registers,
+        number: usize,
+    ) -> Option<(usize, bool)> {
+        let unit = &mut self.units[number];
+        if self.release_by_write
+            || unit.config.activate & SyncManager::LATCH_PDI != 0
+            || !unit.admits(Side::Pdi, direction)
+        {
+            return None;
+        }
+        let place = unit.admit(Side::Pdi, direction, 0)?;
+        if direction == Direction::Write {
+            self.labels[number][unit.buffer(direction)] = self.pdi_label;
+        }
+        let watchdog = unit.complete(Side::Pdi);
+        self.show(number, registers);
+        Some((place, watchdog))
+    }
+
     /// Opens, accesses and closes a part of one area; gives its place in memory if allowed.
     fn guarded(
         &mut self,

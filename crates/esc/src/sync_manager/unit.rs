@@ -97,6 +97,14 @@ impl Unit {
         }
     }
 
+    /// Whether a whole access to three buffers is allowed: it is [admitted](Self::admit) then.
+    #[inline]
+    pub fn admits(&self, side: Side, direction: Direction) -> bool {
+        self.direction_of(side) == direction
+            && self.config.pdi_control & PDI_DEACTIVATED == 0
+            && (direction == Direction::Write || self.filled)
+    }
+
     /// Whether an access at `offset` of the area is allowed; its place in memory.
     #[inline]
     pub fn admit(&mut self, side: Side, direction: Direction, offset: usize) -> Option<usize> {

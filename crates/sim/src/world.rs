@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use isocat_maindevice::{Application, Config, Event, MainDevice, Port, Runner};
+use isocat_subdevice::Step;
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
@@ -14,7 +15,7 @@ use crate::fault::frames::{FrameFaults, Harms};
 use crate::fault::happen::Scene;
 use crate::fault::{Fault, Foreign, Happened, Moment, Planned, Timeline};
 use crate::host::{HostMachine, HostModel};
-use crate::observation::Observation;
+use crate::observation::{Observation, Observed};
 use crate::probe::Sight;
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
@@ -86,6 +87,12 @@ pub trait Tap {
     /// Each is brought up to the last frame that concerned it.
     fn passed(&mut self, _at: Time<True>, _segment: &Segment) {}
 
+    /// Whether [`observed`](Self::observed) is to be told of everything; asked once. If not, it may hear of what judges look at
+    /// alone.
+    fn observes(&self) -> bool {
+        true
+    }
+
     /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
     fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
 
@@ -139,6 +146,8 @@ pub struct World<A, T> {
     returning: VecDeque<Returning>,
     spare: Vec<Vec<u8>>,
     observations: Vec<Observation>,
+    /// The tap wants to see all of them, and not what judges look at alone.
+    everything: bool,
     timeline: Timeline,
     /// When each SubDevice was in sync; `None` where nobody asked, or before operation.
     course: Option<Course>,
@@ -178,6 +187,7 @@ impl<A: Application, T: Tap> World<A, T> {
             runner: Runner::new(main, application),
             host,
             segment,
+            everything: tap.as_ref().is_some_and(Tap::observes),
             tap,
             bench,
             wanted: None,
@@ -270,8 +280,9 @@ impl<A: Application, T: Tap> World<A, T> {
         }
         if next > limit {
             self.now = limit;
+            let everything = self.keeps_everything();
             let observations = &mut self.observations;
-            self.segment.advance(limit, &mut |o| observations.push(o));
+            self.segment.advance(limit, &mut |o| note(observations, everything, o));
             self.judge();
             return false;
         }
@@ -291,8 +302,9 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Brings every SubDevice to the last frame that passed it, and the judges with them: before
     /// something is asked of them all.
     pub fn catch_up(&mut self) {
+        let everything = self.keeps_everything();
         let observations = &mut self.observations;
-        self.segment.catch_up(&mut |o| observations.push(o));
+        self.segment.catch_up(&mut |o| note(observations, everything, o));
         self.judge();
     }
 
@@ -363,9 +375,10 @@ impl<A: Application, T: Tap> World<A, T> {
         if self.timeline.next().is_some_and(|at| at <= self.now) {
             self.catch_up_to_now();
         }
+        let everything = self.keeps_everything();
         let Self { timeline, segment, host, port_faults, observations, .. } = self;
         let mut scene = Scene { segment, host: Some(host), port: port_faults };
-        timeline.happen(self.now, &mut scene, &mut |o| observations.push(o));
+        timeline.happen(self.now, &mut scene, &mut |o| note(observations, everything, o));
         let foreign = timeline.take_foreign();
         for happened in timeline.take_news() {
             if let Some(tap) = &mut self.tap {
@@ -383,8 +396,9 @@ impl<A: Application, T: Tap> World<A, T> {
 
     /// Brings the SubDevices to where true time stands: what goes wrong finds them there.
     fn catch_up_to_now(&mut self) {
+        let everything = self.keeps_everything();
         let observations = &mut self.observations;
-        self.segment.live(self.now, &mut |o| observations.push(o));
+        self.segment.live(self.now, &mut |o| note(observations, everything, o));
     }
 
     /// Another MainDevice sends a frame, at the same end of the same cable.
@@ -479,8 +493,9 @@ impl<A: Application, T: Tap> World<A, T> {
         back: Harms,
     ) {
         let wired = wired(from);
+        let everything = self.keeps_everything();
         let observations = &mut self.observations;
-        let watch = &mut |o| observations.push(o);
+        let watch = &mut |o| note(observations, everything, o);
         let fate = self.segment.pass_copy(wired, &mut bytes, (first, start), watch);
         if let Some(tap) = &mut self.tap {
             for seen in self.segment.take_probed() {
@@ -534,25 +549,47 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
+    /// Whether more is kept than judges look at: the course of a run is followed by all that happens.
+    fn keeps_everything(&self) -> bool {
+        self.everything || self.follows_course
+    }
+
     /// Lets the judges see what happened. They look at the reference clock, so this waits until the
     /// SubDevices are done.
     fn judge(&mut self) {
         for observation in self.observations.drain(..) {
             let measured = self.bench.observe(&self.segment, &observation);
-            if let Some(course) = self.course.as_mut().filter(|_| self.follows_course) {
-                let oscillator = self.segment.devices()[observation.device].oscillator();
-                let at = oscillator.when(observation.device_at);
+            let course = self.course.as_mut().filter(|_| self.follows_course);
+            if course.is_none() && self.tap.is_none() {
+                continue;
+            }
+            let oscillator = self.segment.devices()[observation.device].oscillator();
+            let at = oscillator.when(observation.device_at);
+            if let Some(course) = course {
                 course.observe(observation.device, at, observation.event, &measured);
             }
             if let Some(tap) = &mut self.tap {
-                let device = &self.segment.devices()[observation.device];
-                let at = device.oscillator().when(observation.device_at);
                 tap.observed(&self.segment, at, &observation);
                 if measured != Measured::default() {
                     tap.measured(at, observation.device, &measured);
                 }
             }
         }
+    }
+}
+
+/// Keeps what judges look at, or `everything`: most steps of most SubDevices are nobody's concern.
+#[inline]
+fn note(observations: &mut Vec<Observation>, everything: bool, observation: Observation) {
+    use Observed::{Acknowledged, Began, Finished};
+    let concerns = match observation.event {
+        Began(Step::MapOutputs | Step::OutputsValid | Step::LatchInputs) => true,
+        Finished(step) => step == Step::MapOutputs,
+        Began(_) | Acknowledged(_) => false,
+        _ => true,
+    };
+    if everything || concerns {
+        observations.push(observation);
     }
 }
 

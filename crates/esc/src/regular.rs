@@ -188,7 +188,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             Some(Some(Area { logical, physical, length, sync_manager: number as u8 }))
         };
         let areas = Areas { outputs: area(Fmmu::WRITE)?, inputs: area(Fmmu::READ)? };
-        // One SyncManager serves one direction; both at one would wait for each other.
+        // A SyncManager serves one direction: where both FMMUs lead to the same one, the long way decides.
         let number = |area: Option<Area>| area.map(|area| area.sync_manager);
         let apart = areas.outputs.is_none() || number(areas.outputs) != number(areas.inputs);
         apart.then_some(areas)

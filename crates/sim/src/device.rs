@@ -501,6 +501,8 @@ impl Device {
                     self.event(at, Event::Sm3, (Observed::Sm3, content), watch);
                 }
                 if al_events & !(outputs | inputs | further) != 0 {
+                    // At one instant, what was started first is done first.
+                    self.put_ready(0);
                     self.cpu.wake(at);
                 }
             }

@@ -202,8 +202,8 @@ impl Oscillator {
     }
 }
 
-/// 2¹¹⁷ over a rate, as a whole number: times a reading of ns, and over 2⁵³, that is the reading in ps, or less than 2 ps below
-/// for readings under [`SHORT`].
+/// 2¹¹⁷ divided by a rate, rounded down. A reading in ns times this, divided by 2⁵³, is the reading in ps; for readings below
+/// [`SHORT`] it is less than 2 ps too small.
 fn reciprocal(rate: u64) -> u64 {
     // A rate is within 1 % of 2⁶⁴ / 1000, so this has 64 bits.
     ((1u128 << (64 + RECIPROCAL_SHIFT)) / u128::from(rate)).try_into().unwrap_or(u64::MAX)

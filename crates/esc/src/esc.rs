@@ -406,7 +406,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.sync_managers.label(usize::from(sync_manager))
     }
 
-    /// When the next own event is due: [`step`](Self::step) does something then. Never, if nothing is.
+    /// When the next own event is due, or an instant before: [`step`](Self::step) lets it happen then, or finds out when it really
+    /// is due. Never, if nothing is.
     #[inline]
     pub fn next_event(&self) -> Time<Device> {
         match self.overdue {

@@ -64,6 +64,16 @@ impl Units {
         }
     }
 
+    /// Whether ECAT writes the lower four bytes of the system time.
+    pub const fn takes_time(&self) -> bool {
+        self.system_time && !self.time_by_pdi
+    }
+
+    /// Whether it writes all eight.
+    pub const fn takes_wide_time(&self) -> bool {
+        self.takes_time() && self.wide
+    }
+
     /// The run that `address` lies in or that comes next: its end, and its gate if `address` is in it.
     pub fn run(&self, table: &'static Table, address: u16) -> (u16, Option<Gate>) {
         let Table { runs: table, pages } = table;

@@ -19,6 +19,7 @@ use crate::led;
 use crate::memory::{Registers, Shadow};
 use crate::mii::Mii;
 use crate::pdi::EscPdi;
+use crate::regular::{Brought, Known};
 use crate::sync_manager::SyncManagers;
 use crate::watchdog::Watchdog;
 
@@ -75,6 +76,10 @@ pub struct Esc<M> {
     pub(crate) reach_version: u32,
     /// The memory acknowledges nothing.
     eeprom_is_dead: bool,
+    /// See [`Esc::set_lane`].
+    pub(crate) lane: bool,
+    /// Where process data lies, as far as it is known.
+    pub(crate) areas: Known,
 }
 
 /// The frame in flight.
@@ -93,6 +98,8 @@ pub(crate) struct Flight {
     pub irq: u16,
     /// It latches receive times.
     pub latches: bool,
+    /// The system time that it brought, as long as it wrote nothing else to registers.
+    pub brought: Brought,
     /// What its sender calls it.
     pub label: u64,
     /// PDI control bytes that the PDI wrote meanwhile, and for which SyncManagers.
@@ -110,6 +117,7 @@ impl Flight {
         enabled: [false; 2],
         irq: 0,
         latches: false,
+        brought: Brought::NONE,
         label: 0,
         pdi_control: [0; 16],
         pdi_control_written: 0,
@@ -187,6 +195,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             overdue: None,
             reach_version: 0,
             eeprom_is_dead: false,
+            lane: true,
+            areas: Known::Nothing,
         };
         esc.start(Time::ZERO, 0);
         esc
@@ -238,6 +248,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     fn start(&mut self, now: Time<Device>, local: u64) {
         let chip = &{ self.chip };
         self.reach_version = self.reach_version.wrapping_add(1);
+        self.areas = Known::Nothing;
         self.registers = Registers::new();
         let registers = &mut self.registers;
         registers.store(register::TYPE, chip.kind);
@@ -395,7 +406,9 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.sync_managers.label(usize::from(sync_manager))
     }
 
-    /// When the next own event is due: [`step`](Self::step) does something then. Never, if nothing is.
+    /// When the next own event is due, or an instant before: [`step`](Self::step) lets it happen then, or finds out when it really
+    /// is due. Never, if nothing is.
+    #[inline]
     pub fn next_event(&self) -> Time<Device> {
         match self.overdue {
             Some((at, _)) => at,
@@ -417,17 +430,30 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             if self.overdue.is_some_and(|(at, _)| at <= limit) {
                 return self.overdue.take();
             }
-            let (at, due) = self.earliest();
+            let at = self.next_event();
             if at > limit || at == Time::NEVER {
                 return None;
             }
+            // What comes in every cycle is asked for first.
+            let due = match at {
+                _ if at == self.flight.end => Due::FrameEnd,
+                _ if at == self.dc.sync.due() => Due::Sync,
+                _ => self.earliest().1,
+            };
             if let Some(event) = self.handle(due) {
                 return Some((at, event));
             }
         }
     }
 
+    /// The local CPU is at work at `now` and accesses nothing: what [`pdi`](Self::pdi) does by itself.
+    #[inline]
+    pub fn note_pdi(&mut self, now: Time<Device>) {
+        self.pdi(now);
+    }
+
     /// The local CPU's access at `now`.
+    #[inline]
     pub fn pdi(&mut self, now: Time<Device>) -> EscPdi<'_, M> {
         self.settle(now);
         EscPdi::new(self, now)
@@ -495,9 +521,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         core::array::from_fn(|address| self.registers.byte(address as u16))
     }
 
-    /// Process RAM from 0x1000 on, all buffers of SyncManagers included.
+    /// Process RAM from 0x1000 on, all buffers of SyncManagers included; where it grows with its use, as far as it was used.
     pub fn ram(&self) -> &[u8] {
-        &self.ram.as_ref()[..self.ram_len]
+        let ram = self.ram.as_ref();
+        &ram[..self.ram_len.min(ram.len())]
     }
 
     /// The EEPROM image with everything written to it.
@@ -555,6 +582,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Applies the end of the frame in flight if it is over, whoever forgot to `step` to it.
+    #[inline]
     pub(crate) fn settle(&mut self, now: Time<Device>) {
         if self.flight.end <= now && self.flight.end != Time::NEVER {
             let end = self.flight.end;

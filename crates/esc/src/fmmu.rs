@@ -16,14 +16,16 @@ pub(crate) struct Fmmus {
     hull: (u32, u64),
     /// The common case, one FMMU for reading and one for writing, both of whole bytes: each of them.
     single: [Option<Single>; 2],
+    /// Some FMMU is active for reading, for writing.
+    any: [bool; 2],
 }
 
 /// A FMMU of whole bytes that is the only one for its kind of access.
 #[derive(Clone, Copy, Debug)]
-struct Single {
-    logical: u32,
-    length: u16,
-    physical: u16,
+pub(crate) struct Single {
+    pub logical: u32,
+    pub length: u16,
+    pub physical: u16,
 }
 
 impl Fmmus {
@@ -34,16 +36,20 @@ impl Fmmus {
             active: 0,
             hull: (0, 0),
             single: [None; 2],
+            any: [false; 2],
         }
     }
 
     /// Takes over the registers after ECAT wrote them.
     pub fn configure(&mut self, registers: &Registers) {
         (self.active, self.hull) = (0, (u32::MAX, 0));
+        self.any = [false; 2];
         for number in 0..self.count {
             let fmmu = registers.load(register::fmmu(number));
             if fmmu.is_active() && fmmu.bits() > 0 {
                 self.active |= 1 << number;
+                self.any[0] |= fmmu.kind & Fmmu::READ != 0;
+                self.any[1] |= fmmu.kind & Fmmu::WRITE != 0;
                 self.hull.0 = self.hull.0.min(fmmu.logical_start);
                 self.hull.1 = self.hull.1.max(logical_end(&fmmu));
             }
@@ -85,6 +91,15 @@ impl Fmmus {
         }
         let address = single.physical + (from - start) as u16;
         Ok(Some((address, (from - first) as usize..(end - first) as usize)))
+    }
+
+    /// The FMMU that decides all datagrams of a kind alone; `Ok(None)` if none maps anything for it. `Err`: ask
+    /// [`Self::hits`].
+    pub fn single(&self, kind: u8) -> Result<Option<Single>, Complicated> {
+        match self.single[usize::from(kind != Fmmu::READ)] {
+            None if self.any[usize::from(kind != Fmmu::READ)] => Err(Complicated),
+            single => Ok(single),
+        }
     }
 
     /// First logical byte that any of them maps, and the one behind the last; equal if none maps any.

@@ -12,11 +12,16 @@ use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, EscEvent, Flight};
 use crate::led;
 use crate::mii::Mii;
 use crate::reach::PAGES;
+use crate::regular::Known;
 use crate::sync_manager::{SM_LEN, Side};
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     /// The frame in flight was good and is over: buffers change hands, registers come into force.
     pub(crate) fn end_frame(&mut self) -> EscEvent {
+        if let Some(event) = self.end_regular_frame() {
+            return event;
+        }
+        self.put_brought_aside();
         let flight = core::mem::replace(&mut self.flight, Flight::NONE);
         let now = flight.end;
         let before = self.lasting_al_events();
@@ -36,6 +41,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             written &= written - 1;
             let value = flight.pdi_control[number];
             self.sync_managers.write_pdi_control(number, value, &mut self.registers);
+            self.areas = Known::Nothing;
         }
         if !self.shadow.is_empty() {
             self.commit(flight.start, now);
@@ -141,8 +147,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         if shadow.touches_page(0x0600) {
             self.fmmus.configure(registers);
+            self.areas = Known::Nothing;
         }
         if shadow.touches_page(0x0800) {
+            self.areas = Known::Nothing;
             for number in 0..16 {
                 let first = register::sync_manager(number).address;
                 if shadow.touches(first..first + SM_LEN) {

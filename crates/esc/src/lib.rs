@@ -47,6 +47,7 @@ mod mii;
 pub mod pdi;
 mod process;
 mod reach;
+mod regular;
 pub mod rx_fifo;
 mod sync_manager;
 #[cfg(test)]

@@ -17,6 +17,7 @@ use crate::esc::{Esc, PDI_DIGITAL_IO};
 use crate::led;
 use crate::mii::Mii;
 use crate::process::split;
+use crate::regular::Known;
 use crate::sync_manager::{Access, Direction, Side};
 
 /// The ESC as the local CPU sees it: the software ESC, or a driver of a chip.
@@ -73,6 +74,7 @@ pub struct EscPdi<'a, M> {
 }
 
 impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
+    #[inline]
     pub(crate) fn new(esc: &'a mut Esc<M>, now: Time<Device>) -> Self {
         if esc.registers.load(register::PDI_CONTROL) != PDI_DIGITAL_IO {
             esc.pdi_watchdog.restart(now);
@@ -183,6 +185,7 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
                 let number = usize::from(address - 0x0800) / 8;
                 if esc.flight.end == Time::NEVER {
                     esc.sync_managers.write_pdi_control(number, value, &mut esc.registers);
+                    esc.areas = Known::Nothing;
                 } else {
                     esc.flight.pdi_control[number] = value;
                     esc.flight.pdi_control_written |= 1 << number;
@@ -274,7 +277,30 @@ impl<'a, M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'a, M> {
 
 impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
     /// What does not exist or may not be read reads 0.
+    #[inline]
     fn read(&mut self, address: u16, data: &mut [u8]) {
+        if self.esc.read_regular_outputs(address, data) {
+            return;
+        }
+        self.read_any(address, data);
+    }
+
+    #[inline]
+    fn write(&mut self, address: u16, data: &[u8]) {
+        match self.esc.write_regular_inputs(address, data) {
+            Some(false) => {}
+            Some(true) => self.esc.trigger_watchdog(self.now),
+            None => self.write_any(address, data),
+        }
+    }
+
+    fn events(&mut self) -> u32 {
+        self.esc.al_events(self.now)
+    }
+}
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> EscPdi<'_, M> {
+    fn read_any(&mut self, address: u16, data: &mut [u8]) {
         data.fill(0);
         let (registers, ram) = split(address, data.len());
         if registers > 0 {
@@ -308,7 +334,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
         }
     }
 
-    fn write(&mut self, address: u16, data: &[u8]) {
+    fn write_any(&mut self, address: u16, data: &[u8]) {
         let (registers, ram) = split(address, data.len());
         if registers > 0 {
             self.write_registers(address, &data[..registers]);
@@ -333,9 +359,5 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Pdi for EscPdi<'_, M> {
                 self.latch_buffer_times(outcome);
             }
         }
-    }
-
-    fn events(&mut self) -> u32 {
-        self.esc.al_events(self.now)
     }
 }

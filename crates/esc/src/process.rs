@@ -14,6 +14,7 @@ use crate::dc::clock::ceil;
 use crate::dc::latch;
 use crate::esc::{ECAT_AL_STATUS, ECAT_DL_STATUS, Esc, count};
 use crate::fmmu::Target;
+use crate::regular::Brought;
 use crate::sync_manager::{Direction, Side};
 
 /// What the caller has to do about a frame that was processed.
@@ -138,6 +139,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         self.flight.start = start;
         self.flight.irq = irq;
         self.flight.latches = false;
+        self.flight.brought = Brought::NONE;
         self.flight.label = 0;
         self.flight.acknowledged = 0;
         self.flight.latch_times = 0;
@@ -153,6 +155,10 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
         }
         passing.irq |= self.flight.irq;
         let data = &mut *passing.data;
+        if let Some(count) = self.regular(command, address, data) {
+            passing.wkc = passing.wkc.wrapping_add(count);
+            return false;
+        }
         let (adp, ado) = (address as u16, (address >> 16) as u16);
         let count = if command.is_logical() {
             self.logical(command, address, data)
@@ -175,6 +181,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     pub fn close_frame(&mut self, end: Time<Device>, good: bool) {
         if !good {
             self.shadow.clear();
+            self.flight.brought = Brought::NONE;
             self.sync_managers.end_bad_frame(&mut self.registers);
             count(&mut self.registers, register::EPU_ERRORS.address);
             return;
@@ -184,7 +191,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
             events &= self.ecat_events();
         }
         let latch_read = self.flight.latch_times != 0;
-        if !self.shadow.is_empty() || self.sync_managers.is_closing() || events != 0 || latch_read {
+        let written = !self.shadow.is_empty() || !self.flight.brought.is_none();
+        if written || self.sync_managers.is_closing() || events != 0 || latch_read {
             self.flight.acknowledged = events;
             // What the end of a frame causes, it causes on a tick.
             self.flight.end = ceil(end);
@@ -219,7 +227,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Whether this is our station address or our alias.
-    fn is_addressed(&self, adp: u16) -> bool {
+    pub(crate) fn is_addressed(&self, adp: u16) -> bool {
         adp == self.registers.load(register::STATION_ADDRESS)
             || adp == self.registers.load(register::STATION_ALIAS)
                 && self.registers.byte(register::DL_CONTROL.address + 3) & 1 != 0
@@ -442,6 +450,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     fn write_registers(&mut self, address: u16, data: &[u8], mask: u8) -> bool {
+        self.put_brought_aside();
         // The drift frame as a rule: no byte of it depends on the state of the chip.
         if mask == 0xFF
             && (WRITE_ENABLES..DIGITAL_OUTPUTS).contains(&address)
@@ -517,7 +526,7 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// Write protection, registers 0x0020-0x0031.
-    fn is_protected(&self, address: u16) -> bool {
+    pub(crate) fn is_protected(&self, address: u16) -> bool {
         let on = |register: register::Register<u8>| self.registers.load(register) & 1 != 0;
         let [registers, esc] = self.flight.enabled;
         if address == register::ESC_WRITE_ENABLE.address {

@@ -81,6 +81,8 @@ pub struct Scenario {
     pub force: bool,
     /// Whether any SubDevice may fail on the way up, and is left out then.
     pub tolerate: bool,
+    /// Whether the simulation takes the short way through what is regular in a cycle. Results do not depend on it.
+    pub lane: bool,
     /// The devices, in the order of the line.
     pub devices: Vec<SubDevice>,
 }
@@ -115,6 +117,7 @@ impl From<SegmentFile> for Scenario {
             expectations: file.expectations,
             force: false,
             tolerate: false,
+            lane: true,
             devices: file.subdevices,
         }
     }
@@ -128,7 +131,7 @@ impl Scenario {
         let ring = self.ring.map(closing);
         let (faults, spares) = (self.faults.planned.clone(), self.spares());
         Run {
-            setup: Setup { ring, faults, spares, ..setup },
+            setup: Setup { ring, faults, spares, lane: self.lane, ..setup },
             duration: self.duration,
             sync0_limit: self.sync0_limit,
             outputs: self.outputs.clone(),

@@ -1,6 +1,6 @@
 //! A SubDevice's CPU: when the steps of a cycle begin and end.
 
-use isocat_subdevice::{Event, Step, Steps};
+use isocat_subdevice::{Event, MAX_STEPS, Step, Steps};
 use isocat_wire::time::{Device, Nanos, Time};
 
 use crate::random::Stream;
@@ -79,6 +79,52 @@ pub enum Action {
     Poll,
 }
 
+/// When the steps of one event begin and end.
+#[derive(Clone, Copy, Debug)]
+pub struct Times {
+    list: [(Step, Time<Device>, Time<Device>); MAX_STEPS],
+    len: usize,
+    /// When the pulse is acknowledged, if that is the program's to do.
+    acknowledge: Option<(Time<Device>, Event)>,
+    /// No step begins before those in front of it have ended.
+    in_order: bool,
+}
+
+impl Times {
+    /// No steps.
+    pub const NONE: Self = Self {
+        list: [(Step::MapOutputs, Time::ZERO, Time::ZERO); MAX_STEPS],
+        len: 0,
+        acknowledge: None,
+        in_order: true,
+    };
+
+    /// Forgets them.
+    pub fn clear(&mut self) {
+        (self.len, self.acknowledge, self.in_order) = (0, None, true);
+    }
+
+    /// The steps in the order in which they are started, each with its beginning and its end.
+    pub fn as_slice(&self) -> &[(Step, Time<Device>, Time<Device>)] {
+        &self.list[..self.len]
+    }
+
+    /// Whether nothing is to be done.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0 && self.acknowledge.is_none()
+    }
+
+    /// Whether each step ends before the next one begins, and nothing else is to be done.
+    pub fn are_in_order(&self) -> bool {
+        self.in_order && self.acknowledge.is_none()
+    }
+
+    /// One of the steps, with its beginning and its end.
+    pub fn step(&self, number: usize) -> Option<(Step, Time<Device>, Time<Device>)> {
+        self.as_slice().get(number).copied()
+    }
+}
+
 /// What a CPU is going to do.
 #[derive(Clone, Debug)]
 pub struct Cpu {
@@ -88,13 +134,16 @@ pub struct Cpu {
     agenda: Vec<(Time<Device>, Action)>,
     done: usize,
     polling: bool,
+    /// Its times are always the same.
+    even: bool,
     jitter: Stream,
 }
 
 impl Cpu {
     /// An idle CPU.
     pub fn new(model: CpuModel, jitter: Stream) -> Self {
-        Self { model, agenda: Vec::with_capacity(16), done: 0, polling: false, jitter }
+        let even = model.jitter == Nanos::ZERO && model.unevenness == Unevenness::default();
+        Self { model, agenda: Vec::with_capacity(16), done: 0, polling: false, even, jitter }
     }
 
     /// How long it takes for what.
@@ -110,6 +159,7 @@ impl Cpu {
     }
 
     /// When it does something next.
+    #[inline]
     pub fn next(&self) -> Time<Device> {
         self.agenda.get(self.done).map_or(Time::NEVER, |(at, _)| *at)
     }
@@ -140,18 +190,31 @@ impl Cpu {
     /// does happens at its own instant. `pulse`: the SYNC pulse that has to be acknowledged besides; it wakes the same
     /// interrupt, so it is as late as the steps.
     pub fn start(&mut self, at: Time<Device>, steps: &Steps, pulse: Option<Event>) {
+        let mut times = Times::NONE;
+        self.times(at, steps, pulse, &mut times);
+        self.put(&times, 0);
+    }
+
+    /// When the steps of an event at `at` begin and end, as [`start`](Self::start) would start them. Each has to be asked
+    /// for once: what varies is drawn.
+    pub fn times(
+        &mut self,
+        at: Time<Device>,
+        steps: &Steps,
+        pulse: Option<Event>,
+        times: &mut Times,
+    ) {
+        times.clear();
         if steps.is_empty() && pulse.is_none() {
             return;
         }
         let of = |(step, _): &(Step, Nanos)| *step == Step::MapOutputs;
         let synchronized = !steps.as_slice().iter().any(of);
         // The copy time of the outputs is the longest that the device needs: nothing is added to it.
-        let is_late = synchronized || pulse.is_some();
+        let is_late = (synchronized || pulse.is_some()) && !self.even;
         let late = if is_late { self.jitter.up_to(self.model.jitter.0.max(0) as u64) } else { 0 };
         let late = Nanos(late as i64);
-        if let Some(pulse) = pulse {
-            self.insert(at + late + self.model.acknowledge, Action::Acknowledge(pulse));
-        }
+        times.acknowledge = pulse.map(|pulse| (at + late + self.model.acknowledge, pulse));
         let at = if synchronized { at + late } else { at };
         let mut free = at;
         let mut latched = at;
@@ -177,13 +240,37 @@ impl Cpu {
             if step == Step::LatchInputs {
                 latched = begin;
             }
-            self.insert(begin, Action::Begin(step));
-            self.insert(end, Action::Finish(step));
+            times.in_order &= free <= begin && begin <= end;
+            times.list[i] = (step, begin, end);
             free = free.max(end);
+        }
+        times.len = steps.len();
+    }
+
+    /// Puts steps on the agenda, from the one with number `from` on, and in front of the first one what acknowledges.
+    pub fn put(&mut self, times: &Times, from: usize) {
+        if let (0, Some((at, pulse))) = (from, times.acknowledge) {
+            self.insert(at, Action::Acknowledge(pulse));
+        }
+        for (step, begin, end) in &times.as_slice()[from..] {
+            self.insert(*begin, Action::Begin(*step));
+            self.insert(*end, Action::Finish(*step));
         }
     }
 
+    /// Puts the end of a step on the agenda that has begun.
+    pub fn put_end(&mut self, step: Step, end: Time<Device>) {
+        self.insert(end, Action::Finish(step));
+    }
+
+    /// Whether nothing is on the agenda.
+    #[inline]
+    pub fn is_idle(&self) -> bool {
+        self.agenda.is_empty()
+    }
+
     /// Between nothing and `most`.
+    #[inline]
     fn at_random(&mut self, most: Nanos) -> Nanos {
         // Nothing is drawn where nothing varies: other figures stay as they were.
         match most.0 {
@@ -192,11 +279,16 @@ impl Cpu {
         }
     }
 
+    #[inline]
     fn varied(&mut self, longest: Nanos) -> Nanos {
+        if self.even {
+            return longest;
+        }
         let variation = i64::from(self.model.unevenness.variation.min(100));
         longest - self.at_random(Nanos(longest.0 / 100 * variation))
     }
 
+    #[inline]
     fn latency(&mut self) -> Nanos {
         match self.model.unevenness.latency.0 {
             worst @ 1.. => Nanos(self.jitter.lateness(worst as u64) as i64),
@@ -204,6 +296,7 @@ impl Cpu {
         }
     }
 
+    #[inline]
     fn overrun(&mut self) -> Nanos {
         match self.model.unevenness.overrun {
             Some(Overrun { one_in, by })

@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use isocat_esc::{Chip, Esc, EscEvent, Passing};
+use isocat_esc::{Chip, Esc, EscEvent, Passing, Pdi};
 use isocat_subdevice::description::ProcessDataArea;
-use isocat_subdevice::{Application, Description, Event, Misbehaviour, Step, SubDevice};
+use isocat_subdevice::{Application, Description, Event, Misbehaviour, Prepared, Step, SubDevice};
 use isocat_wire::datagram::Address;
 use isocat_wire::register::al_event;
 use isocat_wire::time::{Device as DeviceClock, Local, Time, True};
 use isocat_wire::{AbortCode, AlStatusCode, Command, ObjectAddress};
 
-use crate::cpu::{Action, Cpu, CpuModel};
+use crate::cpu::{Action, Cpu, CpuModel, Times};
 use crate::observation::{Content, Observation, Observed};
 use crate::oscillator::{Bend, ClockModel, Oscillator};
 use crate::plant::{Acted, Plant, PlantSetup};
@@ -61,6 +61,11 @@ pub struct Device {
     without_edge: [u32; 2],
     ports_changed: bool,
     powered: bool,
+    /// See [`Self::set_lane`].
+    lane: bool,
+    prepared: Prepared,
+    /// The steps that the event under way starts.
+    ready: Times,
 }
 
 impl Device {
@@ -102,7 +107,17 @@ impl Device {
             without_edge: [0; 2],
             ports_changed: false,
             powered: true,
+            lane: true,
+            prepared: Prepared::new(),
+            ready: Times::NONE,
         }
+    }
+
+    /// Whether regular operation takes the short way: the steps of an event one after another, where nothing comes between
+    /// them, and see [`Esc::set_lane`]. Nothing but the time that the simulation takes depends on it.
+    pub(crate) fn set_lane(&mut self, on: bool) {
+        self.lane = on;
+        self.esc.set_lane(on);
     }
 
     /// A machine hangs on it from now on.
@@ -121,6 +136,7 @@ impl Device {
     }
 
     /// What it does next to its machine, it does at this instant.
+    #[inline]
     fn tell_time(&mut self, at: Time<DeviceClock>) {
         if self.stack.application_mut().plant.is_some() {
             let now = self.oscillator.when(at);
@@ -285,6 +301,9 @@ impl Device {
 
     fn live(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         loop {
+            if !self.ready.is_empty() {
+                self.do_ready(limit, watch);
+            }
             let (cpu, esc) = (self.cpu.next(), self.esc.next_event());
             let at = cpu.min(esc).min(self.timeout);
             if at > limit {
@@ -322,18 +341,8 @@ impl Device {
         let Some((at, action)) = self.cpu.pop() else { return };
         self.tell_time(at);
         match action {
-            Action::Begin(step) => {
-                self.stack.begin(at, step, &mut self.esc.pdi(at));
-                let frame = self.began(at, step);
-                let content = Content { frame, ..Content::default() };
-                self.report(at, Observed::Began(step), content, watch);
-            }
-            Action::Finish(step) => {
-                self.stack.finish(at, step, &mut self.esc.pdi(at));
-                let frame = self.finished(step);
-                let content = Content { frame, ..Content::default() };
-                self.report(at, Observed::Finished(step), content, watch);
-            }
+            Action::Begin(step) => self.begin(at, step, watch),
+            Action::Finish(step) => self.finish(at, step, watch),
             Action::Acknowledge(pulse) => {
                 self.stack.acknowledge_sync(pulse, &mut self.esc.pdi(at));
                 self.report(at, Observed::Acknowledged(pulse), Content::default(), watch);
@@ -345,7 +354,91 @@ impl Device {
         }
     }
 
+    #[inline]
+    fn begin(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut impl FnMut(Observation)) {
+        self.stack.begin(at, step, &mut self.esc.pdi(at));
+        let frame = self.began(at, step);
+        let content = Content { frame, ..Content::default() };
+        self.report(at, Observed::Began(step), content, watch);
+    }
+
+    #[inline]
+    fn finish(&mut self, at: Time<DeviceClock>, step: Step, watch: &mut impl FnMut(Observation)) {
+        self.stack.finish(at, step, &mut self.esc.pdi(at));
+        let frame = self.finished(step);
+        let content = Content { frame, ..Content::default() };
+        self.report(at, Observed::Finished(step), content, watch);
+    }
+
+    /// The lane: does the steps of the last event up to where something else is due, one after another. What is left then, or
+    /// all of them where they overlap others, goes on the agenda.
+    fn do_ready(&mut self, limit: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
+        if !self.lane || !self.cpu.is_idle() || !self.ready.are_in_order() {
+            return self.put_ready(0);
+        }
+        // What the CPU does at an instant, it does before all that the ESC does then.
+        let mut free_until = limit.min(self.esc.next_event()).min(self.timeout);
+        let mut number = 0;
+        while let Some((step, begin, end)) = self.ready.step(number) {
+            if begin > free_until {
+                return self.put_ready(number);
+            }
+            number += 1;
+            if end > free_until {
+                self.tell_time(begin);
+                self.begin(begin, step, watch);
+                self.cpu.put_end(step, end);
+                return self.put_ready(number);
+            }
+            match step {
+                Step::Application => self.apart(Step::Application, (begin, end), watch),
+                Step::OutputsValid => self.apart(Step::OutputsValid, (begin, end), watch),
+                Step::LatchInputs => self.apart(Step::LatchInputs, (begin, end), watch),
+                Step::MapOutputs | Step::MapInputs => {
+                    self.tell_time(begin);
+                    self.begin(begin, step, watch);
+                    // A buffer that changes hands may restart a watchdog, and may move what the stack waits for.
+                    free_until = limit.min(self.esc.next_event()).min(self.timeout);
+                    if end > free_until {
+                        self.cpu.put_end(step, end);
+                        return self.put_ready(number);
+                    }
+                    self.tell_time(end);
+                    self.finish(end, step, watch);
+                    free_until = limit.min(self.esc.next_event()).min(self.timeout);
+                }
+            }
+        }
+        self.ready.clear();
+    }
+
+    /// A step that accesses nothing of the ESC, and that nothing else happens in.
+    #[inline(always)]
+    fn apart(
+        &mut self,
+        step: Step,
+        (begin, end): (Time<DeviceClock>, Time<DeviceClock>),
+        watch: &mut impl FnMut(Observation),
+    ) {
+        self.tell_time(begin);
+        self.stack.begin(begin, step, &mut Nowhere);
+        let content = Content { frame: self.began(begin, step), ..Content::default() };
+        self.report(begin, Observed::Began(step), content, watch);
+        self.tell_time(end);
+        self.stack.finish(end, step, &mut Nowhere);
+        self.report(end, Observed::Finished(step), Content::default(), watch);
+        // The PDI watchdog sees the CPU at work; the last time counts.
+        self.esc.note_pdi(end);
+    }
+
+    /// Puts the steps of the last event on the agenda, from one of them on.
+    fn put_ready(&mut self, from: usize) {
+        self.cpu.put(&self.ready, from);
+        self.ready.clear();
+    }
+
     /// A step has begun; gives the frame that brought the outputs that it is about.
+    #[inline]
     fn began(&mut self, at: Time<DeviceClock>, step: Step) -> Time<True> {
         match step {
             Step::MapOutputs => {
@@ -408,6 +501,8 @@ impl Device {
                     self.event(at, Event::Sm3, (Observed::Sm3, content), watch);
                 }
                 if al_events & !(outputs | inputs | further) != 0 {
+                    // At one instant, what was started first is done first.
+                    self.put_ready(0);
                     self.cpu.wake(at);
                 }
             }
@@ -433,9 +528,14 @@ impl Device {
     ) {
         self.report(at, observed, content, watch);
         self.tell_time(at);
-        let steps = self.stack.handle_event(at, event, &mut self.esc.pdi(at));
+        let pdi = &mut self.esc.pdi(at);
+        let steps = self.stack.handle_event_prepared(at, event, pdi, &mut self.prepared);
         let pulse = self.stack.take_unacknowledged().then_some(event);
-        self.cpu.start(at, &steps, pulse);
+        if !steps.is_empty() || pulse.is_some() {
+            // What an event at the same instant has started stands in front.
+            self.cpu.put(&self.ready, 0);
+            self.cpu.times(at, steps, pulse, &mut self.ready);
+        }
         self.look(at, watch);
     }
 
@@ -449,6 +549,7 @@ impl Device {
     }
 
     /// Looks what the stack has changed, and reports it.
+    #[inline]
     fn look(&mut self, at: Time<DeviceClock>, watch: &mut impl FnMut(Observation)) {
         self.timeout = self.stack.next_timeout().unwrap_or(Time::NEVER);
         let missed = self.stack.sync().missed_events_total();
@@ -476,6 +577,18 @@ impl Device {
         watch: &mut impl FnMut(Observation),
     ) {
         watch(Observation { device: self.position, device_at, event, content });
+    }
+}
+
+/// The door to an ESC that nobody goes through.
+struct Nowhere;
+
+impl Pdi for Nowhere {
+    fn read(&mut self, address: u16, _: &mut [u8]) {
+        unreachable!("a step that accesses nothing reads {address:#06x}");
+    }
+    fn write(&mut self, address: u16, _: &[u8]) {
+        unreachable!("a step that accesses nothing writes {address:#06x}");
     }
 }
 

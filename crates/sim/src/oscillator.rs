@@ -93,6 +93,8 @@ impl ClockModel {
 pub struct Oscillator {
     /// The rate of the first piece, 2⁻⁶⁴ ns per ps.
     rate: u64,
+    /// What divides by the rate: see [`reciprocal`].
+    reciprocal: u64,
     /// What goes on after the first piece or beside it; most clocks have nothing.
     shape: Option<Box<Shape>>,
 }
@@ -120,7 +122,8 @@ impl Oscillator {
     /// Panics beyond [`MOST_DEVIATION_PPB`].
     pub fn new(deviation_ppb: i64) -> Self {
         assert!(deviation_ppb.abs() <= MOST_DEVIATION_PPB, "an oscillator deviates by at most 1 %");
-        Self { rate: rate_of(deviation_ppb), shape: None }
+        let rate = rate_of(deviation_ppb);
+        Self { rate, reciprocal: reciprocal(rate), shape: None }
     }
 
     /// The oscillator of a model; `chance` is where a walk goes. Panics on a model that goes farther than
@@ -145,7 +148,8 @@ impl Oscillator {
             };
             pieces.push(Piece { start, count, rate });
         }
-        Self { rate: pieces[0].rate, shape: Some(Box::new(Shape { pieces, walk })) }
+        let (rate, shape) = (pieces[0].rate, Some(Box::new(Shape { pieces, walk })));
+        Self { rate, reciprocal: reciprocal(rate), shape }
     }
 
     /// What it counts at a point of true time: whole ns, rounded down.
@@ -169,16 +173,45 @@ impl Oscillator {
         ((count >> 64) as u64).wrapping_mul(1_000).wrapping_add(part as u64)
     }
 
+    /// The first point of true time, ps, at which an even clock counts `reading`, which is below [`SHORT`]: by a
+    /// multiplication in the place of a division of 128 bits, which is then made exact.
+    #[inline]
+    fn first_at(&self, reading: u64) -> u64 {
+        let count = u128::from(reading) << 64;
+        let reached = |at: u64| u128::from(at) * u128::from(self.rate) >= count;
+        let product = u128::from(reading) * u128::from(self.reciprocal);
+        let mut at = (product >> RECIPROCAL_SHIFT) as u64;
+        while !reached(at) {
+            at += 1;
+        }
+        while at > 0 && reached(at - 1) {
+            at -= 1;
+        }
+        at
+    }
+
     /// The first point of true time at which it counts `reading`; never, if that is beyond all time.
     pub fn when<S: Scale>(&self, reading: Time<S>) -> Time<True> {
         let count = u128::from(reading.count()) << 64;
         let at = match &self.shape {
+            None if reading.count() < SHORT => return Time::new(self.first_at(reading.count())),
             None => Some(count.div_ceil(u128::from(self.rate))),
             Some(shape) => shape.when(count),
         };
         at.and_then(|at| u64::try_from(at).ok()).map_or(Time::NEVER, Time::new)
     }
 }
+
+/// 2¹¹⁷ divided by a rate, rounded down. A reading in ns times this, divided by 2⁵³, is the reading in ps; for readings below
+/// [`SHORT`] it is less than 2 ps too small.
+fn reciprocal(rate: u64) -> u64 {
+    // A rate is within 1 % of 2⁶⁴ / 1000, so this has 64 bits.
+    ((1u128 << (64 + RECIPROCAL_SHIFT)) / u128::from(rate)).try_into().unwrap_or(u64::MAX)
+}
+
+const RECIPROCAL_SHIFT: u32 = 53;
+/// Readings below this, 104 days, are divided by the [`reciprocal`].
+const SHORT: u64 = 1 << RECIPROCAL_SHIFT;
 
 /// A change of an oscillator's speed at a point of true time, ps, by so many ppb.
 pub(crate) type Bend = (u64, i64);

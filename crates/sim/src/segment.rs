@@ -100,6 +100,8 @@ pub struct Segment {
     pub(crate) met: Vec<bool>,
     pub(crate) trail: Vec<Arrival>,
     pub(crate) probes: Probes,
+    /// See [`Segment::set_lane`].
+    lane: bool,
 }
 
 /// A frame that has come back.
@@ -177,6 +179,7 @@ impl Segment {
             met: vec![false; count],
             trail: Vec::new(),
             probes: Probes::default(),
+            lane: true,
             receive_phases: (0..count).map(|position| jitter::phase(seed, position)).collect(),
             wiring,
         };
@@ -221,6 +224,15 @@ impl Segment {
             );
         }
         self
+    }
+
+    /// Whether what is regular in a cycle takes the short way; it does unless told otherwise. All that happens is the same
+    /// with and without, to the last bit: only the time that the simulation takes depends on it.
+    pub fn set_lane(&mut self, on: bool) {
+        self.lane = on;
+        for device in &mut self.devices {
+            device.set_lane(on);
+        }
     }
 
     /// Has frames kept as they enter and leave a SubDevice that processes them; without effect if there is none.
@@ -376,6 +388,7 @@ impl Segment {
         self.wiring.replace_stay(position, &setup.chip);
         self.next_frame.note_chip(&setup.chip);
         let mut device = Device::new(position, setup, seed);
+        device.set_lane(self.lane);
         device.power_off(Time::ZERO, &mut |_| {});
         self.devices[position].hand_over_plant(&mut device);
         self.devices[position] = device;

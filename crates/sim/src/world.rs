@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use isocat_maindevice::{Application, Config, Event, MainDevice, Port, Runner};
+use isocat_subdevice::Step;
 use isocat_wire::frame;
 use isocat_wire::time::{Host, Nanos, Picos, Time, True};
 
@@ -14,7 +15,7 @@ use crate::fault::frames::{FrameFaults, Harms};
 use crate::fault::happen::Scene;
 use crate::fault::{Fault, Foreign, Happened, Moment, Planned, Timeline};
 use crate::host::{HostMachine, HostModel};
-use crate::observation::Observation;
+use crate::observation::{Observation, Observed};
 use crate::probe::Sight;
 use crate::segment::{Closing, Connection, Lost, Returned, Segment};
 use crate::wiring::{End, Hop, MainPort};
@@ -35,13 +36,16 @@ pub struct Setup {
     pub faults: Vec<Planned>,
     /// SubDevices that may be put in the place of others ([`Fault::Replace`]).
     pub spares: Vec<DeviceSetup>,
+    /// Whether what is regular in a cycle takes the short way, as it does by default: see [`Segment::set_lane`].
+    pub lane: bool,
 }
 
 impl Setup {
     /// A segment in which nothing goes wrong.
     pub const fn new(seed: u64, config: Config, host: HostModel, segment: Vec<Connection>) -> Self {
         let ring = None;
-        Self { seed, config, host, segment, ring, faults: Vec::new(), spares: Vec::new() }
+        let faults = Vec::new();
+        Self { seed, config, host, segment, ring, faults, spares: Vec::new(), lane: true }
     }
 }
 
@@ -82,6 +86,12 @@ pub trait Tap {
     /// A frame that left the primary port at `at` has passed the SubDevices: how they stand then.
     /// Each is brought up to the last frame that concerned it.
     fn passed(&mut self, _at: Time<True>, _segment: &Segment) {}
+
+    /// Whether [`observed`](Self::observed) is to be told of everything; asked once. If not, it may hear of what judges look at
+    /// alone.
+    fn observes(&self) -> bool {
+        true
+    }
 
     /// Something happened at a SubDevice at `at`; the segment is as it stands when that is told.
     fn observed(&mut self, _segment: &Segment, _at: Time<True>, _observation: &Observation) {}
@@ -136,6 +146,8 @@ pub struct World<A, T> {
     returning: VecDeque<Returning>,
     spare: Vec<Vec<u8>>,
     observations: Vec<Observation>,
+    /// The tap wants to see all of them, and not what judges look at alone.
+    everything: bool,
     timeline: Timeline,
     /// When each SubDevice was in sync; `None` where nobody asked, or before operation.
     course: Option<Course>,
@@ -160,6 +172,7 @@ impl<A: Application, T: Tap> World<A, T> {
     pub fn new(setup: Setup, application: A, tap: Option<T>) -> Self {
         let host = HostMachine::new(setup.host, setup.seed);
         let mut segment = Segment::new(setup.segment, setup.seed).in_ring(setup.ring);
+        segment.set_lane(setup.lane);
         for position in tap.iter().flat_map(Tap::probes) {
             segment.probe(position);
         }
@@ -174,6 +187,7 @@ impl<A: Application, T: Tap> World<A, T> {
             runner: Runner::new(main, application),
             host,
             segment,
+            everything: tap.as_ref().is_some_and(Tap::observes),
             tap,
             bench,
             wanted: None,
@@ -266,8 +280,9 @@ impl<A: Application, T: Tap> World<A, T> {
         }
         if next > limit {
             self.now = limit;
+            let everything = self.keeps_everything();
             let observations = &mut self.observations;
-            self.segment.advance(limit, &mut |o| observations.push(o));
+            self.segment.advance(limit, &mut |o| note(observations, everything, o));
             self.judge();
             return false;
         }
@@ -287,8 +302,9 @@ impl<A: Application, T: Tap> World<A, T> {
     /// Brings every SubDevice to the last frame that passed it, and the judges with them: before
     /// something is asked of them all.
     pub fn catch_up(&mut self) {
+        let everything = self.keeps_everything();
         let observations = &mut self.observations;
-        self.segment.catch_up(&mut |o| observations.push(o));
+        self.segment.catch_up(&mut |o| note(observations, everything, o));
         self.judge();
     }
 
@@ -359,9 +375,10 @@ impl<A: Application, T: Tap> World<A, T> {
         if self.timeline.next().is_some_and(|at| at <= self.now) {
             self.catch_up_to_now();
         }
+        let everything = self.keeps_everything();
         let Self { timeline, segment, host, port_faults, observations, .. } = self;
         let mut scene = Scene { segment, host: Some(host), port: port_faults };
-        timeline.happen(self.now, &mut scene, &mut |o| observations.push(o));
+        timeline.happen(self.now, &mut scene, &mut |o| note(observations, everything, o));
         let foreign = timeline.take_foreign();
         for happened in timeline.take_news() {
             if let Some(tap) = &mut self.tap {
@@ -379,8 +396,9 @@ impl<A: Application, T: Tap> World<A, T> {
 
     /// Brings the SubDevices to where true time stands: what goes wrong finds them there.
     fn catch_up_to_now(&mut self) {
+        let everything = self.keeps_everything();
         let observations = &mut self.observations;
-        self.segment.live(self.now, &mut |o| observations.push(o));
+        self.segment.live(self.now, &mut |o| note(observations, everything, o));
     }
 
     /// Another MainDevice sends a frame, at the same end of the same cable.
@@ -475,8 +493,9 @@ impl<A: Application, T: Tap> World<A, T> {
         back: Harms,
     ) {
         let wired = wired(from);
+        let everything = self.keeps_everything();
         let observations = &mut self.observations;
-        let watch = &mut |o| observations.push(o);
+        let watch = &mut |o| note(observations, everything, o);
         let fate = self.segment.pass_copy(wired, &mut bytes, (first, start), watch);
         if let Some(tap) = &mut self.tap {
             for seen in self.segment.take_probed() {
@@ -530,25 +549,47 @@ impl<A: Application, T: Tap> World<A, T> {
         }
     }
 
+    /// Whether more is kept than judges look at: the course of a run is followed by all that happens.
+    fn keeps_everything(&self) -> bool {
+        self.everything || self.follows_course
+    }
+
     /// Lets the judges see what happened. They look at the reference clock, so this waits until the
     /// SubDevices are done.
     fn judge(&mut self) {
         for observation in self.observations.drain(..) {
             let measured = self.bench.observe(&self.segment, &observation);
-            if let Some(course) = self.course.as_mut().filter(|_| self.follows_course) {
-                let oscillator = self.segment.devices()[observation.device].oscillator();
-                let at = oscillator.when(observation.device_at);
+            let course = self.course.as_mut().filter(|_| self.follows_course);
+            if course.is_none() && self.tap.is_none() {
+                continue;
+            }
+            let oscillator = self.segment.devices()[observation.device].oscillator();
+            let at = oscillator.when(observation.device_at);
+            if let Some(course) = course {
                 course.observe(observation.device, at, observation.event, &measured);
             }
             if let Some(tap) = &mut self.tap {
-                let device = &self.segment.devices()[observation.device];
-                let at = device.oscillator().when(observation.device_at);
                 tap.observed(&self.segment, at, &observation);
                 if measured != Measured::default() {
                     tap.measured(at, observation.device, &measured);
                 }
             }
         }
+    }
+}
+
+/// Keeps what judges look at, or `everything`: most steps of most SubDevices are nobody's concern.
+#[inline]
+fn note(observations: &mut Vec<Observation>, everything: bool, observation: Observation) {
+    use Observed::{Acknowledged, Began, Finished};
+    let concerns = match observation.event {
+        Began(Step::MapOutputs | Step::OutputsValid | Step::LatchInputs) => true,
+        Finished(step) => step == Step::MapOutputs,
+        Began(_) | Acknowledged(_) => false,
+        _ => true,
+    };
+    if everything || concerns {
+        observations.push(observation);
     }
 }
 

@@ -128,12 +128,21 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// Watches the time: OP that is asked for, SYNC0 in OP.
+    #[inline]
     pub(crate) fn supervise(&mut self, now: Time<Device>, pdi: &mut impl Pdi) {
         let sync_lost = self.sync.sync_deadline().is_some_and(|deadline| now >= deadline);
-        let codes = self.description().behaviour.loss_codes;
-        if self.is_emulated() {
-            return;
+        let as_usual = match self.esm.state {
+            AlState::Op => !sync_lost && !self.sync.sequence_lost(),
+            _ => self.esm.pending.is_none(),
+        };
+        if !as_usual && !self.is_emulated() {
+            self.judge_sync(now, sync_lost, pdi);
         }
+    }
+
+    /// SYNC is lost, or OP is waited for.
+    fn judge_sync(&mut self, now: Time<Device>, sync_lost: bool, pdi: &mut impl Pdi) {
+        let codes = self.description().behaviour.loss_codes;
         if self.esm.state == AlState::Op {
             if sync_lost {
                 self.fall(AlState::SafeOp, codes.sync_lost, pdi);
@@ -172,6 +181,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 
     /// When [`Self::supervise`] has something to find without an event.
+    #[inline]
     pub(crate) fn supervision_due(&self) -> Option<Time<Device>> {
         if self.is_emulated() {
             return None;

@@ -13,6 +13,7 @@ use crate::esm::Esm;
 use crate::mailbox::Mailbox;
 use crate::misbehaviour::{self, Misbehaviour, Misbehaviours};
 use crate::objects::Objects;
+use crate::prepared::Prepared;
 use crate::process_data::ProcessData;
 use crate::services::Services;
 use crate::steps::Steps;
@@ -89,7 +90,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.mailbox.stop();
         self.services.reset();
         self.process_data = ProcessData::new();
-        self.sync = SyncEngine::new();
+        self.sync = self.sync.renewed();
         self.sync.load_settings(&self.dictionary);
         self.chosen = Chosen::default();
         self.station = 0;
@@ -170,6 +171,34 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
         self.delayed(steps)
     }
 
+    /// The same as [`handle_event`](Self::handle_event), for a caller with memory to spare: what an event started is kept in
+    /// `prepared`, and found there as long as it is the same.
+    pub fn handle_event_prepared<'p>(
+        &mut self,
+        now: Time<Device>,
+        event: Event,
+        pdi: &mut impl Pdi,
+        prepared: &'p mut Prepared,
+    ) -> &'p Steps {
+        if !self.description().behaviour.faults().is_empty() {
+            let steps = self.handle_event(now, event, pdi);
+            return prepared.keep(steps);
+        }
+        let Some(new_outputs) = self.meet(now, event, pdi) else {
+            return prepared.keep(Steps::EMPTY);
+        };
+        let op = self.esm.state == AlState::Op;
+        let started = self.sync.react_prepared(now, event, (new_outputs, op), prepared);
+        match started {
+            Some(steps) if self.stays(now, event, op, pdi) => steps,
+            Some(_) => &NOTHING,
+            None => {
+                self.process_data.drop_outputs(pdi);
+                &NOTHING
+            }
+        }
+    }
+
     /// Acknowledges a SYNC pulse: in acknowledge mode (0x0982 is 0) the signal stays active until then, and pulses that
     /// are due before make no edge. [`handle_event`](Self::handle_event) does it by itself, unless the behaviour says
     /// that it is [done later](crate::description::Behaviour::late_acknowledge).
@@ -181,11 +210,27 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// Whether the event that was handled last is a SYNC pulse that the caller has to
     /// [acknowledge](Self::acknowledge_sync). Asked once: then it is no longer.
+    #[inline]
     pub fn take_unacknowledged(&mut self) -> bool {
         core::mem::take(&mut self.unacknowledged)
     }
 
     fn react(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Steps {
+        let Some(new_outputs) = self.meet(now, event, pdi) else { return Steps::EMPTY };
+        let op = self.esm.state == AlState::Op;
+        match self.sync.react(now, event, new_outputs, op) {
+            Reaction::Start(steps) if self.stays(now, event, op, pdi) => steps,
+            Reaction::Start(_) => Steps::EMPTY,
+            Reaction::Drop => {
+                self.process_data.drop_outputs(pdi);
+                Steps::EMPTY
+            }
+        }
+    }
+
+    /// What is done before an event starts anything; whether outputs wait that it looks for. `None`: it starts nothing.
+    #[inline]
+    fn meet(&mut self, now: Time<Device>, event: Event, pdi: &mut impl Pdi) -> Option<bool> {
         let sync = matches!(event, Event::Sync0 | Event::Sync1);
         // Below SAFEOP too: a pulse that nothing acknowledges is the last one.
         if sync && self.must_acknowledge(pdi) {
@@ -195,40 +240,34 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
             }
         }
         if !self.esm.is_cyclic() {
-            return Steps::EMPTY;
+            return None;
         }
         if sync {
             // A pulse that was overdue must not hide that it was.
             self.supervise(now, pdi);
         }
         self.application.event(event);
-        let op = self.esm.state == AlState::Op;
-        let new_outputs = self.sync.looks_for_outputs(event)
-            && self.sync.has_outputs()
-            && pdi.events() & self.output_event() != 0;
-        match self.sync.react(now, event, new_outputs, op) {
-            Reaction::Start(steps) => {
-                if !sync {
-                    return steps;
-                }
-                self.supervise(now, pdi);
-                // A pulse that ends OP starts no outputs any more; the next one starts the cycle anew.
-                let fell = op && self.esm.state != AlState::Op;
-                if fell {
-                    self.sync.abandon();
-                    Steps::EMPTY
-                } else {
-                    steps
-                }
-            }
-            Reaction::Drop => {
-                self.process_data.drop_outputs(pdi);
-                Steps::EMPTY
-            }
+        let looks = self.sync.looks_for_outputs(event) && self.sync.has_outputs();
+        Some(looks && pdi.events() & self.output_event() != 0)
+    }
+
+    /// Behind an event that was counted: whether its steps start. A pulse that ends OP starts no outputs any more; the next
+    /// one starts the cycle anew.
+    #[inline]
+    fn stays(&mut self, now: Time<Device>, event: Event, op: bool, pdi: &mut impl Pdi) -> bool {
+        if !matches!(event, Event::Sync0 | Event::Sync1) {
+            return true;
         }
+        self.supervise(now, pdi);
+        let fell = op && self.esm.state != AlState::Op;
+        if fell {
+            self.sync.abandon();
+        }
+        !fell
     }
 
     /// Whether SYNC is in acknowledge mode. In the cycle, where time is short, the register is not read again.
+    #[inline]
     fn must_acknowledge(&self, pdi: &mut impl Pdi) -> bool {
         match self.esm.is_cyclic() && self.sync.mode().uses_dc() {
             true => self.sync.acknowledges_sync(),
@@ -238,6 +277,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
 
     /// A step starts: outputs are fetched from the ESC, outputs act, inputs are taken.
     /// A step that no event started, or that a change of state ended, is ignored.
+    #[inline]
     pub fn begin(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
         if !self.sync.begin(now, step) {
             return;
@@ -262,6 +302,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     ///
     /// Outputs that end after the SYNC0 they were for are dropped: the application never sees them, so
     /// that the outputs of one cycle never act in the next.
+    #[inline]
     pub fn finish(&mut self, now: Time<Device>, step: Step, pdi: &mut impl Pdi) {
         if !self.sync.finish(now, step) {
             return;
@@ -293,6 +334,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     /// end of a frame. At that instant call
     /// [`handle_event`](Self::handle_event) with [`Event::Timer`] and then [`poll`](Self::poll): each does
     /// only what is due. The instant changes with every call of the other methods.
+    #[inline]
     pub fn next_timeout(&self) -> Option<Time<Device>> {
         let earliest = |one: Option<Time<Device>>, other: Option<Time<Device>>| match (one, other) {
             (Some(one), Some(other)) => Some(one.min(other)),
@@ -420,5 +462,7 @@ impl<A: Application, S: AsRef<[u8]> + AsMut<[u8]>> SubDevice<A, S> {
     }
 }
 
+/// What an event starts that starts nothing.
+static NOTHING: Steps = Steps::EMPTY;
 /// How soon the ESC is asked again: a long frame takes 120 us, a short one 7 us.
 const RETRY: Nanos = Nanos::micros(10);

@@ -10,6 +10,7 @@ use crate::dictionary::Dictionary;
 use crate::measurement::Measurement;
 use crate::misbehaviour::{self, Misbehaviour};
 use crate::missed::MissedCounter;
+use crate::prepared::{Begins, Prepared};
 use crate::steps::Steps;
 
 /// The synchronization of a SubDevice: mode, counters and what is under way in the present cycle.
@@ -38,6 +39,10 @@ pub struct SyncEngine {
     /// SYNC0 pulses since the last SYNC1.
     sub_cycle: u32,
     timer: Option<Time<Device>>,
+    /// Until when the next SYNC pulses must come: see [`Self::sync_deadline`].
+    deadline: Option<Time<Device>>,
+    /// Counts what may have changed the steps that an event starts; it wraps.
+    version: u32,
 }
 
 /// How the device is synchronized, as found at PREOP to SAFEOP.
@@ -137,13 +142,21 @@ impl SyncEngine {
             last_sync1: None,
             sub_cycle: 0,
             timer: None,
+            deadline: None,
+            version: 0,
         }
+    }
+
+    /// The same after power-off: what was prepared for this one holds for the new one no longer.
+    pub(crate) fn renewed(&self) -> Self {
+        Self { version: self.version.wrapping_add(1), ..Self::new() }
     }
 
     /// SAFEOP is entered: the cycle begins, all counters at 0.
     pub(crate) fn start(&mut self, now: Time<Device>, setup: Setup) {
         self.clear();
         self.setup = setup;
+        self.version = self.version.wrapping_add(1);
         self.measurement.forget_distances();
         if setup.chain.mode == SyncMode::FreeRun {
             self.timer = Some(now + self.period());
@@ -162,6 +175,7 @@ impl SyncEngine {
             settings: self.settings,
             missed_total: self.missed_total,
             measurement: self.measurement,
+            version: self.version,
             ..Self::new()
         };
     }
@@ -219,6 +233,7 @@ impl SyncEngine {
         if self.timer.is_some() {
             self.setup.cycle = self.settings.period;
         }
+        self.version = self.version.wrapping_add(1);
     }
 
     /// An event came. `new_outputs`: the SM2 buffer holds outputs not yet fetched; `op`: outputs act.
@@ -229,17 +244,65 @@ impl SyncEngine {
         new_outputs: bool,
         op: bool,
     ) -> Reaction {
+        let Some(last_sync0) = self.note(now, event, new_outputs, op) else {
+            return Reaction::Start(Steps::EMPTY);
+        };
+        let begins = self.begins(event, last_sync0, new_outputs, op);
+        if self.take_up(now, &begins) {
+            Reaction::Start(begins.steps)
+        } else if event == Event::Sm2 {
+            Reaction::Drop
+        } else {
+            Reaction::Start(Steps::EMPTY)
+        }
+    }
+
+    /// The same, where the steps may be known from an earlier cycle. `None`: the outputs that came are dropped.
+    pub(crate) fn react_prepared<'p>(
+        &mut self,
+        now: Time<Device>,
+        event: Event,
+        (new_outputs, op): (bool, bool),
+        prepared: &'p mut Prepared,
+    ) -> Option<&'p Steps> {
+        let Some(last_sync0) = self.note(now, event, new_outputs, op) else {
+            return Some(&NOTHING);
+        };
+        if !last_sync0 && self.setup.chain.steps(event).is_empty() {
+            return Some(&NOTHING);
+        }
+        let begins = prepared.of((event, last_sync0, new_outputs, op), self.version, || {
+            self.begins(event, last_sync0, new_outputs, op)
+        });
+        if self.take_up(now, begins) {
+            Some(&begins.steps)
+        } else if event == Event::Sm2 {
+            None
+        } else {
+            Some(&NOTHING)
+        }
+    }
+
+    /// Counts and measures what an event tells; whether it is the last SYNC0 before SYNC1. `None`: it starts nothing.
+    #[inline]
+    fn note(
+        &mut self,
+        now: Time<Device>,
+        event: Event,
+        new_outputs: bool,
+        op: bool,
+    ) -> Option<bool> {
         let chain = self.setup.chain;
         let mut last_sync0 = false;
         match event {
             Event::Timer => {
                 match self.timer {
                     Some(due) if due <= now => self.timer = Some(self.next_tick(due, now)),
-                    _ => return Reaction::Start(Steps::EMPTY),
+                    _ => return None,
                 }
                 if self.running != 0 {
                     // Not bound to the bus: the present pass ends, this tick is left out.
-                    return Reaction::Start(Steps::EMPTY);
+                    return None;
                 }
                 self.measurement.cycle_begins(now);
             }
@@ -267,21 +330,24 @@ impl SyncEngine {
             }
             _ => {}
         }
-        let steps = chain.steps(event);
-        let besides = if last_sync0 { chain.steps_of_last_sync0() } else { &[] };
-        if steps.iter().chain(besides).any(|&step| self.running & bit(step) != 0) {
+        Some(last_sync0)
+    }
+
+    /// Starts the steps of an event, unless one of them has not ended since it was started last.
+    #[inline]
+    fn take_up(&mut self, now: Time<Device>, begins: &Begins) -> bool {
+        if self.running & begins.wants != 0 {
             increment(&mut self.cycle_time_too_small);
-            return if event == Event::Sm2 {
-                Reaction::Drop
-            } else {
-                Reaction::Start(Steps::EMPTY)
-            };
+            return false;
         }
-        let started = self.start_steps(event, (steps, besides), new_outputs, op);
-        if started.iter().any(|(step, _)| step == Step::MapOutputs) {
+        self.running |= begins.starts;
+        if begins.too_short {
+            increment(&mut self.shift_time_too_short);
+        }
+        if begins.starts & bit(Step::MapOutputs) != 0 {
             self.measurement.maps_outputs(now);
         }
-        Reaction::Start(started)
+        true
     }
 
     /// The steps that the last SYNC0 started are not done; outputs in work are.
@@ -356,17 +422,19 @@ impl SyncEngine {
     /// Until when the next pulse of each SYNC signal must come; `None` before the first and without
     /// supervision.
     pub(crate) fn sync_deadline(&self) -> Option<Time<Device>> {
-        if !self.mode().uses_dc() {
-            return None;
-        }
+        self.deadline
+    }
+
+    /// A SYNC pulse came: the next ones have their time.
+    fn expect_sync(&mut self) {
         let Setup { cycle, sync1, .. } = self.setup;
         let sync0 = self.last_sync0.zip(supervision_time(cycle)).map(|(last, t)| last + t);
         let sync1 = self.last_sync1.zip(supervision_time_sync1(cycle, sync1));
         let sync1 = sync1.map(|(last, allowed)| last + allowed);
-        match (sync0, sync1) {
+        self.deadline = match (sync0, sync1) {
             (Some(sync0), Some(sync1)) => Some(sync0.min(sync1)),
             (one, other) => one.or(other),
-        }
+        };
     }
 
     /// When the local timer is due; Free Run in SAFEOP and OP only.
@@ -482,6 +550,7 @@ impl SyncEngine {
     /// A SYNC0 pulse; tells whether it is the last before SYNC1.
     fn sync0(&mut self, now: Time<Device>, new_outputs: bool, op: bool) -> bool {
         self.last_sync0 = Some(now);
+        self.expect_sync();
         self.measurement.sync0(now);
         self.sub_cycle = self.sub_cycle.saturating_add(1);
         let last = self.sub_cycle == self.setup.sub_cycles();
@@ -499,6 +568,7 @@ impl SyncEngine {
 
     fn sync1(&mut self, now: Time<Device>, op: bool) {
         self.last_sync1 = Some(now);
+        self.expect_sync();
         self.measurement.sync1(now);
         self.sub_cycle = 0;
         if self.mode() == SyncMode::DcSync1 && self.is_running(Step::MapOutputs) {
@@ -525,13 +595,13 @@ impl SyncEngine {
         }
     }
 
-    fn start_steps(
-        &mut self,
-        event: Event,
-        (steps, besides): (&[Step], &[Step]),
-        new_outputs: bool,
-        op: bool,
-    ) -> Steps {
+    /// What an event starts if nothing of it is under way.
+    fn begins(&self, event: Event, last_sync0: bool, new_outputs: bool, op: bool) -> Begins {
+        let chain = self.setup.chain;
+        let steps = chain.steps(event);
+        let besides = if last_sync0 { chain.steps_of_last_sync0() } else { &[] };
+        let wants = steps.iter().chain(besides).fold(0, |all, step| all | bit(*step));
+        let mut starts = 0;
         let mut started = Steps::EMPTY;
         let looks = self.setup.chain.looks_for_outputs(event);
         let mut too_short = false;
@@ -555,13 +625,10 @@ impl SyncEngine {
                 Step::MapInputs => self.latch_delay(event).0,
                 _ => Nanos::ZERO,
             };
-            self.running |= bit(step);
+            starts |= bit(step);
             started.push(step, delay);
         }
-        if too_short {
-            increment(&mut self.shift_time_too_short);
-        }
-        started
+        Begins { steps: started, wants, starts, too_short }
     }
 
     /// From a SYNC pulse to Outputs Valid, and whether the shift that was asked for is too short for the
@@ -638,6 +705,9 @@ fn error_limit<S: AsRef<[u8]> + AsMut<[u8]>>(
     set.map_or(behaviour.sync_error_limit, |limit| limit.min(u32::from(u16::MAX)) as u16)
         .saturating_add(more.unwrap_or(0))
 }
+
+/// What an event starts that starts nothing.
+static NOTHING: Steps = Steps::EMPTY;
 
 fn bit(step: Step) -> u8 {
     1 << step as u8

@@ -239,8 +239,16 @@ impl DcUnit {
     /// Handles the SYNC unit's earliest due time; see [`SyncUnit::fire`].
     pub fn fire(&mut self, registers: &Registers) -> Option<sync::Output> {
         let now = self.sync.due();
-        let output = self.sync.fire(self.system(now), registers);
-        self.reschedule(now);
+        if self.sync.is_rough() {
+            // Not due yet: it is near now, and placed.
+            self.reschedule(now);
+            return None;
+        }
+        let system = self.system(now);
+        let output = self.sync.fire(system, registers);
+        if output != Some(sync::Output::Sync0) || !self.sync.schedule_roughly(now, system) {
+            self.reschedule(now);
+        }
         output
     }
 
@@ -273,6 +281,19 @@ impl DcUnit {
     ) {
         let copy = (self.system(start) as u32).wrapping_sub(self.delay);
         self.compare((start, end), copy, |address| shadow.byte(address), registers);
+    }
+
+    /// A frame that arrived at `start` and ended at `end` brought these lower four bytes of the system time, and wrote nothing
+    /// else: what [`Self::end_frame`] makes of it.
+    pub fn follow_whole(
+        &mut self,
+        (start, end): (Time<Device>, Time<Device>),
+        received: [u8; 4],
+        registers: &mut Registers,
+    ) {
+        let copy = (self.system(start) as u32).wrapping_sub(self.delay);
+        let byte = |address: u16| Some(received[usize::from(address - 0x0910) & 3]);
+        self.compare((start, end), copy, byte, registers);
     }
 
     /// The PDI has written a system time of another segment: it belongs to the last positive edge

@@ -58,6 +58,8 @@ pub(crate) struct SyncUnit {
     debug_at: Time<Device>,
     /// See [`SyncUnit::without_edge`].
     without_edge: [u32; 2],
+    /// The due time of SYNC0 is no later than its pulse, and may be earlier.
+    rough: bool,
 }
 
 /// One of the two signals.
@@ -107,6 +109,7 @@ impl SyncUnit {
             debug: 0,
             debug_at: Time::NEVER,
             without_edge: [0; 2],
+            rough: false,
         }
     }
 
@@ -195,10 +198,34 @@ impl SyncUnit {
     /// Places the due times, `instant` being the first instant at which the system time has reached its
     /// argument.
     pub fn schedule(&mut self, instant: impl Fn(u64) -> Time<Device>) {
+        self.rough = false;
         if self.active {
             self.sync0.plan(&instant);
             self.sync1.plan(&instant);
         }
+    }
+
+    /// Behind a pulse of SYNC0 at `now`, when the system time is `system`: the next one is not looked for before it is near.
+    /// As a rule a drift frame comes first, and moves it. `false`: its due time has to be placed now.
+    pub fn schedule_roughly(&mut self, now: Time<Device>, system: u64) -> bool {
+        let Some(next) = self.sync0.next.filter(|_| self.active && self.sync1.next.is_none())
+        else {
+            return false;
+        };
+        let ahead = next.wrapping_sub(system);
+        let is_near = !(NEAR..FAR).contains(&ahead);
+        if !is_near {
+            // A tick of 10 ns counts 11 ns at most.
+            let least = ahead * TICK / (TICK + 1) - 2 * TICK;
+            self.sync0.due = Time::new(now.count() + least);
+            self.rough = true;
+        }
+        !is_near
+    }
+
+    /// Whether [`Self::schedule`] has to tell when the next pulse really is due.
+    pub const fn is_rough(&self) -> bool {
+        self.rough
     }
 
     /// When [`Self::fire`] is due.
@@ -366,6 +393,9 @@ pub(crate) fn sync0_cycle(registers: &Registers) -> u64 {
     }
 }
 
+/// Pulses nearer than this are placed at once, ns, and so are those farther than any run is long.
+const NEAR: u64 = 10_000;
+const FAR: u64 = 1 << 48;
 /// Shortest SYNC0 cycle, ns. The register text gives the limit and does not say what a shorter
 /// value does: here it runs as this one, and reads as it was written.
 const CYCLE_MIN: u32 = 60;

@@ -54,6 +54,8 @@ pub(crate) struct Exchanged {
     pub latch: bool,
     /// The SyncManagers whose buffer changed hands, a bit each.
     pub units: u16,
+    /// Bits of the AL event request that were not set before.
+    pub al_events: u32,
 }
 
 /// All SyncManagers of an ESC.
@@ -205,7 +207,11 @@ impl SyncManagers {
             if unit.config.is_ecat_write() {
                 self.labels[number][unit.buffer(Direction::Write)] = label;
             }
+            let before = unit.raises_al_event();
             exchanged.watchdog |= unit.complete(Side::Ecat);
+            if unit.raises_al_event() && !before {
+                exchanged.al_events |= al_event::sync_manager(number);
+            }
             exchanged.latch |= unit.config.activate & SyncManager::LATCH_ECAT != 0;
             self.show(number, registers);
         }
@@ -298,8 +304,7 @@ impl SyncManagers {
         let mut events = if self.changed != 0 { al_event::SM_ACTIVATION } else { 0 };
         for number in bits(self.guarding) {
             let unit = &self.units[number];
-            let raised = if unit.config.is_ecat_write() { unit.int_written } else { unit.int_read };
-            if raised && unit.config.control & SyncManager::CONTROL_AL_EVENT != 0 {
+            if unit.raises_al_event() {
                 events |= al_event::sync_manager(number);
             }
         }
@@ -320,7 +325,7 @@ impl SyncManagers {
     }
 
     /// ECAT opens, accesses and closes one area as a whole; gives its place in memory if allowed.
-    fn ecat_whole(
+    pub fn ecat_whole(
         &mut self,
         direction: Direction,
         registers: &mut Registers,
@@ -336,6 +341,31 @@ impl SyncManagers {
         self.closing |= 1 << number;
         self.show(number, registers);
         Some(place)
+    }
+
+    /// The PDI opens, accesses and closes one area as a whole; gives its place in memory, and whether the watchdog is
+    /// triggered. `None`, and nothing is done, where more happens besides, or nothing.
+    #[inline]
+    pub fn pdi_whole(
+        &mut self,
+        direction: Direction,
+        registers: &mut Registers,
+        number: usize,
+    ) -> Option<(usize, bool)> {
+        let unit = &mut self.units[number];
+        if self.release_by_write
+            || unit.config.activate & SyncManager::LATCH_PDI != 0
+            || !unit.admits(Side::Pdi, direction)
+        {
+            return None;
+        }
+        let place = unit.admit(Side::Pdi, direction, 0)?;
+        if direction == Direction::Write {
+            self.labels[number][unit.buffer(direction)] = self.pdi_label;
+        }
+        let watchdog = unit.complete(Side::Pdi);
+        self.show(number, registers);
+        Some((place, watchdog))
     }
 
     /// Opens, accesses and closes a part of one area; gives its place in memory if allowed.
@@ -384,6 +414,13 @@ impl SyncManagers {
         let found = bits(self.alone)
             .find(|number| usize::from(self.units[*number].config.start) == first)?;
         (self.units[found].end() == end).then_some(found)
+    }
+
+    /// The unit of three buffers that guards just these addresses and shares none of them with another.
+    pub fn three_buffers(&self, start: u16, length: u16) -> Option<usize> {
+        let first = usize::from(start);
+        let number = self.whole(first, first + usize::from(length))?;
+        self.units[number].is_buffered().then_some(number)
     }
 
     /// Finds the units whose areas no other unit's buffers touch, and where the last buffer ends.

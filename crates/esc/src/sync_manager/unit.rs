@@ -73,7 +73,7 @@ impl Unit {
     }
 
     /// Three buffers; an area of one byte has neither buffers nor a handshake, and registers are there once.
-    fn is_buffered(&self) -> bool {
+    pub fn is_buffered(&self) -> bool {
         !self.config.is_mailbox()
             && self.config.length > 1
             && self.config.start >= register::PROCESS_RAM
@@ -95,6 +95,14 @@ impl Unit {
         } else {
             Direction::Read
         }
+    }
+
+    /// Whether a whole access to three buffers is allowed: it is [admitted](Self::admit) then.
+    #[inline]
+    pub fn admits(&self, side: Side, direction: Direction) -> bool {
+        self.direction_of(side) == direction
+            && self.config.pdi_control & PDI_DEACTIVATED == 0
+            && (direction == Direction::Write || self.filled)
     }
 
     /// Whether an access at `offset` of the area is allowed; its place in memory.
@@ -142,6 +150,12 @@ impl Unit {
             return None;
         }
         Some(start + offset + self.buffer(direction) * usize::from(self.config.length))
+    }
+
+    /// Whether its bit of the AL event request is set.
+    pub fn raises_al_event(&self) -> bool {
+        let raised = if self.config.is_ecat_write() { self.int_written } else { self.int_read };
+        raised && self.config.control & SyncManager::CONTROL_AL_EVENT != 0
     }
 
     /// The PDI has opened a buffer to read it.

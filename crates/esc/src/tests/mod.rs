@@ -14,6 +14,7 @@ mod mii;
 mod next_frame;
 mod process_data;
 mod registers;
+mod regular;
 mod sync_edges;
 mod sync_managers;
 mod sync_signals;

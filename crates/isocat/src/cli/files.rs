@@ -254,6 +254,9 @@ impl Tap for Files {
     fn probed(&mut self, at: Time<True>, device: usize, sight: Sight, bytes: &[u8]) {
         self.taps().for_each(|tap| tap.probed(at, device, sight, bytes));
     }
+    fn observes(&self) -> bool {
+        !self.is_empty() || self.recording.is_some()
+    }
     fn observed(&mut self, segment: &Segment, at: Time<True>, observation: &Observation) {
         self.taps().for_each(|tap| tap.observed(segment, at, observation));
     }

@@ -83,6 +83,9 @@ pub struct Arguments {
     /// For testing: run although the timing budget does not fit
     #[arg(long)]
     force: bool,
+    /// For testing: simulate regular cycles by the long way, too; nothing but the time that it takes depends on it
+    #[arg(long, hide = true)]
+    no_lane: bool,
     /// With --interface: answer GET /metrics for Prometheus here while it runs: a port of this machine, or an address
     #[arg(long, value_name = "ADDRESS", value_parser = crate::metrics::address)]
     pub metrics: Option<std::net::SocketAddr>,
@@ -365,6 +368,7 @@ impl Arguments {
         scenario.drift_law = self.drift_law.or(scenario.drift_law);
         scenario.force = self.force;
         scenario.tolerate = self.tolerate;
+        scenario.lane = !self.no_lane;
         scenario.drift_compensation &= !self.no_drift_compensation;
         Ok(scenario)
     }

@@ -2,8 +2,9 @@
 
 use std::fmt::Write;
 
-use isocat::profile::{built_in, built_in_ids};
 use isocat_sync::SyncMode;
+
+use crate::profile::{built_in, built_in_ids};
 
 /// A segment, and whether its devices do what they state.
 pub struct Drawn {
@@ -15,7 +16,7 @@ pub struct Drawn {
 
 /// Draws the segment with this number.
 pub fn draw(number: u64) -> Drawn {
-    let mut chance = Chance(number.wrapping_mul(0x2545_F491_4F6C_DD1D) ^ 0x1571_5CAF);
+    let mut chance = Chance::new(number.wrapping_mul(0x2545_F491_4F6C_DD1D) ^ 0x1571_5CAF);
     let cycle = *chance.of(&CYCLES_NS);
     let mut text = format!("cycle = \"{cycle}ns\"\nseed = {number}\n");
     if chance.one_in(4) {
@@ -113,9 +114,14 @@ const CYCLES_NS: [u64; 10] = [
 ];
 
 /// SplitMix64.
-struct Chance(u64);
+pub struct Chance(u64);
 
 impl Chance {
+    /// A number gives always the same one.
+    pub fn new(number: u64) -> Self {
+        Self(number)
+    }
+
     fn next(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -124,11 +130,12 @@ impl Chance {
     }
 
     /// Both ends are possible.
-    fn between(&mut self, least: u64, most: u64) -> u64 {
+    pub fn between(&mut self, least: u64, most: u64) -> u64 {
         least + self.next() % (most.max(least) - least + 1)
     }
 
-    fn one_in(&mut self, count: u64) -> bool {
+    /// True once in so many.
+    pub fn one_in(&mut self, count: u64) -> bool {
         self.next().is_multiple_of(count)
     }
 

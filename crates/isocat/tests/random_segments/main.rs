@@ -10,6 +10,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use isocat::plan::{Plan, proof};
+use isocat::profile;
 use isocat::{Nanos, Scenario, SegmentFile};
 
 use generator::{Drawn, draw};

@@ -35,6 +35,20 @@ fn the_inverse_is_the_first_instant() {
     assert_eq!(Oscillator::new(0).when::<Device>(Time::NEVER), Time::NEVER);
 }
 
+proptest! {
+    /// The multiplication in the place of the division is exact, up to both sides of where it ends.
+    #[test]
+    fn the_inverse_is_that_of_a_division(
+        ppb in -MOST_DEVIATION_PPB..=MOST_DEVIATION_PPB,
+        reading in prop_oneof![0..SHORT, 0..10_000_000_000u64, SHORT - 5..SHORT + 5],
+    ) {
+        let oscillator = Oscillator::new(ppb);
+        let exact = (u128::from(reading) << 64).div_ceil(u128::from(oscillator.rate));
+        let at = oscillator.when::<Device>(Time::new(reading)).count();
+        prop_assert_eq!(u128::from(at), exact);
+    }
+}
+
 /// 10 ppm more from 2 s on: at 5 s it is 30 us ahead, one piece further back nothing.
 #[test]
 fn a_step_gains_from_its_instant_on() {

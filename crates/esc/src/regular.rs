@@ -1,0 +1,269 @@
+//! What comes in every cycle of regular operation, answered in few steps.
+//!
+//! A cyclic frame asks three things of an ESC: it brings the system time (FRMW or ARMW of 0x0910), it exchanges process data
+//! (LRW, LRD, LWR), and it collects AL status (BRD of 0x0130). Each is recognized here and answered at once; whatever is not
+//! as usual goes the long way through `process`. Both ways have the same effects to the last register, so that a caller may
+//! switch this one off at any time ([`Esc::set_lane`]) and sees no difference but time.
+
+use core::ops::Range;
+
+use isocat_wire::fmmu::Fmmu;
+use isocat_wire::register::{self, PROCESS_RAM, features};
+use isocat_wire::{Command, Time};
+
+use crate::esc::{ECAT_AL_STATUS, Esc, EscEvent, Flight};
+use crate::fmmu::Single;
+use crate::sync_manager::Direction;
+
+/// Process data whose FMMUs and SyncManagers are as usual: one of each for a direction, of equal length.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Areas {
+    outputs: Option<Area>,
+    inputs: Option<Area>,
+}
+
+/// One direction.
+#[derive(Clone, Copy, Debug)]
+struct Area {
+    logical: u32,
+    physical: u16,
+    length: u16,
+    sync_manager: u8,
+}
+
+impl Area {
+    /// Whether an access of the PDI is to all of it.
+    fn is(&self, address: u16, len: usize) -> bool {
+        address == self.physical && len == usize::from(self.length)
+    }
+
+    /// Its place in a datagram, if the datagram has all of it.
+    fn place(&self, address: u32, len: usize) -> Option<Range<usize>> {
+        let from = self.logical.checked_sub(address)? as usize;
+        let end = from + usize::from(self.length);
+        (end <= len).then_some(from..end)
+    }
+}
+
+/// What is known of the [`Areas`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Known {
+    /// FMMUs or SyncManagers have changed since they were looked for.
+    Nothing,
+    /// They are not as usual.
+    Unusual,
+    /// They are.
+    Usual(Areas),
+}
+
+/// The system time that the frame in flight brought, and nothing else was written to registers.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Brought {
+    pub bytes: [u8; 8],
+    /// 4 or 8; 0 if it brought none.
+    pub len: u8,
+}
+
+impl Brought {
+    /// No time.
+    pub const NONE: Self = Self { bytes: [0; 8], len: 0 };
+
+    /// Whether there is none.
+    pub const fn is_none(&self) -> bool {
+        self.len == 0
+    }
+}
+
+impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
+    /// Whether what comes in every cycle may take the short way; it does unless told otherwise. Nothing but the time that the
+    /// simulation takes depends on it.
+    pub fn set_lane(&mut self, on: bool) {
+        self.lane = on;
+    }
+
+    /// Answers a datagram that comes in every cycle; its working counter increment. `None`: nothing was done.
+    #[inline]
+    pub(crate) fn regular(
+        &mut self,
+        command: Command,
+        address: u32,
+        data: &mut [u8],
+    ) -> Option<u16> {
+        if !self.lane {
+            return None;
+        }
+        let (adp, ado) = (address as u16, (address >> 16) as u16);
+        match command {
+            Command::Lrw | Command::Lrd | Command::Lwr => {
+                self.exchange_areas(command, address, data)
+            }
+            Command::Frmw if ado == TIME && !self.is_addressed(adp) => self.bring_time(data),
+            Command::Armw if ado == TIME && adp != 0 => self.bring_time(data),
+            Command::Brd if ado == register::AL_STATUS.address => {
+                let data: &mut [u8; 2] = data.try_into().ok()?;
+                self.flight.acknowledged |= ECAT_AL_STATUS;
+                let status = self.registers.load(register::AL_STATUS).0.to_le_bytes();
+                (data[0], data[1]) = (data[0] | status[0], data[1] | status[1]);
+                Some(1)
+            }
+            _ => None,
+        }
+    }
+
+    /// The system time of the reference clock, which every ESC behind it takes as it passes.
+    fn bring_time(&mut self, data: &[u8]) -> Option<u16> {
+        let bytes = match *data {
+            [a, b, c, d] => [a, b, c, d, 0, 0, 0, 0],
+            [a, b, c, d, e, f, g, h] if self.units.takes_wide_time() => [a, b, c, d, e, f, g, h],
+            _ => return None,
+        };
+        if !self.units.takes_time() || !self.shadow.is_empty() || self.is_protected(TIME) {
+            return None;
+        }
+        self.flight.brought = Brought { bytes, len: data.len() as u8 };
+        Some(1)
+    }
+
+    /// Something else is written to registers by the same frame: what it brought waits with that.
+    pub(crate) fn put_brought_aside(&mut self) {
+        let Brought { bytes, len } = core::mem::replace(&mut self.flight.brought, Brought::NONE);
+        if len > 0 {
+            let put = self.shadow.put_in_line(TIME, &bytes[..usize::from(len)]);
+            debug_assert!(put, "the system time is one line, and open");
+        }
+    }
+
+    /// Process data of both directions, or of one.
+    fn exchange_areas(&mut self, command: Command, address: u32, data: &mut [u8]) -> Option<u16> {
+        let areas = match self.areas {
+            Known::Usual(areas) => areas,
+            Known::Unusual => return None,
+            Known::Nothing => {
+                let found = self.find_areas();
+                self.areas = found.map_or(Known::Unusual, Known::Usual);
+                found?
+            }
+        };
+        if !self.is_regular_ram() || self.is_protected(PROCESS_RAM) {
+            return None;
+        }
+        let place = |area: Option<Area>, wanted: bool| match area.filter(|_| wanted) {
+            None => Some(None),
+            Some(area) => Some(Some((area.place(address, data.len())?, area.sync_manager))),
+        };
+        let outputs = place(areas.outputs, command != Command::Lrd)?;
+        let inputs = place(areas.inputs, command != Command::Lwr)?;
+        let mut count = 0;
+        let Self { sync_managers, registers, ram, .. } = self;
+        let ram = ram.as_mut();
+        let base = usize::from(PROCESS_RAM);
+        // Outputs go first: they are taken as received, where inputs replace them.
+        if let Some((at, number)) = outputs
+            && let Some(place) =
+                sync_managers.ecat_whole(Direction::Write, registers, number.into())
+        {
+            ram[place - base..][..at.len()].copy_from_slice(&data[at]);
+            count += if command == Command::Lrw { 2 } else { 1 };
+        }
+        if let Some((at, number)) = inputs
+            && let Some(place) = sync_managers.ecat_whole(Direction::Read, registers, number.into())
+        {
+            let len = at.len();
+            data[at].copy_from_slice(&ram[place - base..][..len]);
+            count += 1;
+        }
+        Some(count)
+    }
+
+    /// Looks whether FMMUs and SyncManagers of process data are as usual.
+    fn find_areas(&self) -> Option<Areas> {
+        if self.chip.has(features::NO_LRW) {
+            return None;
+        }
+        let area = |kind| -> Option<Option<Area>> {
+            let Some(Single { logical, length, physical }) = self.fmmus.single(kind).ok()? else {
+                return Some(None);
+            };
+            let number = self.sync_managers.three_buffers(physical, length)?;
+            Some(Some(Area { logical, physical, length, sync_manager: number as u8 }))
+        };
+        let areas = Areas { outputs: area(Fmmu::WRITE)?, inputs: area(Fmmu::READ)? };
+        // A SyncManager serves one direction: where both FMMUs lead to the same one, the long way decides.
+        let number = |area: Option<Area>| area.map(|area| area.sync_manager);
+        let apart = areas.outputs.is_none() || number(areas.outputs) != number(areas.inputs);
+        apart.then_some(areas)
+    }
+
+    /// The PDI reads the outputs as a whole. `false`: nothing was done.
+    #[inline]
+    pub(crate) fn read_regular_outputs(&mut self, address: u16, data: &mut [u8]) -> bool {
+        let Known::Usual(Areas { outputs: Some(area), .. }) = self.areas else { return false };
+        if !area.is(address, data.len()) || !self.is_regular_ram() {
+            return false;
+        }
+        let Self { sync_managers, registers, ram, .. } = self;
+        let number = usize::from(area.sync_manager);
+        let way = Direction::Read;
+        let Some((place, _)) = sync_managers.pdi_whole(way, registers, number) else {
+            return false;
+        };
+        let from = place - usize::from(PROCESS_RAM);
+        data.copy_from_slice(&ram.as_ref()[from..from + data.len()]);
+        true
+    }
+
+    /// The PDI writes the inputs as a whole; whether that triggers the watchdog. `None`: nothing was done.
+    #[inline]
+    pub(crate) fn write_regular_inputs(&mut self, address: u16, data: &[u8]) -> Option<bool> {
+        let Known::Usual(Areas { inputs: Some(area), .. }) = self.areas else { return None };
+        if !area.is(address, data.len()) || !self.is_regular_ram() {
+            return None;
+        }
+        let Self { sync_managers, registers, ram, .. } = self;
+        let number = usize::from(area.sync_manager);
+        let way = Direction::Write;
+        let (place, watchdog) = sync_managers.pdi_whole(way, registers, number)?;
+        let from = place - usize::from(PROCESS_RAM);
+        ram.as_mut()[from..from + data.len()].copy_from_slice(data);
+        Some(watchdog)
+    }
+
+    /// Process RAM answers, and all of it that SyncManagers use is there.
+    #[inline]
+    fn is_regular_ram(&self) -> bool {
+        let reserved = self.sync_managers.reserved_end().wrapping_sub(PROCESS_RAM.into());
+        let end = self.ram_len.min(self.ram.as_ref().len());
+        self.lane && reserved <= end && self.is_operational()
+    }
+
+    /// The end of a frame that brought process data and the system time at most. `None`: it brought more, and nothing was done.
+    #[inline]
+    pub(crate) fn end_regular_frame(&mut self) -> Option<EscEvent> {
+        let Flight { start, end: now, label, brought, acknowledged, .. } = self.flight;
+        let more = acknowledged != 0
+            || self.flight.latch_times != 0
+            || self.flight.pdi_control_written != 0
+            || !self.shadow.is_empty();
+        if more || !self.lane || self.al.is_emulated() {
+            return None;
+        }
+        self.flight.end = Time::NEVER;
+        (self.flight.start, self.flight.irq, self.flight.label) = (Time::ZERO, 0, 0);
+        (self.flight.latches, self.flight.brought) = (false, Brought::NONE);
+        self.flight.enabled = [false; 2];
+        let exchanged = self.sync_managers.end_good_frame(label, &mut self.registers);
+        if exchanged.watchdog {
+            self.trigger_watchdog(now);
+        }
+        if exchanged.latch {
+            self.latch_buffer_time(register::ECAT_BUFFER_CHANGE_TIME, start);
+        }
+        if !brought.is_none() {
+            let [a, b, c, d, ..] = brought.bytes;
+            self.dc.follow_whole((start, now), [a, b, c, d], &mut self.registers);
+        }
+        Some(EscEvent::FrameEnd { al_events: exchanged.al_events })
+    }
+}
+
+const TIME: u16 = register::SYSTEM_TIME.address;

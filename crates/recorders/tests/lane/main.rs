@@ -1,0 +1,160 @@
+//! What is regular in a cycle takes a short way through the simulation (the lane), and nothing shows it: each scenario runs with
+//! and without, and everything that leaves a run is the same to the byte. That is captures with probes and taps, waveforms,
+//! traces, series, what judges found, each call of a tap, and how registers, memory and counters of all SubDevices stand on the way.
+//!
+//! Scenarios are random: modes, shifts, subordinated cycles, jitter, trees and rings, devices that come late, faults of all kinds.
+//! A few are always tried. `ISOCAT_SEGMENTS=2000 cargo test -p isocat-recorders --test lane -- --nocapture` tries as many as one likes,
+//! `ISOCAT_SEGMENTS_FROM` says with which number to begin.
+
+#[path = "../../../isocat/tests/random_segments/generator.rs"]
+#[allow(dead_code, reason = "whether devices are honest is another test's concern")]
+mod generator;
+mod scenarios;
+mod witness;
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use isocat_segment::{Scenario, SegmentFile, profile};
+use isocat_sim::{Outcome, Tap};
+use isocat_wire::Nanos;
+use isocat_wire::time::{Time, True};
+
+use scenarios::scenario;
+use witness::{Digest, Witness};
+
+/// Digests of what left a run, by name.
+type Digests = Vec<(&'static str, u64)>;
+
+/// What is known of a run: the digests of all that left it, and what was found.
+fn run(scenario: &Scenario) -> (Digests, String) {
+    let outcome = scenario.run().execute(Some(Witness::new(scenario)), &mut |_| {});
+    let found = format!("{:?} {:?}", outcome.findings, outcome.failure);
+    let mut digests = results(&outcome);
+    digests.extend(outcome.world.into_tap().expect("the tap").finish());
+    (digests, found)
+}
+
+/// What a run says of itself, whoever looks on.
+fn results<T: Tap>(outcome: &Outcome<T>) -> Digests {
+    let counters = (&outcome.output_counters, &outcome.input_counters, &outcome.alarms);
+    let main = (outcome.world.main().statistics(), outcome.world.main().segment());
+    let found = (&outcome.findings, &outcome.failure, &outcome.visits);
+    let all = [
+        ("judges", format!("{:?}", outcome.bench)),
+        ("course", format!("{:?} {:?}", outcome.world.course(), outcome.judgements)),
+        ("counters", format!("{counters:?}")),
+        ("main", format!("{:?} {:?} {:?}", main, outcome.began, outcome.ended)),
+        ("found", format!("{found:?}")),
+    ];
+    all.map(|(what, text)| (what, Digest::of(text.as_bytes()))).into()
+}
+
+/// Looks at nothing, so that only what judges need is told. It has the taps of the witness, since these change how frames are
+/// led through a segment.
+struct Nobody {
+    probes: Vec<usize>,
+    cables: Vec<usize>,
+}
+
+impl Tap for Nobody {
+    fn frame(&mut self, _: Time<True>, _: bool, _: &[u8]) {}
+    fn probes(&self) -> Vec<usize> {
+        self.probes.clone()
+    }
+    fn cables(&self) -> Vec<usize> {
+        self.cables.clone()
+    }
+    fn observes(&self) -> bool {
+        false
+    }
+}
+
+/// Runs a scenario both ways; whether it got into operation. The error names what differs.
+fn try_one(name: &str, text: &str) -> Result<bool, String> {
+    let Ok(file) = SegmentFile::parse("random.toml", text) else { return Ok(false) };
+    let mut scenario = Scenario::from(file);
+    scenario.duration = scenario.duration.max(Nanos(scenario.cycle.0 * LEAST_CYCLES));
+    scenario.force = true;
+    let [short, long] = [true, false].map(|lane| run(&Scenario { lane, ..scenario.clone() }));
+    if short == long {
+        let witness = Witness::new(&scenario);
+        let nobody = Nobody { probes: witness.probes(), cables: witness.cables() };
+        let unseen = results(&scenario.run().execute(Some(nobody), &mut |_| {}));
+        if !short.0.starts_with(&unseen) {
+            return Err(format!("{name} is another one where nobody looks on:\n{text}"));
+        }
+        return Ok(!short.0.iter().any(|(what, digest)| *what == "judged" && *digest == 0));
+    }
+    let differ = short.0.iter().zip(&long.0).filter(|(one, other)| one != other);
+    let differ: Vec<_> = differ.map(|((what, _), _)| *what).collect();
+    Err(format!("{name}: {differ:?} differ\n{}\n{}\n{text}", short.1, long.1))
+}
+
+/// Tries all, two at a time; how many were judged, and what differed.
+fn try_all(all: &[(String, String)]) -> (usize, Vec<String>) {
+    let next = AtomicU64::new(0);
+    let results = Mutex::new((0, Vec::new()));
+    let work = || {
+        while let Some((name, text)) = all.get(next.fetch_add(1, Ordering::Relaxed) as usize) {
+            let found = try_one(name, text);
+            let (judged, failures) = &mut *results.lock().expect("no thread panicked");
+            match found {
+                Ok(was_judged) => *judged += usize::from(was_judged),
+                Err(what) => {
+                    println!("{what}");
+                    failures.push(what);
+                }
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        scope.spawn(work);
+        scope.spawn(work);
+    });
+    results.into_inner().expect("no thread panicked")
+}
+
+#[test]
+fn random_scenarios_are_the_same_without_the_lane() {
+    let number = |name: &str, otherwise: u64| {
+        let text = std::env::var(name).ok();
+        text.map_or(otherwise, |text| text.parse().expect("a number of scenarios"))
+    };
+    let from = number("ISOCAT_SEGMENTS_FROM", 0);
+    let count = number("ISOCAT_SEGMENTS", FEW);
+    let all: Vec<_> =
+        (from..from + count).map(|n| (format!("scenario {n}"), scenario(n))).collect();
+    let (judged, failures) = try_all(&all);
+    println!("{judged} of {} got into operation, {} differ", all.len(), failures.len());
+    assert!(failures.is_empty(), "{}", failures.join("\n\n"));
+    // What never runs shows nothing.
+    assert!(judged * 3 >= all.len(), "{judged} of {} got into operation", all.len());
+}
+
+/// The files that come with the documentation: each fault in a word, a ring, a machine.
+#[test]
+fn documented_faults_are_the_same_without_the_lane() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/faults");
+    let files = std::fs::read_dir(folder).expect("the folder of faults");
+    let mut all: Vec<_> = files
+        .map(|file| file.expect("a file").path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
+        .map(|path| {
+            let text = std::fs::read_to_string(&path).expect("a file of text");
+            // Half a second of each is before its fault.
+            let text = text.replace("+ 500ms", "+ 60ms").replace("for = \"2s\"", "for = \"250ms\"");
+            (path.display().to_string(), text)
+        })
+        .collect();
+    all.sort();
+    assert!(all.len() >= 25, "{} files", all.len());
+    let (judged, failures) = try_all(&all);
+    assert!(failures.is_empty(), "{}", failures.join("\n\n"));
+    assert!(judged * 10 >= all.len() * 9, "{judged} of {} got into operation", all.len());
+}
+
+/// Scenarios that are tried where nobody asks for more.
+const FEW: u64 = 24;
+/// Cycles that each runs at least.
+const LEAST_CYCLES: i64 = 40;

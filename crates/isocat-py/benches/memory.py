@@ -2,7 +2,8 @@
 
     python benches/memory.py [RUNS]
 
-Rows go to a folder, so that nothing need stay. Each run has another copy time and other cables, and so a profile of its own.
+Rows go to a folder, so that nothing need stay. Each run has another copy time and other cables, and
+so a profile of its own.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ def main() -> None:
     def tell(over: int, _bad: int, total: int) -> None:
         if over * 10 // total >= len(told):
             told.append(over)
-            print(f"{over:>8} runs  {resident():6.1f} MB  {time.monotonic() - began:6.0f} s", flush=True)
+            print(
+                f"{over:>8} runs  {resident():6.1f} MB  {time.monotonic() - began:6.0f} s",
+                flush=True,
+            )
 
     grid = {"subdevice[*].cable": "1m..100m", "subdevice[*].copy_time": "1us..100us"}
     try:

@@ -1,9 +1,11 @@
-"""What Python costs: the same runs by `isocat.sweep` and by the command's own sweep in Rust, on one thread, in turns.
+"""What Python costs: the same runs by `isocat.sweep` and by the command's own sweep in Rust, on one
+thread, in turns.
 
     python benches/overhead.py [ROUNDS] [RUNS]
 
-Both are of the same module, so the code that runs is the same. Processor time is compared, as other programs do not count in it; the
-start of each process is measured by a sweep of one run and taken off.
+Both are of the same module, so the code that runs is the same. Processor time is compared, as other
+programs do not count in it; the start of each process is measured by a sweep of one run and taken
+off.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ for seed in range(1, int(sys.argv[2]) + 1):
 def cpu(command: list[str]) -> float:
     """Processor seconds of a process."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False, text=True)
+    done = subprocess.run(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=False, text=True
+    )
     assert done.returncode in (0, 1), done.stderr
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
@@ -44,7 +48,17 @@ def main() -> None:
         path = str(Path(folder) / "segment.toml")
         isocat.Segment(isocat.Segment.built_in(), for_="100ms").save(path)
         ways = {
-            "the command's sweep (Rust)": lambda n: [sys.executable, "-m", "isocat", "sweep", path, "--jobs", "1", "--seeds", str(n)],
+            "the command's sweep (Rust)": lambda n: [
+                sys.executable,
+                "-m",
+                "isocat",
+                "sweep",
+                path,
+                "--jobs",
+                "1",
+                "--seeds",
+                str(n),
+            ],
             "isocat.sweep": lambda n: [sys.executable, "-c", PYTHON, path, str(n)],
             "segment.run in a loop": lambda n: [sys.executable, "-c", LOOP, path, str(n)],
         }

@@ -1,5 +1,6 @@
-"""A small MainDevice in Python over `Segment.bus`: it brings the first two devices of the built-in segment, two drives, into
-OP with SYNC0, runs some cycles, and tells what the judges say of it. No socket, no hardware, no waiting.
+"""A small MainDevice in Python over `Segment.bus`: it brings the first two devices of the built-in
+segment, two drives, into OP with SYNC0, runs some cycles, and tells what the judges say of it. No
+socket, no hardware, no waiting.
 
     python main_device.py [CYCLES]
 
@@ -28,7 +29,9 @@ class MainDevice:
         self._index = 0
 
     def exchange(self, *datagrams: tuple[int, int, int, bytes]) -> list[tuple[bytes, int]]:
-        """One frame of datagrams (command, adp, ado, data); gives data and working counter of each."""
+        """One frame of datagrams (command, adp, ado, data); gives data and working counter of
+        each.
+        """
         body = b""
         for number, (command, adp, ado, data) in enumerate(datagrams):
             more = 0x8000 if number + 1 < len(datagrams) else 0
@@ -44,7 +47,9 @@ class MainDevice:
         answers, at = [], 16
         for *_, data in datagrams:
             end = at + 10 + len(data)
-            answers.append((back[1][at + 10 : end], int.from_bytes(back[1][end : end + 2], "little")))
+            answers.append(
+                (back[1][at + 10 : end], int.from_bytes(back[1][end : end + 2], "little"))
+            )
             at = end + 2
         return answers
 
@@ -63,9 +68,11 @@ class MainDevice:
         return value
 
     def cycle(self) -> int:
-        """Waits for the next cycle: the reference time for all, and process data; gives the working counter of these.
+        """Waits for the next cycle: the reference time for all, and process data; gives the working
+        counter of these.
 
-        The instant of the cycle behind it follows the reference clock, which is to be at 0 of its cycle.
+        The instant of the cycle behind it follows the reference clock, which is to be at 0 of its
+        cycle.
         """
         self.bus.advance_to(max(self.due, self.bus.now))
         (time, _), (data, counter) = self.exchange(
@@ -92,7 +99,8 @@ class MainDevice:
         for at in range(found):
             self.access(APWR, -at, 0x0010, (STATION + at).to_bytes(2, "little"))
         for drive in range(DRIVES):
-            self.write(drive, 0x0800, 0x0001002601001000, 8)  # mailbox: 256 bytes at 0x1000 and 0x1100
+            # Mailbox: 256 bytes at 0x1000 and at 0x1100.
+            self.write(drive, 0x0800, 0x0001002601001000, 8)
             self.write(drive, 0x0808, 0x0001002201001100, 8)
         self.due = self.bus.now
         self.reach(PREOP)
@@ -118,7 +126,9 @@ class MainDevice:
         self.reach(OP)
 
     def set_up_clocks(self) -> None:
-        """Delay and offset of each drive against the first one, whose clock leads. They stand in a line."""
+        """Delay and offset of each drive against the first one, whose clock leads. They stand in a
+        line.
+        """
         self.access(BWR, 0, 0x0900, bytes(4))
         reference = loop = 0
         for drive in range(DRIVES):
@@ -130,8 +140,10 @@ class MainDevice:
             delay = (loop - behind) // 2
             self.write(drive, 0x0920, (reference + delay - received) % 2**64, 8)
             self.write(drive, 0x0928, delay, 4)
-            self.write(drive, 0x0930, 0x1000, 2)  # forgets what was filtered before the clock was set
-        # The clocks converge. With the 15 000 frames that are usual, SYNC0 would be off by some 900 ns at first.
+            # It forgets what was filtered before the clock was set.
+            self.write(drive, 0x0930, 0x1000, 2)
+        # The clocks converge. With the 15 000 frames that are usual, SYNC0 would be off by some 900
+        # ns at first.
         for _ in range(60_000):
             self.exchange((FRMW, STATION, 0x0910, bytes(8)))
 
@@ -142,7 +154,9 @@ def run(
     each: Callable[[MainDevice, int], object] = lambda _main, _number: None,
     behaviours: dict[str | int, object] | None = None,
 ) -> tuple[isocat.Verdict, int]:
-    """Brings the drives up and runs so many cycles; gives the verdict, and how many cycles were incomplete."""
+    """Brings the drives up and runs so many cycles; gives the verdict, and how many cycles were
+    incomplete.
+    """
     shift = segment.plan().devices["sync0_phase_ns"][0]
     with segment.bus(behaviours=behaviours) as bus:
         main = MainDevice(bus, shift)
@@ -158,7 +172,9 @@ def run(
 
 
 if __name__ == "__main__":
-    verdict, missed = run(isocat.Segment.built_in(), int(sys.argv[1]) if len(sys.argv) > 1 else 1000)
+    verdict, missed = run(
+        isocat.Segment.built_in(), int(sys.argv[1]) if len(sys.argv) > 1 else 1000
+    )
     print(verdict)
     print(f"{missed} cycles incomplete: {verdict.answer}")
     sys.exit(0 if verdict.in_sync else 1)

@@ -1,4 +1,5 @@
-//! What a device does, written in Python: an object whose methods are called at the steps of a cycle.
+//! What a device does, written in Python: an object whose methods are called at the steps of a
+//! cycle.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

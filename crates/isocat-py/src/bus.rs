@@ -1,4 +1,5 @@
-//! Buses: a segment in virtual time as a wire, for MainDevices and machines that are written in Python.
+//! Buses: a segment in virtual time as a wire, for MainDevices and machines that are written in
+//! Python.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
@@ -25,10 +26,11 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::time::time_within;
 use crate::{output, value};
 
-/// A segment in virtual time: frames go in at instants, and answers come out when their last bit is back.
+/// A segment in virtual time: frames go in at instants, and answers come out when their last bit is
+/// back.
 ///
-/// Instants are nanoseconds of the caller's clock. Time moves when the caller says so, and never back; the same calls give
-/// the same answers, bit for bit. A bus is for one thread at a time.
+/// Instants are nanoseconds of the caller's clock. Time moves when the caller says so, and never
+/// back; the same calls give the same answers, bit for bit. A bus is for one thread at a time.
 ///
 /// Examples
 /// --------
@@ -58,7 +60,8 @@ impl From<Refused> for Failure {
     }
 }
 
-/// Time goes on in such steps, so that Ctrl-C is heard on a long way; how often it is moved changes nothing.
+/// Time goes on in such steps, so that Ctrl-C is heard on a long way; how often it is moved changes
+/// nothing.
 const STEP: Nanos = Nanos::millis(100);
 
 impl Bus {
@@ -216,7 +219,8 @@ impl Bus {
     /// frame : bytes
     ///     14 to 1514 bytes from the destination address on, without check sequence.
     /// at : int, str or timedelta, optional
-    ///     When its first bit leaves; now by default. It waits for the frame before it to have left.
+    ///     When its first bit leaves; now by default. It waits for the frame before it to have
+    ///     left.
     /// port : int
     ///     0, or 1 for the other end of a ring.
     ///
@@ -228,7 +232,8 @@ impl Bus {
     /// Raises
     /// ------
     /// BusError
-    ///     The instant has passed or is too far ahead, no frame has this length, there is no such port.
+    ///     The instant has passed or is too far ahead, no frame has this length, there is no such
+    ///     port.
     #[pyo3(signature = (frame, at=None, *, port=0))]
     fn send(
         &self,
@@ -248,7 +253,8 @@ impl Bus {
     /// Returns
     /// -------
     /// tuple of (int, bytes), or None
-    ///     When its last bit came back, and the answer; ``None`` if it is lost. Other answers stay for ``receive``.
+    ///     When its last bit came back, and the answer; ``None`` if it is lost. Other answers stay
+    ///     for ``receive``.
     #[pyo3(signature = (frame, at=None, *, port=0))]
     fn exchange<'py>(
         &self,
@@ -340,7 +346,8 @@ impl Bus {
     /// Parameters
     /// ----------
     /// what : str
-    ///     A line as of ``[[fault]]`` tables (docs/faults.md): ``"drop 3"``, ``"pull axis 2 for 500ms"``, ``"heal"``.
+    ///     A line as of ``[[fault]]`` tables (docs/faults.md): ``"drop 3"``, ``"pull axis 2 for
+    ///     500ms"``, ``"heal"``.
     /// at : int, str or timedelta, optional
     ///
     /// Raises
@@ -452,8 +459,8 @@ impl Device {
 
     /// The inputs that were set; ``None`` if they are its application's.
     ///
-    /// What is set is on the wire when it maps its inputs the next time, and stays; ``None`` gives them back. Bytes of the
-    /// process image behind those that were set stay its application's.
+    /// What is set is on the wire when it maps its inputs the next time, and stays; ``None`` gives
+    /// them back. Bytes of the process image behind those that were set stay its application's.
     #[getter]
     fn inputs<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         let position = self.position;
@@ -521,7 +528,8 @@ impl Verdict {
         self.answer() == "in-sync"
     }
 
-    /// What became of the segment's ``[[expect]]`` tables: ``None`` if something could not be judged.
+    /// What became of the segment's ``[[expect]]`` tables: ``None`` if something could not be
+    /// judged.
     #[getter]
     fn as_expected(&self) -> Option<bool> {
         match self.summary.outcome() {
@@ -553,7 +561,8 @@ impl Verdict {
         self.judged().iter().flat_map(of).collect()
     }
 
-    /// What is said of each device in the last session: ``name``, ``state``, ``mode``, ``findings``.
+    /// What is said of each device in the last session: ``name``, ``state``, ``mode``,
+    /// ``findings``.
     #[getter]
     fn devices(&self) -> Table {
         let mut rows = Rows::new([

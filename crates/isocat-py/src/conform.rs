@@ -34,7 +34,8 @@ impl Conformance {
         self.report.passed
     }
 
-    /// Each rule at each device: ``device``, ``rule``, ``verdict`` (``passed``, ``failed``, ``known_deviation``, ``not_judged``,
+    /// Each rule at each device: ``device``, ``rule``, ``verdict`` (``passed``, ``failed``,
+    /// ``known_deviation``, ``not_judged``,
     /// ``not_applicable``), ``what``, ``source``, ``why``.
     #[getter]
     fn rules(&self) -> Table {
@@ -69,7 +70,8 @@ impl Conformance {
         value::document(py, &self.report)
     }
 
-    /// Writes it: a page if the name ends in ``.html``, JSON if in ``.json``, JUnit if in ``.xml``, else text.
+    /// Writes it: a page if the name ends in ``.html``, JSON if in ``.json``, JUnit if in ``.xml``,
+    /// else text.
     #[pyo3(signature = (path, /))]
     fn save(&self, path: PathBuf) -> PyResult<()> {
         let content = match output::ending(&path).as_str() {

@@ -40,8 +40,8 @@ impl Diagnosis {
         &self.report.verdict.sentence
     }
 
-    /// What was found, in the order of the frames that show it: ``kind``, ``weight``, ``device``, ``capture`` (place in the
-    /// list), ``frame`` (as Wireshark numbers it), ``at_ns``, ``what``.
+    /// What was found, in the order of the frames that show it: ``kind``, ``weight``, ``device``,
+    /// ``capture`` (place in the list), ``frame`` (as Wireshark numbers it), ``at_ns``, ``what``.
     #[getter]
     fn findings(&self) -> Table {
         let mut rows = Rows::new([
@@ -79,7 +79,8 @@ impl Diagnosis {
         value::document(py, &self.report)
     }
 
-    /// Writes it: a page with pictures if the name ends in ``.html``, JSON if in ``.json``, else text.
+    /// Writes it: a page with pictures if the name ends in ``.html``, JSON if in ``.json``, else
+    /// text.
     #[pyo3(signature = (path, /))]
     fn save(&self, path: PathBuf) -> PyResult<()> {
         let content = match output::ending(&path).as_str() {
@@ -204,7 +205,8 @@ fn read(
         let names: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
         Wrong::Other(Failure::new(Class::Input, format!("{}: {nothing}", names.join(", "))))
     })?;
-    // Once more, for what happened around the first fault; what can't be read twice is left as it is.
+    // Once more, for what happened around the first fault; what can't be read twice is left as it
+    // is.
     let again = Around::new(&report).filter(|_| captures.iter().all(|path| path.is_file()));
     if let Some(mut around) = again {
         for path in captures {

@@ -1,4 +1,5 @@
-//! What is raised: the exceptions are written in Python (`isocat/_errors.py`), so that they have attributes.
+//! What is raised: the exceptions are written in Python (`isocat/_errors.py`), so that they have
+//! attributes.
 
 use isocat_descriptions::FileError;
 use pyo3::prelude::*;

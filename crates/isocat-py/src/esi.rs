@@ -35,8 +35,10 @@ impl Esi {
         self.file.vendor_id
     }
 
-    /// The devices in the order of the file: ``type`` (for ``Segment.add(esi=..., type=...)``), ``name``, ``product_code``,
-    /// ``revision``, ``opmodes`` and ``assign_activate`` (joined by commas), ``hidden``, ``usable``, ``warnings``.
+    /// The devices in the order of the file: ``type`` (for ``Segment.add(esi=..., type=...)``),
+    /// ``name``, ``product_code``,
+    /// ``revision``, ``opmodes`` and ``assign_activate`` (joined by commas), ``hidden``,
+    /// ``usable``, ``warnings``.
     #[getter]
     fn devices(&self) -> Table {
         let mut rows = Rows::new([
@@ -71,7 +73,8 @@ impl Esi {
         rows.take()
     }
 
-    /// What is doubtful in the file, with lines: ``device`` (empty: the file), ``line``, ``kind``, ``what``.
+    /// What is doubtful in the file, with lines: ``device`` (empty: the file), ``line``, ``kind``,
+    /// ``what``.
     #[getter]
     fn warnings(&self) -> Table {
         let mut rows = Rows::new([

@@ -7,7 +7,8 @@ use pyo3::types::{PyBool, PyInt};
 use crate::error::{Class, Failure};
 use crate::value;
 
-/// What something means: each of its meanings, the likeliest first. As a text it is what ``isocat explain`` prints.
+/// What something means: each of its meanings, the likeliest first. As a text it is what ``isocat
+/// explain`` prints.
 #[pyclass(module = "isocat", frozen)]
 pub struct Explanation {
     meanings: Vec<Meaning>,
@@ -15,7 +16,8 @@ pub struct Explanation {
 
 #[pymethods]
 impl Explanation {
-    /// Each meaning as a ``dict``: ``kind``, ``what``, ``name``, ``means``, ``value``, ``causes``, ``read``, ``change``.
+    /// Each meaning as a ``dict``: ``kind``, ``what``, ``name``, ``means``, ``value``, ``causes``,
+    /// ``read``, ``change``.
     #[getter]
     fn meanings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         value::document(py, &self.meanings)
@@ -40,7 +42,8 @@ impl Explanation {
     }
 }
 
-/// Says what a code, an object, a register, a synchronization mode or a key of a file means, and what to do about it.
+/// Says what a code, an object, a register, a synchronization mode or a key of a file means, and
+/// what to do about it.
 ///
 /// Parameters
 /// ----------

@@ -1,12 +1,14 @@
 //! The module behind `import isocat`.
 //!
-//! `segment` describes, `plan` and `report` tell what a segment comes to, `sweep` runs it many times, `bus` and `behaviour`
-//! are its wire for programs in Python; `conform`, `diagnosis`, `explain` and `esi` are the other verbs. Results with
-//! rows are a `table`, which hands itself out through the Arrow C data interface. `work` does what takes time: with the
-//! interpreter's lock released, on a thread of its own, so that Ctrl-C is heard. `value` and `time` are what stands between
-//! Python's values and those of files, `error` what is raised.
+//! `segment` describes, `plan` and `report` tell what a segment comes to, `sweep` runs it many
+//! times, `bus` and `behaviour` are its wire for programs in Python; `conform`, `diagnosis`,
+//! `explain` and `esi` are the other verbs. Results with rows are a `table`, which hands itself out
+//! through the Arrow C data interface. `work` does what takes time: with the interpreter's lock
+//! released, on a thread of its own, so that Ctrl-C is heard. `value` and `time` are what stands
+//! between Python's values and those of files, `error` what is raised.
 //!
-//! Nothing here is global: each object has what it needs, and two threads of Python do not know of each other.
+//! Nothing here is global: each object has what it needs, and two threads of Python do not know of
+//! each other.
 #![forbid(unsafe_code)]
 
 use std::ffi::OsString;

@@ -106,7 +106,8 @@ impl Plan {
         self.report.suggestion.as_ref().and_then(|suggestion| suggestion.smallest_cycle_ns)
     }
 
-    /// Every demand on the cycle: ``position`` and ``device`` (empty: of the frames), ``check``, ``demand``, ``needed_ns``,
+    /// Every demand on the cycle: ``position`` and ``device`` (empty: of the frames), ``check``,
+    /// ``demand``, ``needed_ns``,
     /// ``available_ns``, ``slack_ns``, and of a proof ``measured_ns``.
     #[getter]
     fn lines(&self) -> Table {
@@ -141,7 +142,8 @@ impl Plan {
         rows.take()
     }
 
-    /// What is planned for each device: ``position``, ``name``, ``mode``, ``delay_ns``, ``sync0_cycle_ns``, ``sync0_phase_ns``,
+    /// What is planned for each device: ``position``, ``name``, ``mode``, ``delay_ns``,
+    /// ``sync0_cycle_ns``, ``sync0_phase_ns``,
     /// ``sync1_ns``, and ``least_slack_ns`` of its lines.
     #[getter]
     fn devices(&self) -> Table {
@@ -178,7 +180,8 @@ impl Plan {
         self.report.warnings.iter().map(|note| note.what.clone()).collect()
     }
 
-    /// The plan for another tool: ``"twincat"``, ``"igh"``, ``"lcec"``, ``"ros2"``, ``"soem"``, ``"pysoem"``, ``"ethercrab"``,
+    /// The plan for another tool: ``"twincat"``, ``"igh"``, ``"lcec"``, ``"ros2"``, ``"soem"``,
+    /// ``"pysoem"``, ``"ethercrab"``,
     /// ``"kickcat"``.
     ///
     /// Returns
@@ -206,7 +209,8 @@ impl Plan {
         value::document(py, &self.report)
     }
 
-    /// Writes it: with timing diagrams if the name ends in ``.html``, JSON if in ``.json``, else text.
+    /// Writes it: with timing diagrams if the name ends in ``.html``, JSON if in ``.json``, else
+    /// text.
     #[pyo3(signature = (path, /))]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let content = py.detach(|| match output::ending(&path).as_str() {

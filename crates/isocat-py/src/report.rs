@@ -25,8 +25,10 @@ use crate::{output, value};
 
 /// What a run came to.
 ///
-/// Times are nanoseconds. A run is repeated exactly by its seed, so what was not recorded is had afterwards: ``series()``,
-/// ``captures()``, ``waves()``, ``trace()`` and the page run it once more, with somebody who looks on.
+/// Times are nanoseconds. A run is repeated exactly by its seed, so what was not recorded is had
+/// afterwards: ``series()``,
+/// ``captures()``, ``waves()``, ``trace()`` and the page run it once more, with somebody who looks
+/// on.
 #[pyclass(module = "isocat", frozen)]
 pub struct Report {
     scenario: Scenario,
@@ -124,7 +126,8 @@ impl Report {
         self.report.in_sync
     }
 
-    /// Whether all that the segment's ``[[expect]]`` tables say came so; without any, whether it was in sync.
+    /// Whether all that the segment's ``[[expect]]`` tables say came so; without any, whether it
+    /// was in sync.
     #[getter]
     fn as_expected(&self) -> bool {
         self.report.as_expected()
@@ -148,7 +151,8 @@ impl Report {
         self.report.judged_ns
     }
 
-    /// From power-on until all devices were in OP and SYNC0 on its grid, ns; ``None`` if it never was.
+    /// From power-on until all devices were in OP and SYNC0 on its grid, ns; ``None`` if it never
+    /// was.
     #[getter]
     fn time_to_sync_ns(&self) -> Option<i64> {
         self.report.segment.true_time.time_to_synchronization_ns
@@ -160,8 +164,10 @@ impl Report {
         self.report.findings.iter().map(Finding::of).collect()
     }
 
-    /// Figures of each device in true time: ``position``, ``name``, ``mode``, ``state``, ``sync0_worst_ns``, ``sync0_mean_ns``,
-    /// ``margin_least_ns``, ``outputs_age_most_ns``, ``inputs_age_most_ns``, ``delay_ns``, ``missed_events``.
+    /// Figures of each device in true time: ``position``, ``name``, ``mode``, ``state``,
+    /// ``sync0_worst_ns``, ``sync0_mean_ns``,
+    /// ``margin_least_ns``, ``outputs_age_most_ns``, ``inputs_age_most_ns``, ``delay_ns``,
+    /// ``missed_events``.
     #[getter]
     fn devices(&self) -> Table {
         let mut rows = Rows::new([
@@ -201,7 +207,8 @@ impl Report {
         rows.take()
     }
 
-    /// A row for each device and cycle: errors of SYNC0, margins, states, counters (docs/exports.md).
+    /// A row for each device and cycle: errors of SYNC0, margins, states, counters
+    /// (docs/exports.md).
     ///
     /// The run is repeated for it.
     ///
@@ -282,7 +289,8 @@ impl Report {
         self.page(py)
     }
 
-    /// Writes it: a page with timing diagrams if the name ends in ``.html``, JSON if in ``.json``, else text.
+    /// Writes it: a page with timing diagrams if the name ends in ``.html``, JSON if in ``.json``,
+    /// else text.
     ///
     /// Raises
     /// ------
@@ -326,7 +334,8 @@ pub struct Finding {
     pub position: Option<usize>,
     /// Stage of the way up at which it happened; ``None`` in operation.
     pub stage: Option<String>,
-    /// Since when, ns from the beginning of the judged time; ``None`` where it has no time of its own.
+    /// Since when, ns from the beginning of the judged time; ``None`` where it has no time of its
+    /// own.
     pub since_ns: Option<i64>,
     /// What, with the figures: a sentence for people, which may change.
     pub what: String,

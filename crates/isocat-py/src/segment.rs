@@ -30,14 +30,16 @@ pub const LONGEST: Nanos = Nanos::millis(24 * 3_600_000);
 /// source : str, os.PathLike, dict or Segment, optional
 ///     A segment file to read, or its content as a mapping; without one, it is built up.
 /// **keys
-///     Keys of a segment file (``cycle="1ms"``, ``host={"jitter": "5us"}``), which go before those of
-///     ``source``. ``for_`` stands for ``for``. Where a key is a time, it may be whole nanoseconds, a
-///     text with a unit, or a ``timedelta``.
+///     Keys of a segment file (``cycle="1ms"``, ``host={"jitter": "5us"}``), which go before those
+///     of ``source``. ``for_`` stands for ``for``. Where a key is a time, it may be whole
+///     nanoseconds,
+///     a text with a unit, or a ``timedelta``.
 ///
 /// Raises
 /// ------
 /// InputError
-///     A key is not known, or a value can't be used: the message has place, what was found and what was expected.
+///     A key is not known, or a value can't be used: the message has place, what was found and what
+///     was expected.
 /// OSError
 ///     The file can't be read.
 ///
@@ -268,9 +270,11 @@ impl Segment {
     /// Parameters
     /// ----------
     /// device : str, optional
-    ///     A built-in profile (``isocat.devices()`` lists them) or a profile file; not with ``esi=``.
+    ///     A built-in profile (``isocat.devices()`` lists them) or a profile file; not with
+    ///     ``esi=``.
     /// **keys
-    ///     Keys of a ``[[subdevice]]`` table: ``name``, ``mode``, ``cable``, ``clock``, ``esi`` and ``type``, ...
+    ///     Keys of a ``[[subdevice]]`` table: ``name``, ``mode``, ``cable``, ``clock``, ``esi`` and
+    ///     ``type``, ...
     ///
     /// Returns
     /// -------
@@ -319,7 +323,8 @@ impl Segment {
     /// Parameters
     /// ----------
     /// key : str
-    ///     As in a sweep: ``"cycle"``, ``"host.jitter"``, ``"subdevice[0].mode"``, ``"subdevice[*].cable"``.
+    ///     As in a sweep: ``"cycle"``, ``"host.jitter"``, ``"subdevice[0].mode"``,
+    ///     ``"subdevice[*].cable"``.
     /// value
     ///     A text, a number, a flag or a time.
     ///
@@ -401,7 +406,8 @@ impl Segment {
         Plan::make(py, scenario, suggest, false)
     }
 
-    /// Plans, and runs the segment with the worst jitter that is planned with: each line of the plan beside what happened.
+    /// Plans, and runs the segment with the worst jitter that is planned with: each line of the
+    /// plan beside what happened.
     ///
     /// Parameters
     /// ----------
@@ -431,8 +437,8 @@ impl Segment {
     /// Parameters
     /// ----------
     /// for_ : int, str or timedelta, optional
-    ///     How long it is judged once all devices are in OP: nanoseconds, ``"10s"``, a ``timedelta``; as the segment says by
-    ///     default, and else ``"10s"``.
+    ///     How long it is judged once all devices are in OP: nanoseconds, ``"10s"``, a
+    ///     ``timedelta``; as the segment says by default, and else ``"10s"``.
     /// seed : int, optional
     ///     Seed of everything random; the same seed gives the same run.
     /// force : bool
@@ -447,7 +453,8 @@ impl Segment {
     /// Raises
     /// ------
     /// InputError
-    ///     The segment or an argument can't be used. A plan that does not fit is no exception: the report says so.
+    ///     The segment or an argument can't be used. A plan that does not fit is no exception: the
+    ///     report says so.
     #[pyo3(signature = (for_=None, *, seed=None, force=false, tolerate=false))]
     fn run(
         &self,
@@ -470,7 +477,8 @@ impl Segment {
     /// now : int, str or timedelta
     ///     The present of the caller's clock at which the devices are switched on.
     /// behaviours : dict, optional
-    ///     By name or position of a device: an object that is its application. See ``isocat.Behaviour``.
+    ///     By name or position of a device: an object that is its application. See
+    ///     ``isocat.Behaviour``.
     ///
     /// Returns
     /// -------

@@ -15,9 +15,11 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::value::{self, Times};
 use crate::work::{Stop, broken, interruptible, next, spawn};
 
-/// One segment and what is varied in it: the engine of ``isocat sweep``. ``isocat.sweep`` is the door for people.
+/// One segment and what is varied in it: the engine of ``isocat sweep``. ``isocat.sweep`` is the
+/// door for people.
 ///
-/// Runs are numbered from 0; seeds go faster than points of the grid. Each is a segment file of its own.
+/// Runs are numbered from 0; seeds go faster than points of the grid. Each is a segment file of its
+/// own.
 #[pyclass(module = "isocat._isocat", frozen)]
 pub struct Sweep {
     sweep: Arc<sweep::Sweep>,
@@ -154,7 +156,8 @@ impl Sweep {
         axes.map(|axis| (axis.key.clone(), axis.list().map(<[String]>::to_vec))).collect()
     }
 
-    /// How large the values of an axis are, to put them in order; ``None`` where they are neither times nor numbers of one unit.
+    /// How large the values of an axis are, to put them in order; ``None`` where they are neither
+    /// times nor numbers of one unit.
     fn sizes(&self, key: &str) -> Option<Vec<f64>> {
         self.sweep.axes().iter().find(|axis| axis.key == key).and_then(sweep::Axis::sizes)
     }
@@ -181,7 +184,8 @@ impl Sweep {
         Ok(segment.cast::<Segment>()?.get().copy())
     }
 
-    /// The text of a run that was shrunk to what ends with the same verdict and the same kind of first finding.
+    /// The text of a run that was shrunk to what ends with the same verdict and the same kind of
+    /// first finding.
     fn shrink(&self, py: Python<'_>, number: u64) -> PyResult<String> {
         let (sweep, text) = (self.sweep.clone(), self.case(py, number)?.text);
         interruptible(py, move |stop| {
@@ -195,8 +199,8 @@ impl Sweep {
 
     /// Runs the cases from ``start`` up to ``stop`` on so many threads, in order.
     ///
-    /// ``each`` gets a table of every ``batch`` rows, ``tick`` now and then how many runs are over and how many of them were not
-    /// as expected. What they raise ends the sweep.
+    /// ``each`` gets a table of every ``batch`` rows, ``tick`` now and then how many runs are over
+    /// and how many of them were not as expected. What they raise ends the sweep.
     fn run(
         &self,
         py: Python<'_>,

@@ -1,4 +1,5 @@
-//! Results with rows and columns, in Arrow's memory layout: other libraries take them without a copy, and none of them is needed.
+//! Results with rows and columns, in Arrow's memory layout: other libraries take them without a
+//! copy, and none of them is needed.
 
 use std::io::{self, BufWriter};
 use std::path::PathBuf;
@@ -386,7 +387,8 @@ impl Table {
     }
 }
 
-/// Name, kind, whether cells may be empty, a byte for each cell that is there (none: all are), values, ends of texts.
+/// Name, kind, whether cells may be empty, a byte for each cell that is there (none: all are),
+/// values, ends of texts.
 type Packed = (String, String, bool, Option<Vec<u8>>, Vec<u8>, Vec<u8>);
 
 fn packed<'py>(py: Python<'py>, field: &Field, array: &ArrayRef) -> PyResult<Bound<'py, PyTuple>> {
@@ -524,7 +526,8 @@ impl Column {
         Ok(list)
     }
 
-    /// A view of its memory, for numpy; there is none of texts, of flags, and where cells are empty.
+    /// A view of its memory, for numpy; there is none of texts, of flags, and where cells are
+    /// empty.
     #[getter]
     fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (address, kind) = match self.array.data_type() {

@@ -33,7 +33,8 @@ impl Times {
 /// The deepest that tables may lie in each other.
 const DEEPEST: usize = 16;
 
-/// A mapping as a table. `path` is where it stands; a key may end in `_` where Python has the word for itself (`for_`).
+/// A mapping as a table. `path` is where it stands; a key may end in `_` where Python has the word
+/// for itself (`for_`).
 pub fn table(times: &Times, path: &str, from: &Bound<'_, PyAny>) -> PyResult<Table> {
     let Ok(mapping) = from.cast::<PyMapping>() else {
         let found = format!("{} ({})", from.repr()?, from.get_type().name()?);

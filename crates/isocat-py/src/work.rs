@@ -1,4 +1,5 @@
-//! Work that takes time: on a thread of its own, while the calling one waits without the interpreter's lock and hears signals.
+//! Work that takes time: on a thread of its own, while the calling one waits without the
+//! interpreter's lock and hears signals.
 
 use std::any::Any;
 use std::panic::resume_unwind;
@@ -41,7 +42,8 @@ impl Stop {
 /// Signals are looked for this often.
 const LOOK: Duration = Duration::from_millis(25);
 
-/// Does the work. On Ctrl-C, `stop` is set and the exception raised at once; the thread ends when it sees the flag.
+/// Does the work. On Ctrl-C, `stop` is set and the exception raised at once; the thread ends when
+/// it sees the flag.
 pub fn interruptible<T: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(&Stop) -> T + Send + 'static,

@@ -7,9 +7,8 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import pytest
-
 import isocat
+import pytest
 
 pytest_plugins = ["pytester"]
 ROOT = Path(__file__).resolve().parents[3]

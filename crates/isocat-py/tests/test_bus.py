@@ -7,9 +7,8 @@ import threading
 from types import ModuleType
 from typing import Any
 
-import pytest
-
 import isocat
+import pytest
 
 
 def count(command: int = 7, register: int = 0x0130, data: bytes = b"\0\0") -> bytes:
@@ -29,7 +28,8 @@ def test_frames_come_back_at_their_instants() -> None:
         assert bus.now == 10**9 and len(bus.devices) == 5
         back, answer = bus.exchange(count(), at=10**9 + 5) or (0, b"")
         assert counter(answer) == 5
-        # 60 bytes at 100 Mbit/s with preamble and check sequence are 5.76 us each way, and each device takes its time.
+        # 60 bytes at 100 Mbit/s with preamble and check sequence are 5.76 us each way, and each
+        # device takes its time.
         assert 6_000 < back - 10**9 < 20_000 and bus.now == back
         again = bus.send(count())
         assert again is not None and bus.next_arrival == again and bus.receive() is None
@@ -41,7 +41,10 @@ def test_frames_come_back_at_their_instants() -> None:
 def test_the_same_calls_give_the_same_answers() -> None:
     def wire() -> str:
         with isocat.Segment.built_in().bus(seed=3) as bus:
-            answers = [bus.exchange(count(register=0x0910, data=bytes(8)), at=at * 10**6) for at in range(1, 50)]
+            answers = [
+                bus.exchange(count(register=0x0910, data=bytes(8)), at=at * 10**6)
+                for at in range(1, 50)
+            ]
         return hashlib.sha256(repr(answers).encode()).hexdigest()
 
     assert wire() == wire()
@@ -52,7 +55,10 @@ def test_faults() -> None:
         bus.fault("drop 1")
         assert bus.exchange(count()) is None
         bus.fault("pull 1 for 5ms", at="10ms")
-        seen = [counter((bus.exchange(count(), at=at) or (0, bytes(60)))[1]) for at in ("9ms", "12ms", "3s")]
+        seen = [
+            counter((bus.exchange(count(), at=at) or (0, bytes(60)))[1])
+            for at in ("9ms", "12ms", "3s")
+        ]
         assert seen == [5, 1, 5]
         assert bus.verdict().lost == 1
         with pytest.raises(isocat.BusError, match='fault "pul 1"'):
@@ -153,7 +159,9 @@ def test_a_behaviour_that_raises(main_device: ModuleType) -> None:
         def map_inputs(self, inputs: bytes) -> bytes:
             return inputs + b"\0"
 
-    with pytest.raises(isocat.InputError, match="map_inputs: found 8 bytes; expected 7 bytes at most"):
+    with pytest.raises(
+        isocat.InputError, match="map_inputs: found 8 bytes; expected 7 bytes at most"
+    ):
         main_device.run(isocat.Segment.built_in(), 5, behaviours={0: Long()})
 
 

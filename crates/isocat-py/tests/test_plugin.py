@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-PROJECT = '''
+PROJECT = """
 import pytest
 
 def test_segment(isocat_segment, isocat_seed):
@@ -22,7 +22,7 @@ def test_dict(isocat_segment):
 
 def test_without():
     pass
-'''
+"""
 
 MACHINE = """cycle = "1ms"
 [[subdevice]]
@@ -52,15 +52,25 @@ def test_one_case_for_each_seed(project: pytest.Pytester) -> None:
         ]
     )
     again = project.runpytest_subprocess(
-        "-p", "isocat.pytest_plugin", "test_machine.py::test_segment", "--isocat-seed", "3", "--isocat-seeds", "1"
+        "-p",
+        "isocat.pytest_plugin",
+        "test_machine.py::test_segment",
+        "--isocat-seed",
+        "3",
+        "--isocat-seeds",
+        "1",
     )
     again.assert_outcomes(failed=1)
 
 
 def test_the_segment_of_the_project(project: pytest.Pytester) -> None:
-    project.makepyfile(test_machine="def test_it(isocat_segment):\n    assert len(isocat_segment) == 2\n")
+    project.makepyfile(
+        test_machine="def test_it(isocat_segment):\n    assert len(isocat_segment) == 2\n"
+    )
     project.runpytest_subprocess("-p", "isocat.pytest_plugin").assert_outcomes(failed=1)
-    by_option = project.runpytest_subprocess("-p", "isocat.pytest_plugin", "--isocat-segment", "machine.toml")
+    by_option = project.runpytest_subprocess(
+        "-p", "isocat.pytest_plugin", "--isocat-segment", "machine.toml"
+    )
     by_option.assert_outcomes(passed=1)
     project.makeini("[pytest]\nisocat_segment = machine.toml\n")
     project.runpytest_subprocess("-p", "isocat.pytest_plugin").assert_outcomes(passed=1)
@@ -78,5 +88,7 @@ def test_bad_input(project: pytest.Pytester) -> None:
         result = project.runpytest_subprocess("-p", "isocat.pytest_plugin", *words)
         assert result.ret == pytest.ExitCode.USAGE_ERROR
         result.stderr.fnmatch_lines([f"ERROR: {' '.join(words)}: expected *"])
-    result = project.runpytest_subprocess("-p", "isocat.pytest_plugin", "--isocat-segment", "no.toml")
+    result = project.runpytest_subprocess(
+        "-p", "isocat.pytest_plugin", "--isocat-segment", "no.toml"
+    )
     result.stdout.fnmatch_lines(["*No such file or directory*"])

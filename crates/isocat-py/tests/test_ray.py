@@ -11,10 +11,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 import isocat
 import isocat._sweep
+import pytest
 
 ray = pytest.importorskip("ray")
 pytest.importorskip("pyarrow")
@@ -27,7 +26,9 @@ def cluster() -> Any:
     # Workers import isocat from where this process has it.
     paths = os.pathsep.join(path for path in sys.path if path)
     ray.init(
-        num_cpus=2, include_dashboard=False, log_to_driver=False,
+        num_cpus=2,
+        include_dashboard=False,
+        log_to_driver=False,
         runtime_env={"env_vars": {"PYTHONPATH": paths}},
     )
     yield ray
@@ -46,7 +47,9 @@ def test_the_same_table_to_the_byte(cluster: Any, small: isocat.Segment) -> None
     here = isocat.sweep(small, GRID, seeds=25)
     assert there.runs == 100 and there.table == here.table
     assert there.table.parquet_bytes() == here.table.parquet_bytes()
-    assert there.frontier("host.jitter", "cycle").edges == here.frontier("host.jitter", "cycle").edges
+    assert (
+        there.frontier("host.jitter", "cycle").edges == here.frontier("host.jitter", "cycle").edges
+    )
 
 
 def test_workers_that_are_killed(cluster: Any, small: isocat.Segment) -> None:
@@ -109,14 +112,18 @@ def test_a_driver_that_is_killed(cluster: Any, tmp_path: Path) -> None:
     driver.wait()
     there = {part.name: part.read_bytes() for part in to.glob("part-*.parquet")}
     assert 3 <= len(there) < 25
-    subprocess.run([sys.executable, str(script), str(to), "resume"], env=env, check=True, timeout=240)
+    subprocess.run(
+        [sys.executable, str(script), str(to), "resume"], env=env, check=True, timeout=240
+    )
     parts = {part.name: part.read_bytes() for part in to.glob("part-*.parquet")}
     assert len(parts) == 25 and all(parts[name] == content for name, content in there.items())
 
     segment = isocat.Segment(cycle="1ms", for_="500ms")
     segment.add("simple_io4")
     batches = isocat._sweep.Threads(batch=4)
-    here = isocat.sweep(segment, {"host.jitter": ["5us", "100us"]}, seeds=50, to=tmp_path / "here", executor=batches)
+    here = isocat.sweep(
+        segment, {"host.jitter": ["5us", "100us"]}, seeds=50, to=tmp_path / "here", executor=batches
+    )
     assert here.runs == 100
     for name, content in parts.items():
         assert (tmp_path / "here" / name).read_bytes() == content

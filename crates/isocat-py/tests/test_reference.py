@@ -8,17 +8,17 @@ import re
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 import isocat
 import isocat._isocat
+import pytest
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "python-api.md"
 STUB = Path(isocat.__file__).with_name("_isocat.pyi")
 
 HEAD = """# Reference of the library for Python
 
-Made of the docstrings of the package; `help(isocat)` says the same. [python.md](python.md) is the way in.
+Made of the docstrings of the package; `help(isocat)` says the same. [python.md](python.md) is the
+way in. 
 """
 
 
@@ -40,7 +40,9 @@ def document(of: Any) -> str:
         row = rows[at]
         if at + 1 < len(rows) and re.fullmatch(r"-{3,}", rows[at + 1]):
             section = row
-            lines += [f"*{section}*", ""] if section != "Examples" else ["*Examples*", "", "```python"]
+            lines += (
+                [f"*{section}*", ""] if section != "Examples" else ["*Examples*", "", "```python"]
+            )
             at += 2
             continue
         if section == "Examples":
@@ -99,12 +101,18 @@ def test_everything_public_is_documented() -> None:
         if not inspect.getdoc(value):
             bare.append(name)
         if inspect.isclass(value) and not issubclass(value, BaseException):
-            bare += [f"{name}.{member}" for member, inside in members(value) if not inspect.getdoc(inside)]
+            bare += [
+                f"{name}.{member}"
+                for member, inside in members(value)
+                if not inspect.getdoc(inside)
+            ]
     assert not bare
 
 
 def test_the_stub_tells_what_there_is() -> None:
-    """Names of classes and of their members in the stub are those of the module, and the other way round."""
+    """Names of classes and of their members in the stub are those of the module, and the other way
+    round.
+    """
     told: dict[str, set[str]] = {}
     current = ""
     for line in STUB.read_text(encoding="utf-8").splitlines():

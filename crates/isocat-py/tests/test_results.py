@@ -9,9 +9,8 @@ import sys
 import threading
 from pathlib import Path
 
-import pytest
-
 import isocat
+import pytest
 
 
 def test_plan(pair: isocat.Segment, tmp_path: Path) -> None:
@@ -85,7 +84,9 @@ def test_a_capture_is_diagnosed(pair: isocat.Segment, tmp_path: Path) -> None:
     good = isocat.diagnose(tmp_path / "good.pcapng", segment=pair)
     assert not good.found and "axis 1" in str(good)
     fault = [{"at": "900ms", "what": "pull axis 2"}]
-    isocat.Segment({**pair.to_dict(), "for": "500ms", "fault": fault}).run().captures(tmp_path / "bad.pcapng")
+    isocat.Segment({**pair.to_dict(), "for": "500ms", "fault": fault}).run().captures(
+        tmp_path / "bad.pcapng"
+    )
     bad = isocat.diagnose(tmp_path / "bad.pcapng")
     first = bad.findings.rows()[0]
     assert bad.found and first["weight"] == "fault" and first["frame"] > 0
@@ -125,7 +126,7 @@ def test_explain() -> None:
 def test_esi(tmp_path: Path) -> None:
     path = tmp_path / "vendor.xml"
     path.write_text(
-        '<EtherCATInfo><Vendor><Id>#x1234</Id><Name>Maker</Name></Vendor><Descriptions><Devices>'
+        "<EtherCATInfo><Vendor><Id>#x1234</Id><Name>Maker</Name></Vendor><Descriptions><Devices>"
         '<Device Physics="YY"><Type ProductCode="#x1" RevisionNo="#x2">T1</Type><Name>One</Name>'
         "</Device></Devices></Descriptions></EtherCATInfo>"
     )
@@ -221,7 +222,10 @@ except KeyboardInterrupt:
 def test_ctrl_c(call: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED.format(call=call)],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert done.stdout == "interrupted True\n", done.stderr
 
@@ -237,7 +241,11 @@ def test_a_disk_that_is_full(pair: isocat.Segment) -> None:
 def test_import_is_quick() -> None:
     code = "import time; t = time.perf_counter(); import isocat; print(time.perf_counter() - t)"
     runs = [
-        float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
+        float(
+            subprocess.run(
+                [sys.executable, "-c", code], capture_output=True, text=True, check=True
+            ).stdout
+        )
         for _ in range(5)
     ]
     # Half a second is for a machine that is busy; the page says what a quiet one takes.

@@ -7,9 +7,8 @@ import pickle
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 import isocat
+import pytest
 
 TOML = """cycle = "1ms"
 for = "100ms"
@@ -107,7 +106,11 @@ def test_errors_cross_processes() -> None:
     with pytest.raises(isocat.InputError) as caught:
         isocat.Segment(cycel="1ms")
     again = pickle.loads(pickle.dumps(caught.value))
-    assert (type(again), str(again), again.place) == (isocat.InputError, str(caught.value), caught.value.place)
+    assert (type(again), str(again), again.place) == (
+        isocat.InputError,
+        str(caught.value),
+        caught.value.place,
+    )
 
 
 def test_a_segment_without_devices_is_told_when_it_is_run() -> None:

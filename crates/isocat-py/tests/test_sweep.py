@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 import isocat
 import isocat._sweep
+import pytest
 
 GRID = {"cycle": ["500us", "1ms"], "host.jitter": ["5us", "100us"]}
 
@@ -31,7 +30,9 @@ def test_rows_are_those_of_runs(short: isocat.Segment) -> None:
     rows = result.table.rows()
     assert [row["number"] for row in rows] == list(range(8))
     assert [row["seed"] for row in rows] == [5, 6] * 4
-    assert [row["cycle"] for row in rows] == ["500us"] * 2 + ["1ms"] * 2 + ["500us"] * 2 + ["1ms"] * 2
+    assert [row["cycle"] for row in rows] == ["500us"] * 2 + ["1ms"] * 2 + ["500us"] * 2 + [
+        "1ms"
+    ] * 2
     for row in (rows[0], rows[7]):
         report = result.segment(row["number"]).run()
         assert report.seed == row["seed"]
@@ -49,7 +50,9 @@ def test_threads_change_nothing(short: isocat.Segment) -> None:
 def test_values_of_python(short: isocat.Segment) -> None:
     from datetime import timedelta
 
-    result = isocat.sweep(short, {"cycle": [500_000, timedelta(milliseconds=1)], "hop_jitter": [True, False]})
+    result = isocat.sweep(
+        short, {"cycle": [500_000, timedelta(milliseconds=1)], "hop_jitter": [True, False]}
+    )
     assert result.table["cycle"].to_list() == ["500000ns", "1000000ns"] * 2
     assert result.table["hop_jitter"].to_list() == ["true", "true", "false", "false"]
     filters = isocat.sweep(short, {"host.difference_filter": range(3, 5)})
@@ -105,7 +108,11 @@ def test_swarm_and_shrinking(tmp_path: Path) -> None:
 
 BAD: list[tuple[str, dict[str, Any], str]] = [
     ("an unknown key", {"grid": {"cycel": ["1ms"]}}, 'did you mean "cycle"'),
-    ("a device that is not there", {"grid": {"subdevice[7].cable": ["1m"]}}, "there are 1 of subdevice"),
+    (
+        "a device that is not there",
+        {"grid": {"subdevice[7].cable": ["1m"]}},
+        "there are 1 of subdevice",
+    ),
     ("a value that is none", {"grid": {"cycle": ["1ms", "3 parsec"]}}, "unknown unit"),
     ("no values", {"grid": {"cycle": []}}, "no values"),
     ("a value of another kind", {"grid": {"cycle": [None]}}, "cycle"),
@@ -127,7 +134,9 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("keys", "words"), [case[1:] for case in BAD], ids=[case[0] for case in BAD])
+@pytest.mark.parametrize(
+    ("keys", "words"), [case[1:] for case in BAD], ids=[case[0] for case in BAD]
+)
 def test_refused(short: isocat.Segment, keys: dict[str, Any], words: str) -> None:
     with pytest.raises(isocat.InputError, match=words):
         isocat.sweep(short, **keys)
@@ -170,7 +179,9 @@ def test_rows_go_to_a_folder_and_are_gone_on_with(short: isocat.Segment, tmp_pat
     done = isocat.sweep(short, GRID, seeds=3, to=to, resume=True, executor=Some(9))
     assert done.runs == 12 and done.good == 12
     assert done.table == whole.table
-    assert done.frontier("host.jitter", "cycle").edges == whole.frontier("host.jitter", "cycle").edges
+    assert (
+        done.frontier("host.jitter", "cycle").edges == whole.frontier("host.jitter", "cycle").edges
+    )
     assert json.loads((to / "isocat-sweep.json").read_text())["batch"] == 5
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "file").touch()
@@ -181,7 +192,9 @@ def test_rows_go_to_a_folder_and_are_gone_on_with(short: isocat.Segment, tmp_pat
 def test_progress_is_told(short: isocat.Segment) -> None:
     told: list[tuple[int, int, int]] = []
     isocat.sweep(short, seeds=20, progress=lambda *numbers: told.append(numbers))
-    assert told[-1] == (20, 0, 20) and [over for over, *_ in told] == sorted(over for over, *_ in told)
+    assert told[-1] == (20, 0, 20) and [over for over, *_ in told] == sorted(
+        over for over, *_ in told
+    )
 
     def stop(*_: int) -> None:
         raise ZeroDivisionError
@@ -194,7 +207,9 @@ def test_a_disk_that_is_full_ends_it_and_keeps_what_stands(tmp_path: Path) -> No
     tiny = tmp_path / "tiny"
     tiny.mkdir()
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=24k", "tmpfs", str(tiny)], capture_output=True, check=False
+        ["mount", "-t", "tmpfs", "-o", "size=24k", "tmpfs", str(tiny)],
+        capture_output=True,
+        check=False,
     )
     if mounted.returncode:
         pytest.skip("a tiny disk needs root")
@@ -203,11 +218,16 @@ import isocat
 import isocat._sweep
 segment = isocat.Segment(cycle="1ms", for_="5ms")
 segment.add("simple_io4")
-isocat.sweep(segment, seeds=4000, to={str(tiny / "rows")!r}, executor=isocat._sweep.Threads(batch=100))
+isocat.sweep(segment, seeds=4000, to={str(tiny / "rows")!r},
+executor=isocat._sweep.Threads(batch=100)) 
 """
     try:
         done = subprocess.run(
-            [sys.executable, "-c", "import isocat._sweep\n" + code], capture_output=True, text=True, check=False, timeout=300
+            [sys.executable, "-c", "import isocat._sweep\n" + code],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
         )
         names = os.listdir(tiny / "rows")
         assert done.returncode == 1 and "No space left on device" in done.stderr

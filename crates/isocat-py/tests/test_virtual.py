@@ -6,16 +6,16 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 import isocat
+import pytest
 
 PROGRAM = """
 import socket, sys
 s = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(0x88A4))
 s.bind((sys.argv[1], 0))
 body = bytes([7, 0, 0, 0, 0x30, 0x01, 2, 0, 0, 0, 0, 0, 0, 0])
-s.send((b"\\xff" * 6 + b"\\x02\\0\\0\\0\\0\\x01\\x88\\xa4" + (0x1000 | len(body)).to_bytes(2, "little") + body).ljust(60, b"\\0"))
+head = b"\\xff" * 6 + b"\\x02\\0\\0\\0\\0\\x01\\x88\\xa4"
+s.send((head + (0x1000 | len(body)).to_bytes(2, "little") + body).ljust(60, b"\\0"))
 answer = s.recv(1514)
 print("devices", answer[28])
 sys.exit(int(sys.argv[2]))
@@ -46,7 +46,10 @@ def test_a_program_for_each_seed(program: list[str], pair: isocat.Segment) -> No
 
 def test_what_is_varied(program: list[str], pair: isocat.Segment) -> None:
     runs = isocat.virtual([*program, "0"], pair, grid={"subdevice[*].cable": ["1m", "100m"]})
-    assert [run.values for run in runs] == [{"subdevice[*].cable": "1m"}, {"subdevice[*].cable": "100m"}]
+    assert [run.values for run in runs] == [
+        {"subdevice[*].cable": "1m"},
+        {"subdevice[*].cable": "100m"},
+    ]
 
 
 def test_bad_input(program: list[str]) -> None:
@@ -61,7 +64,11 @@ def test_bad_input(program: list[str]) -> None:
 def test_the_command_of_the_wheel(tmp_path: Path) -> None:
     def command(*words: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [sys.executable, "-m", "isocat", *words], capture_output=True, text=True, check=False, cwd=tmp_path
+            [sys.executable, "-m", "isocat", *words],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
         )
 
     assert command("--version").stdout.strip().endswith(isocat.__version__)
@@ -70,9 +77,14 @@ def test_the_command_of_the_wheel(tmp_path: Path) -> None:
     assert wrong.returncode == 2 and "error" in wrong.stderr
 
 
-def test_many_seeds_of_the_command_are_processes_of_the_wheel(program: list[str], tmp_path: Path) -> None:
+def test_many_seeds_of_the_command_are_processes_of_the_wheel(
+    program: list[str], tmp_path: Path
+) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "isocat", "virtual", "--seeds", "2", "--", *program, "0"],
-        capture_output=True, text=True, check=False, cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
     )
     assert done.returncode in (1, 3) and "2 runs" in done.stdout, done.stdout + done.stderr

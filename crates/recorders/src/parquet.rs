@@ -1,11 +1,13 @@
 //! A table as Parquet, in row groups of a bounded size.
 //!
-//! A file is `PAR1`, the pages of each row group column by column, the description of them all, its length and `PAR1`. A
-//! page of an optional column begins with a bit for each row: whether there is a value.
+//! A file is `PAR1`, the pages of each row group column by column, the description of them all, its
+//! length and `PAR1`. A page of an optional column begins with a bit for each row: whether there is
+//! a value.
 //!
-//! A column of a row group is written in the shortest of three ways: as values, as numbers of a dictionary that stands
-//! before it, or as differences from value to value. Nothing else is compressed: general compression would gain little
-//! more, and each of its libraries would weigh more than this file.
+//! A column of a row group is written in the shortest of three ways: as values, as numbers of a
+//! dictionary that stands before it, or as differences from value to value. Nothing else is
+//! compressed: general compression would gain little more, and each of its libraries would weigh
+//! more than this file.
 
 mod encoding;
 
@@ -181,7 +183,8 @@ impl<W: Write> Writer<W> {
         })
     }
 
-    /// One row: a cell for each column, of its kind. A cell of another kind is an error of the caller.
+    /// One row: a cell for each column, of its kind. A cell of another kind is an error of the
+    /// caller.
     pub fn row<'a>(&mut self, cells: impl IntoIterator<Item = Cell<'a>>) -> io::Result<()> {
         let mut cells = cells.into_iter();
         for column in &mut self.columns {

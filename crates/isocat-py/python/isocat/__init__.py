@@ -10,13 +10,11 @@ Describe a segment, plan it, run it, and look at what the judges say in true tim
     report = seg.run("10s", seed=1)
     assert report.in_sync, report.verdict
 
-Many runs are a `sweep`, over threads or a Ray cluster; a `Segment.bus` is the wire for programs in Python, and `virtual`
-runs any unmodified MainDevice program on it.
+Many runs are a `sweep`, over threads or a Ray cluster; a `Segment.bus` is the wire for programs in
+Python, and `virtual` runs any unmodified MainDevice program on it.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
 
 from ._errors import (
     Abort,
@@ -50,7 +48,11 @@ from ._isocat import (
     nanoseconds,
 )
 
+# As in typing, whose import would be the longest part of this one's.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from ._ray import ray
     from ._sweep import Frontier, SweepResult, sweep
     from ._virtual import VirtualRun, VirtualRuns, virtual

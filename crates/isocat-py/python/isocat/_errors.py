@@ -48,7 +48,10 @@ class Error(Exception):
 
     def __reduce__(self) -> tuple[object, ...]:
         # Exceptions cross processes, as those of workers do.
-        return (_again, (type(self), self._message, self.place, self.expected, self.found, self.hint))
+        return (
+            _again,
+            (type(self), self._message, self.place, self.expected, self.found, self.hint),
+        )
 
 
 def _again(

@@ -64,7 +64,9 @@ def text(table: Table) -> str:
     cells = [[one if len(one) <= 40 else one[:39] + "…" for one in row] for row in cells]
     widths = [max([len(name), *(len(row[at]) for row in cells)]) for at, name in enumerate(names)]
     lines = ["  ".join(name.ljust(width) for name, width in zip(names, widths)).rstrip()]
-    lines += ["  ".join(one.ljust(width) for one, width in zip(row, widths)).rstrip() for row in cells]
+    lines += [
+        "  ".join(one.ljust(width) for one, width in zip(row, widths)).rstrip() for row in cells
+    ]
     if len(table) > _SHOWN:
         lines.append(f"... {len(table)} rows")
     return "\n".join(lines)

@@ -65,7 +65,11 @@ def frontier(of: Frontier, ax: Any) -> Any:
                 percent = "100" if value == 1 else f"{min(99.9, 100 * value):.3g}"
                 dark = value == 1 or value < 0.3
                 ax.text(
-                    column, row, percent, ha="center", va="center",
+                    column,
+                    row,
+                    percent,
+                    ha="center",
+                    va="center",
                     color="white" if dark else "black",
                 )
     _ticks(ax, of.x_values)
@@ -105,7 +109,9 @@ def share(of: SweepResult, key: str, ax: Any) -> Any:
         middle.append(100 * good / runs)
         below.append(100 * (good / runs - low))
         above.append(100 * (high - good / runs))
-    ax.errorbar(places, middle, yerr=[below, above], fmt="o-", color=GOOD, ecolor="#888888", capsize=4)
+    ax.errorbar(
+        places, middle, yerr=[below, above], fmt="o-", color=GOOD, ecolor="#888888", capsize=4
+    )
     _ticks(ax, values)
     ax.set_ylim(-4, 104)
     ax.set_xlabel(key)
@@ -121,7 +127,9 @@ def _wilson(good: int, runs: int) -> tuple[float, float]:
     middle = share + z * z / (2 * runs)
     half = z * math.sqrt(share * (1 - share) / runs + z * z / (4 * runs * runs))
     whole = 1 + z * z / runs
-    return max(0.0, min(share, (middle - half) / whole)), min(1.0, max(share, (middle + half) / whole))
+    return max(0.0, min(share, (middle - half) / whole)), min(
+        1.0, max(share, (middle + half) / whole)
+    )
 
 
 def histograms(of: SweepResult, ax: Any) -> Any:
@@ -130,8 +138,17 @@ def histograms(of: SweepResult, ax: Any) -> Any:
     good = of.table["as_expected"].to_list()
     margins = [None if one is None else one / 1000 for one in of.table["least_margin_ns"].to_list()]
     kinds = [("as expected", True, GOOD), ("not as expected", False, BAD)]
-    data = [[one for one, ok in zip(margins, good) if one is not None and ok is kind] for _, kind, _ in kinds]
-    ax.hist(data, bins=40, stacked=True, color=[one[2] for one in kinds], label=[one[0] for one in kinds])
+    data = [
+        [one for one, ok in zip(margins, good) if one is not None and ok is kind]
+        for _, kind, _ in kinds
+    ]
+    ax.hist(
+        data,
+        bins=40,
+        stacked=True,
+        color=[one[2] for one in kinds],
+        label=[one[0] for one in kinds],
+    )
     ax.set_xlabel("least margin of outputs before their pulse [us]")
     ax.set_ylabel("runs")
     ax.set_title(f"{of.good} of {of.runs} runs as expected")

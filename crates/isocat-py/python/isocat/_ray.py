@@ -15,10 +15,12 @@ if TYPE_CHECKING:
 
 
 class ray:
-    """Runs batches of a sweep as tasks of a Ray cluster: ``isocat.sweep(..., executor=isocat.ray())``.
+    """Runs batches of a sweep as tasks of a Ray cluster: ``isocat.sweep(...,
+    executor=isocat.ray())``.
 
-    What is sent once is the segment and what is varied in it; a task is two numbers. A task gives its rows, some 100 kB. One whose
-    worker dies is run again, elsewhere: runs have no memory of each other, so its rows are the same.
+    What is sent once is the segment and what is varied in it; a task is two numbers. A task gives
+    its rows, some 100 kB. One whose worker dies is run again, elsewhere: runs have no memory of
+    each other, so its rows are the same.
 
     Parameters
     ----------
@@ -31,8 +33,8 @@ class ray:
     num_cpus : float
         Processors of a task.
     runtime_env : dict, optional
-        What workers need, as Ray has it: ``{"pip": ["isocat==..."]}``, or ``{"working_dir": "."}`` for descriptions that the
-        segment names.
+        What workers need, as Ray has it: ``{"pip": ["isocat==..."]}``, or ``{"working_dir": "."}``
+        for descriptions that the segment names.
     """
 
     def __init__(
@@ -50,9 +52,7 @@ class ray:
         self._address, self._retries = address, retries
         self._num_cpus, self._runtime_env = num_cpus, runtime_env
 
-    def run(
-        self, sweep: Sweep, spans: Iterable[Span], tell: Told
-    ) -> Iterator[tuple[Span, Table]]:
+    def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:
         """Runs each span as a task; gives its rows as they come, in any order."""
         cluster = _import()
         if not cluster.is_initialized():
@@ -66,7 +66,8 @@ class ray:
         again: dict[Span, int] = {}
         try:
             while waiting or under_way:
-                # Twice as many as there is room for: a worker that is done finds the next one there.
+                # Twice as many as there is room for: a worker that is done finds the next one
+                # there.
                 room = 2 * max(1, int(cluster.cluster_resources().get("CPU", 1) / self._num_cpus))
                 while waiting and len(under_way) < room:
                     span = waiting.popleft()
@@ -99,7 +100,8 @@ def _batch(sweep: Sweep, start: int, stop: int, version: str) -> Table:
     if version != __version__:
         raise InputError(
             f"this worker has isocat {__version__}; expected {version}, which the driver has",
-            found=__version__, expected=version,
+            found=__version__,
+            expected=version,
         )
     return sweep.table(start, stop, 1)
 

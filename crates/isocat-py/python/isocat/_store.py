@@ -1,4 +1,6 @@
-"""Where the rows of a sweep go as they come: a folder or a bucket with a Parquet file for each batch."""
+"""Where the rows of a sweep go as they come: a folder or a bucket with a Parquet file for each
+batch.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +22,16 @@ _PART = "part-"
 class Store:
     """A folder of parts.
 
-    A part is named after its first run and written whole or not at all, so that a driver or a machine that dies loses
-    what was under way and nothing else. ``isocat-sweep.json`` says which sweep it is.
+    A part is named after its first run and written whole or not at all, so that a driver or a
+    machine that dies loses what was under way and nothing else. ``isocat-sweep.json`` says which
+    sweep it is.
     """
 
     def __init__(self, files: _Files, identity: str) -> None:
         self._files, self._identity = files, identity
 
     @classmethod
-    def open(
-        cls, to: str | os.PathLike[str], sweep: Sweep, batch: int, resume: bool
-    ) -> Store:
+    def open(cls, to: str | os.PathLike[str], sweep: Sweep, batch: int, resume: bool) -> Store:
         """Begins a folder, or goes on with one of the same sweep."""
         path = os.fspath(to)
         files: _Files = _Bucket(path) if "://" in path else _Folder(path)
@@ -42,20 +43,26 @@ class Store:
             if files.names():
                 raise InputError(
                     f"to: {path} has files and no {HEAD}; expected an empty folder, a new one, or that of a sweep",
-                    place="to", found="other files", expected="an empty folder",
+                    place="to",
+                    found="other files",
+                    expected="an empty folder",
                 )
             files.write(HEAD, identity.encode())
         elif not resume:
             raise InputError(
                 f"to: {path} has a sweep already; expected another folder, or resume=True to go on with it",
-                place="to", found="a sweep", expected="another folder, or resume=True",
+                place="to",
+                found="a sweep",
+                expected="another folder, or resume=True",
             )
         else:
             _check_same(path, json.loads(there), about)
         return cls(files, identity)
 
     def done(self) -> dict[int, list[tuple[int, bool]]]:
-        """Parts that are there, by their first run: each row's number, and whether it was as expected."""
+        """Parts that are there, by their first run: each row's number, and whether it was as
+        expected.
+        """
         done = {}
         for name in self._parts():
             part = _pyarrow("resume=True").parquet.read_table(
@@ -83,7 +90,9 @@ class Store:
 
     def _parts(self) -> list[str]:
         names = self._files.names()
-        return sorted(name for name in names if name.startswith(_PART) and name.endswith(".parquet"))
+        return sorted(
+            name for name in names if name.startswith(_PART) and name.endswith(".parquet")
+        )
 
 
 def _table(whole: Any, like: Table) -> Table:
@@ -109,7 +118,9 @@ def _table(whole: Any, like: Table) -> Table:
             data = bytes(bool(one) for one in values)
         else:
             letter = "q" if kind == "integer" else "d"
-            data = struct.pack(f"<{len(values)}{letter}", *(0 if one is None else one for one in values))
+            data = struct.pack(
+                f"<{len(values)}{letter}", *(0 if one is None else one for one in values)
+            )
         columns.append((name, kind, optional, present, data, ends))
     return Table._rebuild(whole.num_rows, columns)
 
@@ -120,7 +131,9 @@ def _check_same(path: str, there: dict[str, Any], wanted: dict[str, Any]) -> Non
             found, expected = str(there.get(key))[:200], str(wanted[key])[:200]
             raise InputError(
                 f"to: {path} is of another sweep: its {key} is {found}; expected {expected}",
-                place=f"{path}/{HEAD}", found=found, expected=expected,
+                place=f"{path}/{HEAD}",
+                found=found,
+                expected=expected,
             )
 
 

@@ -32,9 +32,7 @@ class Executor(Protocol):
 
     batch: int
 
-    def run(
-        self, sweep: Sweep, spans: Iterable[Span], tell: Told
-    ) -> Iterator[tuple[Span, Table]]:
+    def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:
         """Runs each span; gives its rows, in any order."""
         ...
 
@@ -56,9 +54,7 @@ class Threads:
         self.workers = workers or processors()
         self.batch = batch
 
-    def run(
-        self, sweep: Sweep, spans: Iterable[Span], tell: Told
-    ) -> Iterator[tuple[Span, Table]]:
+    def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:
         """Runs spans that lie behind each other without a break between them."""
         for start, stop in _joined(spans):
             yield from self._stretch(sweep, start, stop, tell)
@@ -66,8 +62,8 @@ class Threads:
     def _stretch(
         self, sweep: Sweep, start: int, stop: int, tell: Told
     ) -> Iterator[tuple[Span, Table]]:
-        # A call gives some batches before it returns: so that what they hold is written while the next ones run, there
-        # are several calls, each with enough runs to keep all threads busy.
+        # A call gives some batches before it returns: so that what they hold is written while the
+        # next ones run, there are several calls, each with enough runs to keep all threads busy.
         step = self.batch * max(1, -(-self.workers * 64 // self.batch))
         for at in range(start, stop, step):
             done: list[Table] = []
@@ -115,10 +111,12 @@ def sweep(
     ----------
     segment : Segment, path or dict
     grid : dict, optional
-        Keys of the segment file, and their values: a list makes a grid with those of the other keys, a range in a text
-        (``"1m..100m"``) is drawn in each run. ``{"cycle": ["500us", "1ms"], "subdevice[*].cable": "1m..100m"}``.
+        Keys of the segment file, and their values: a list makes a grid with those of the other
+        keys, a range in a text (``"1m..100m"``) is drawn in each run. ``{"cycle": ["500us", "1ms"],
+        "subdevice[*].cable": "1m..100m"}``.
     seeds : int or range
-        How many seeds each point is run with, from 1 on; or which ones: a ``range`` with a step of 1.
+        How many seeds each point is run with, from 1 on; or which ones: a ``range`` with a step of
+        1.
     faults : "swarm", optional
         Each run draws 1 to 4 faults of its own, beside those of the segment.
     executor : "threads" or an executor
@@ -126,13 +124,13 @@ def sweep(
     workers : int, optional
         Threads; one for each processor by default.
     to : path, optional
-        A folder, or a bucket by its URL (which needs pyarrow): rows are written there as Parquet files as they come, and not
-        kept in memory.
+        A folder, or a bucket by its URL (which needs pyarrow): rows are written there as Parquet
+        files as they come, and not kept in memory.
     resume : bool
         Go on with what stands in ``to``: of the same sweep, which is checked.
     progress : bool or callable, optional
-        Whether progress is shown: on a terminal and in a notebook by default. A callable is told how many runs are over, how many
-        of them were not as expected, and how many there are.
+        Whether progress is shown: on a terminal and in a notebook by default. A callable is told
+        how many runs are over, how many of them were not as expected, and how many there are.
 
     Returns
     -------
@@ -143,7 +141,8 @@ def sweep(
     InputError
         A key names nothing or does not take a value, or there are too many runs.
     OSError
-        ``to`` can't be written, as on a full disk; what was written stands, and ``resume=True`` goes on with it.
+        ``to`` can't be written, as on a full disk; what was written stands, and ``resume=True``
+        goes on with it.
     KeyboardInterrupt
         Ctrl-C; likewise.
     """
@@ -153,14 +152,18 @@ def sweep(
     if faults not in (None, "swarm"):
         raise InputError(
             f'faults: found {faults!r}; expected "swarm", or None',
-            place="faults", found=repr(faults), expected='"swarm", or None',
+            place="faults",
+            found=repr(faults),
+            expected='"swarm", or None',
         )
     spec = Sweep(segment, _grid(grid), first, count, faults is not None)
     runner = _executor(executor, workers)
     if to is None and spec.runs > MOST_IN_MEMORY:
         raise InputError(
             f"{spec.runs} runs; expected {MOST_IN_MEMORY} at most where rows stay in memory, or to=FOLDER, which writes them",
-            place="to", found=f"{spec.runs} runs", expected="to=FOLDER",
+            place="to",
+            found=f"{spec.runs} runs",
+            expected="to=FOLDER",
         )
     if to is None and resume:
         raise InputError("resume: found without to; expected to=FOLDER beside it", place="resume")
@@ -192,7 +195,9 @@ def _seeds(seeds: int | range) -> tuple[int, int]:
         return 1, seeds
     raise InputError(
         f"seeds: found {seeds!r}; expected a number from 1 on, or a range with a step of 1, such as range(1000)",
-        place="seeds", found=repr(seeds), expected="a number from 1 on, or a range with a step of 1",
+        place="seeds",
+        found=repr(seeds),
+        expected="a number from 1 on, or a range with a step of 1",
     )
 
 
@@ -202,7 +207,9 @@ def _grid(grid: Grid | None) -> dict[str, Any]:
     if not isinstance(grid, Mapping):
         raise InputError(
             f"grid: found {type(grid).__name__}; expected a mapping of keys to values, such as {{'cycle': ['500us', '1ms']}}",
-            place="grid", found=type(grid).__name__, expected="a mapping of keys to values",
+            place="grid",
+            found=type(grid).__name__,
+            expected="a mapping of keys to values",
         )
     return dict(grid)
 
@@ -212,11 +219,15 @@ def _executor(executor: str | Executor, workers: int | None) -> Executor:
         return Threads(workers)
     if not isinstance(executor, str) and hasattr(executor, "run") and hasattr(executor, "batch"):
         if workers is not None:
-            raise InputError("workers: goes with threads; the executor has its own", place="workers")
+            raise InputError(
+                "workers: goes with threads; the executor has its own", place="workers"
+            )
         return executor
     raise InputError(
         f'executor: found {executor!r}; expected "threads", or isocat.ray()',
-        place="executor", found=repr(executor), expected='"threads", or isocat.ray()',
+        place="executor",
+        found=repr(executor),
+        expected='"threads", or isocat.ray()',
     )
 
 
@@ -235,7 +246,9 @@ class SweepResult:
         self.runs = 0
         """Runs that are over."""
         self.good = 0
-        """Runs that were as expected: by the segment's ``[[expect]]`` tables, or in sync where there are none."""
+        """Runs that were as expected: by the segment's ``[[expect]]`` tables, or in sync where
+        there are none.
+        """
 
     def _add(self, start: int, table: Table) -> None:
         if self._store is None:
@@ -304,8 +317,9 @@ class SweepResult:
         return self._spec.segment(number)
 
     def shrink(self, number: int) -> Segment:
-        """A run made small: fewer faults, devices and keys, less time, as long as it ends with the same verdict and the same kind
-        of first finding."""
+        """A run made small: fewer faults, devices and keys, less time, as long as it ends with the
+        same verdict and the same kind of first finding.
+        """
         return Segment.from_toml(self._spec.shrink(number), f"run-{number}.toml")
 
     def save_failed(
@@ -341,7 +355,8 @@ class SweepResult:
         return dict(self._spec.axes)
 
     def frontier(self, x: str, y: str) -> Frontier:
-        """Where the grid holds: for each value of ``x`` the values of ``y`` with which every run was as expected.
+        """Where the grid holds: for each value of ``x`` the values of ``y`` with which every run
+        was as expected.
 
         Parameters
         ----------
@@ -352,16 +367,21 @@ class SweepResult:
         lists = {key: values for key, values in axes if values is not None}
         for name, key in (("x", x), ("y", y)):
             if key not in lists:
-                expected = ", ".join(repr(key) for key in lists) or "a sweep with a grid of two keys"
+                expected = (
+                    ", ".join(repr(key) for key in lists) or "a sweep with a grid of two keys"
+                )
                 raise InputError(
                     f"{name}: found {key!r}; expected one of {expected}",
-                    place=name, found=repr(key), expected=expected,
+                    place=name,
+                    found=repr(key),
+                    expected=expected,
                 )
         if x == y:
             raise InputError(f"y: found {y!r} twice; expected two keys", place="y", found=repr(y))
         if self.runs and not self._points:
             raise InputError(
-                f"a grid of more than {MOST_POINTS} points; expected fewer, or rows counted by hand", place="grid"
+                f"a grid of more than {MOST_POINTS} points; expected fewer, or rows counted by hand",
+                place="grid",
             )
         counts: dict[tuple[str, str], list[int]] = {}
         for point, (runs, good) in self._points.items():
@@ -387,8 +407,8 @@ class SweepResult:
     def plot(self, x: str | None = None, y: str | None = None, *, ax: Any = None) -> Any:
         """Draws it with matplotlib, which has to be installed.
 
-        Two keys of the grid are a frontier, one is the share of runs as expected with its uncertainty, none are histograms of
-        margins and errors.
+        Two keys of the grid are a frontier, one is the share of runs as expected with its
+        uncertainty, none are histograms of margins and errors.
 
         Returns
         -------
@@ -448,7 +468,9 @@ class Frontier:
 
     @property
     def edges(self) -> dict[str, str]:
-        """The same in words: ``"500us and above"``, ``"1ms and below"``, ``"each"``, ``"none"``, ``"each but 1ms"``."""
+        """The same in words: ``"500us and above"``, ``"1ms and below"``, ``"each"``, ``"none"``,
+        ``"each but 1ms"``.
+        """
         words = {}
         for x, good in self.holds.items():
             tried = [y for y in self.y_values if self.runs(x, y)]
@@ -466,7 +488,9 @@ class Frontier:
         return words
 
     def to_pandas(self) -> Any:
-        """Shares as a ``pandas.DataFrame``: a row for each value of ``y``, a column for each of ``x``."""
+        """Shares as a ``pandas.DataFrame``: a row for each value of ``y``, a column for each of
+        ``x``.
+        """
         import pandas
 
         shares = [[self.share(x, y) for x in self.x_values] for y in self.y_values]
@@ -474,7 +498,9 @@ class Frontier:
         return frame.rename_axis(index=self.y, columns=self.x)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Draws it with matplotlib: a cell for each point, green where every run was as expected."""
+        """Draws it with matplotlib: a cell for each point, green where every run was as
+        expected.
+        """
         from . import _plot
 
         return _plot.frontier(self, ax)

@@ -1,4 +1,6 @@
-"""Unmodified MainDevice programs on a virtual segment, in virtual time: the command ``isocat virtual``."""
+"""Unmodified MainDevice programs on a virtual segment, in virtual time: the command ``isocat
+virtual``.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,8 @@ class VirtualRun:
     values : dict
         The value of each key that was varied.
     code : int
-        0 in sync, and the program ended with 0; 1 not in sync or not as expected; 3 not known, as no device was in OP; 4 nothing
-        speaks against synchronization, but the program failed.
+        0 in sync, and the program ended with 0; 1 not in sync or not as expected; 3 not known, as
+        no device was in OP; 4 nothing speaks against synchronization, but the program failed.
     output : str
         What program and supervisor wrote, to both of their outputs.
     summary : dict
@@ -139,7 +141,8 @@ def virtual(
     workers: int | None = None,
     env: Mapping[str, str] | None = None,
 ) -> VirtualRuns:
-    """Runs an unmodified MainDevice program on the segment, in deterministic virtual time, once for each seed.
+    """Runs an unmodified MainDevice program on the segment, in deterministic virtual time, once for
+    each seed.
 
     Linux on x86-64; no root. docs/virtual.md says which programs can be run.
 
@@ -150,13 +153,15 @@ def virtual(
     segment : Segment, path or dict, optional
         The built-in one by default.
     seeds : int or range
-        As in `sweep`. A seed is that of the segment, of the host's bad luck and of the program's random numbers.
+        As in `sweep`. A seed is that of the segment, of the host's bad luck and of the program's
+        random numbers.
     grid : dict, optional
         As in `sweep`.
     faults : "swarm", optional
         Each run draws faults of its own.
     lateness : int, str or timedelta, optional
-        Wake-ups of the program come late by up to this, in the place of what the segment says of its host.
+        Wake-ups of the program come late by up to this, in the place of what the segment says of
+        its host.
     preemption : str, optional
         ``"1000:300us"``: one in 1000 system calls takes up to this much longer.
     for_ : int, str or timedelta, optional
@@ -180,11 +185,15 @@ def virtual(
         Programs can't be supervised on this system.
     """
     if not sys.platform.startswith("linux"):
-        raise OSError(f"isocat.virtual: programs can't be supervised on {sys.platform}; expected Linux on x86-64")
+        raise OSError(
+            f"isocat.virtual: programs can't be supervised on {sys.platform}; expected Linux on x86-64"
+        )
     if isinstance(program, (str, bytes)) or not program:
         raise InputError(
             f"program: found {program!r}; expected a list of the program and its arguments, such as ['python3', 'main.py', 'vt0']",
-            place="program", found=repr(program), expected="a list of the program and its arguments",
+            place="program",
+            found=repr(program),
+            expected="a list of the program and its arguments",
         )
     if segment is None:
         segment = Segment.built_in()
@@ -208,9 +217,7 @@ def virtual(
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _one(
-    spec: Sweep, number: int, words: list[str], env: Mapping[str, str] | None
-) -> VirtualRun:
+def _one(spec: Sweep, number: int, words: list[str], env: Mapping[str, str] | None) -> VirtualRun:
     """One run, as a process of its own."""
     segment, values, seed = spec.segment(number), spec.values(number), spec.seed(number)
     with tempfile.TemporaryDirectory(prefix="isocat-") as folder:
@@ -220,8 +227,12 @@ def _one(
         command = [sys.executable, "-m", "isocat", "virtual", segment.path, "--text", text]
         command += ["--seed", str(seed), "--report", report, *words]
         done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            env=None if env is None else dict(env), check=False,
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=None if env is None else dict(env),
+            check=False,
         )
         output = done.stdout.decode(errors="replace")
         if done.returncode == 2 or not os.path.exists(report):

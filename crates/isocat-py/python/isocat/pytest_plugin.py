@@ -1,6 +1,7 @@
 """A pytest plugin: tests on a virtual segment, one test case for each seed.
 
-``isocat_segment``, ``isocat_bus`` and ``isocat_seed`` are fixtures. A test that asks for one of them is run once for each seed of
+``isocat_segment``, ``isocat_bus`` and ``isocat_seed`` are fixtures. A test that asks for one of
+them is run once for each seed of
 ``--isocat-seeds``; a seed that fails is in the message, with the words that repeat it alone.
 """
 
@@ -19,14 +20,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Declares the options."""
     group = parser.getgroup("isocat", "tests on a virtual EtherCAT segment")
     group.addoption(
-        "--isocat-seeds", type=int, default=1, metavar="N",
+        "--isocat-seeds",
+        type=int,
+        default=1,
+        metavar="N",
         help="run each test on a segment with this many seeds (default 1)",
     )
     group.addoption(
         "--isocat-seed", type=int, default=1, metavar="SEED", help="the first seed (default 1)"
     )
     group.addoption(
-        "--isocat-segment", default=None, metavar="FILE",
+        "--isocat-segment",
+        default=None,
+        metavar="FILE",
         help="segment file of tests that name none (default: isocat_segment of the ini file, or the built-in segment)",
     )
     parser.addini("isocat_segment", "segment file, relative to the ini file", default="")
@@ -56,7 +62,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """One test case for each seed."""
     if "isocat_seed" in metafunc.fixturenames:
         seeds = _seeds(metafunc.config)
-        metafunc.parametrize("isocat_seed", seeds, ids=lambda seed: f"seed {seed}", scope="function")
+        metafunc.parametrize(
+            "isocat_seed", seeds, ids=lambda seed: f"seed {seed}", scope="function"
+        )
 
 
 @pytest.fixture
@@ -70,8 +78,9 @@ def isocat_seed(request: pytest.FixtureRequest) -> int:
 def isocat_segment(request: pytest.FixtureRequest, isocat_seed: int) -> Segment:
     """The segment of this test, with the seed of this case.
 
-    Its description is what ``@pytest.mark.isocat(segment=...)`` names, else ``--isocat-segment``, else ``isocat_segment`` of the
-    ini file, else the built-in segment. Each test has one of its own, which it may change.
+    Its description is what ``@pytest.mark.isocat(segment=...)`` names, else ``--isocat-segment``,
+    else ``isocat_segment`` of the ini file, else the built-in segment. Each test has one of its
+    own, which it may change.
     """
     from isocat import Segment
 
@@ -119,12 +128,15 @@ def pytest_runtest_makereport(
     if report.failed and seed is not None:
         name = item.nodeid.split("[")[0]
         report.sections.append(
-            ("isocat", f"seed {seed}; this case alone: pytest '{name}' --isocat-seed {seed} --isocat-seeds 1")
+            (
+                "isocat",
+                f"seed {seed}; this case alone: pytest '{name}' --isocat-seed {seed} --isocat-seeds 1",
+            )
         )
         bus = item.stash.get(_BUS, None)
         if bus is not None and call.when == "call":
             try:
                 report.sections.append(("isocat verdict", str(bus.verdict())))
-            except Exception as error:  # noqa: BLE001: a report must not hide the failure that it is of
+            except Exception as error:  # A report must not hide the failure that it is of.
                 report.sections.append(("isocat verdict", f"not to be had: {error}"))
     return report

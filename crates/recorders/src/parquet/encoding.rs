@@ -55,7 +55,8 @@ fn pack(bytes: &mut Vec<u8>, values: impl Iterator<Item = u64>, width: u32) {
     }
 }
 
-/// Numbers by their differences (`DELTA_BINARY_PACKED`): small where they grow evenly or lie close together.
+/// Numbers by their differences (`DELTA_BINARY_PACKED`): small where they grow evenly or lie close
+/// together.
 pub(super) fn delta(values: &[i64]) -> Vec<u8> {
     let mut bytes = Vec::new();
     varint(&mut bytes, BLOCK as u64);

@@ -6,6 +6,7 @@
 //! the edge of a value; [`shrink`](mod@shrink) makes a run that fails small.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::sync_channel;
@@ -38,6 +39,11 @@ pub struct Sweep {
     swarm: bool,
 }
 
+/// Sets a key of a segment file as one value of an axis would, for those who change files by hand.
+pub fn set(table: &mut Table, key: &str, value: &str) -> Result<(), String> {
+    Axis::over(key, vec![value.to_owned()])?.apply(table, 0, 0).map(drop)
+}
+
 /// One run of a sweep.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Case {
@@ -67,6 +73,29 @@ impl Sweep {
         // An axis that goes nowhere would give a grid of equal runs.
         axis.apply(&mut self.base.clone(), 0, 0)?;
         self.axes.push(axis);
+        Ok(())
+    }
+
+    /// Varies a key over values that are given one by one, so that they may hold commas. One value sets the key.
+    pub fn vary_over(&mut self, key: &str, values: Vec<String>) -> Result<(), String> {
+        let axis = Axis::over(key, values)?;
+        axis.apply(&mut self.base.clone(), 0, 0)?;
+        self.axes.push(axis);
+        Ok(())
+    }
+
+    /// Tries whether the segment file's reader takes each value, one axis at a time; of a range, what the first seed draws.
+    /// Gives the first one that it does not take.
+    pub fn check(&self) -> Result<(), (String, FileError)> {
+        for axis in &self.axes {
+            for choice in 0..axis.values() {
+                let mut table = self.base.clone();
+                // It went somewhere when it was added.
+                let value = axis.apply(&mut table, choice, self.first_seed).unwrap_or_default();
+                SegmentFile::parse(&self.path, &table.to_string())
+                    .map_err(|error| (format!("{} = {value}", axis.key), error))?;
+            }
+        }
         Ok(())
     }
 
@@ -146,9 +175,21 @@ impl Sweep {
         from: u64,
         threads: usize,
         stop: &AtomicBool,
+        each: impl FnMut(Row) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.run_range(from..self.runs(), threads, stop, each)
+    }
+
+    /// The same of the cases with these numbers, as far as there are any.
+    pub fn run_range<E: Send>(
+        &self,
+        numbers: Range<u64>,
+        threads: usize,
+        stop: &AtomicBool,
         mut each: impl FnMut(Row) -> Result<(), E>,
     ) -> Result<(), E> {
         let threads = threads.max(1);
+        let (from, to) = (numbers.start, numbers.end.min(self.runs()));
         let next = AtomicU64::new(from);
         let (sender, receiver) = sync_channel(4 * threads);
         std::thread::scope(|scope| {
@@ -157,7 +198,7 @@ impl Sweep {
                 scope.spawn(move || {
                     loop {
                         let number = next.fetch_add(1, Ordering::Relaxed);
-                        let over = number >= self.runs() || stop.load(Ordering::Relaxed);
+                        let over = number >= to || stop.load(Ordering::Relaxed);
                         if over || sender.send(self.run(number)).is_err() {
                             break;
                         }

@@ -51,7 +51,9 @@ mod sweep;
 mod virtual_time;
 mod watch;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 use clap::{Parser, Subcommand};
 use isocat_descriptions::columns::{WIDTH, wrap};
@@ -193,16 +195,44 @@ enum Verb {
 
 /// Runs the command with the arguments of the process.
 pub fn main() -> ExitCode {
-    let arguments = match CommandLine::try_parse() {
+    run_with(std::env::args_os()).into()
+}
+
+/// Runs the command inside another program, as Python's interpreter; gives its exit code. `itself` is the program with the
+/// arguments that make it the command, for runs that are processes of their own.
+pub fn main_as(itself: Vec<OsString>, arguments: Vec<OsString>) -> u8 {
+    // A program is one command in its life.
+    let _ = ITSELF.set(itself);
+    run_with(std::iter::once("isocat".into()).chain(arguments))
+}
+
+/// What starts this command again, where that is not the executable alone.
+static ITSELF: OnceLock<Vec<OsString>> = OnceLock::new();
+
+/// This command once more, as a process to come.
+#[cfg(all(target_os = "linux", target_arch = "x86_64"))]
+fn once_more() -> std::io::Result<std::process::Command> {
+    match ITSELF.get().map(Vec::as_slice) {
+        Some([program, arguments @ ..]) => {
+            let mut command = std::process::Command::new(program);
+            command.args(arguments);
+            Ok(command)
+        }
+        _ => Ok(std::process::Command::new(std::env::current_exe()?)),
+    }
+}
+
+fn run_with(arguments: impl Iterator<Item = OsString>) -> u8 {
+    let arguments = match CommandLine::try_parse_from(arguments) {
         Ok(arguments) => arguments,
         Err(error) => {
             // Help and version are no errors; clap's own code for bad usage is 2 as ours.
             let code = if error.use_stderr() { BAD_INPUT } else { IN_SYNC };
             let _ = error.print();
-            return code.into();
+            return code;
         }
     };
-    let code = match arguments.verb {
+    match arguments.verb {
         None => run::run(&arguments.run),
         Some(Verb::Run(arguments)) => run::run(&arguments),
         Some(Verb::Plan(arguments)) => plan::run(&arguments),
@@ -228,8 +258,7 @@ pub fn main() -> ExitCode {
         Some(Verb::Profile(arguments)) => profile::run(&arguments),
         Some(Verb::Example) => print(SegmentFile::built_in_text()),
         Some(Verb::Devices(arguments)) => devices::run(&arguments),
-    };
-    code.into()
+    }
 }
 
 /// Prints a result. A reader that went away (`isocat | head`) is no error.

@@ -1,8 +1,17 @@
-//! A table as Parquet: plain values without compression, in row groups of a bounded size.
+//! A table as Parquet, in row groups of a bounded size.
 //!
-//! A file is `PAR1`, the pages of each row group column by column, the description of them all, its length and `PAR1`. A
-//! page of an optional column begins with a bit for each row: whether there is a value.
+//! A file is `PAR1`, the pages of each row group column by column, the description of them all, its
+//! length and `PAR1`. A page of an optional column begins with a bit for each row: whether there is
+//! a value.
+//!
+//! A column of a row group is written in the shortest of three ways: as values, as numbers of a
+//! dictionary that stands before it, or as differences from value to value. Nothing else is
+//! compressed: general compression would gain little more, and each of its libraries would weigh
+//! more than this file.
 
+mod encoding;
+
+use std::collections::HashMap;
 use std::fmt;
 use std::io::{self, Write};
 
@@ -25,6 +34,8 @@ pub struct Field {
 pub enum Kind {
     /// A 64-bit integer with its sign.
     Integer,
+    /// A number in double precision.
+    Float,
     /// True or false.
     Flag,
     /// A text.
@@ -32,12 +43,14 @@ pub enum Kind {
 }
 
 /// A value of a row.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Cell<'a> {
     /// Nothing, in a column that is optional.
     Null,
     /// A number.
     Integer(i64),
+    /// A number that need not be whole.
+    Float(f64),
     /// True or false.
     Flag(bool),
     /// A text.
@@ -49,6 +62,7 @@ impl fmt::Display for Cell<'_> {
         match self {
             Self::Null => Ok(()),
             Self::Integer(number) => number.fmt(f),
+            Self::Float(number) => number.fmt(f),
             Self::Flag(flag) => flag.fmt(f),
             Self::Text(text) => f.write_str(text),
         }
@@ -71,10 +85,72 @@ pub struct Writer<W: Write> {
 /// A column and its values in a row group.
 struct Column {
     field: Field,
-    values: Vec<u8>,
+    present: Vec<bool>,
     /// Values of a column of flags: they stand in bits.
     flags: Vec<bool>,
-    present: Vec<bool>,
+    /// Values of a column of numbers.
+    integers: Vec<i64>,
+    /// Values of another column, as they stand in a page.
+    plain: Vec<u8>,
+    dictionary: Dictionary,
+}
+
+/// The values of a column, each once, in the order in which they first came.
+#[derive(Default)]
+struct Dictionary {
+    numbers: HashMap<Box<[u8]>, u32>,
+    /// As they stand in a page.
+    plain: Vec<u8>,
+    /// For each row that has a value: its number.
+    indices: Vec<u32>,
+    /// There are too many for it to pay.
+    is_full: bool,
+}
+
+/// Values that a dictionary holds.
+const MOST_ENTRIES: usize = 1 << 15;
+
+impl Dictionary {
+    fn add(&mut self, value: &[u8], plain: &[u8]) {
+        if self.is_full {
+            return;
+        }
+        let next = self.numbers.len() as u32;
+        let number = match self.numbers.get(value) {
+            Some(number) => *number,
+            None if self.numbers.len() == MOST_ENTRIES => {
+                *self = Self { is_full: true, ..Self::default() };
+                return;
+            }
+            None => {
+                self.numbers.insert(value.into(), next);
+                self.plain.extend(plain);
+                next
+            }
+        };
+        self.indices.push(number);
+    }
+
+    /// Its page, how many values it has, and what stands in the page of the column.
+    fn take(&mut self) -> Option<(Vec<u8>, usize, Vec<u8>)> {
+        let taken = std::mem::take(self);
+        let entries = taken.numbers.len();
+        if taken.is_full || entries == 0 {
+            return None;
+        }
+        let width = 32 - (entries as u32 - 1).leading_zeros();
+        let mut body = vec![width as u8];
+        body.extend(encoding::hybrid(&taken.indices, width));
+        Some((taken.plain, entries, body))
+    }
+}
+
+/// What stands in the pages of a column in a row group.
+struct Pages {
+    encoding: format::Encoding,
+    /// A dictionary, and how many values it has.
+    dictionary: Option<(Vec<u8>, usize)>,
+    body: Vec<u8>,
 }
 
 const MAGIC: &[u8; 4] = b"PAR1";
@@ -88,8 +164,14 @@ impl<W: Write> Writer<W> {
         group_rows: usize,
     ) -> io::Result<Self> {
         output.write_all(MAGIC)?;
-        let column =
-            |field| Column { field, values: Vec::new(), flags: Vec::new(), present: Vec::new() };
+        let column = |field| Column {
+            field,
+            present: Vec::new(),
+            flags: Vec::new(),
+            integers: Vec::new(),
+            plain: Vec::new(),
+            dictionary: Dictionary::default(),
+        };
         Ok(Self {
             output,
             name,
@@ -101,7 +183,8 @@ impl<W: Write> Writer<W> {
         })
     }
 
-    /// One row: a cell for each column, of its kind. A cell of another kind is an error of the caller.
+    /// One row: a cell for each column, of its kind. A cell of another kind is an error of the
+    /// caller.
     pub fn row<'a>(&mut self, cells: impl IntoIterator<Item = Cell<'a>>) -> io::Result<()> {
         let mut cells = cells.into_iter();
         for column in &mut self.columns {
@@ -119,7 +202,7 @@ impl<W: Write> Writer<W> {
         let begin = self.at;
         let mut chunks = Vec::with_capacity(self.columns.len());
         for number in 0..self.columns.len() {
-            chunks.push(self.page(number)?);
+            chunks.push(self.chunk(number)?);
         }
         let size = self.at - begin;
         let ordinal = i16::try_from(self.groups.len()).ok();
@@ -129,35 +212,34 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes the one page that a column has in a row group.
-    fn page(&mut self, number: usize) -> io::Result<format::ColumnChunk> {
-        let column = &mut self.columns[number];
-        let mut body = column.take();
+    /// Writes the pages that a column has in a row group: one, and its dictionary before it.
+    fn chunk(&mut self, number: usize) -> io::Result<format::ColumnChunk> {
+        let Pages { encoding, dictionary, body } = self.columns[number].take();
+        let (begin, rows) = (self.at, self.rows);
         let (plain, rle) = (format::Encoding::PLAIN, format::Encoding::RLE);
-        let rows = self.rows;
-        let data = format::DataPageHeader::new(rows as i32, plain, rle, rle, None);
-        let size = i32::try_from(body.len()).map_err(io::Error::other)?;
-        let kind = format::PageType::DATA_PAGE;
-        let page = format::PageHeader::new(kind, size, size, None, data, None, None, None);
-        let mut bytes = Vec::new();
-        page.write_to_out_protocol(&mut TCompactOutputProtocol::new(&mut bytes))
-            .map_err(io::Error::other)?;
-        bytes.append(&mut body);
-        let (begin, size) = (self.at, bytes.len() as i64);
-        self.output.write_all(&bytes)?;
-        self.at += size;
+        let mut encodings = vec![encoding, rle];
+        let dictionary_at = dictionary.as_ref().map(|_| begin);
+        if let Some((values, entries)) = dictionary {
+            encodings.push(plain);
+            let head = format::DictionaryPageHeader::new(entries as i32, plain, false);
+            self.page(format::PageType::DICTIONARY_PAGE, None, Some(head), &values)?;
+        }
+        let data_at = self.at;
+        let head = format::DataPageHeader::new(rows as i32, encoding, rle, rle, None);
+        self.page(format::PageType::DATA_PAGE, Some(head), None, &body)?;
+        let (field, size) = (&self.columns[number].field, self.at - begin);
         let data = format::ColumnMetaData::new(
-            column.field.physical(),
-            vec![plain, rle],
-            vec![column.field.name.clone()],
+            field.physical(),
+            encodings,
+            vec![field.name.clone()],
             format::CompressionCodec::UNCOMPRESSED,
             rows as i64,
             size,
             size,
             None,
-            begin,
+            data_at,
             None,
-            None,
+            dictionary_at,
             None,
             None,
             None,
@@ -165,6 +247,24 @@ impl<W: Write> Writer<W> {
             None,
         );
         Ok(format::ColumnChunk::new(None, 0, data, None, None, None, None, None, None))
+    }
+
+    fn page(
+        &mut self,
+        kind: format::PageType,
+        data: Option<format::DataPageHeader>,
+        dictionary: Option<format::DictionaryPageHeader>,
+        body: &[u8],
+    ) -> io::Result<()> {
+        let size = i32::try_from(body.len()).map_err(io::Error::other)?;
+        let head = format::PageHeader::new(kind, size, size, None, data, None, dictionary, None);
+        let mut bytes = Vec::new();
+        head.write_to_out_protocol(&mut TCompactOutputProtocol::new(&mut bytes))
+            .map_err(io::Error::other)?;
+        self.output.write_all(&bytes)?;
+        self.output.write_all(body)?;
+        self.at += (bytes.len() + body.len()) as i64;
+        Ok(())
     }
 
     /// Ends the file. Without it no reader takes it.
@@ -208,11 +308,18 @@ impl Column {
     fn push(&mut self, cell: Cell<'_>) -> io::Result<()> {
         match (cell, self.field.kind) {
             (Cell::Null, _) if self.field.optional => {}
-            (Cell::Integer(number), Kind::Integer) => self.values.extend(number.to_le_bytes()),
+            (Cell::Integer(number), Kind::Integer) => {
+                let bytes = number.to_le_bytes();
+                self.integers.push(number);
+                self.dictionary.add(&bytes, &bytes);
+            }
+            (Cell::Float(number), Kind::Float) => self.plain.extend(number.to_le_bytes()),
             (Cell::Flag(flag), Kind::Flag) => self.flags.push(flag),
             (Cell::Text(text), Kind::Text) => {
-                self.values.extend((text.len() as u32).to_le_bytes());
-                self.values.extend(text.as_bytes());
+                let begin = self.plain.len();
+                self.plain.extend((text.len() as u32).to_le_bytes());
+                self.plain.extend(text.as_bytes());
+                self.dictionary.add(text.as_bytes(), &self.plain[begin..]);
             }
             (cell, kind) => {
                 let name = &self.field.name;
@@ -223,24 +330,50 @@ impl Column {
         Ok(())
     }
 
-    /// What stands in the page, and the column is empty again.
-    fn take(&mut self) -> Vec<u8> {
-        let mut body = match self.field.optional {
-            true => levels(&self.present),
-            false => Vec::new(),
+    /// What stands in its pages, in the shortest way; the column is empty again.
+    fn take(&mut self) -> Pages {
+        let plain = match self.field.kind {
+            Kind::Integer => self.integers.iter().flat_map(|number| number.to_le_bytes()).collect(),
+            Kind::Flag => encoding::bits(&self.flags),
+            Kind::Float | Kind::Text => std::mem::take(&mut self.plain),
         };
-        body.append(&mut self.values);
-        body.extend(bits(&self.flags));
+        let mut pages = Pages { encoding: format::Encoding::PLAIN, dictionary: None, body: plain };
+        if self.field.kind == Kind::Integer {
+            let body = encoding::delta(&self.integers);
+            if body.len() < pages.body.len() {
+                pages = Pages {
+                    encoding: format::Encoding::DELTA_BINARY_PACKED,
+                    dictionary: None,
+                    body,
+                };
+            }
+        }
+        if let Some((values, entries, body)) = self.dictionary.take()
+            && values.len() + body.len() + DICTIONARY_HEAD < pages.body.len()
+        {
+            let encoding = format::Encoding::RLE_DICTIONARY;
+            pages = Pages { encoding, dictionary: Some((values, entries)), body };
+        }
+        if self.field.optional {
+            let mut body = encoding::levels(&self.present);
+            body.append(&mut pages.body);
+            pages.body = body;
+        }
         self.flags.clear();
+        self.integers.clear();
         self.present.clear();
-        body
+        pages
     }
 }
+
+/// About what the head of a dictionary's page takes.
+const DICTIONARY_HEAD: usize = 24;
 
 impl Field {
     fn physical(&self) -> format::Type {
         match self.kind {
             Kind::Integer => format::Type::INT64,
+            Kind::Float => format::Type::DOUBLE,
             Kind::Flag => format::Type::BOOLEAN,
             Kind::Text => format::Type::BYTE_ARRAY,
         }
@@ -264,42 +397,5 @@ impl Field {
             None,
             is_text.then_some(format::LogicalType::STRING(format::StringType {})),
         )
-    }
-}
-
-/// Definition levels: their length, one run of groups of 8, and a bit for each row.
-fn levels(present: &[bool]) -> Vec<u8> {
-    let groups = present.len().div_ceil(8);
-    let mut bytes = vec![0; 4];
-    let mut header = groups << 1 | 1;
-    while header >= 0x80 {
-        bytes.push(header as u8 | 0x80);
-        header >>= 7;
-    }
-    bytes.push(header as u8);
-    bytes.extend(bits(present));
-    let len = (bytes.len() - 4) as u32;
-    bytes[..4].copy_from_slice(&len.to_le_bytes());
-    bytes
-}
-
-/// A bit for each flag, the first one lowest.
-fn bits(flags: &[bool]) -> impl Iterator<Item = u8> {
-    let byte = |group: &[bool]| group.iter().rev().fold(0, |byte, bit| byte << 1 | u8::from(*bit));
-    flags.chunks(8).map(byte)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn levels_are_bits_lowest_first() {
-        assert_eq!(levels(&[true, false, true]), [2, 0, 0, 0, 0b11, 0b101]);
-        let nine = [true, true, true, true, true, true, true, true, true];
-        assert_eq!(levels(&nine), [3, 0, 0, 0, 0b101, 0xFF, 1]);
-        // 64 groups need a header of two bytes.
-        let many = levels(&[true; 512]);
-        assert_eq!((many[0], many[4], many[5], many.len()), (66, 0x81, 1, 70));
     }
 }

@@ -50,6 +50,22 @@ impl Axis {
         }
     }
 
+    /// A key and a list of values.
+    pub(super) fn over(key: &str, values: Vec<String>) -> Result<Self, String> {
+        if values.is_empty() || values.iter().any(String::is_empty) {
+            return Err(format!(
+                "{key} has {}; expected one or more values",
+                match values.len() {
+                    0 => "no values",
+                    _ => "an empty value",
+                }
+            ));
+        }
+        let key = key.trim().to_owned();
+        let path = path(&key)?;
+        Ok(Self { key, path, values: Values::List(values) })
+    }
+
     /// How many points it adds to the grid.
     pub fn values(&self) -> u64 {
         match &self.values {

@@ -43,6 +43,52 @@ fn a_grid_has_each_value_with_each_other_and_each_seed() {
 }
 
 #[test]
+fn values_that_are_given_one_by_one_may_hold_commas() {
+    let mut sweep = sweep(&[], 2);
+    let names = ["axis 1, left", "axis 1"].map(str::to_owned).to_vec();
+    sweep.vary_over("subdevice[0].name", names).unwrap();
+    assert_eq!(sweep.runs(), 4);
+    assert_eq!(sweep.case(0).unwrap().values, ["axis 1, left"]);
+    assert!(sweep.vary_over("subdevice[0].name", Vec::new()).unwrap_err().contains("no values"));
+    assert!(sweep.vary_over("cycle", vec![String::new()]).unwrap_err().contains("empty value"));
+    assert!(sweep.vary_over("fault[0].what", vec!["heal".into()]).is_err());
+    let mut table = SEGMENT.parse::<Table>().unwrap();
+    super::set(&mut table, "subdevice[*].cable", "3m").unwrap();
+    assert_eq!(table["subdevice"][1]["cable"].as_str(), Some("3m"));
+    assert!(super::set(&mut table, "subdevice[2].cable", "3m").is_err());
+}
+
+#[test]
+fn values_that_the_file_does_not_take_are_found_without_a_run() {
+    assert!(sweep(&["cycle=1ms,2ms", "subdevice[*].cable=1m..100m"], 2).check().is_ok());
+    let (value, error) = sweep(&["cycle=1ms,2ms", "host.jiter=5us,7us"], 2).check().unwrap_err();
+    assert_eq!(value, "host.jiter = 5us");
+    assert!(error.to_string().contains("did you mean \"jitter\""), "{error}");
+    let (value, _) = sweep(&["host.jitter=5us,3parsec"], 2).check().unwrap_err();
+    assert_eq!(value, "host.jitter = 3parsec");
+}
+
+/// A part of the runs has the rows that the whole has, to both ends of it.
+#[test]
+fn a_range_of_runs_is_a_part_of_them() {
+    let sweep = sweep(&["host.jitter=5us,50us"], 3);
+    let rows = |range| {
+        let mut rows = Vec::new();
+        let stop = AtomicBool::new(false);
+        let done: Result<(), ()> = sweep.run_range(range, 2, &stop, |row| {
+            rows.push(row);
+            Ok(())
+        });
+        done.unwrap();
+        rows
+    };
+    let whole = rows(0..6);
+    assert_eq!(rows(2..4), whole[2..4]);
+    assert_eq!(rows(4..99), whole[4..]);
+    assert_eq!((rows(6..99).len(), rows(3..3).len()), (0, 0));
+}
+
+#[test]
 fn keys_that_lead_nowhere_are_refused() {
     let mut sweep = sweep(&[], 1);
     for (axis, expected) in [

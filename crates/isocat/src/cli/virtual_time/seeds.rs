@@ -7,7 +7,7 @@ mod row;
 use std::fs;
 use std::io::{self, IsTerminal, Read};
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -138,7 +138,7 @@ fn one(arguments: &Arguments, sweep: &Sweep, folder: &Folder, number: u64) -> Re
     );
     fs::write(&segment, text).map_err(failed)?;
     let (said, to) = io::pipe().map_err(failed)?;
-    let mut command = Command::new(std::env::current_exe().map_err(failed)?);
+    let mut command = crate::cli::once_more().map_err(failed)?;
     command.arg("virtual").args(&arguments.segment).arg("--text").arg(&segment);
     command.arg("--report").arg(&report).args(["--seed", &case.seed.to_string()]);
     command.args(arguments.of_one_run()).arg("--").args(&arguments.program);

@@ -1,0 +1,228 @@
+"""Where the rows of a sweep go as they come: a folder or a bucket with a Parquet file for each
+batch.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ._errors import InputError
+from ._isocat import Table
+
+if TYPE_CHECKING:
+    from ._isocat import Sweep
+
+HEAD = "isocat-sweep.json"
+_PART = "part-"
+
+
+class Store:
+    """A folder of parts.
+
+    A part is named after its first run and written whole or not at all, so that a driver or a
+    machine that dies loses what was under way and nothing else. ``isocat-sweep.json`` says which
+    sweep it is.
+    """
+
+    def __init__(self, files: _Files, identity: str) -> None:
+        self._files, self._identity = files, identity
+
+    @classmethod
+    def open(cls, to: str | os.PathLike[str], sweep: Sweep, batch: int, resume: bool) -> Store:
+        """Begins a folder, or goes on with one of the same sweep."""
+        path = os.fspath(to)
+        files: _Files = _Bucket(path) if "://" in path else _Folder(path)
+        about = json.loads(sweep.identity())
+        about["batch"] = batch
+        identity = json.dumps(about, indent=1, sort_keys=True) + "\n"
+        there = files.read(HEAD)
+        if there is None:
+            if files.names():
+                raise InputError(
+                    f"to: {path} has files and no {HEAD}; expected an empty folder, a new one, or that of a sweep",
+                    place="to",
+                    found="other files",
+                    expected="an empty folder",
+                )
+            files.write(HEAD, identity.encode())
+        elif not resume:
+            raise InputError(
+                f"to: {path} has a sweep already; expected another folder, or resume=True to go on with it",
+                place="to",
+                found="a sweep",
+                expected="another folder, or resume=True",
+            )
+        else:
+            _check_same(path, json.loads(there), about)
+        return cls(files, identity)
+
+    def done(self) -> dict[int, list[tuple[int, bool]]]:
+        """Parts that are there, by their first run: each row's number, and whether it was as
+        expected.
+        """
+        done = {}
+        for name in self._parts():
+            part = _pyarrow("resume=True").parquet.read_table(
+                self._files.source(name), columns=["number", "as_expected"]
+            )
+            done[int(name[len(_PART) :].split(".")[0])] = list(
+                zip(part["number"].to_pylist(), part["as_expected"].to_pylist())
+            )
+        return done
+
+    def write(self, start: int, table: Table) -> None:
+        """Writes a part."""
+        self._files.write(f"{_PART}{start:012d}.parquet", table.parquet_bytes())
+
+    def finish(self) -> None:
+        """Nothing is left to do: each part is a whole file."""
+
+    def read(self, sweep: Sweep) -> Table:
+        """All rows."""
+        arrow = _pyarrow("reading rows back")
+        tables = [arrow.parquet.read_table(self._files.source(name)) for name in self._parts()]
+        if not tables:
+            return sweep.empty()
+        return _table(arrow.concat_tables(tables), sweep.empty())
+
+    def _parts(self) -> list[str]:
+        names = self._files.names()
+        return sorted(
+            name for name in names if name.startswith(_PART) and name.endswith(".parquet")
+        )
+
+
+def _table(whole: Any, like: Table) -> Table:
+    """A table of pyarrow as one of ours, whose columns are those of ``like``."""
+    import struct
+
+    columns = []
+    for name in like.column_names:
+        kind, values = like[name].kind, whole[name].to_pylist()
+        optional = whole.schema.field(name).nullable
+        present = None
+        if any(one is None for one in values):
+            present = bytes(one is not None for one in values)
+        ends = b""
+        if kind == "text":
+            texts = [("" if one is None else one).encode() for one in values]
+            total, at = 0, []
+            for text in texts:
+                total += len(text)
+                at.append(total)
+            data, ends = b"".join(texts), struct.pack(f"<{len(at)}I", *at)
+        elif kind == "flag":
+            data = bytes(bool(one) for one in values)
+        else:
+            letter = "q" if kind == "integer" else "d"
+            data = struct.pack(
+                f"<{len(values)}{letter}", *(0 if one is None else one for one in values)
+            )
+        columns.append((name, kind, optional, present, data, ends))
+    return Table._rebuild(whole.num_rows, columns)
+
+
+def _check_same(path: str, there: dict[str, Any], wanted: dict[str, Any]) -> None:
+    for key in sorted(wanted):
+        if there.get(key) != wanted[key]:
+            found, expected = str(there.get(key))[:200], str(wanted[key])[:200]
+            raise InputError(
+                f"to: {path} is of another sweep: its {key} is {found}; expected {expected}",
+                place=f"{path}/{HEAD}",
+                found=found,
+                expected=expected,
+            )
+
+
+def _pyarrow(why: str) -> Any:
+    try:
+        # Its parts are attributes once they are imported.
+        for part in ("pyarrow.fs", "pyarrow.parquet"):
+            import_module(part)
+        return import_module("pyarrow")
+    except ImportError as error:
+        raise ImportError(
+            f"{why} needs pyarrow, which is not installed: pip install 'isocat[arrow]'"
+        ) from error
+
+
+class _Files:
+    """Files of one folder."""
+
+    def names(self) -> list[str]:
+        raise NotImplementedError
+
+    def read(self, name: str) -> bytes | None:
+        raise NotImplementedError
+
+    def write(self, name: str, content: bytes) -> None:
+        raise NotImplementedError
+
+    def source(self, name: str) -> Any:
+        """What pyarrow reads it from."""
+        raise NotImplementedError
+
+
+class _Folder(_Files):
+    def __init__(self, path: str) -> None:
+        self._path = path
+        os.makedirs(path, exist_ok=True)
+
+    def names(self) -> list[str]:
+        # What a process that died was writing is nobody's.
+        return [name for name in os.listdir(self._path) if not name.endswith(".part")]
+
+    def read(self, name: str) -> bytes | None:
+        try:
+            with open(os.path.join(self._path, name), "rb") as file:
+                return file.read()
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        path = os.path.join(self._path, name)
+        part = f"{path}.{os.getpid()}.part"
+        try:
+            with open(part, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)
+        except BaseException:
+            if os.path.exists(part):
+                os.remove(part)
+            raise
+
+    def source(self, name: str) -> Any:
+        return os.path.join(self._path, name)
+
+
+class _Bucket(_Files):
+    def __init__(self, url: str) -> None:
+        arrow = _pyarrow(f"to={url!r}")
+        self._files, self._path = arrow.fs.FileSystem.from_uri(url)
+        self._files.create_dir(self._path, recursive=True)
+        self._fs = arrow.fs
+
+    def names(self) -> list[str]:
+        found = self._files.get_file_info(self._fs.FileSelector(self._path))
+        return [one.base_name for one in found if one.is_file]
+
+    def read(self, name: str) -> bytes | None:
+        try:
+            with self._files.open_input_stream(f"{self._path}/{name}") as file:
+                content: bytes = file.read()
+                return content
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, content: bytes) -> None:
+        # An object of a bucket appears when it is closed.
+        with self._files.open_output_stream(f"{self._path}/{name}") as file:
+            file.write(content)
+
+    def source(self, name: str) -> Any:
+        return self._files.open_input_file(f"{self._path}/{name}")

@@ -168,7 +168,8 @@ fn keys_in_each_of_their_places() {
     assert_eq!(found("sync_unit"), [(profile, "esc.sync_unit".into())]);
     // A word that is a kind, too.
     assert!(explain("object").is_err());
-    assert_eq!(found("key object"), [(profile, "object".into())]);
+    let both = [(profile, "object".into()), (profile, "startup.object".into())];
+    assert_eq!(found("key object"), both);
     let text = text(&explain("input_shift").unwrap());
     assert!(text.contains("goes to: DeviceConfig::shift_inputs; object 0x1C33:03"), "{text}");
     for place in isocat_segment::keys::all() {

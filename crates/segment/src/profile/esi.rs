@@ -124,13 +124,15 @@ impl Profile {
 impl ProfileText {
     /// The profile file of a device in one of its OpModes, by its number; `None` for a device
     /// without. The file has all OpModes; the chosen one tells which PDOs are assigned, and that
-    /// its mode is announced. `made_of` says where it comes from.
+    /// its mode is announced. A device with slots has its default modules. `made_of` says where it
+    /// comes from.
     pub fn from_esi(
         file: &EsiFile,
         device: &EsiDevice,
         op_mode: Option<usize>,
         made_of: &str,
     ) -> Result<Self, FileError> {
+        let device = &*file.with_default_modules(device);
         let mut import = Import::new(file, device, op_mode);
         let draft = import.draft().map_err(|not_simulated| not_simulated.error)?;
         let doubts = import.doubts.iter().map(|doubt| format!("{}: {}", doubt.kind, doubt.what));

@@ -18,6 +18,7 @@ pub(super) fn mend(draft: &mut Draft<'_>, notes: &mut Vec<String>) -> Result<(),
     if let ApplicationKind::DriveAt(_) = draft.application {
         draft.application = ApplicationKind::Drive;
     }
+    parameters(draft, notes);
     if let Some(eeprom) = draft.eeprom.take() {
         configuration(draft, &eeprom);
         chip(draft, notes);
@@ -53,6 +54,25 @@ fn possible(draft: &Draft<'_>) -> Result<(), FileError> {
     }
     Ok(())
 }
+
+/// A profile has no key for the parameters of drives behind SoE; the protocol stays announced.
+fn parameters(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
+    let Some(mailbox) = &mut draft.mailbox else { return };
+    let speaks = &mut mailbox.value.speaks;
+    if !speaks.parameters.is_empty() {
+        notes.push(format!(
+            "{SOE_LEFT_OUT}: {} parameters of {} drives; a profile has no key for them, and the device of the file \
+             answers SoE with errors",
+            speaks.parameters.len(),
+            speaks.drives
+        ));
+    }
+    (speaks.drives, speaks.parameters) = (0, &[]);
+    draft.parameters.clear();
+}
+
+/// The kind of the note that says so.
+const SOE_LEFT_OUT: &str = "soe-parameters-left-out";
 
 /// What words 0 to 6 of the EEPROM say, as keys of `[esc]`.
 fn configuration(draft: &mut Draft<'_>, eeprom: &Eeprom) {
@@ -102,6 +122,17 @@ fn objects(draft: &mut Draft<'_>, notes: &mut Vec<String>) {
         is
     });
     note(notes, &twice, "stands twice; the first is taken");
+    let mut closed = Vec::new();
+    for object in &mut draft.objects {
+        for entry in &mut object.entries {
+            if !entry.access.has_any(Access::READ) && !entry.access.has_any(Access::WRITE) {
+                entry.access = Access(entry.access.0 | Access::READ.0);
+                closed.push(object.index);
+            }
+        }
+    }
+    closed.dedup();
+    note(notes, &closed, "entries that nobody may read or write; they are read only now");
 }
 
 /// What PDOs map is in the dictionary, of this type, and may be mapped.

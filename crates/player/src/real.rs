@@ -2,7 +2,7 @@
 //! verdict engine, and the way down.
 //!
 //! [`Job::run`] does all of it on a thread that has the machine's attention, and gives an
-//! [`Outcome`](isocat_engine::live::Outcome) as a run of our own MainDevice does, so that reports and exit codes are the same.
+//! [`Outcome`] as a run of our own MainDevice does, so that reports and exit codes are the same.
 //! `identity` compares what answers with the list; `segment` is what is known of the SubDevices, for the judges; `operate` is
 //! the time in operation.
 

@@ -47,7 +47,7 @@ impl Report {
         Self { scenario, report }
     }
 
-    /// Runs it again with an onlooker, who is given back.
+    /// Runs it again with an onlooker, and returns the onlooker.
     fn again<T: Tap + Send + 'static, R: Send + 'static>(
         &self,
         py: Python<'_>,

@@ -197,7 +197,7 @@ impl Sweep {
         })
     }
 
-    /// Runs the cases from ``start`` up to ``stop`` on so many threads, in order.
+    /// Runs the cases from ``start`` up to ``stop`` in order, on this number of threads.
     ///
     /// ``each`` gets a table of every ``batch`` rows, ``tick`` now and then how many runs are over
     /// and how many of them were not as expected. What they raise ends the sweep.
@@ -215,7 +215,7 @@ impl Sweep {
         let (theirs, sweep) = (flag.clone(), self.sweep.clone());
         let thread = spawn(py, move || {
             let send = |row: Row| SyncSender::send(&sender, row);
-            // Nobody receives if the caller was interrupted.
+            // The receiver is gone if the caller was interrupted.
             let _ = sweep.run_range(start..stop, threads, theirs.flag(), send);
         })?;
         let mut rows = self.rows();
@@ -259,7 +259,7 @@ impl Sweep {
         Ok(())
     }
 
-    /// The rows of the cases from ``start`` up to ``stop``, on so many threads: what a worker does.
+    /// A worker's part: the rows of the cases from ``start`` up to ``stop``, on this number of threads.
     fn table(&self, py: Python<'_>, start: u64, stop: u64, threads: usize) -> PyResult<Table> {
         let sweep = self.sweep.clone();
         let mut rows = self.rows();

@@ -547,7 +547,7 @@ impl Column {
         dict.set_item("version", 3)?;
         dict.set_item("typestr", kind)?;
         dict.set_item("shape", (self.array.len(),))?;
-        // Nobody may write: others look at the same memory.
+        // Read only: other views share this memory.
         dict.set_item("data", (address, true))?;
         Ok(dict)
     }

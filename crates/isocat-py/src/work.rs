@@ -51,7 +51,7 @@ pub fn interruptible<T: Send + 'static>(
     let (stop, (sender, mut receiver)) = (Stop::default(), sync_channel(1));
     let theirs = stop.clone();
     let thread = spawn(py, move || {
-        // Nobody receives if the caller was interrupted.
+        // The receiver is gone if the caller was interrupted.
         let _ = sender.send(work(&theirs));
     })?;
     match next(py, &stop, &mut receiver)? {

@@ -41,7 +41,7 @@ fn differences(real: &Profile, read: &Profile) -> (Vec<String>, usize) {
                 all.push(format!("{place} is missing"));
                 continue;
             };
-            // What nobody may read or write has no word in a profile.
+            // A profile has no word for an entry without any access.
             let open = |access: u16| if access == 0 { Access::READ.0 } else { access };
             let form =
                 |entry: &Entry| (entry.data_type, entry.bits, open(entry.access.0 & !MAPPABLE));

@@ -24,7 +24,7 @@ pub struct Description {
     /// Process data to the MainDevice, SM3 as a rule.
     pub inputs: ProcessDataArea,
     /// Outputs in further SyncManagers, in the order of the process image behind [`outputs`](Self::outputs); at most
-    /// [`MAX_AREAS`](crate::MAX_AREAS) with it. The SM2 event is that of the first one.
+    /// [`MAX_AREAS`] with it. The SM2 event is that of the first one.
     pub further_outputs: &'static [ProcessDataArea],
     /// The same for inputs: the SM3 event is that of the first one.
     pub further_inputs: &'static [ProcessDataArea],

@@ -286,7 +286,7 @@ fn add_objects(
     all.sort_by_key(|object| object.index);
 }
 
-/// Whether there is room for so many bytes more; where not, that is told.
+/// Whether this many further bytes fit; adds a warning if they do not.
 fn take(room: &mut usize, bytes: usize, at: usize, w: &mut Warnings) -> bool {
     match room.checked_sub(bytes + ENTRY) {
         Some(left) => *room = left,

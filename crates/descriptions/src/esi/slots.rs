@@ -302,5 +302,5 @@ pub(super) fn follows(element: Element<'_>) -> Result<Follows, Problem> {
     })
 }
 
-/// Objects 0xF030 and 0xF050 have so many entries.
+/// Most entries of the objects 0xF030 and 0xF050.
 const MOST_PLACES: u16 = 255;

@@ -58,5 +58,5 @@ pub(in super::super) const MODULE_EXPECTED: &str =
     "a type of module such as \"DI16\", its ident, or \"\" for an empty place";
 pub(in super::super) const SLOT_EXPECTED: &str =
     "the name of a slot, or the number of a place from 0";
-/// Objects 0xF030 and 0xF050 have so many entries.
+/// Most entries of the objects 0xF030 and 0xF050.
 pub(in super::super) const MOST_PLACES: i64 = 255;

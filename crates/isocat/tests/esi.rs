@@ -300,7 +300,7 @@ fn a_segment_of_described_devices_comes_up() {
     let (line, _, words) = error("type = \"Drive\"\nrevision = 0");
     assert_eq!((line, words.contains("it has: 0x00000001, 0x00010000")), (6, true), "{words}");
     assert!(error("type = \"Cover\"").2.contains("placeholder"));
-    assert!(error("opmode = 1").2.contains("expected which of them, such as type = \"Drive\""));
+    assert!(error("opmode = 1").2.contains("expected the type of one of them, such as \"Drive\""));
     assert!(error("type = \"Drive\"\ndevice = \"simple_io4\"").2.contains("expected one of them"));
     let alone = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\ntype = \"x\"";
     assert!(SegmentFile::parse("s.toml", alone).unwrap_err().message.contains("without esi"));

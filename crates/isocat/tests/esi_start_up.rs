@@ -200,7 +200,7 @@ fn a_device_is_chosen_by_its_product_code() {
     let error = file.error("type = \"Rack\"\nproduct = 0x104");
     assert!(error.contains("s.toml:6:11: no product 0x00000104"), "{error}");
     assert!(error.contains("expected 0x00000103 or 0x00000105"), "{error}");
-    assert!(file.error("").contains("expected which of them, such as type = \"Drive\""));
+    assert!(file.error("").contains("expected the type of one of them, such as \"Drive\""));
     let notes = file.scenario("type = \"Rack\"").devices.remove(0).notes;
     let told = notes.iter().any(|note| note.what.contains("0x00000103 or 0x00000105"));
     assert!(told, "{notes:?}");

@@ -97,7 +97,7 @@ impl EsiFile {
                 [_] => Ok(self.usable().collect()),
                 _ if wish.product.is_some() => Ok(self.usable().collect()),
                 [first, ..] => no(format!(
-                    "the file has several devices; expected which of them, such as type = {first:?}"
+                    "the file has several devices; expected the type of one of them, such as {first:?}"
                 )),
             };
         };

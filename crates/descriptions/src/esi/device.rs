@@ -229,9 +229,9 @@ fn check(device: &mut EsiDevice, w: &mut Warnings) {
             });
         }
         for (bit, name) in PROTOCOLS.iter().enumerate() {
-            if mailbox.protocols & 1 << bit != 0 && *name != "CoE" {
+            if mailbox.protocols & 1 << bit != 0 && !["CoE", "SoE"].contains(name) {
                 w.add(WarningKind::MailboxProtocol, device.at, || {
-                    format!("{name} is announced; a virtual SubDevice answers CoE only")
+                    format!("{name} is announced; a virtual SubDevice answers it with an error")
                 });
             }
         }

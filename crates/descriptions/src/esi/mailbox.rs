@@ -21,6 +21,19 @@ pub struct EsiMailbox {
     pub coe: Option<EsiCoe>,
     /// SoE, if it has it.
     pub soe: Option<EsiSoe>,
+    /// `InitCmd`s of the other protocols, in order. Their content is not read.
+    pub further: Vec<FurtherCommand>,
+}
+
+/// An `InitCmd` of AoE, EoE, FoE or VoE.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct FurtherCommand {
+    /// Byte of the text at which it stands.
+    pub at: usize,
+    /// Name of the protocol, such as `EoE`.
+    pub protocol: String,
+    /// Transitions such as `PS`, as written.
+    pub transitions: Vec<String>,
 }
 
 /// `Mailbox/SoE`.
@@ -101,7 +114,13 @@ pub(super) fn read(
         match child.name() {
             "CoE" => mailbox.coe = Some(coe(child, warnings)?),
             "SoE" => mailbox.soe = Some(soe(child, warnings)?),
-            _ => {}
+            name => {
+                mailbox.further.extend(child.children("InitCmd").map(|command| FurtherCommand {
+                    at: command.at(),
+                    protocol: name.to_owned(),
+                    transitions: transitions(command),
+                }))
+            }
         }
     }
     Ok(Some(mailbox))
@@ -131,7 +150,7 @@ pub(super) fn commands(
         let data = element.child("Data");
         all.push(InitCommand {
             at: element.at(),
-            transitions: element.children("Transition").map(|t| t.text().into_owned()).collect(),
+            transitions: transitions(element),
             object: ObjectAddress::new(index, sub),
             follows: slots::follows(element)?,
             data: read::bytes(element, "Data")?.unwrap_or_default(),
@@ -150,7 +169,7 @@ fn soe(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiSoe, Problem>
         let idn = read::required(element, "IDN", U16, warnings)?;
         commands.push(IdnCommand {
             at: element.at(),
-            transitions: element.children("Transition").map(|t| t.text().into_owned()).collect(),
+            transitions: transitions(element),
             drive: drive as u8,
             idn: Idn(idn as u16),
             data: read::bytes(element, "Data")?.unwrap_or_default(),
@@ -158,6 +177,10 @@ fn soe(element: Element<'_>, warnings: &mut Warnings) -> Result<EsiSoe, Problem>
         });
     }
     Ok(EsiSoe { drives: drives as u8, commands })
+}
+
+fn transitions(command: Element<'_>) -> Vec<String> {
+    command.children("Transition").map(|transition| transition.text().into_owned()).collect()
 }
 
 /// Drives of a SubDevice: SoE has three bits for their number.

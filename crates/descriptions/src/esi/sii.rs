@@ -318,6 +318,7 @@ fn esi_mailbox(protocols: u16, general: &General) -> EsiMailbox {
         }),
         soe: (protocols & Header::SOE != 0)
             .then(|| EsiSoe { drives: general.soe_channels.clamp(1, 8), commands: Vec::new() }),
+        further: Vec::new(),
     }
 }
 

@@ -101,7 +101,7 @@ kinds! {
     ProcessDataMissing = "process-data-missing";
     /// A `Mailbox` without two mailbox SyncManagers.
     MailboxWithoutSyncManagers = "mailbox-without-sync-managers";
-    /// A mailbox protocol other than CoE, which virtual SubDevices do not speak.
+    /// A mailbox protocol other than CoE and SoE: virtual SubDevices answer it with an error.
     MailboxProtocol = "mailbox-protocol";
     /// CoE without a dictionary in the file: a small one is generated.
     DictionaryMissing = "dictionary-missing";

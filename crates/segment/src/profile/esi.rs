@@ -249,7 +249,10 @@ impl<'f> Import<'f> {
         check::memory(&draft).map_err(of(Obstacle::MemoryOverlap))?;
         check::stored(&draft).map_err(of(Obstacle::TooLarge))?;
         draft.startup = self.startup(&draft);
-        draft.parameters = speaks.map_or(Vec::new(), |speaks| self.parameters_at_start(&speaks));
+        match speaks {
+            Some(speaks) => draft.parameters = self.parameters_at_start(&speaks),
+            None => self.parameters_without_mailbox(),
+        }
         draft.assumed.append(&mut self.assumed);
         Ok(draft)
     }

@@ -411,8 +411,8 @@ static MAILBOX: Section = Section {
             name: "protocols",
             kind: Kind::List(&Kind::Choice(Choice(&PROTOCOLS))),
             need: Need::Without("CoE alone"),
-            means: "What the mailbox is said to carry. The simulated device answers CoE; the others are announced, and not \
-                    answered. Without CoE there are no objects.",
+            means: "What the mailbox is said to carry. The simulated device carries out CoE and SoE; to the other protocols \
+                    that it announces it answers with their errors. Without CoE there are no objects.",
             goes: "word 0x1C of the SII",
             example: r#"["CoE", "FoE"]"#,
         },
@@ -422,7 +422,7 @@ static MAILBOX: Section = Section {
 
 /// Mailbox protocols, by their bits in word 0x1C of the SII.
 pub(super) static PROTOCOLS: [Word<u16>; 6] = [
-    ("CoE", "objects: the one protocol that the simulated device answers", Header::COE),
+    ("CoE", "objects", Header::COE),
     ("AoE", "ADS", 1 << 0),
     ("EoE", "Ethernet", 1 << 1),
     ("FoE", "files", 1 << 3),

@@ -122,6 +122,25 @@ impl Import<'_> {
         all
     }
 
+    /// A device whose mailbox can't be used gets no parameters, which is told.
+    pub(super) fn parameters_without_mailbox(&mut self) {
+        let left_out: Vec<String> = self
+            .idn_commands()
+            .iter()
+            .map(|command| {
+                let at = command.transitions.join(", ");
+                format!("{} ({at})", named(command.drive, command.idn))
+            })
+            .collect();
+        if !left_out.is_empty() {
+            let words = format!(
+                "SoE InitCmd {} is left out: the description has no two SyncManagers for its mailbox",
+                left_out.join(", ")
+            );
+            self.doubts.push(Doubt::new("init-command-left-out", words));
+        }
+    }
+
     fn idn_commands(&self) -> Vec<IdnCommand> {
         let soe = self.device.mailbox.as_ref().and_then(|mailbox| mailbox.soe.as_ref());
         soe.map_or(Vec::new(), |soe| soe.commands.clone())

@@ -73,8 +73,23 @@ impl Import<'_> {
                 self.assume("InitCmd left out", left_out, why);
             }
         }
+        self.tell_further();
         all.sort_by_key(|download: &Placed<Startup>| download.value.transition != Transition::IP);
         all
+    }
+
+    /// InitCmds of AoE, EoE, FoE and VoE are not sent: a virtual SubDevice answers these protocols with an error.
+    fn tell_further(&mut self) {
+        let Some(mailbox) = &self.device.mailbox else { return };
+        let told = mailbox.further.iter().map(|command| {
+            let at = command.transitions.join(", ");
+            let words = format!(
+                "{} InitCmd ({at}) is left out: only those of CoE and SoE are sent",
+                command.protocol
+            );
+            Doubt::new("init-command-left-out", words)
+        });
+        self.doubts.extend(told);
     }
 
     fn commands(&self) -> Vec<InitCommand> {

@@ -4,7 +4,7 @@ use isocat_descriptions::document::section::{Key, Kind, Need, Section};
 
 pub(super) const MODULES_KEY: Key = Key {
     name: "modules",
-    kind: Kind::List(&Kind::Either(&[NAMED, IDENT, Kind::Table(&MODULE)])),
+    kind: Kind::List(&Kind::Either(&ITEMS)),
     need: Need::Without("the modules that the description presets"),
     means: "The modules in the slots of a modular device, place by place from the first, as `isocat \
             devices vendor.xml --modules` lists them: a type, an ident, or a table with `module`, \
@@ -51,6 +51,7 @@ pub(in super::super) static MODULE: Section = Section {
     rules: &[],
 };
 
+const ITEMS: [Kind; 3] = [NAMED, IDENT, Kind::Table(&MODULE)];
 const NAMED: Kind = Kind::Text(MODULE_EXPECTED);
 const IDENT: Kind = Kind::Hex { least: 0, most: u32::MAX as i64 };
 

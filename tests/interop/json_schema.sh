@@ -32,6 +32,8 @@ assert not validator.is_valid(broken) and not validator.is_valid({}), "the schem
 PYTHON
 check docs/run-report.schema.json "$folder"/{good,drift,refused}.json
 check docs/plan.schema.json "$folder"/{plan,proof}.json
+"$isocat" plan --cycles 1us,500us,1ms --json > "$folder/cycles.json" || [ $? = 1 ]
+check docs/plan-cycles.schema.json "$folder"/cycles.json
 for file in box rack; do "$isocat" devices "crates/isocat/tests/esi/$file.xml" --json > "$folder/$file.json"; done
 check docs/devices.schema.json "$folder"/{box,rack}.json
 

@@ -5,8 +5,10 @@
 //! [`report`]; [`recording`] keeps what pictures are drawn of, [`timeline`] the cycles of one
 //! SubDevice, [`moment`] by moment; [`diagnosis`] looks for causes in both. [`scan`] tells what a
 //! segment is before any cycle, [`calibrate`] measures what its chips do that no data sheet tells.
-//! [`verdict`] judges a segment by what its wire shows. `sweep` runs a segment many times, on several threads. While a segment runs, [`status`] is what is known of it. On Linux, [`live`] does the same jobs
-//! on a real interface. [`explain`] gives codes, objects and registers their meaning.
+//! [`verdict`] judges a segment by what its wire shows. `sweep` runs a segment many times, on
+//! several threads. While a segment runs, [`status`] is what is known of it. On Linux, [`live`]
+//! does the same jobs on a real interface. [`explain`] gives codes, objects and registers their
+//! meaning.
 #![forbid(unsafe_code)]
 
 pub mod calibrate;
@@ -28,13 +30,21 @@ pub mod timeline;
 pub mod verdict;
 
 use isocat_segment::Scenario;
+use isocat_sim::run::Progress;
+use isocat_sim::{Outcome, Run};
 pub use report::Report;
 pub use scan::Scan;
 
 /// Runs a scenario in virtual time and reports on it.
 pub fn run(scenario: &Scenario) -> Report {
-    let outcome = scenario.run().execute(None::<NoTap>, &mut |_| {});
+    let outcome = unwatched(scenario.run(), &mut |_| {});
     Report::new(scenario, &outcome)
+}
+
+/// Does a run without a tap. It is compiled here, so that callers that are built for size, as the
+/// library for Python is, have the fast one as well.
+pub fn unwatched(run: Run, progress: &mut dyn FnMut(Progress)) -> Outcome<NoTap> {
+    run.execute(None, progress)
 }
 
 /// The tap of a run without a tap. No value of it exists, so its calls cost nothing.

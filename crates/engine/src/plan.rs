@@ -13,6 +13,8 @@ use isocat_segment::{Scenario, offline};
 use isocat_sync::budget::{Check, Demand};
 
 pub(crate) mod build;
+#[cfg(not(target_family = "wasm"))]
+pub mod cycles;
 pub mod proof;
 pub mod report;
 mod start_up;

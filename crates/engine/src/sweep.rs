@@ -26,7 +26,7 @@ pub use axis::Axis;
 pub use bisect::{Bisection, Tried};
 pub use row::{Outcome, Row, Totals};
 
-use crate::NoTap;
+use crate::unwatched;
 
 /// A segment file and what is varied in it.
 #[derive(Clone)]
@@ -82,6 +82,13 @@ impl Sweep {
         axis.apply(&mut self.base.clone(), 0, 0)?;
         self.axes.push(axis);
         Ok(())
+    }
+
+    /// The segment file with one value set.
+    pub fn at(&self, key: &str, value: &str) -> Result<String, String> {
+        let mut table = self.base.clone();
+        Axis::over(key, vec![value.to_owned()])?.apply(&mut table, 0, self.first_seed)?;
+        Ok(table.to_string())
     }
 
     /// Tries whether the segment file's reader takes each value, one axis at a time; of a range, what the first seed draws.
@@ -160,7 +167,7 @@ impl Sweep {
                 let scenario = Scenario::from(file);
                 let mut run = scenario.run();
                 run.follow_course = true;
-                let outcome = run.execute(None::<NoTap>, &mut |_| {});
+                let outcome = unwatched(run, &mut |_| {});
                 Outcome::of(&scenario, &outcome)
             }
         };

@@ -10,7 +10,6 @@ use isocat::recording::Recording;
 use isocat::report::{Finding as Found, Span};
 use isocat::scenario::Scenario;
 use isocat::series::{self, Series, Value};
-use isocat_engine::NoTap;
 use isocat_recorders::capture::Capture;
 use isocat_recorders::trace::Trace;
 use isocat_recorders::waves::Waves;
@@ -35,14 +34,14 @@ pub struct Report {
     report: isocat::Report,
 }
 
-/// Runs a scenario; the thread ends where `stop` is set.
-fn execute<T: Tap>(scenario: &Scenario, tap: Option<T>, stop: &Stop) -> Outcome<T> {
-    scenario.run().execute(tap, &mut |_| stop.leave_if_set())
+/// Runs a scenario with an onlooker; the thread ends where `stop` is set.
+fn execute<T: Tap>(scenario: &Scenario, tap: T, stop: &Stop) -> Outcome<T> {
+    scenario.run().execute(Some(tap), &mut |_| stop.leave_if_set())
 }
 
 impl Report {
     pub fn of(scenario: Scenario, stop: &Stop) -> Self {
-        let outcome = execute(&scenario, None::<NoTap>, stop);
+        let outcome = isocat_engine::unwatched(scenario.run(), &mut |_| stop.leave_if_set());
         let report = isocat::Report::new(&scenario, &outcome);
         Self { scenario, report }
     }
@@ -56,7 +55,7 @@ impl Report {
     ) -> PyResult<io::Result<R>> {
         let scenario = self.scenario.clone();
         interruptible(py, move |stop| {
-            let outcome = execute(&scenario, Some(tap(&scenario)?), stop);
+            let outcome = execute(&scenario, tap(&scenario)?, stop);
             // It was given one.
             end(outcome.world.into_tap().expect("it was given a tap"))
         })
@@ -73,7 +72,7 @@ impl Report {
         let (scenario, to) = (self.scenario.clone(), path.to_owned());
         let written = interruptible(py, move |stop| {
             output::whole(&to, |file| {
-                let outcome = execute(&scenario, Some(tap(&scenario, BufWriter::new(file))?), stop);
+                let outcome = execute(&scenario, tap(&scenario, BufWriter::new(file))?, stop);
                 end(outcome.world.into_tap().expect("it was given a tap"))
             })
         })?;
@@ -85,7 +84,7 @@ impl Report {
         interruptible(py, move |stop| {
             let spans = html::run::spans(scenario.devices.len());
             let recording = Recording::new(scenario.duration, scenario.sync0_limit, spans);
-            let outcome = execute(&scenario, Some(recording), stop);
+            let outcome = execute(&scenario, recording, stop);
             let report = isocat::Report::new(&scenario, &outcome);
             let segment = outcome.world.main().segment().clone();
             let recorded = outcome.world.into_tap().expect("it was given a tap").finish();

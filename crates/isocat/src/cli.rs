@@ -1,23 +1,7 @@
 //! The command line: verbs, exit codes, where words go.
 //!
-//! Results go to standard output, everything else to standard error. Exit codes: 0 in sync, 1 not
-//! in sync or lost it, 2 bad input (of a virtual `run` of which something is expected: 0 all of it came so,
-//! 1 not), 3 not known (`run --interface` alone: nothing speaks against it,
-//! but something that decides was not read). `plan`: 0 fits, 1 does not (with `--prove` also: does not
-//! hold), 2 bad input. `run --preflight`: 0 nothing harms punctuality, 1 something does, 2 bad
-//! input. `conform`: 0 every rule that applies holds, 1 one does not, 2 bad input. `calibrate`: 0
-//! law and sign of each clock were told, 1 not or something was not put back, 2 bad input or
-//! refused. `watch`: 0 in sync when it ended or the gate of `--until` opened, 1 not. `scan`: 0
-//! found and read, 1 something could not be read or contradicts itself, 2 bad input or no answer.
-//! `replay`: 0 every frame is exact or differs by a known variance, 1 one does not, 2 bad input or
-//! nothing to compare. `diagnose`: 0 no fault was found, 1 one was, 2 not readable or no EtherCAT.
-//! `record`: 0 nothing happened, 1 something did, 2 could not begin, no EtherCAT, or not written.
-//! `serve` and `control`: 0 ended or done as asked, 2 could not begin or refused. `virtual`: 0 in
-//! sync, 1 not, 2 bad input, 3 not known, 4 the program failed. `sweep`: 0 every run was as expected,
-//! 1 one was not, 2 bad input. `eni`: 0 can be run, 1 can't be run, 2 can't be read.
-//! `new`: 0 the file loads and its plan fits, 1 the plan does not fit, 2 bad input.
-//! `profile`: 0 written, 2 can't be read, or is none that a profile can say.
-//! `sii`: 0 nothing is doubtful, 1 something is, 2 can't be read or written.
+//! Results go to standard output, everything else to standard error. What the exit codes of each
+//! verb mean stands in docs/commands.md, and in short at the end of `isocat --help`.
 
 mod calibrate;
 mod conform;
@@ -112,9 +96,15 @@ Examples:
   isocat devices vendor.xml           what a maker's description (ESI) holds; --modules: slots of modular devices
   isocat explain modes                what each synchronization mode needs of a device
 
-Exit code: 0 in sync, 1 not in sync or lost it, 2 bad input, 3 on a real interface: not known. plan: 0 fits, 1 does not, or with --prove does not hold. conform:
-0 every rule that applies holds, 1 one does not. scan: 0 found and read, 1 something was not or contradicts itself, 2 no
-answer. replay: 0 each frame is exact or differs by a known variance, 1 not, 2 nothing to compare. diagnose: 0 no fault found, 1 a fault, 2 not readable. record: 0 nothing happened, 1 something did. calibrate: 0 law and sign of each clock told, 1 not. serve and control: 0 done as asked, 2 not. virtual: 0 in sync, 1 not, 3 not known, 4 the program failed. watch: 0 in sync at the end, or with --until for as long as wanted; 1 not.";
+Exit codes:
+  0  run, virtual, watch: in sync, or all came as [[expect]] says; plan, new: fits; conform: each
+     rule holds; scan, calibrate: all was found; replay: as the model; diagnose, record: no fault;
+     sweep: each run as expected; other verbs: done
+  1  not so
+  2  bad input, or it could not begin
+  3  on a real wire, and virtual: nothing speaks against it, but not all was read that decides
+  4  virtual: the program failed
+docs/commands.md has them verb by verb.";
 
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
@@ -332,3 +322,72 @@ fn fail(message: &str) -> u8 {
 }
 
 const BAD: anstyle::Style = anstyle::AnsiColor::Red.on_default().bold();
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+    use std::process::Command;
+
+    use super::*;
+
+    /// The lines of shell blocks of a document that call the command, each with its number.
+    fn lines(text: &str) -> Vec<(usize, &str)> {
+        let mut in_shell = false;
+        let mut found = Vec::new();
+        for (number, line) in text.lines().enumerate() {
+            if let Some(language) = line.trim_start().strip_prefix("```") {
+                in_shell = language == "sh";
+            } else if in_shell && line.trim_start_matches("sudo ").starts_with("isocat ") {
+                found.push((number + 1, line));
+            }
+        }
+        found
+    }
+
+    /// The arguments of each call of `isocat` in a line, as a shell splits them. The shell gets
+    /// programs that do nothing but tell how they were called.
+    fn calls(line: &str, folder: &Path) -> Vec<Vec<String>> {
+        let _ = fs::remove_file(folder.join("calls"));
+        let functions = "isocat() { printf '%s\\n' isocat \"$@\" '' >> \"$CALLS\"; }; \
+                         sudo() { \"$@\"; }; jq() { cat; }; echo() { :; }; ";
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &format!("{functions}{line}")]).current_dir(folder);
+        shell.env("CALLS", folder.join("calls")).output().expect("a shell");
+        let told = fs::read_to_string(folder.join("calls")).expect("a call");
+        told.trim_end()
+            .split("\n\n")
+            .map(|call| call.lines().map(str::to_owned).collect())
+            .collect()
+    }
+
+    #[test]
+    fn each_line_of_the_documentation_is_one_that_the_command_takes() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        let folder = std::env::temp_dir().join(format!("isocat-lines-{}", std::process::id()));
+        fs::create_dir_all(&folder).expect("a temporary folder");
+        let mut documents = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
+        for entry in fs::read_dir(root.join("docs")).expect("the documents") {
+            documents.push(entry.expect("a readable folder").path());
+        }
+        let (mut taken, mut refused) = (0, Vec::new());
+        for document in documents.iter().filter(|path| path.extension().is_some_and(|e| e == "md"))
+        {
+            let text = fs::read_to_string(document).expect("a document");
+            for (number, line) in lines(&text) {
+                for call in calls(line, &folder) {
+                    match CommandLine::try_parse_from(call) {
+                        Ok(_) => taken += 1,
+                        Err(error) => {
+                            refused
+                                .push(format!("{}:{number}: {line}\n{error}", document.display()));
+                        }
+                    }
+                }
+            }
+        }
+        fs::remove_dir_all(&folder).expect("a temporary folder");
+        assert!(refused.is_empty(), "{}", refused.join("\n"));
+        assert!(taken > 100, "{taken} lines were found");
+    }
+}

@@ -1,4 +1,4 @@
-//! README and documentation: every link leads somewhere, and every line of the README does what stands beside it.
+//! README and documentation: every link leads somewhere, and the lines do what stands beside them.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -168,4 +168,79 @@ fn each_line_of_the_readme_does_what_stands_beside_it() {
         assert!(folder.join(file).is_file(), "{file} was written");
     }
     fs::remove_dir_all(&folder).expect("a temporary folder");
+}
+
+/// What the lines of the documentation read: a segment, a ring, descriptions, an EEPROM, an ENI, a capture, and what a scan found.
+fn furnish(folder: &Path) {
+    let tests = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/esi");
+    let drive = text(&tests.join("box.xml")).replace(">Drive<", ">EL7041<");
+    fs::create_dir_all(folder.join("esi")).expect("a folder");
+    for name in ["vendor.xml", "beckhoff.xml", "esi/vendor.xml"] {
+        fs::write(folder.join(name), &drive).expect("a file");
+    }
+    fs::copy(tests.join("rack.xml"), folder.join("coupler.xml")).expect("a file");
+    fs::copy(tests.join("drives.xml"), folder.join("drives.xml")).expect("a file");
+    for line in [
+        "isocat example > my.toml && cp my.toml machine.toml",
+        "isocat devices simple_io16 > mine.toml",
+        "isocat sii --from ./mine.toml --out eeprom.bin",
+        "isocat plan my.toml --eni network.xml",
+        "isocat run my.toml --for 100ms --capture field.pcapng",
+        "isocat scan my.toml --json > found.json",
+    ] {
+        let output = shell(line, folder);
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+/// What a line needs that is not here: an interface, a program of the reader's, somebody who looks on.
+const NEEDS_MORE: [&str; 8] = [
+    "sudo ",
+    "--interface",
+    "--serve ",
+    "--setup-veth",
+    "./my_master",
+    "bring_up.py vt0",
+    "ring_0",
+    "watch my.toml",
+];
+
+/// A line as it is tried: a campaign with few seeds, in the order of the document.
+fn shortened(line: &str) -> String {
+    let Some((before, rest)) = line.split_once("--seeds ") else { return line.to_owned() };
+    let rest = rest.trim_start_matches(|c: char| c.is_ascii_digit());
+    format!("{before}--seeds 2{rest}")
+}
+
+#[test]
+fn each_line_of_the_documents_that_needs_no_wire_does_what_stands_beside_it() {
+    let folder = std::env::temp_dir().join(format!("isocat-documents-{}", std::process::id()));
+    fs::create_dir_all(&folder).expect("a temporary folder");
+    furnish(&folder);
+    std::os::unix::fs::symlink(root().join("docs"), folder.join("docs")).expect("a link");
+    let (mut ran, mut wrong) = (0, Vec::new());
+    for document in documents().iter().filter(|path| path.starts_with(root().join("docs"))) {
+        let content = text(document);
+        for block in blocks(&content, "```sh\n") {
+            for line in block.lines().filter(|line| line.starts_with("isocat ")) {
+                if NEEDS_MORE.iter().any(|needed| line.contains(needed)) {
+                    continue;
+                }
+                let line = shortened(line);
+                let output = shell(&line, &folder);
+                let errors = String::from_utf8_lossy(&output.stderr);
+                let code = output.status.code().unwrap_or(-1);
+                let searches = ["sweep", "--faults swarm"].iter().any(|verb| line.contains(verb));
+                // A search may find runs that fail, and says so by its exit code.
+                ran += 1;
+                if !(code == 0 || code == 1 && searches) {
+                    let shown = document.strip_prefix(root()).expect("in the project").display();
+                    wrong.push(format!("{shown}: {line}: exit code {code}\n{errors}"));
+                }
+            }
+        }
+    }
+    fs::remove_dir_all(&folder).expect("a temporary folder");
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert!(ran >= 40, "{ran} lines ran");
 }

@@ -429,9 +429,14 @@ fn download(message: &[u8]) -> Option<(isocat_wire::ObjectAddress, Vec<u8>)> {
 }
 
 #[test]
-fn the_schema_of_the_plan_is_committed() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/plan.schema.json");
-    let now = serde_json::to_string_pretty(&isocat::plan::report::schema()).expect("JSON") + "\n";
+fn the_schemas_of_the_plan_are_committed() {
+    schema_is_committed("plan", &isocat::plan::report::schema());
+    schema_is_committed("plan-cycles", &isocat::plan::cycles::schema());
+}
+
+fn schema_is_committed(name: &str, schema: &serde_json::Value) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../docs/{name}.schema.json"));
+    let now = serde_json::to_string_pretty(schema).expect("JSON") + "\n";
     if std::env::var_os("UPDATE_SCHEMA").is_some() {
         std::fs::write(&path, &now).expect("docs/ is writable");
     }
@@ -444,6 +449,34 @@ fn the_schema_of_the_plan_is_committed() {
         assert_eq!(part["required"].as_array().map_or(0, Vec::len), keys.len(), "{part}");
         assert!(keys.values().all(|key| key["description"].is_string()), "{part}");
     }
+}
+
+/// Three cycles of one segment: one that is no cycle, one that devices can't keep, one that fits.
+#[test]
+fn several_cycles_are_planned_in_one_table() {
+    let text = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nname = \"axis\"\n\
+                [[subdevice]]\ndevice = \"simple_io16\"\nname = \"io\"\ncount = 30\n\
+                [[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\nname = \"PWM\"\n";
+    let cycles = ["1us", "200us", "1ms"].map(str::to_owned);
+    let found = isocat::plan::cycles::at_cycles("here.toml", text, &cycles).unwrap();
+    let [none, short, long] = &found.plans[..] else { panic!("three plans: {found:?}") };
+    assert!(!none.fits && none.least_slack_ns.is_none() && none.devices.is_empty());
+    assert!(none.verdict.contains("expected 10 us"), "{}", none.verdict);
+    assert!(!short.fits && short.least_slack_ns == Some(-50_000), "{:?}", short.least_slack_ns);
+    assert!(long.fits && !found.all_fit());
+    // As `plan` says it of the same segment.
+    let plan =
+        isocat::plan::Plan::of(&Scenario::from(SegmentFile::parse("here.toml", text).unwrap()));
+    let (_, tightest) = plan.as_ref().unwrap().tightest();
+    assert_eq!(long.least_slack_ns, Some(tightest.slack().0));
+    let text = isocat_descriptions::columns::plain(&found.text());
+    let rows = text.lines().filter(|line| line.contains("sm ")).collect::<Vec<_>>();
+    assert!(
+        rows.iter().any(|row| row.starts_with(" 1 to 30 ")),
+        "equal devices are one row\n{text}"
+    );
+    assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+    golden("cycles", &text);
 }
 
 fn golden(name: &str, text: &str) {

@@ -155,6 +155,14 @@ pub struct Device {
     pub lines: Vec<Line>,
 }
 
+impl Device {
+    /// Its line of the cycle with the least slack; where a line does not fit, the one that lacks most.
+    pub fn tightest(&self) -> Option<&Line> {
+        let counts = |line: &&Line| line.check.is_of_cycle() || line.slack_ns < 0;
+        self.lines.iter().filter(counts).min_by_key(|line| line.slack_ns)
+    }
+}
+
 /// What could be read in more than one way, and how it was.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]

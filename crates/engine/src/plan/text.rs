@@ -126,8 +126,7 @@ impl PlanReport {
         )?;
         for device in self.devices.iter().take(MOST_DEVICES) {
             let phase = |ns: Option<i64>| ns.map_or("-".to_owned(), |ns| Nanos(ns).to_string());
-            let counts = |line: &&Line| line.check.is_of_cycle() || line.slack_ns < 0;
-            let tightest = device.lines.iter().filter(counts).min_by_key(|line| line.slack_ns);
+            let tightest = device.tightest();
             writeln!(
                 out,
                 " {:<3} {:<20} {:<15} {:>9} {:>10} {:>10} {:>12}  {}",

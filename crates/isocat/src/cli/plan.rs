@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::{ArgGroup, Args};
 use indicatif::{ProgressBar, ProgressStyle};
-use isocat_descriptions::eni;
-use isocat_engine::plan::{Plan, PlanReport, proof, suggest, what_if};
+use isocat_descriptions::{eni, limits};
+use isocat_engine::plan::{Plan, PlanReport, cycles, proof, suggest, what_if};
 use isocat_esc::DriftLaw;
-use isocat_segment::Scenario;
+use isocat_segment::{Scenario, SegmentFile};
 use isocat_wire::Nanos;
 
 use super::run::{argument, command, duration, is_page, json, progress_bar, write_report};
@@ -45,6 +45,11 @@ pub struct Arguments {
     /// Look for the phase with the most even slack and for the smallest cycle that fits
     #[arg(long)]
     suggest: bool,
+    /// Plan the segment at each of these bus cycles instead, such as 250us,500us,1ms, and print one table: whether it
+    /// fits, and the mode and the least slack of each SubDevice
+    #[arg(long, value_name = "CYCLES", value_delimiter = ',', value_parser = cycle,
+        conflicts_with_all = ["prove", "purpose", "suggest", "what_if", "start_up", "eni", "chips", "report"])]
+    cycles: Vec<String>,
     /// Run the segment once for each cable that is pulled and each SubDevice that loses its power, and show which
     /// SubDevices stay in sync, whose outputs go safe, and when all are in sync again; for all, or for those named by
     /// position or name (--what-if=3,5)
@@ -86,6 +91,9 @@ pub fn run(arguments: &Arguments) -> u8 {
     if let Some(message) = arguments.eni_options.refused_without_eni().or(arguments.wrong_purpose())
     {
         return fail(&message);
+    }
+    if !arguments.cycles.is_empty() {
+        return at_cycles(arguments);
     }
     let file = match super::segment_or_built_in(arguments.segment.as_deref()) {
         Ok(file) => file,
@@ -146,6 +154,34 @@ pub fn run(arguments: &Arguments) -> u8 {
     }
 }
 
+/// Prints the plans at several bus cycles.
+fn at_cycles(arguments: &Arguments) -> u8 {
+    let count = arguments.cycles.len();
+    if count > cycles::MOST {
+        let most = cycles::MOST;
+        return fail(&format!("--cycles has {count} cycles; expected {most} at most"));
+    }
+    let (path, text) = match arguments.segment.as_deref() {
+        None => ("built-in segment", SegmentFile::built_in_text().to_owned()),
+        Some(path) => match limits::read_text(path, limits::TOML) {
+            Ok(text) => (path, text),
+            Err(error) => return fail(&error.to_string()),
+        },
+    };
+    match cycles::at_cycles(path, &text, &arguments.cycles) {
+        Err(error) => fail(&error.to_string()),
+        Ok(found) => {
+            let code = print(&if arguments.json { json(&found) } else { found.text() });
+            if found.all_fit() || code != IN_SYNC { code } else { NOT_IN_SYNC }
+        }
+    }
+}
+
+/// A bus cycle, as it is written in a segment file.
+fn cycle(text: &str) -> Result<String, String> {
+    duration(text.trim()).map(|_| text.trim().to_owned())
+}
+
 impl Arguments {
     /// How long the proof runs, if that is asked for.
     fn duration(&self) -> Option<Nanos> {
@@ -188,6 +224,7 @@ impl Arguments {
             ("--suggest", self.suggest),
             ("--what-if", self.what_if.is_some()),
             ("--start-up", self.start_up),
+            ("--cycles", !self.cycles.is_empty()),
             ("--eni", self.eni.is_some()),
             ("--for TOOL", matches!(self.purpose, Some(Purpose::Tool(_)))),
             ("--report with .html", is_page(self.report.as_deref())),

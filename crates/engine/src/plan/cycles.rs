@@ -1,0 +1,263 @@
+//! The plan of one segment at several bus cycles, side by side.
+
+use std::fmt::{self, Write};
+use std::ops::RangeInclusive;
+
+use isocat_descriptions::columns::{WIDTH, cut, wrap};
+use isocat_descriptions::document::FileError;
+use isocat_segment::{Scenario, SegmentFile};
+use isocat_sync::SyncMode;
+use isocat_wire::time::Nanos;
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use super::{Plan, report};
+use crate::report::{BAD, GOOD, QUIET, typed};
+use crate::sweep::Sweep;
+
+/// Version of the document; changes whenever a reader could be misled by an older schema.
+pub const FORMAT: &str = "isocat-plan-cycles/1";
+/// Most cycles of one table.
+pub const MOST: usize = 32;
+
+/// JSON schema of the document, draft 2020-12.
+pub fn schema() -> serde_json::Value {
+    crate::report::schema_of::<Cycles>()
+}
+
+/// A segment at several bus cycles. All times are nanoseconds.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct Cycles {
+    /// [`FORMAT`].
+    pub format: &'static str,
+    /// Version of the program.
+    pub version: &'static str,
+    /// Where the segment was described.
+    pub segment_file: String,
+    /// The plans, in the order in which their cycles were asked for.
+    pub plans: Vec<AtCycle>,
+}
+
+/// The segment at one bus cycle.
+#[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct AtCycle {
+    /// Bus cycle.
+    pub cycle_ns: i64,
+    /// Whether every line has slack of 0 or more; false if there is no plan at all.
+    pub fits: bool,
+    /// What the plan says, in one sentence; why there is none, if there is none.
+    pub verdict: String,
+    /// Least slack of all lines of the cycle; of all lines where one does not fit. Null if there is no
+    /// plan.
+    pub least_slack_ns: Option<i64>,
+    /// The SubDevices, by position; empty if there is no plan.
+    pub devices: Vec<DeviceAt>,
+}
+
+/// A SubDevice at one bus cycle.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
+#[schemars(deny_unknown_fields)]
+pub struct DeviceAt {
+    /// Place in processing order, from 0.
+    pub position: usize,
+    /// Name in the segment file.
+    pub name: String,
+    /// Synchronization mode.
+    #[serde(serialize_with = "typed::text")]
+    #[schemars(with = "String")]
+    pub mode: SyncMode,
+    /// Why not a higher mode; empty if this is the one asked for or the highest.
+    pub mode_reason: String,
+    /// Its process data travel in every so many bus cycles.
+    pub every: u32,
+    /// Least slack of its lines of the cycle; of all its lines where one does not fit. Null without
+    /// lines.
+    pub least_slack_ns: Option<i64>,
+    /// The object of that line; null where none states it.
+    pub object: Option<String>,
+}
+
+/// Plans a segment file once for each cycle. `path` names it in errors, and files that it names are
+/// relative to its folder. The cycles are written as in the file, such as `250us`. What the file
+/// itself has wrong is an error; a cycle at which there is no plan is part of the table.
+pub fn at_cycles(path: &str, text: &str, cycles: &[String]) -> Result<Cycles, FileError> {
+    let sweep = Sweep::new(path, text)?;
+    let plans = cycles.iter().map(|cycle| {
+        let value = isocat_descriptions::quantity::parse_duration(cycle);
+        let cycle_ns = value.map_or(0, |value| value.0);
+        let planned = sweep
+            .at("cycle", cycle)
+            .and_then(|text| SegmentFile::parse(path, &text).map_err(|error| error.message.clone()))
+            .and_then(|file| {
+                let scenario = Scenario::from(file);
+                let plan = Plan::of(&scenario).map_err(|error| error.to_string())?;
+                Ok(plan.report(&scenario))
+            });
+        match planned {
+            Ok(report) => AtCycle::of(cycle_ns, &report),
+            Err(verdict) => AtCycle {
+                cycle_ns,
+                fits: false,
+                verdict: format!("No plan: {verdict}"),
+                least_slack_ns: None,
+                devices: Vec::new(),
+            },
+        }
+    });
+    Ok(Cycles {
+        format: FORMAT,
+        version: env!("CARGO_PKG_VERSION"),
+        segment_file: path.to_owned(),
+        plans: plans.collect(),
+    })
+}
+
+impl AtCycle {
+    fn of(cycle_ns: i64, report: &report::PlanReport) -> Self {
+        let device = |device: &report::Device| {
+            let tightest = device.tightest();
+            DeviceAt {
+                position: device.position,
+                name: device.name.clone(),
+                mode: device.mode,
+                mode_reason: device.mode_reason.clone(),
+                every: device.every,
+                least_slack_ns: tightest.map(|line| line.slack_ns),
+                object: tightest.and_then(|line| line.object.clone()),
+            }
+        };
+        Self {
+            cycle_ns,
+            fits: report.fits,
+            verdict: report.verdict.clone(),
+            least_slack_ns: Some(report.segment.least_slack_ns),
+            devices: report.devices.iter().map(device).collect(),
+        }
+    }
+
+    fn device(&self, position: usize) -> Option<&DeviceAt> {
+        self.devices.get(position)
+    }
+}
+
+/// SubDevices one behind the other that differ in nothing but their position and the number in
+/// their name.
+struct Row<'a> {
+    positions: RangeInclusive<usize>,
+    name: &'a str,
+    cells: Vec<String>,
+}
+
+impl Cycles {
+    /// Whether every cycle has a plan that fits.
+    pub fn all_fit(&self) -> bool {
+        self.plans.iter().all(|plan| plan.fits)
+    }
+
+    /// The table as text, with ANSI styles, a hundred columns wide.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        let _ = self.write(&mut text);
+        text
+    }
+
+    fn write(&self, out: &mut String) -> fmt::Result {
+        writeln!(out, "{QUIET}{}{QUIET:#}", self.segment_file)?;
+        for plan in &self.plans {
+            let style = if plan.fits { GOOD } else { BAD };
+            let mut lines = wrap(&plan.verdict, WIDTH - 14).into_iter();
+            let cycle = Nanos(plan.cycle_ns).to_string();
+            let first = lines.next().unwrap_or_default();
+            writeln!(out, " {cycle:>11}  {style}{first}{style:#}")?;
+            for line in lines {
+                writeln!(out, "{:14}{line}", "")?;
+            }
+        }
+        let rows = self.rows();
+        for block in (0..self.plans.len()).collect::<Vec<_>>().chunks(COLUMNS) {
+            write!(out, "\n {:<9} {:<22}", "#", "device")?;
+            for at in block {
+                write!(out, " {:<21}", Nanos(self.plans[*at].cycle_ns).to_string())?;
+            }
+            writeln!(out)?;
+            for row in &rows {
+                let (first, last) = (row.positions.start(), row.positions.end());
+                let place =
+                    if first == last { first.to_string() } else { format!("{first} to {last}") };
+                write!(out, " {place:<9} {:<22}", cut(row.name, 22))?;
+                for at in block {
+                    write!(out, " {:<21}", row.cells[*at])?;
+                }
+                trim_end(out);
+                writeln!(out)?;
+            }
+        }
+        self.write_reasons(out)
+    }
+
+    /// Each reason once, with the SubDevices and cycles that it is for.
+    fn write_reasons(&self, out: &mut String) -> fmt::Result {
+        let mut reasons: Vec<(String, Vec<usize>)> = Vec::new();
+        for device in self.plans.iter().flat_map(|plan| &plan.devices) {
+            if device.mode_reason.is_empty() {
+                continue;
+            }
+            let reason = format!("{}: {}", device.mode, device.mode_reason);
+            match reasons.iter_mut().find(|(known, _)| *known == reason) {
+                Some((_, positions)) if positions.contains(&device.position) => {}
+                Some((_, positions)) => positions.push(device.position),
+                None => reasons.push((reason, vec![device.position])),
+            }
+        }
+        if !reasons.is_empty() {
+            writeln!(out, "\nWhy not a higher mode")?;
+        }
+        for (reason, positions) in reasons {
+            let all: Vec<String> = positions.iter().map(usize::to_string).collect();
+            let plural = if all.len() > 1 { "s" } else { "" };
+            let text = format!("SubDevice{plural} {}, {reason}", all.join(", "));
+            for (i, line) in wrap(&text, WIDTH - 3).into_iter().enumerate() {
+                writeln!(out, "{}{line}", if i == 0 { " " } else { "   " })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn rows(&self) -> Vec<Row<'_>> {
+        let most = self.plans.iter().map(|plan| plan.devices.len()).max().unwrap_or(0);
+        let mut rows: Vec<Row<'_>> = Vec::new();
+        for position in 0..most {
+            let at = |plan: &AtCycle| plan.device(position).map_or("-".to_owned(), cell);
+            let cells: Vec<String> = self.plans.iter().map(at).collect();
+            let of = self.plans.iter().find_map(|plan| plan.device(position));
+            let name = of.map_or("", |device| device.name.as_str());
+            match rows.last_mut() {
+                Some(last) if last.cells == cells && stem(last.name) == stem(name) => {
+                    last.positions = *last.positions.start()..=position;
+                }
+                _ => rows.push(Row { positions: position..=position, name, cells }),
+            }
+        }
+        rows
+    }
+}
+
+/// Cycles beside each other in a hundred columns.
+const COLUMNS: usize = 3;
+
+/// A name without the number at its end.
+fn stem(name: &str) -> &str {
+    name.trim_end_matches(|c: char| c.is_ascii_digit())
+}
+
+fn cell(device: &DeviceAt) -> String {
+    let slack = device.least_slack_ns.map_or("-".to_owned(), |ns| Nanos(ns).to_string());
+    format!("{} {slack}", device.mode)
+}
+
+fn trim_end(text: &mut String) {
+    text.truncate(text.trim_end_matches(' ').len());
+}

@@ -84,13 +84,6 @@ impl Sweep {
         Ok(())
     }
 
-    /// The segment file with one value set.
-    pub fn at(&self, key: &str, value: &str) -> Result<String, String> {
-        let mut table = self.base.clone();
-        Axis::over(key, vec![value.to_owned()])?.apply(&mut table, 0, self.first_seed)?;
-        Ok(table.to_string())
-    }
-
     /// Tries whether the segment file's reader takes each value, one axis at a time; of a range, what the first seed draws.
     /// Gives the first one that it does not take.
     pub fn check(&self) -> Result<(), (String, FileError)> {

@@ -36,10 +36,11 @@ mod virtual_time;
 mod watch;
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::OnceLock;
+use std::sync::{LazyLock, OnceLock};
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use isocat_descriptions::columns::{WIDTH, wrap};
 use isocat_descriptions::document::FileError;
 use isocat_segment::{Scenario, SegmentFile};
@@ -106,12 +107,27 @@ Exit codes:
   4  virtual: the program failed
 docs/commands.md has them verb by verb.";
 
+/// For reports of faults: what was built, for which system, and the formats that it writes.
+static LONG_VERSION: LazyLock<String> = LazyLock::new(|| {
+    let built = if cfg!(debug_assertions) { "debug" } else { "optimized" };
+    let formats = [
+        isocat_engine::report::FORMAT,
+        isocat_engine::plan::report::FORMAT,
+        isocat_engine::report::scan::FORMAT,
+        isocat_engine::report::interface::FORMAT,
+        isocat_diagnose::report::FORMAT,
+    ];
+    let (os, arch) = (std::env::consts::OS, std::env::consts::ARCH);
+    let (version, formats) = (env!("CARGO_PKG_VERSION"), formats.join(", "));
+    format!("{version}\nsystem:  {os} {arch}, {built}\nformats: {formats}")
+});
+
 const ABOUT: &str = "\
 Brings an EtherCAT segment into synchronization, runs it and proves how good it is";
 
 /// Brings an EtherCAT segment into synchronization, runs it and proves how good it is.
 #[derive(Parser, Debug)]
-#[command(version, about = ABOUT, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
+#[command(version, long_version = LONG_VERSION.as_str(), about = ABOUT, after_help = EXAMPLES, args_conflicts_with_subcommands = true)]
 struct CommandLine {
     #[command(subcommand)]
     verb: Option<Verb>,
@@ -179,6 +195,16 @@ enum Verb {
     Profile(profile::Arguments),
     /// Print the built-in segment file
     Example,
+    /// Print the completions of a shell: bash, zsh, fish, elvish or powershell
+    Completions {
+        /// For which shell
+        shell: clap_complete::Shell,
+    },
+    /// Write the manual pages into a folder, one for each verb
+    Man {
+        /// Where to
+        folder: PathBuf,
+    },
     /// List the built-in device profiles; with a name, print that profile; with a maker's description, list it
     Devices(devices::Arguments),
 }
@@ -248,6 +274,17 @@ fn run_with(arguments: impl Iterator<Item = OsString>) -> u8 {
         Some(Verb::Profile(arguments)) => profile::run(&arguments),
         Some(Verb::Example) => print(SegmentFile::built_in_text()),
         Some(Verb::Devices(arguments)) => devices::run(&arguments),
+        Some(Verb::Completions { shell }) => {
+            let mut text = Vec::new();
+            clap_complete::generate(shell, &mut CommandLine::command(), "isocat", &mut text);
+            print(&String::from_utf8_lossy(&text))
+        }
+        Some(Verb::Man { folder }) => {
+            match clap_mangen::generate_to(CommandLine::command(), &folder) {
+                Ok(()) => IN_SYNC,
+                Err(error) => fail(&format!("{} can't be written: {error}", folder.display())),
+            }
+        }
     }
 }
 

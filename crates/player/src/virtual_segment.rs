@@ -12,14 +12,14 @@ use isocat_descriptions::document::{FileError, Wrong};
 use isocat_descriptions::eni::Eni;
 use isocat_descriptions::esi::{CycleTime, EsiDevice, EsiFile, EsiOpMode};
 use isocat_descriptions::start_up::{Address, DeviceStartUp, Transition};
-use isocat_segment::new_file::quoted;
+use isocat_segment::new_file::{Wiring, quoted};
 use isocat_segment::profile::{self, Profile};
 use isocat_segment::{Scenario, SegmentFile};
 use isocat_sync::SyncMode;
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
-use isocat_wire::Command;
 use isocat_wire::dc::AssignActivate;
 use isocat_wire::register::{self, Value};
+use isocat_wire::{Command, PortNumber};
 
 /// A segment, and what each of its devices was made of.
 #[derive(Clone, Debug)]
@@ -117,12 +117,13 @@ pub fn descriptions(paths: &[PathBuf]) -> Result<Vec<EsiFile>, FileError> {
 pub fn of_eni(eni: &Eni, descriptions: &[EsiFile]) -> Result<VirtualSegment, FileError> {
     let list = &eni.start_up;
     let (mut made, mut origins, mut all_keys) = (Vec::new(), Vec::new(), Vec::new());
+    let mut wiring = Wiring::default();
     let mut text = format!("cycle = \"{}ns\"\n", list.cycle_ns);
     if list.devices.first().is_some_and(|device| device.physics.starts_with('K')) {
         text += "\n[host]\nport = \"ebus\"\n";
     }
     for (position, device) in list.devices.iter().enumerate() {
-        let (keys, origin) = keys(eni, position, descriptions, &mut made)?;
+        let (keys, origin, profile) = keys(eni, position, descriptions, &mut made)?;
         origins.push(origin);
         let name = name(eni, position);
         // Writing to a String cannot fail.
@@ -131,7 +132,16 @@ pub fn of_eni(eni: &Eni, descriptions: &[EsiFile]) -> Result<VirtualSegment, Fil
             let at = list.devices[..position].iter().position(|one| one.station == parent.station);
             Some((at?, parent.port))
         });
-        if let Some((above, port)) = above {
+        // A list that tells no topology has its devices where there is room for them.
+        let connect = match above {
+            Some((above, port)) => {
+                let place = PortNumber::ALL.get(usize::from(port)).map(|port| (above, *port));
+                wiring.add(profile, place);
+                Some((above, usize::from(port)))
+            }
+            None => wiring.add(profile, None).map(|(above, port)| (above, port.index())),
+        };
+        if let Some((above, port)) = connect {
             let _ = writeln!(text, "connect = \"{above}:{port}\"");
         }
         all_keys.push(keys);
@@ -192,17 +202,21 @@ fn keys(
     position: usize,
     descriptions: &[EsiFile],
     made: &mut Vec<Arc<Profile>>,
-) -> Result<(String, Origin), FileError> {
+) -> Result<(String, Origin, Arc<Profile>), FileError> {
     let device = &eni.start_up.devices[position];
     let cycle = eni.start_up.cycle_ns;
     if let Some((file, found)) = described(device, descriptions) {
-        return Ok(of_description(device, cycle, file, found));
+        let profile = Profile::from_esi(file, found, None).map_err(|error| error.error)?;
+        let (keys, origin) = of_description(device, cycle, file, found);
+        return Ok((keys, origin, profile));
     }
     let is_meant = |profile: &Arc<Profile>| {
         let identity = &profile.identity;
         (identity.vendor_id, identity.product_code) == (device.vendor, device.product)
     };
-    let built_in = profile::built_in_ids().filter_map(profile::built_in).find(is_meant);
+    let built_in = profile::built_in_ids()
+        .filter_map(profile::built_in)
+        .find(|profile| is_meant(profile) && carries(profile, device));
     let (profile, origin) = match built_in {
         Some(profile) => {
             let origin = Origin::BuiltIn { id: profile.id.clone() };
@@ -217,7 +231,23 @@ fn keys(
         }
     };
     let modes: Vec<SyncMode> = profile.modes().collect();
-    Ok((format!("device = {}\n{}", quoted(&profile.id), mode(device, cycle, &modes)), origin))
+    let keys = format!("device = {}\n{}", quoted(&profile.id), mode(device, cycle, &modes));
+    Ok((keys, origin, profile))
+}
+
+/// Whether a device of this profile can exchange the process data that the ENI sets up. Another revision of the product
+/// may have other PDOs.
+fn carries(profile: &Profile, device: &DeviceStartUp) -> bool {
+    let areas = [(true, profile.description.outputs), (false, profile.description.inputs)];
+    areas.into_iter().all(|(outputs, own)| {
+        let Some((start, length)) = plain::area(device, outputs) else { return true };
+        let managers = device.sync_managers.iter().filter(|one| one.outputs == outputs);
+        let pdos: Vec<u16> = managers.flat_map(|one| one.pdos.iter().copied()).collect();
+        let bits: Option<u32> = pdos.iter().map(|pdo| profile.mapped_bits(*pdo)).sum();
+        let has_pdos =
+            pdos.is_empty() || bits.is_some_and(|bits| bits.div_ceil(8) == u32::from(length));
+        start == own.start && length <= own.max_length && has_pdos
+    })
 }
 
 /// The description of a device: of its revision, else the newest.

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use isocat_descriptions::eni::Eni;
+use isocat_descriptions::esi::EsiFile;
 use isocat_engine::plan::Plan;
 use isocat_player::differences::{Kind, differences};
 use isocat_player::virtual_segment::{self, Origin};
@@ -21,12 +22,16 @@ fn folder(name: &str) -> Option<PathBuf> {
 
 /// Runs a file and gives its report, with the kinds of its differences and what its only device is made of.
 fn run(name: &str) -> Option<(Report, Vec<Kind>, Origin)> {
-    let eni = Eni::read(folder("eni")?.join(name)).unwrap();
     let descriptions = match folder("esi") {
         Some(folder) => virtual_segment::descriptions(&[folder]).unwrap(),
         None => return None,
     };
-    let made = virtual_segment::of_eni(&eni, &descriptions).unwrap();
+    run_with(name, &descriptions)
+}
+
+fn run_with(name: &str, descriptions: &[EsiFile]) -> Option<(Report, Vec<Kind>, Origin)> {
+    let eni = Eni::read(folder("eni")?.join(name)).unwrap();
+    let made = virtual_segment::of_eni(&eni, descriptions).unwrap();
     let settings = Settings { duration: Nanos::millis(500), tolerates_unknown_objects: true };
     let played = play(eni.runnable().unwrap(), &made.scenario, settings);
     let plan = Plan::of(&made.scenario).unwrap();
@@ -46,6 +51,31 @@ fn an_export_without_dc_runs_on_its_description() {
     // 0x6060:00 stands in the dictionary of the preset module.
     assert!(run.unknown_objects.is_empty(), "{text}");
     assert!(kinds.contains(&Kind::MailboxState) && kinds.contains(&Kind::SyncObject), "{text}");
+}
+
+/// The built-in profile of that product has another mapping: 7 bytes where the export sets 8 up.
+#[test]
+fn an_export_for_another_revision_runs_on_a_device_made_of_it() {
+    let Some((report, _, origin)) = run_with("hpmicro_cia402.eni.xml", &[]) else { return };
+    assert_eq!(origin, Origin::Eni);
+    let text = report.text();
+    assert!(report.run.unwrap().in_sync, "{text}");
+}
+
+/// Terminals, and a drive at the coupler's other port: the list has no topology.
+#[test]
+fn a_list_of_devices_becomes_a_segment_that_can_be_wired() {
+    let (Some(enis), Some(esis), Some(more)) = (folder("eni"), folder("esi"), folder("esi-more"))
+    else {
+        return;
+    };
+    let mut eni = Eni::read(enis.join("beremiz_etherlab_config.xml")).unwrap();
+    assert!(eni.runnable().is_err(), "it has no commands");
+    eni.start_up.cycle_ns = 1_000_000;
+    let descriptions = virtual_segment::descriptions(&[esis, more]).unwrap();
+    let made = virtual_segment::of_eni(&eni, &descriptions).unwrap();
+    assert_eq!(made.scenario.devices.len(), 4);
+    assert!(made.text.contains("connect = \"0:2\""), "{}", made.text);
 }
 
 #[test]

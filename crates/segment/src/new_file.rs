@@ -20,6 +20,7 @@ pub struct NewFile {
     /// What it is made of, for its head: one line each.
     pub made_of: Vec<String>,
     devices: Vec<Device>,
+    wiring: Wiring,
 }
 
 /// What one device is.
@@ -43,26 +44,54 @@ pub struct NewDevice {
 struct Device {
     what: NewDevice,
     profile: Arc<Profile>,
-    /// Ports downstream that something is plugged into.
-    taken: Vec<PortNumber>,
     connect: Option<(usize, PortNumber)>,
 }
 
-impl Device {
-    fn free(&self, kind: PortKind) -> Option<PortNumber> {
+/// Which ports of the devices so far are free, for devices of which nothing says where they hang.
+#[derive(Clone, Debug, Default)]
+pub struct Wiring {
+    /// Each device with its ports downstream that something is plugged into.
+    devices: Vec<(Arc<Profile>, Vec<PortNumber>)>,
+}
+
+impl Wiring {
+    /// The last device that has a free port of a kind, and the port.
+    pub fn free(&self, kind: PortKind) -> Option<(usize, PortNumber)> {
         // As frames pass them, but port 1 is the usual way on.
         let ports = [PortNumber::P1, PortNumber::P2, PortNumber::P3];
-        let is_free = |port: &PortNumber| {
-            self.profile.esc().port(*port) == kind && !self.taken.contains(port)
+        let all = self.devices.iter().enumerate().rev();
+        let free = |(position, (profile, taken)): (usize, &(Arc<Profile>, Vec<PortNumber>))| {
+            let mut ports = ports.into_iter();
+            let port =
+                ports.find(|port| profile.esc().port(*port) == kind && !taken.contains(port));
+            Some((position, port?))
         };
-        ports.into_iter().find(is_free)
+        all.filter_map(free).next()
+    }
+
+    /// Adds a device at a place, or where there is room for it. Gives the place if it is another one than port 1 of the
+    /// device before, where a device of a segment file hangs that says nothing else.
+    pub fn add(
+        &mut self,
+        profile: Arc<Profile>,
+        place: Option<(usize, PortNumber)>,
+    ) -> Option<(usize, PortNumber)> {
+        let place = place.or_else(|| self.free(profile.esc().port(PortNumber::P0)));
+        if let Some((above, port)) = place
+            && let Some((_, taken)) = self.devices.get_mut(above)
+        {
+            taken.push(port);
+        }
+        let usual = self.devices.len().checked_sub(1).map(|above| (above, PortNumber::P1));
+        self.devices.push((profile, Vec::new()));
+        place.filter(|_| place != usual)
     }
 }
 
 impl NewFile {
     /// Without devices yet.
     pub fn new(cycle: Nanos) -> Self {
-        Self { cycle, made_of: Vec::new(), devices: Vec::new() }
+        Self { cycle, made_of: Vec::new(), devices: Vec::new(), wiring: Wiring::default() }
     }
 
     /// Number of devices.
@@ -79,7 +108,7 @@ impl NewFile {
     pub fn add(&mut self, mut what: NewDevice, profile: Arc<Profile>) -> Result<(), String> {
         let kind = profile.esc().port(PortNumber::P0);
         let is_first = self.devices.is_empty();
-        if what.place.is_none() && !is_first && self.free(kind).is_none() {
+        if what.place.is_none() && !is_first && self.wiring.free(kind).is_none() {
             if kind != PortKind::Ebus {
                 return Err(format!(
                     "no free copper port for \"{}\"; expected fewer devices, or a junction before it",
@@ -88,17 +117,9 @@ impl NewFile {
             }
             self.add_coupler()?;
         }
-        let place = what.place.or_else(|| self.free(kind));
-        if let Some((above, port)) = place
-            && let Some(upstream) = self.devices.get_mut(above)
-        {
-            upstream.taken.push(port);
-        }
         what.name = self.unique(&what.name);
-        // Without the key it is port 1 of the device above.
-        let usual = self.len().checked_sub(1).map(|above| (above, PortNumber::P1));
-        let connect = if place == usual { None } else { place };
-        self.devices.push(Device { what, profile, taken: Vec::new(), connect });
+        let connect = self.wiring.add(profile.clone(), what.place);
+        self.devices.push(Device { what, profile, connect });
         Ok(())
     }
 
@@ -115,12 +136,6 @@ impl NewFile {
             clock_ppm: None,
         };
         self.add(what, profile)
-    }
-
-    /// The last device that has a free port of a kind, and the port.
-    fn free(&self, kind: PortKind) -> Option<(usize, PortNumber)> {
-        let all = self.devices.iter().enumerate().rev();
-        all.filter_map(|(position, device)| Some((position, device.free(kind)?))).next()
     }
 
     fn unique(&self, name: &str) -> String {

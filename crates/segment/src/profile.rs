@@ -365,6 +365,14 @@ pub struct Overrides {
 }
 
 impl Profile {
+    /// Bits that a PDO maps by default; `None` if the device has no such mapping object.
+    pub fn mapped_bits(&self, pdo: u16) -> Option<u32> {
+        let entries = self.description.object(pdo)?.entries.iter().filter(|entry| entry.sub > 0);
+        // The lowest byte of a mapped entry is its length in bits.
+        let bits = entries.map(|entry| self.description.power_on(entry).first().copied());
+        Some(bits.map(|bits| u32::from(bits.unwrap_or(0))).sum())
+    }
+
     /// Reads a profile; `path` names the file in errors. Equal texts give the same profile.
     pub fn from_toml(path: &str, text: &str) -> Result<Arc<Profile>, FileError> {
         static INTERNED: LazyLock<Mutex<HashMap<String, Arc<Profile>>>> =

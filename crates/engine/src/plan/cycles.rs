@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::{Plan, report};
 use crate::report::{BAD, GOOD, QUIET, typed};
-use crate::sweep::Sweep;
+use crate::sweep;
 
 /// Version of the document; changes whenever a reader could be misled by an older schema.
 pub const FORMAT: &str = "isocat-plan-cycles/1";
@@ -83,13 +83,18 @@ pub struct DeviceAt {
 /// relative to its folder. The cycles are written as in the file, such as `250us`. What the file
 /// itself has wrong is an error; a cycle at which there is no plan is part of the table.
 pub fn at_cycles(path: &str, text: &str, cycles: &[String]) -> Result<Cycles, FileError> {
-    let sweep = Sweep::new(path, text)?;
+    SegmentFile::parse(path, text)?;
+    // What the segment file's own reader took is TOML.
+    let base = text.parse::<toml::Table>().unwrap_or_default();
     let plans = cycles.iter().map(|cycle| {
         let value = isocat_descriptions::quantity::parse_duration(cycle);
         let cycle_ns = value.map_or(0, |value| value.0);
-        let planned = sweep
-            .at("cycle", cycle)
-            .and_then(|text| SegmentFile::parse(path, &text).map_err(|error| error.message.clone()))
+        let mut table = base.clone();
+        let planned = sweep::set(&mut table, "cycle", cycle)
+            .and_then(|()| {
+                let file = SegmentFile::parse(path, &table.to_string());
+                file.map_err(|error| error.message.clone())
+            })
             .and_then(|file| {
                 let scenario = Scenario::from(file);
                 let plan = Plan::of(&scenario).map_err(|error| error.to_string())?;

@@ -41,10 +41,11 @@ pub(super) fn profile(eni: &Eni, position: usize) -> String {
 }
 
 fn head(device: &DeviceStartUp, position: usize) -> String {
-    let has_dc = device.dc.is_some();
+    // What the objects 0x1C32 and 0x1C33 announce needs a SYNC unit, which the list may leave off.
+    let has_dc = device.dc.is_some() || device.mailbox.is_some();
     let mut text = format!("id = \"eni_{position}\"\nname = {}\n", quoted(name(device)));
     let _ = write!(text, "vendor = \"vendor 0x{:08X}\"\napplication = \"io\"\n", device.vendor);
-    match (device.mailbox.is_some(), has_dc) {
+    match (device.mailbox.is_some(), device.dc.is_some()) {
         (true, _) => {}
         (false, true) => text += "modes = [\"sm\", \"dc-sync0\"]\n",
         (false, false) => text += "modes = [\"sm\"]\n",
@@ -63,7 +64,7 @@ fn head(device: &DeviceStartUp, position: usize) -> String {
     text
 }
 
-const ASSUMED: &str = "[\"esc.chip\", \"times.reaction\", \"times.calc_and_copy\", \"times.application\", \
+const ASSUMED: &str = "[\"esc.chip\", \"esc.sync_unit\", \"times.reaction\", \"times.calc_and_copy\", \"times.application\", \
                        \"times.input_copy\"]";
 
 fn name(device: &DeviceStartUp) -> &str {
@@ -71,7 +72,7 @@ fn name(device: &DeviceStartUp) -> &str {
 }
 
 /// Start and length of the SyncManager of a direction, as the ENI writes it on the way to SAFEOP.
-fn area(device: &DeviceStartUp, outputs: bool) -> Option<(u16, u16)> {
+pub(super) fn area(device: &DeviceStartUp, outputs: bool) -> Option<(u16, u16)> {
     let first = if device.mailbox.is_some() { 2 } else { 0 };
     let steps = device.registers.iter().filter(|step| {
         step.transitions.contains(&Transition::PS) || step.transitions.contains(&Transition::IP)

@@ -210,8 +210,12 @@ fn of_eni(path: &str, descriptions: &[EsiFile]) -> Result<Made, String> {
         })
         .collect();
     if !unknown.is_empty() {
+        let runs = match eni.runnable() {
+            Ok(_) => format!(". `isocat run {path}` runs the ENI without them"),
+            Err(_) => String::new(),
+        };
         return Err(format!(
-            "{path}: nothing describes {}; expected their descriptions (--esi). `isocat run {path}` runs the ENI without them",
+            "{path}: nothing describes {} with its process data; expected descriptions (--esi){runs}",
             unknown.join(", ")
         ));
     }

@@ -12,9 +12,9 @@ use crate::failure::{Failure, guard, isocat_code, isocat_error};
 use crate::segment::check_position;
 use crate::sys;
 
-/// The judges found no fault of any SubDevice in operation.
+/// There is no finding against any SubDevice in operation.
 pub const ISOCAT_IN_SYNC: i32 = 0;
-/// The judges found a fault of a SubDevice in operation.
+/// There is a finding against a SubDevice in operation.
 pub const ISOCAT_NOT_IN_SYNC: i32 = 1;
 /// No SubDevice reached operation, so nothing was judged.
 pub const ISOCAT_NOT_KNOWN: i32 = 3;
@@ -62,8 +62,8 @@ pub struct isocat_verdict_summary {
     pub in_op: usize,
     /// Judged time of the last session since then, ns.
     pub judged_ns: i64,
-    /// ISOCAT_NOT_IN_SYNC if the judges found a fault in any session; else the result of the last
-    /// session, ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
+    /// ISOCAT_NOT_IN_SYNC if there is a finding in any session; else the result of the last session,
+    /// ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
     pub answer: i32,
     /// The result of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
     /// ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.
@@ -100,7 +100,7 @@ pub struct isocat_device_verdict {
     pub shift_time_too_short: u32,
     /// Sync error (0x1C32:20).
     pub sync_error: u32,
-    /// Number of faults that the judges found; isocat_verdict_finding returns their texts.
+    /// Number of findings against it; isocat_verdict_finding returns their texts.
     pub findings: usize,
 }
 
@@ -224,8 +224,8 @@ pub unsafe extern "C" fn isocat_verdict_get_device(
     })
 }
 
-/// A fault of a SubDevice that the judges found, as a sentence; NULL if there is no fault with this
-/// number. Valid as long as the verdict.
+/// A finding against a SubDevice, as a sentence; NULL if there is none with this number. Valid as
+/// long as the verdict.
 ///
 /// `number`: from 0 to isocat_device_verdict.findings - 1.
 #[unsafe(no_mangle)]

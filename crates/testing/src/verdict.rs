@@ -21,7 +21,7 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Whether devices reached operation, and the judges found no fault of them while they were
+    /// Whether devices reached operation, and there is no finding against any of them while it was
     /// asked to be in operation. If the MainDevice started again, each session counts.
     pub fn in_sync(&self) -> bool {
         let sessions = &self.summary.sessions;

@@ -62,8 +62,8 @@ pub struct isocat_verdict_summary {
     pub in_op: usize,
     /// Judged time of the last session since then, ns.
     pub judged_ns: i64,
-    /// ISOCAT_NOT_IN_SYNC if there is a finding in any session; else the result of the last session,
-    /// ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
+    /// ISOCAT_NOT_IN_SYNC if there is a finding in any session; else the result of the last
+    /// session, ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
     pub answer: i32,
     /// The result of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
     /// ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.

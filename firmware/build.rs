@@ -1,4 +1,4 @@
-//! Hands the linker the memory of the board and the layout of `cortex-m-rt`.
+//! Passes the memory of the board and the layout of `cortex-m-rt` to the linker.
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").expect("cargo says where the manifest is");

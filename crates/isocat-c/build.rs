@@ -1,6 +1,6 @@
-//! Gives the shared library the name by which programs find it: one that changes with what they
-//! can't be linked with any more. And packs its relocations, a twentieth of its size; a linker that
-//! does not know how says so and goes on.
+//! Sets the name by which programs find the shared library; it changes when programs can no longer
+//! be linked with it. Also packs the relocations, which are a twentieth of its size; a linker that
+//! does not support this prints a message and continues.
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");

@@ -1,4 +1,4 @@
-//! The device on its bench: the software ESC, the stack, and the device's own time.
+//! The test bench of the device: the software ESC, the stack, and the device's own time.
 
 use isocat_esc::{Esc, EscEvent};
 use isocat_subdevice::{Event, Io, Step, SubDevice};
@@ -16,15 +16,15 @@ pub struct Bench {
     esc: &'static mut Esc<&'static mut [u8]>,
     stack: &'static mut Stack,
     now: Time<Device>,
-    /// When the main loop looks next.
+    /// When the main loop runs next.
     polling: Option<Time<Device>>,
-    /// Steps that were started with a delay, and the instant at which each is due.
+    /// Steps that were started with a delay, each with the instant at which it is due.
     waiting: [Option<(Time<Device>, Step)>; WAITING],
     frames: u32,
     call_stack: CallStack,
 }
 
-/// The most call stack that the stack took, bytes, the software ESC's door included.
+/// The largest call stack of the stack, bytes, including access to the software ESC.
 #[derive(Clone, Copy, Default)]
 pub struct CallStack {
     /// One turn of the main loop.
@@ -34,7 +34,7 @@ pub struct CallStack {
 }
 
 impl Bench {
-    /// The device, powered on at time 0.
+    /// The device, switched on at time 0.
     pub fn new(esc: &'static mut Esc<&'static mut [u8]>, stack: &'static mut Stack) -> Self {
         Self {
             esc,
@@ -47,7 +47,7 @@ impl Bench {
         }
     }
 
-    /// A frame of `len` bytes arrives now; returns when it has passed.
+    /// Passes a frame that arrives now; returns when it has passed.
     pub fn pass(&mut self, frame: &mut [u8]) {
         let end = self.now + Nanos(frame::duration_ns(frame.len()) as i64);
         self.until(self.now);
@@ -56,7 +56,7 @@ impl Bench {
         self.until(end);
     }
 
-    /// All that happens until `end`, each at its instant.
+    /// Processes all events until `end`, each at its instant.
     pub fn until(&mut self, end: Time<Device>) {
         loop {
             let due = self.next_due();
@@ -80,17 +80,17 @@ impl Bench {
         self.now
     }
 
-    /// Frames that passed.
+    /// Number of frames that passed.
     pub fn frames(&self) -> u32 {
         self.frames
     }
 
-    /// The most call stack so far.
+    /// The largest call stack so far.
     pub fn call_stack(&self) -> CallStack {
         self.call_stack
     }
 
-    /// The stack, to look at.
+    /// The stack, for reading.
     pub fn stack(&self) -> &Stack {
         self.stack
     }
@@ -110,7 +110,7 @@ impl Bench {
         self.call_stack.main_loop = self.call_stack.main_loop.max(used);
     }
 
-    /// What wires from the ESC to the CPU do on a board.
+    /// Does what the interrupt lines from the ESC to the CPU do on a board.
     fn interrupt(&mut self, event: EscEvent) {
         let mut look = true;
         match event {
@@ -151,7 +151,7 @@ impl Bench {
         }
     }
 
-    /// The step that is due.
+    /// Takes a step that is due.
     fn take_waiting(&mut self) -> Option<Step> {
         let now = self.now;
         let due =
@@ -159,14 +159,14 @@ impl Bench {
         Some(self.waiting.iter_mut().find(due)?.take()?.1)
     }
 
-    /// In the device's time a step takes none: how fast a real CPU is is not what is shown here.
+    /// Performs a step, which takes no time here: the speed of a real CPU is not part of this test.
     fn perform(&mut self, step: Step) {
         self.stack.begin(self.now, step, &mut self.esc.pdi(self.now));
         self.stack.finish(self.now, step, &mut self.esc.pdi(self.now));
     }
 }
 
-/// From an event until the main loop looks.
+/// Time from an event until the main loop runs.
 const MAIN_LOOP: Nanos = Nanos::micros(20);
-/// Steps that can wait at once: one of each kind.
+/// Steps that can wait at the same time: one of each kind.
 const WAITING: usize = isocat_subdevice::MAX_STEPS;

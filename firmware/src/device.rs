@@ -10,7 +10,7 @@ use isocat_wire::coe::DataType;
 use isocat_wire::coe::info::{Access, ObjectCode};
 use isocat_wire::sii::MailboxArea;
 
-/// What is fixed about the device.
+/// The fixed properties of the device.
 pub static DESCRIPTION: Description = Description {
     objects: &[
         object(0x1000, "Device type", ObjectCode::VAR, DataType::UNSIGNED32, &DEVICE_TYPE),
@@ -37,7 +37,7 @@ pub static DESCRIPTION: Description = Description {
     behaviour: Behaviour::DEFAULT,
 };
 
-/// Bytes of the dictionary's values, and of the images of the process data behind them.
+/// Bytes of the dictionary's values, and of the images of the process data after them.
 pub const STORE: usize = end(&OUTPUTS) as usize + 2 * PROCESS_DATA as usize;
 /// Bytes of outputs, and of inputs.
 const PROCESS_DATA: u16 = 4;
@@ -57,8 +57,8 @@ const INPUTS: [Entry; 1] =
 const OUTPUTS: [Entry; 1] =
     value(end(&INPUTS), "Outputs", DataType::UNSIGNED32, RO.with(Access::RX_MAPPABLE), &[]);
 
-/// 0x1C32 and 0x1C33: Free Run, SM-synchronous and DC SYNC0; at least 250 us a cycle, 20 us from SM2 to outputs ready, 10 us from SYNC0
-/// to valid outputs.
+/// 0x1C32 and 0x1C33: Free Run, SM-synchronous and DC SYNC0; a cycle of at least 250 us, 20 us from
+/// SM2 until outputs are ready, 10 us from SYNC0 to valid outputs.
 const SYNC: SyncStatement = SyncStatement {
     supported: &[0x07, 0],
     minimum_cycle: &250_000u32.to_le_bytes(),

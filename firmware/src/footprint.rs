@@ -1,8 +1,9 @@
-//! The stack as a device has it: over the driver of a LAN925x, without software ESC, script and emulator. It is
-//! built to be measured, and shows how a main loop and interrupts come together.
+//! The stack as in a real device: with the driver of a LAN925x, and without software ESC, script
+//! and emulator. It is built to measure its size, and shows how a main loop and interrupts work
+//! together.
 //!
-//! The board's peripherals are a few addresses that the compiler cannot see through; a real program has a
-//! HAL for them. So this one is not run.
+//! The board's peripherals are a few addresses that the compiler cannot optimize away; a real
+//! program has a HAL for them. So this program is never run.
 #![no_std]
 #![no_main]
 
@@ -45,7 +46,7 @@ fn main() -> ! {
             }
         }
         stack.poll(now(), &mut chip);
-        // What to do about a bus that fails is the device's own: here, a restart of the chip.
+        // The device decides what to do about a bus fault: here it restarts the chip.
         if chip.take_fault().is_some() {
             stack.power_off();
             start(&mut chip);
@@ -53,7 +54,7 @@ fn main() -> ! {
     }
 }
 
-/// Tries until there is a chip.
+/// Tries until the chip is started.
 fn start(chip: &mut Lan925x<Spi>) {
     while chip.reset(&mut Timer).is_err() || chip.enable_interrupt(true).is_err() {}
 }
@@ -108,12 +109,12 @@ fn now() -> Time<Device> {
 }
 
 fn read(register: usize) -> u32 {
-    // SAFETY: a register of a peripheral, always there.
+    // SAFETY: a register of a peripheral, which always exists.
     unsafe { read_volatile(with_exposed_provenance(register)) }
 }
 
 fn write(register: usize, value: u32) {
-    // SAFETY: a register of a peripheral, always there.
+    // SAFETY: a register of a peripheral, which always exists.
     unsafe { write_volatile(with_exposed_provenance_mut(register), value) }
 }
 

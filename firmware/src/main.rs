@@ -1,12 +1,13 @@
-//! The SubDevice stack on a bare Cortex-M: no operating system, no allocation, no clock on the wall.
+//! The SubDevice stack on a bare Cortex-M: no operating system, no allocation, no wall clock.
 //!
-//! `device` is what a device author writes; `bench` puts the stack behind a software ESC and lets the
-//! device's own time pass from event to event; `script` is the MainDevice. `main` brings the device from INIT
-//! to OP with DC SYNC0 and back. Every figure it prints was read from the ESC's registers, from the stack or
-//! through the mailbox, and is checked; a deviation ends in a failure exit. `machine` knows the CPU.
+//! `device` is what a device author writes. `bench` connects the stack to a software ESC and
+//! advances the device's own time from event to event. `script` is the MainDevice. `main` brings
+//! the device from INIT to OP with DC SYNC0 and back. Every figure that it prints was read from the
+//! ESC's registers, from the stack or through the mailbox, and is checked; a deviation ends with a
+//! failure exit code. `machine` depends on the CPU.
 //!
-//! Standard output is the same with every compiler and compared with `expected.txt`; sizes, which are not, go
-//! to standard error.
+//! Standard output does not depend on the compiler and is compared with `expected.txt`; sizes
+//! depend on it and go to standard error.
 #![no_std]
 #![no_main]
 #![deny(unsafe_code)]
@@ -41,14 +42,14 @@ fn main() -> ! {
     static mut ESC: MaybeUninit<Esc<&'static mut [u8]>> = MaybeUninit::uninit();
     static mut STACK: MaybeUninit<Stack> = MaybeUninit::uninit();
 
-    // SPI as PDI, the SYNC unit on, SYNC0 pulses of 1 us.
+    // PDI is SPI, the SYNC unit is on, SYNC0 pulses last 1 us.
     let configuration = [0x80, 0x04, 0, 0, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0];
     let header = Header { configuration, ..Header::default() };
     let image = Writer::new(SII, &header).and_then(Writer::finish);
     image.expect("256 bytes hold an image without categories");
     let esc = ESC.write(Esc::new(&LAN9252, &mut SII[..], &mut RAM[..]));
     esc.set_port(PortNumber::P0, true);
-    // Made twice: what the call stack was used for is gone once it is measured.
+    // Constructed twice: the first time only to measure the call stack.
     let construction = machine::call_stack_of(|| {
         STACK.write(SubDevice::new(&device::DESCRIPTION, [0; device::STORE], Io::new()));
     });
@@ -73,7 +74,7 @@ fn main() -> ! {
     unreachable!("the emulator has ended");
 }
 
-/// From power-on to OP, through a missing frame, and back.
+/// Goes from power-on to OP, leaves a frame out, and goes back.
 fn run(script: &mut Script) -> Result<(), Failure> {
     enter(script, AlState::Init)?;
     hprintln!("ESC type 0x{:02X}", script.read(register::TYPE)?);
@@ -99,7 +100,7 @@ fn run(script: &mut Script) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Asks for a state that is entered at once.
+/// Requests a state that is entered at once.
 fn enter(script: &mut Script, state: AlState) -> Result<(), Failure> {
     let (status, code) = script.ask(state)?;
     show_state(script, status, code);
@@ -120,7 +121,7 @@ fn object(script: &mut Script, sub: u8, what: &'static str, expected: u32) -> Re
     figure(what, expected, found)
 }
 
-/// SyncManagers and FMMUs of the process data, by the description.
+/// Sets SyncManagers and FMMUs of the process data, by the description.
 fn set_process_data(script: &mut Script) -> Result<(), Failure> {
     let (outputs, inputs) = (device::DESCRIPTION.outputs, device::DESCRIPTION.inputs);
     let len = outputs.max_length;
@@ -132,17 +133,17 @@ fn set_process_data(script: &mut Script) -> Result<(), Failure> {
     script.write(fmmu(1), Fmmu::bytes(LOGICAL, len, inputs.start, Fmmu::READ))
 }
 
-/// The exchange, cycle by cycle: a frame in the middle between two SYNC0 pulses.
+/// The exchange of process data: in each cycle, a frame in the middle between two SYNC0 pulses.
 struct Cycles {
     /// When the next SYNC0 comes.
     sync0: Time<Device>,
-    /// Outputs sent last, counted up.
+    /// The last outputs, which count up.
     outputs: u32,
-    /// Cycles with a frame.
+    /// Number of cycles with a frame.
     count: u32,
 }
 
-/// Programs the SYNC unit.
+/// Sets up the SYNC unit.
 fn start_sync0(script: &mut Script) -> Result<Cycles, Failure> {
     let start = script.read(register::SYSTEM_TIME)? + START_AHEAD;
     script.write(register::SYNC0_CYCLE, CYCLE.0 as u32)?;
@@ -152,12 +153,12 @@ fn start_sync0(script: &mut Script) -> Result<Cycles, Failure> {
     let next = script.read(register::SYNC_START_TIME)?;
     hprintln!("SYNC0: first pulse at {} ns of system time, every {} ns", next, CYCLE.0);
     figure("first SYNC0, ns", start, next)?;
-    // The device's oscillator is the clock of all that is here, and the ESC's local time began with it.
+    // There is only the clock of the device's oscillator, and the ESC's local time began with it.
     Ok(Cycles { sync0: Time::new(start), outputs: 0, count: 0 })
 }
 
 impl Cycles {
-    /// One cycle, until shortly behind its SYNC0: the inputs, if there was a frame.
+    /// Runs one cycle, until shortly after its SYNC0; returns the inputs, if there was a frame.
     fn cycle(&mut self, script: &mut Script, frame: bool) -> Result<u32, Failure> {
         script.wait_until(self.sync0 + Nanos(-CYCLE.0 / 2));
         let mut data = [0; 4];
@@ -189,12 +190,13 @@ fn into_op(script: &mut Script, cycles: &mut Cycles) -> Result<(), Failure> {
     figure("AL status", AlStatus::new(AlState::Op).0, status.0)?;
     let count = cycles.count - before;
     hprintln!("  {} cycles from SAFEOP to OP", count);
-    // The device watches SYNC0 and the outputs for 200 ms before it agrees, whole cycles and those around.
+    // Before OP the device checks SYNC0 and the outputs for 200 ms, plus a few cycles before and
+    // after.
     let settling = (device::DESCRIPTION.behaviour.sync_settling.0 / CYCLE.0) as u32;
     figure("cycles to OP", 1, u32::from((settling..settling + 4).contains(&count)))
 }
 
-/// What is put out comes back.
+/// Exchanges process data: the outputs return as inputs.
 fn exchange(script: &mut Script, cycles: &mut Cycles) -> Result<(), Failure> {
     let (mut first, mut last) = (0, 0);
     for cycle in 0..CYCLES_IN_OP {
@@ -202,7 +204,7 @@ fn exchange(script: &mut Script, cycles: &mut Cycles) -> Result<(), Failure> {
         if cycle == 0 {
             first = last;
         }
-        // OP was granted before the last frame on the way to it; outputs from before never act.
+        // OP was entered before the last frame on the way to it; earlier outputs never act.
         let expected = if cycle + 1 < LAG { 0 } else { cycles.outputs - LAG };
         figure("inputs", expected, last)?;
     }
@@ -218,7 +220,8 @@ fn exchange(script: &mut Script, cycles: &mut Cycles) -> Result<(), Failure> {
     object(script, 0x0C, "cycle time too small", 0)
 }
 
-/// A frame that does not come counts three, each that comes takes one.
+/// Leaves out a frame: a missing frame counts three, and each following frame reduces the counter
+/// by one.
 fn leave_one_out(script: &mut Script, cycles: &mut Cycles) -> Result<(), Failure> {
     cycles.cycle(script, false)?;
     hprintln!("one frame left out:");
@@ -242,18 +245,18 @@ fn figure<T: Into<u64>>(what: &'static str, expected: T, found: T) -> Result<(),
 
 /// SYNC0 cycle.
 const CYCLE: Nanos = Nanos::millis(1);
-/// From the look at the system time to the first SYNC0, ns.
+/// Time from reading the system time to the first SYNC0, ns.
 const START_AHEAD: u64 = 5_000_000;
-/// How far behind a SYNC0 its steps are done.
+/// Time after a SYNC0 when its steps are done.
 const BEHIND: Nanos = Nanos::micros(20);
 /// Logical address of the process data.
 const LOGICAL: u32 = 0x0001_0000;
-/// Outputs written (2), inputs read (1).
+/// Working counter: outputs written (2) plus inputs read (1).
 const WKC: u16 = 3;
-/// From outputs sent to the same value in the inputs: valid at the SYNC0 behind the frame, latched at the next
-/// one, fetched by the frame behind that.
+/// Cycles from sending outputs to the same value in the inputs: valid at the SYNC0 after the frame,
+/// latched at the next SYNC0, read by the frame after that.
 const LAG: u32 = 2;
-/// Cycles until OP that are too many.
+/// Number of cycles without OP after which the device has failed.
 const MOST_CYCLES_TO_OP: u32 = 300;
-/// Cycles of the exchange.
+/// Number of cycles of the exchange.
 const CYCLES_IN_OP: u32 = 100;

@@ -18,22 +18,22 @@ use isocat_wire::{
 use crate::bench::Bench;
 use crate::device::DESCRIPTION;
 
-/// The MainDevice and the bench at the end of its cable.
+/// The MainDevice, with the bench at the end of its cable.
 pub struct Script {
     /// The device.
     pub bench: Bench,
-    /// Counter of the mailbox message sent last.
+    /// Counter of the last mailbox message.
     counter: u8,
 }
 
-/// Something that is not as it must be.
+/// A deviation from what is expected.
 #[derive(Debug)]
 pub enum Failure {
-    /// Nobody, or not everybody, answered.
+    /// No device answered, or not all of them.
     WorkingCounter { address: u32, expected: u16, found: u16 },
     /// No answer in the mailbox.
     NoAnswer(ObjectAddress),
-    /// An answer that is none to the request.
+    /// An answer that does not belong to the request.
     WrongAnswer(ObjectAddress),
     /// A figure that differs.
     Figure { what: &'static str, expected: u64, found: u64 },
@@ -60,7 +60,7 @@ impl Script {
         Self { bench, counter: 0 }
     }
 
-    /// One datagram, changed by the device in place.
+    /// Sends one datagram, which the device changes in place.
     pub fn datagram(
         &mut self,
         command: Command,
@@ -97,17 +97,17 @@ impl Script {
         Ok(T::from_bytes(bytes))
     }
 
-    /// Time passes without frames.
+    /// Lets time pass without frames.
     pub fn pause(&mut self, span: Nanos) {
         self.bench.until(self.bench.now() + span);
     }
 
-    /// Waits for an instant; one that is over is no wait.
+    /// Waits for an instant; returns at once if it has passed.
     pub fn wait_until(&mut self, at: Time<Device>) {
         self.bench.until(self.bench.now().max(at));
     }
 
-    /// Asks for a state and reads, a little later, what became of it.
+    /// Requests a state, and reads the result a little later.
     pub fn ask(&mut self, state: AlState) -> Result<(AlStatus, AlStatusCode), Failure> {
         self.write(register::AL_CONTROL, AlControl::request(state))?;
         self.pause(Nanos::micros(200));
@@ -170,7 +170,7 @@ fn position(address: u16) -> Address {
 
 /// Offset of the CoE header in a mailbox message.
 const SERVICE: usize = mailbox::HEADER_LEN;
-/// Offset of what stands behind the CoE header.
+/// Offset of the data after the CoE header.
 const BODY: usize = SERVICE + coe::HEADER_LEN;
-/// How often SM1 is looked at for an answer.
+/// How often SM1 is read for an answer.
 const LOOKS: u32 = 100;

@@ -1,4 +1,5 @@
-//! A network description (ENI) of arbitrary bytes: what must hold is in the checking code of the command's own tests.
+//! Reads a network description (ENI) of arbitrary bytes. The checks are those of the command's own
+//! tests.
 #![no_main]
 
 #[path = "../../crates/isocat/tests/checking/mod.rs"]

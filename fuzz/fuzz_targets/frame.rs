@@ -1,5 +1,4 @@
-//! An ESC that gets arbitrary frames: what must hold is in the checking code of the crate's own
-//! tests.
+//! Sends arbitrary frames to an ESC. The checks are those of the crate's own tests.
 #![no_main]
 
 #[path = "../../crates/esc/tests/checking/mod.rs"]

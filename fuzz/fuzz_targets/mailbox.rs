@@ -1,5 +1,4 @@
-//! A SubDevice that gets arbitrary mailbox messages: what must hold is in the checking code of the
-//! crate's own tests.
+//! Sends arbitrary mailbox messages to a SubDevice. The checks are those of the crate's own tests.
 #![no_main]
 
 #[path = "../../crates/subdevice/tests/checking/mod.rs"]

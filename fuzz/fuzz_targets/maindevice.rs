@@ -1,5 +1,5 @@
-//! A MainDevice whose answers are changed as the bytes say: it ends, and its work stays bounded. The segment and the run are
-//! those of the crate's own tests.
+//! Changes the answers to a MainDevice as the bytes say: it must end, and its work must stay
+//! bounded. The segment and the run are those of the crate's own tests.
 #![no_main]
 
 #[path = "../../crates/maindevice/tests/hostile/device.rs"]

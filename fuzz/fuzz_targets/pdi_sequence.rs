@@ -1,5 +1,5 @@
-//! An ESC between arbitrary frames and arbitrary accesses of the PDI: what must hold is in the checking
-//! code of the crate's own tests.
+//! Sends arbitrary frames to an ESC between arbitrary accesses of its PDI. The checks are those of
+//! the crate's own tests.
 #![no_main]
 
 #[path = "../../crates/esc/tests/checking/mod.rs"]

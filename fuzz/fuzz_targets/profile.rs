@@ -1,4 +1,4 @@
-//! A device profile of arbitrary bytes: what must hold is in the checking code of the command's own tests.
+//! Reads a device profile of arbitrary bytes. The checks are those of the command's own tests.
 #![no_main]
 
 #[path = "../../crates/isocat/tests/checking/mod.rs"]

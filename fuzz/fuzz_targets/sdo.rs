@@ -1,5 +1,4 @@
-//! A SubDevice that gets SDO requests in any order: what must hold is in the checking code of the
-//! crate's own tests.
+//! Sends SDO requests in any order to a SubDevice. The checks are those of the crate's own tests.
 #![no_main]
 
 #[path = "../../crates/subdevice/tests/checking/mod.rs"]

@@ -1,4 +1,5 @@
-//! Parsers of an EEPROM image: what must hold is in the checking code of the crate's own tests.
+//! Feeds arbitrary bytes to the parsers of an EEPROM image. The checks are those of the crate's own
+//! tests.
 #![no_main]
 
 #[path = "../../crates/wire/tests/checking/mod.rs"]

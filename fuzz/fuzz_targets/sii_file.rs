@@ -1,4 +1,4 @@
-//! The content of an EEPROM, of arbitrary bytes: what must hold is in the checking code of the command's own tests.
+//! Reads an EEPROM file of arbitrary bytes. The checks are those of the command's own tests.
 #![no_main]
 
 #[path = "../../crates/isocat/tests/checking/mod.rs"]

@@ -18,20 +18,20 @@ use crate::run::{self, Ran};
 use crate::state::{Problem, State};
 use crate::{counter, edges, pictures};
 
-/// The whole answer; what does not apply is empty.
+/// The whole answer; parts that do not apply are empty.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Answer {
-    /// What can't be as the page says it; then nothing else is there.
+    /// What is wrong with the page's state; if there is a problem, all else is empty.
     pub problems: Vec<Problem>,
-    /// One sentence.
+    /// The verdict in one sentence.
     pub verdict: String,
-    /// Whether all is as it ought to be.
+    /// Whether everything is as it should be.
     pub good: bool,
-    /// What is wrong beside it.
+    /// The findings against the run.
     pub findings: Vec<String>,
-    /// What went wrong on purpose, and its end.
+    /// The beginnings and ends of the faults that were requested.
     pub faults: Vec<Incident>,
-    /// The cycle that is looked at, and between which it can be.
+    /// The shown cycle, and the first and last cycle that can be shown.
     pub at: [i64; 3],
     /// Pictures, by name.
     pub pictures: Vec<Drawn>,
@@ -39,7 +39,7 @@ pub struct Answer {
     pub devices: Vec<Figures>,
     /// Registers of the SYNC unit.
     pub registers: Vec<RegisterRow>,
-    /// The same as a segment file.
+    /// The state as a segment file.
     pub file: String,
 }
 
@@ -48,39 +48,40 @@ pub struct Answer {
 pub struct Drawn {
     /// The place: `edges`, `cycle`, `counter`, `miss`, `waves`, `clock`, `sync0`, `pulses`.
     pub place: &'static str,
-    /// What it is called.
+    /// Its title.
     pub title: String,
-    /// The element.
+    /// The SVG element.
     pub svg: String,
 }
 
-/// Something that went wrong on purpose.
+/// The beginning or end of a fault that was requested.
 #[derive(Clone, Debug, Serialize)]
 pub struct Incident {
-    /// The cycle in which it began or ended, below zero on the way up.
+    /// The cycle in which it happened, negative on the way up.
     pub at: i64,
-    /// When and what.
+    /// When it happened, and what.
     pub what: String,
 }
 
-/// What is known of one device.
+/// The figures of one device.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figures {
     /// Its name.
     pub name: String,
-    /// How it is synchronized.
+    /// Its synchronization mode.
     pub mode: String,
     /// AL status at the end.
     pub state: String,
-    /// SYNC0 off the grid at worst, in words; empty without SYNC0.
+    /// Largest error of SYNC0 against the grid, in words; empty without SYNC0.
     pub sync0: String,
-    /// Least time from outputs ready to the pulse.
+    /// Least time from ready outputs to the pulse, in words.
     pub margin: String,
-    /// That is negative.
+    /// Whether this time is negative.
     pub late: bool,
-    /// How far Outputs Valid spreads in the bus cycle of the reference clock; empty where it has no place in it.
+    /// The spread of Outputs Valid in the bus cycle of the reference clock; empty if it has no
+    /// fixed place there.
     pub outputs: String,
-    /// 0x1C32:0B, 0C, 0D and 20; `-` where it does not have them.
+    /// Values of 0x1C32:0B, 0C, 0D and 20; `-` if the device does not have the counter.
     pub counters: [String; 4],
     /// Lines of the plan.
     pub plan: Vec<Line>,
@@ -89,17 +90,17 @@ pub struct Figures {
 /// A line of the plan.
 #[derive(Clone, Debug, Serialize)]
 pub struct Line {
-    /// Object that states it.
+    /// The object that states it.
     pub object: String,
-    /// What is asked for.
+    /// The demand in words.
     pub demand: String,
-    /// Needed, available, left.
+    /// Needed time, available time, slack.
     pub times: [String; 3],
-    /// It fits.
+    /// Whether it fits.
     pub fits: bool,
 }
 
-/// What the page is made of.
+/// What the page is built from.
 #[derive(Serialize)]
 struct Description {
     keys: &'static [Key],
@@ -109,11 +110,11 @@ struct Description {
 }
 
 thread_local! {
-    /// The last run: who looks at another cycle of it does not wait for it again.
+    /// The last run, so that another cycle of it can be shown without running it again.
     static LAST: RefCell<Option<(State, Ran)>> = const { RefCell::new(None) };
 }
 
-/// Answers a JSON object of keys and texts; an empty text asks what keys and presets there are.
+/// Answers a JSON object of keys and texts; an empty text requests the keys and presets.
 pub fn answer(text: &str) -> String {
     let written = if text.is_empty() {
         let (style, zoom) = (isocat::picture::STYLE, isocat::picture::ZOOM);
@@ -164,7 +165,7 @@ pub fn of(texts: &BTreeMap<String, String>) -> Answer {
     })
 }
 
-/// Which cycle and which device are looked at.
+/// The cycle and the device to show.
 fn look(texts: &BTreeMap<String, String>, ran: &Ran) -> Result<(i64, usize), Problem> {
     let number = |key: &str, least: i64, most: i64| {
         let Some(text) = texts.get(key) else { return Ok(0.clamp(least, most)) };
@@ -172,7 +173,7 @@ fn look(texts: &BTreeMap<String, String>, ran: &Ran) -> Result<(i64, usize), Pro
             key: key.to_owned(),
             message: format!("{key} = \"{text}\"; expected a whole number from {least} to {most}"),
         })?;
-        // A run that ended early has fewer cycles: the last one is looked at.
+        // A run that ended early has fewer cycles: then the last one is shown.
         Ok(found.clamp(least, most))
     };
     let [_, least, most] = cycles(ran);
@@ -180,7 +181,8 @@ fn look(texts: &BTreeMap<String, String>, ran: &Ran) -> Result<(i64, usize), Pro
     Ok((number("at", least, most)?, device as usize))
 }
 
-/// Cycles that can be looked at, the way up below zero.
+/// The default cycle, and the first and last cycle that can be shown; the way up has negative
+/// numbers.
 fn cycles(ran: &Ran) -> [i64; 3] {
     let recorded = ran.recorded.length.0 / Picos::from(ran.cycle).0.max(1);
     [0, -(edges::way_up(ran) as i64), recorded.max(0)]
@@ -228,7 +230,7 @@ fn of_run(ran: &Ran, at: i64, show: usize, only_play: bool) -> Answer {
     }
 }
 
-/// Incidents that are listed.
+/// Largest number of incidents in the list.
 const MOST_INCIDENTS: usize = 24;
 
 fn incident(ran: &Ran, fault: &FaultNote) -> Incident {
@@ -236,7 +238,7 @@ fn incident(ran: &Ran, fault: &FaultNote) -> Incident {
     Incident { at, what: format!("{}: {}", Nanos(fault.at_ns), fault.what) }
 }
 
-/// As the command has it.
+/// The same limit as in the command.
 const SYNC0_LIMIT: Nanos = Nanos(1_000);
 
 fn figures(ran: &Ran, position: usize) -> Figures {

@@ -1,4 +1,4 @@
-//! How the counter of missed SM events, 0x1C32:0B, goes up and down.
+//! Draws how the counter of missed SM events, 0x1C32:0B, changes.
 
 use isocat::picture::{Align, Frame, Picture};
 use isocat::quantity::time;
@@ -8,7 +8,8 @@ use crate::run::Ran;
 
 const HEIGHT: f64 = 44.0;
 
-/// Draws the counter of each device that counted, with its value at `until`; `None` if nobody did.
+/// Draws the counter of each device that counted, with its value at `until`; `None`: no device
+/// counted.
 pub fn draw(ran: &Ran, until: Picos) -> Option<Picture> {
     let most = |position: usize| ran.counters.iter().map(|(_, all)| all[position]).max();
     let devices = 0..ran.report.devices.len();

@@ -1,19 +1,20 @@
-//! The way in from the page: a C interface with two buffers, since nothing more is needed.
+//! The interface to the page: C functions with two buffers, because the page needs no more.
 //!
-//! The page asks for room ([`input`]), writes its text there, calls [`work`], and reads as many bytes as that says from
-//! [`output`] on. Texts are UTF-8.
+//! The page requests memory ([`input`]), writes its text there, calls [`work`], and reads the
+//! returned number of bytes from [`output`] on. Texts are UTF-8.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 static INPUT: Mutex<Vec<u8>> = Mutex::new(Vec::new());
 static OUTPUT: Mutex<String> = Mutex::new(String::new());
 
-/// There is one thread, and a panic ends the instance.
+/// Locks a buffer. There is one thread, and a panic ends the instance, so a poisoned lock does not
+/// matter.
 fn lock<T>(buffer: &Mutex<T>) -> MutexGuard<'_, T> {
     buffer.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Makes room for a text of `length` bytes; says where.
+/// Allocates memory for a text of `length` bytes; returns its address.
 #[unsafe(no_mangle)]
 pub extern "C" fn input(length: usize) -> *mut u8 {
     let mut input = lock(&INPUT);
@@ -22,7 +23,7 @@ pub extern "C" fn input(length: usize) -> *mut u8 {
     input.as_mut_ptr()
 }
 
-/// Answers the text that was written to [`input`]; says how many bytes the answer has.
+/// Answers the text that was written to [`input`]; returns the number of bytes of the answer.
 #[unsafe(no_mangle)]
 pub extern "C" fn work() -> usize {
     let text = String::from_utf8_lossy(&lock(&INPUT)).into_owned();
@@ -32,7 +33,7 @@ pub extern "C" fn work() -> usize {
     output.len()
 }
 
-/// Where the answer stands, until the next one.
+/// The address of the answer, which is valid until the next one.
 #[unsafe(no_mangle)]
 pub extern "C" fn output() -> *const u8 {
     lock(&OUTPUT).as_ptr()

@@ -1,5 +1,5 @@
-//! Where the SYNC0 edges of all devices lie beside the ideal grid, cycle by cycle; before there are any, how far their clocks
-//! are off the reference clock.
+//! Draws the SYNC0 edges of all devices against the ideal grid, cycle by cycle; before there are
+//! edges, the differences of their clocks from the reference clock.
 
 use isocat::picture::{Align, Frame, Picture};
 use isocat::quantity::time;
@@ -7,19 +7,19 @@ use isocat_wire::time::Picos;
 
 use crate::run::Ran;
 
-/// Samples of the way up that can be looked at.
+/// Largest number of samples of the way up that can be shown.
 const MOST_WAY: usize = 120;
-/// Values before the one looked at that are still to be seen.
+/// Number of earlier values that are also shown.
 const TRAIL: usize = 24;
-/// The axis is at least so long on each side, ns: three ticks of an ESC.
+/// Least length of the axis on each side, ns: three ticks of an ESC.
 const LEAST: f64 = 30.0;
 
-/// Samples of the way up that there are to look at.
+/// Number of samples of the way up that can be shown.
 pub fn way_up(ran: &Ran) -> usize {
     ran.way_up.len().min(MOST_WAY)
 }
 
-/// Draws the edges of cycle `at`; the way up has negative numbers, the last sample of it is -1.
+/// Draws the edges of cycle `at`. The way up has negative numbers; its last sample is -1.
 pub fn draw(ran: &Ran, at: i64) -> Picture {
     let before = at < 0;
     let devices = ran.report.devices.len();
@@ -27,7 +27,7 @@ pub fn draw(ran: &Ran, at: i64) -> Picture {
         .map(|position| if before { clocks(ran, position, at) } else { edges(ran, position, at) })
         .collect();
     let far = trails.iter().flatten().fold(LEAST, |far, value| far.max(value.abs()));
-    // Ends that are round stay where they are for a while.
+    // Round ends of the axis change less often from cycle to cycle.
     let ten = 10f64.powf(far.log10().floor());
     let steps = [1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0];
     let end =
@@ -67,7 +67,7 @@ pub fn draw(ran: &Ran, at: i64) -> Picture {
     frame.finish()
 }
 
-/// Errors of the edges up to the end of a cycle, ns; empty if the last one is older than that.
+/// Errors of the edges up to the end of a cycle, ns; empty if the cycle has no edge.
 fn edges(ran: &Ran, position: usize, at: i64) -> Vec<f64> {
     let Some(device) = ran.recorded.devices.get(position) else { return Vec::new() };
     let cycle = Picos::from(ran.cycle).0;
@@ -83,7 +83,7 @@ fn edges(ran: &Ran, position: usize, at: i64) -> Vec<f64> {
 fn clocks(ran: &Ran, position: usize, at: i64) -> Vec<f64> {
     let samples = way_up(ran) as i64;
     let number = |at: i64| {
-        // Evenly over the way, from its first sample to its last.
+        // Samples are taken evenly from the whole way up, with its first and last one.
         let (of, last) = ((at + samples).max(0) as usize, ran.way_up.len() - 1);
         if samples > 1 { of * last / (samples as usize - 1) } else { 0 }
     };

@@ -1,8 +1,8 @@
-//! The keys of the page: its controls are made of them, and the address line is read by them.
+//! The keys of the page: its controls are built from them, and the address line is read by them.
 //!
-//! A key that stands for one of a segment file takes its sentence, its values, its range and what
-//! holds without it from that key's declaration ([`isocat::keys`]). The page has its own label for
-//! it, and often a range that is less wide: of what a page can run and show while somebody waits.
+//! A key that stands for a key of a segment file takes its sentence, values, range and default from
+//! the declaration of that key ([`isocat::keys`]). The page adds a label of its own, and often a
+//! smaller range, which a page can run and show in a short time.
 
 use std::sync::LazyLock;
 
@@ -13,72 +13,72 @@ use serde::Serialize;
 /// A key of the page.
 #[derive(Clone, Debug, Serialize)]
 pub struct Key {
-    /// As it stands in the address line.
+    /// Its name in the address line.
     pub name: &'static str,
-    /// What the page calls it.
+    /// Its label on the page.
     pub label: &'static str,
-    /// A sentence or two more.
+    /// An explanation of a sentence or two.
     pub help: String,
-    /// What values it has.
+    /// The kind of its values.
     pub kind: Kind,
-    /// The value that needs not be said.
+    /// The value that the address line may omit.
     pub default: String,
-    /// The part of the page that has it: `run`, `pulses`, or both.
+    /// The parts of the page that have it: `run`, `pulses`, or both.
     pub views: &'static [&'static str],
-    /// Which heading it stands under.
+    /// The heading that it is under.
     pub group: &'static str,
     /// The key of a segment file that it stands for, as a path.
     #[serde(skip)]
     pub of: Option<&'static str>,
 }
 
-/// What values a key has.
+/// The kind of a key's values.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 pub enum Kind {
-    /// One of some words: word, and what it means.
+    /// One of some words: each word, and its meaning.
     Choice {
         /// The words.
         choices: Vec<(&'static str, &'static str)>,
     },
-    /// A span of time, ns; `own` means that nothing is asked for.
+    /// A span of time, ns; `own` means that no value is requested.
     Duration {
-        /// Least.
+        /// Smallest value.
         least: i64,
-        /// Most.
+        /// Largest value.
         most: i64,
-        /// What an arrow key adds, ns.
+        /// The step of an arrow key, ns.
         step: i64,
-        /// What stands in the place of a value if there is none: `None`, there must be one.
+        /// The text that is shown without a value; `None`: a value is required.
         own: Option<&'static str>,
     },
     /// A length, mm.
     Length {
-        /// Least.
+        /// Smallest value.
         least: i64,
-        /// Most.
+        /// Largest value.
         most: i64,
     },
     /// A deviation of clocks, ppb.
     Rate {
-        /// Largest, either way.
+        /// Largest deviation in both directions.
         most: i64,
     },
     /// A whole number.
     Count {
-        /// Least.
+        /// Smallest value.
         least: i64,
-        /// Most.
+        /// Largest value.
         most: i64,
     },
-    /// Lines, each of a language of its own; none is nothing.
+    /// Lines in a language of their own; may be empty.
     Lines {
-        /// One that could stand there.
+        /// An example of a line.
         example: &'static str,
     },
 }
 
-/// The word for a value that nobody asks for.
+/// The word that requests no value.
 pub const OWN: &str = "own";
 
 const RUN: &[&str] = &["run"];
@@ -86,7 +86,7 @@ const PULSES: &[&str] = &["pulses"];
 const BOTH: &[&str] = &["run", "pulses"];
 /// Longest bus cycle that the page shows, ns.
 pub const LONGEST_CYCLE: i64 = 20_000_000;
-/// A time that a device could state, ns; more is nothing that a cycle of the page could show.
+/// Longest time that a device can state, ns; a cycle of the page can't show longer ones.
 const LONGEST_TIME: i64 = 10_000_000;
 
 /// All keys.
@@ -197,9 +197,9 @@ fn clocks_and_host() -> Vec<Key> {
     ]
 }
 
-/// The key of a segment file for what goes wrong, by its line.
+/// The key for the lines of faults in a segment file.
 pub const FAULTS: &str = "faults";
-/// Pauses with which devices are brought back again and again: short, as a run of the page is.
+/// Pauses between the attempts to re-admit devices: short, because a run of the page is short.
 pub const AGAIN: &str = "{ first = \"20ms\", longest = \"100ms\" }";
 
 fn what_goes_wrong() -> Vec<Key> {
@@ -244,7 +244,7 @@ fn pulses() -> Vec<Key> {
     ]
 }
 
-/// A key of the page alone.
+/// A key that only the page has.
 fn page(
     name: &'static str,
     label: &'static str,
@@ -257,7 +257,7 @@ fn page(
     Key { name, label, help, kind, default, views, group: "", of: None }
 }
 
-/// A key that stands for the one of a segment file at `path`.
+/// A key that stands for the key of a segment file at `path`.
 fn of_file(name: &'static str, path: &'static str, label: &'static str) -> Key {
     let place = in_file(path);
     let help = format!("{} Goes to: {}.", place.key.means, place.key.goes);
@@ -276,7 +276,7 @@ fn of_file(name: &'static str, path: &'static str, label: &'static str) -> Key {
         Declared::Rate { most, .. } => Kind::Rate { most },
         Declared::Integer { least, most } => count(least, most),
         Declared::Boolean => choice(&SWITCH),
-        // Its words are chosen by the page.
+        // The page chooses the words.
         _ => choice(&[]),
     };
     Key { name, label, help, kind, default, views: RUN, group: "", of: Some(path) }
@@ -289,13 +289,13 @@ pub fn in_file(path: &str) -> Place {
 }
 
 impl Key {
-    /// A sentence behind that of the file's key.
+    /// Adds a sentence after that of the file's key.
     fn also(mut self, words: &str) -> Self {
         self.help = format!("{} {words}", self.help);
         self
     }
 
-    /// A range of the page's own.
+    /// Sets the page's own range.
     fn between(mut self, from: i64, to: i64) -> Self {
         match &mut self.kind {
             Kind::Duration { least, most, .. }
@@ -313,7 +313,7 @@ impl Key {
         self
     }
 
-    /// What stands in the place of a value, in words short enough for a control.
+    /// Sets the text that is shown without a value, short enough for a control.
     fn own(mut self, words: &'static str) -> Self {
         if let Kind::Duration { own, .. } = &mut self.kind {
             *own = Some(words);
@@ -321,12 +321,12 @@ impl Key {
         self
     }
 
-    /// Some of its words, as the page calls them.
+    /// Sets the words that the page offers, with its labels.
     fn choices(self, choices: &[(&'static str, &'static str)]) -> Self {
         Self { kind: choice(choices), ..self }
     }
 
-    /// A value that needs not be said on the page; there must be one then.
+    /// Sets a value that may be omitted; a value is then required.
     fn default(mut self, text: &str) -> Self {
         if let Kind::Duration { own, .. } = &mut self.kind {
             *own = None;
@@ -334,7 +334,7 @@ impl Key {
         Self { default: text.to_owned(), ..self }
     }
 
-    /// Both parts of the page have it.
+    /// Adds the key to both parts of the page.
     fn in_both(self) -> Self {
         Self { views: BOTH, ..self }
     }

@@ -1,8 +1,10 @@
-//! The simulator in a web page: what the page says goes in as a JSON text, pictures and figures come back as one.
+//! The simulator in a web page: takes the page's state as JSON, and returns pictures and figures as
+//! JSON.
 //!
-//! [`keys`] are those of the page, [`state`] reads what it says, with the words of the address line. One part of the page is a whole run
-//! ([`run`]: real MainDevice, real ESC model, judges; [`pictures`] of it), the other the SYNC unit of one ESC alone
-//! ([`pulses`]). [`presets`] are states worth a look. [`answer`] puts it together; [`door`] is the way in from the page.
+//! [`keys`] are those of the page; [`state`] reads their values from the texts of the address line.
+//! One part of the page is a whole run ([`run`]: real MainDevice, real ESC model, judges; its
+//! [`pictures`]), the other part is the SYNC unit of a single ESC ([`pulses`]). [`presets`] are
+//! interesting states. [`answer`] builds the answer; [`door`] is the interface to the page.
 
 pub mod answer;
 mod counter;

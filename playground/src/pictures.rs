@@ -1,4 +1,4 @@
-//! The pictures of a run, with the drawings that reports have.
+//! The pictures of a run, with the same drawings as in reports.
 
 use isocat::picture::{Picture, cycle, series, waves};
 use isocat::recording::series::Series;
@@ -8,12 +8,12 @@ use isocat_wire::time::{Nanos, Picos};
 
 use crate::run::Ran;
 
-/// Cycles that the waveforms show.
+/// Number of cycles that the waveforms show.
 const SHOWN: i64 = 3;
-/// Changes of one signal that are drawn.
+/// Largest number of changes of one signal that are drawn.
 const MOST_CHANGES: usize = 400;
 
-/// The cycle of a device: planned beside seen; `None` if the plan does not have it.
+/// The planned and the seen cycle of a device; `None`: the plan does not have it.
 pub fn cycle(ran: &Ran, position: usize) -> Option<Picture> {
     let seen = ran.recorded.devices.get(position).and_then(|device| device.cycle.as_ref());
     let id = format!("cycle{position}");
@@ -29,7 +29,7 @@ pub fn first_miss(ran: &Ran, position: usize) -> Option<Picture> {
     cycle::events(&format!("miss{position}"), &title, around)
 }
 
-/// How a clock came near the reference clock, and stays there.
+/// Draws how a clock approaches the reference clock and follows it.
 pub fn clock(ran: &Ran, position: usize) -> Option<Picture> {
     let mut series = Series::new(ran.way_up.len());
     for (at, differences) in &ran.way_up {
@@ -54,7 +54,7 @@ pub fn clock(ran: &Ran, position: usize) -> Option<Picture> {
     chart.draw().filter(|_| series.range() != Some((0, 0)))
 }
 
-/// SYNC0 of a device against the ideal grid, all cycles.
+/// Draws SYNC0 of a device against the ideal grid, over all cycles.
 pub fn sync0(ran: &Ran, position: usize, limit: Nanos) -> Option<Picture> {
     let device = ran.recorded.devices.get(position)?;
     let marks: Vec<(f64, String)> = device
@@ -77,10 +77,11 @@ pub fn sync0(ran: &Ran, position: usize, limit: Nanos) -> Option<Picture> {
     .draw()
 }
 
-/// Signals of one device over some cycles, and SYNC0 of the others. `at` counts cycles from the begin of the recording.
+/// Draws signals of one device over some cycles, and SYNC0 of the others. `at` counts cycles from
+/// the beginning of the recording.
 pub fn waves(ran: &Ran, position: usize, at: i64) -> Picture {
     let cycle = ran.cycle.0;
-    // What goes over the edge began before it.
+    // The window also shows signals that began before it.
     let window = (at.max(0) * cycle, (at.max(0) + SHOWN) * cycle);
     let mut signals = vec![
         events(ran, position, window),
@@ -126,7 +127,8 @@ fn events(ran: &Ran, position: usize, (from, to): (i64, i64)) -> waves::Signal {
     signal
 }
 
-/// Pulses as long as register 0x0982 says, or until the next one where the CPU acknowledges.
+/// Pulses of the length in register 0x0982. A pulse without a length, which the CPU acknowledges,
+/// is drawn 1 ns long.
 fn pulses(
     ran: &Ran,
     position: usize,
@@ -152,7 +154,7 @@ fn work(ran: &Ran, position: usize, window: (i64, i64), step: Step, name: &str) 
     levels(pairs, window, name)
 }
 
-/// What is high from one instant to another, as far as the window shows it.
+/// A signal that is high between pairs of instants, as far as they are in the window.
 fn levels(
     pairs: impl Iterator<Item = (f64, f64)>,
     (from, to): (i64, i64),

@@ -1,4 +1,4 @@
-//! States that are worth a look, with what they show.
+//! Interesting states, with what they show.
 
 use serde::Serialize;
 
@@ -7,15 +7,15 @@ use serde::Serialize;
 pub struct Preset {
     /// Name in links.
     pub id: &'static str,
-    /// What the page calls it.
+    /// Its title on the page.
     pub title: &'static str,
-    /// What there is to see.
+    /// What it shows.
     pub shows: &'static str,
     /// The state, as in the address line.
     pub state: &'static str,
 }
 
-/// All of them, in the order of the page.
+/// All presets, in the order of the page.
 pub const PRESETS: [Preset; 16] = [
     Preset {
         id: "sync",

@@ -1,7 +1,8 @@
-//! The SYNC unit of one ESC alone: registers 0x0980 to 0x09A7 as a MainDevice writes them, and what the two signals do.
+//! The SYNC unit of a single ESC: a MainDevice writes registers 0x0980 to 0x09A7, and the two
+//! signals are recorded.
 //!
-//! Nothing is drawn but what the ESC does: registers are written by frames, time passes, the local CPU acknowledges or does
-//! not, and the level of both signals is asked for at each event.
+//! The drawing only shows what the ESC does: frames write registers, time passes, the local CPU
+//! acknowledges or not, and the level of both signals is read at each event.
 
 use isocat::picture::{Picture, waves};
 use isocat::quantity::time;
@@ -19,49 +20,50 @@ use crate::state::State;
 /// What the SYNC unit did.
 #[derive(Clone, Debug, Default)]
 pub struct Generated {
-    /// When each signal changes, device time in ns: SYNC0, SYNC1.
+    /// When each signal changed, device time in ns: SYNC0, SYNC1.
     pub changes: [Vec<u64>; 2],
-    /// Edges that the ESC tells: SYNC0, SYNC1.
+    /// Edges that the ESC reported: SYNC0, SYNC1.
     pub edges: [Vec<u64>; 2],
-    /// When the activation was in force.
+    /// When the activation took effect.
     pub activated: u64,
     /// The start time, 0x0990.
     pub start: u64,
-    /// When the local CPU read 0x098E, 0x098F.
+    /// When the local CPU read 0x098E and 0x098F.
     pub acknowledged: [Vec<u64>; 2],
-    /// Until when it was looked at.
+    /// The end of the recording.
     pub end: u64,
-    /// SYNC1 is generated.
+    /// Whether SYNC1 is generated.
     pub sync1: bool,
-    /// How it works, in words.
+    /// The mode of the signals, in words.
     pub kind: &'static str,
     /// SYNC0 cycle, ns; 0: single shot.
     pub cycle: u64,
-    /// Pulse length, ns; 0: until acknowledged.
+    /// Pulse length, ns; 0: until it is acknowledged.
     pub pulse: u64,
-    /// From SYNC0 to SYNC1, ns.
+    /// Time from SYNC0 to SYNC1, ns.
     pub distance: u64,
-    /// Registers, as they read at the end.
+    /// Values of the registers at the end.
     pub registers: Vec<RegisterRow>,
 }
 
-/// A register and what it reads.
+/// A register and its value.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct RegisterRow {
-    /// `0x0981`.
+    /// Its address, for example `0x0981`.
     pub address: String,
-    /// What it is.
+    /// Its name.
     pub name: &'static str,
-    /// What it reads at the end, as a number with its unit.
+    /// Its value at the end, as a number with its unit.
     pub value: String,
 }
 
-/// From the write of the activation to the start time, ns: the plan of the page, not of a segment.
+/// Time from the write of the activation to the start time, ns; it only belongs to this page, not
+/// to a segment.
 const LEAD: u64 = 500_000;
-/// Cycles that are shown.
+/// Number of cycles that are shown.
 const CYCLES: u64 = 5;
 
-/// Lets the SYNC unit run as the state says.
+/// Runs the SYNC unit with the settings of the state.
 pub fn generate(state: &State) -> Generated {
     let time = |key| state.time(key).map_or(0, |time| time.0 as u64);
     let bus = time("cycle");
@@ -72,7 +74,7 @@ pub fn generate(state: &State) -> Generated {
     let mut bench = Bench::new((pulse / 10) as u16);
     bench.write(register::SYNC0_CYCLE, cycle as u32);
     bench.write(register::SYNC1_CYCLE, distance.unwrap_or(0) as u32);
-    // The start is on a round number, so that the axis can be read.
+    // The start time is round, so that the axis is easy to read.
     let start = (bench.now + LEAD).next_multiple_of(100_000);
     bench.write(register::SYNC_START_TIME, start);
     let outputs = if distance.is_some() { 0x07 } else { 0x03 };
@@ -103,7 +105,7 @@ pub fn generate(state: &State) -> Generated {
 }
 
 impl Generated {
-    /// In words.
+    /// The result in words.
     pub fn verdict(&self) -> String {
         let [sync0, sync1] = [self.edges[0].len(), self.edges[1].len()];
         let ends = match (self.pulse, self.acknowledged[0].len()) {
@@ -115,9 +117,9 @@ impl Generated {
         format!("Mode: {}. {sync0} edges of SYNC0{also} in what is shown; {ends}.", self.kind)
     }
 
-    /// Both signals, with activation, start time, pulse length, cycle and distance.
+    /// Draws both signals, with activation, start time, pulse length, cycle and distance.
     pub fn draw(&self) -> Picture {
-        // Time counts from the start time.
+        // The axis counts from the start time.
         let ns = |at: u64| at as f64 - self.start as f64;
         let signal = |which: usize, name: &str, register: &str| {
             let changes: Vec<f64> = self.changes[which].iter().map(|at| ns(*at)).collect();
@@ -132,7 +134,8 @@ impl Generated {
             if which == 0 {
                 if let [first, second, ..] = self.edges[0][..] {
                     let words = format!("cycle 0x09A0 {}", time(self.cycle as f64));
-                    // Without an acknowledge, edges are further apart.
+                    // If edges are missing for lack of an acknowledgement, the distance is not the
+                    // cycle.
                     if second - first == self.cycle {
                         distances.push(((ns(first), ns(second)), words));
                     }
@@ -168,14 +171,15 @@ impl Generated {
     }
 }
 
-/// An ESC, and a MainDevice's way to write its registers.
+/// An ESC, with functions to write its registers like a MainDevice.
 struct Bench {
     esc: Esc<Storage>,
     now: u64,
 }
 
 impl Bench {
-    /// An ESC whose EEPROM has this pulse length, in 10 ns; both signals are on and mapped to AL events.
+    /// An ESC whose EEPROM has this pulse length, in 10 ns; both signals are enabled and mapped to
+    /// AL events.
     fn new(pulse: u16) -> Self {
         let [low, high] = pulse.to_le_bytes();
         let configuration = [0x80, 0x0E, 0x00, 0xEE, low, high, 0, 0, 0, 0, 0, 0, 0, 0];
@@ -187,7 +191,7 @@ impl Bench {
         Self { esc, now: 1_000 }
     }
 
-    /// Writes a register by a frame, and lets that end.
+    /// Writes a register by a frame, and waits for its end.
     fn write<T: Value>(&mut self, register: Register<T>, value: T) {
         let mut buffer = [0; MAX_LEN];
         let mut writer = FrameWriter::new(&mut buffer, [0x10; 6]);
@@ -202,7 +206,8 @@ impl Bench {
         self.now = end;
     }
 
-    /// Lets time pass until the end; the local CPU acknowledges each edge so long behind it.
+    /// Lets time pass until the end; the local CPU acknowledges each edge `acknowledge` ns after
+    /// it.
     fn live(&mut self, generated: &mut Generated, acknowledge: Option<u64>) {
         let mut reads: Vec<(u64, usize)> = Vec::new();
         let mut levels = [false; 2];
@@ -239,12 +244,12 @@ impl Bench {
         }
     }
 
-    /// When a pulse that has a length ends.
+    /// When a pulse with a length ends.
     fn falls(&self, generated: &Generated, levels: [bool; 2]) -> Option<u64> {
         let ends =
             (0..2).filter(|which| levels[*which] && generated.pulse > 0).filter_map(|which| {
                 let edge = generated.edges[which].last()? + generated.pulse;
-                // Another pulse came meanwhile and made it longer: its end is asked for tick by tick.
+                // Another pulse came meanwhile and extended it: its end is searched tick by tick.
                 Some(if edge > self.now { edge } else { self.now + 10 })
             });
         ends.min()
@@ -261,7 +266,7 @@ impl Bench {
     }
 
     fn registers(&mut self) -> Vec<RegisterRow> {
-        // A read of 0x098E by the CPU would acknowledge; this is what stands in them.
+        // Reading 0x098E by the CPU would acknowledge, so the value is shown without a read.
         let now = Time::new(self.now);
         let row = |address: &str, name, value: String| RegisterRow {
             address: address.into(),

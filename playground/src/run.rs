@@ -1,4 +1,5 @@
-//! A run of the whole segment: the state as a segment file, the simulation as the command has it, and an onlooker.
+//! A run of the whole segment: the state as a segment file, the simulation as in the command, and a
+//! tap.
 
 use isocat::profile;
 use isocat::quantity::{Length, Ppb};
@@ -15,30 +16,32 @@ use std::fmt::Write;
 use crate::keys::{AGAIN, FAULTS, KEYS, Kind, in_file};
 use crate::state::{Problem, State};
 
-/// A run that is over.
+/// A finished run.
 #[derive(Clone, Debug)]
 pub struct Ran {
-    /// The segment file: with it the command does the same.
+    /// The segment file, with which the command runs the same.
     pub file: String,
     /// The report.
     pub report: Report,
     /// What the recording kept.
     pub recorded: Recorded,
-    /// The plan, if the MainDevice came so far.
+    /// The plan, if the MainDevice reached it.
     pub timing: Option<Timing>,
     /// Bus cycle.
     pub cycle: Nanos,
-    /// Length of SYNC pulses by position, ns; 0 until acknowledged.
+    /// Length of SYNC pulses by position, ns; 0: until acknowledged.
     pub pulses: Vec<Nanos>,
-    /// What happened at SubDevices: since the recording began, position, what.
+    /// Events of SubDevices: time since the recording began, position, event.
     pub events: Vec<(Picos, usize, Observed)>,
-    /// 0x1C32:0B of all SubDevices, whenever it changed: since the recording began, values by position.
+    /// 0x1C32:0B of all SubDevices at each change: time since the recording began, values by
+    /// position.
     pub counters: Vec<(Picos, Vec<u16>)>,
-    /// How far each clock is off the reference clock on the way up: since the first of them was near, ps by position.
+    /// Differences of the clocks from the reference clock on the way up: time since all were first
+    /// near it, ps by position.
     pub way_up: Vec<(Picos, Vec<Option<i64>>)>,
 }
 
-/// Runs it. What the file can't be is told by key.
+/// Runs a state. An error of the segment file is reported at the key of the page.
 pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
     let file = segment_file(state)?;
     let parsed = SegmentFile::parse(FILE, &file).map_err(|error| {
@@ -84,14 +87,14 @@ pub fn run(state: &State) -> Result<Ran, Vec<Problem>> {
     })
 }
 
-/// What problems call the file.
+/// The name of the file in problems.
 const FILE: &str = "segment.toml";
-/// SYNC0 pulses in a cycle that are told apart.
+/// Largest number of SYNC0 pulses in a cycle that are recorded separately.
 const MOST_PULSES: usize = 8;
-/// Which share of the deviation each device has, in percent: neighbours are apart.
+/// Percentage of the clock deviation for each device, so that neighbours differ.
 const SHARES: [i64; 8] = [20, -100, 100, -40, 70, -80, 50, -10];
 
-/// The state as a segment file. What a line of faults lacks to stand in one is told.
+/// Writes the state as a segment file. An incomplete line of faults is an error.
 pub fn segment_file(state: &State) -> Result<String, Vec<Problem>> {
     let time = |key: &str| state.time(key).map(quoted);
     let mut text = format!(
@@ -124,7 +127,7 @@ pub fn segment_file(state: &State) -> Result<String, Vec<Problem>> {
     let on_ebus =
         profile::built_in(state.word("device")).is_some_and(|profile| profile.is_on_ebus());
     if on_ebus {
-        // Terminals stand at the side of the MainDevice and have no cable.
+        // Terminals are connected to the MainDevice by EBUS, without a cable.
         text += "port = \"ebus\"\n";
     }
     for number in 0..state.number("devices").unwrap_or(1) as usize {
@@ -152,7 +155,7 @@ pub fn segment_file(state: &State) -> Result<String, Vec<Problem>> {
     Ok(text)
 }
 
-/// A line as a table: `in-operation + 50ms: pull 1`.
+/// Makes a `[[fault]]` table from a line such as `in-operation + 50ms: pull 1`.
 fn fault(line: &str) -> Result<String, Vec<Problem>> {
     let Some((at, what)) = line.split_once(':') else {
         let message = format!(
@@ -160,7 +163,7 @@ fn fault(line: &str) -> Result<String, Vec<Problem>> {
         );
         return Err(vec![Problem { key: FAULTS.to_owned(), message }]);
     };
-    // What JSON writes as a text, TOML reads as one, but for this character.
+    // A JSON string is a TOML string, except for this character.
     let json = |words: &str| serde_json::Value::from(words.trim()).to_string();
     let text = |words: &str| json(words).replace('\u{7f}', "\\u007F");
     Ok(format!("\n[[fault]]\nat = {}\nwhat = {}\n", text(at), text(what)))
@@ -174,7 +177,7 @@ fn plain(rate: Ppb) -> String {
     rate.to_string().replace(' ', "")
 }
 
-/// The page's key of what stands in a line of the file.
+/// The page's key for a line of the file.
 fn key_in_line(file: &str, line: usize) -> Option<String> {
     let text = file.lines().nth(line.checked_sub(1)?)?;
     let name = text.split('=').next()?.trim();
@@ -191,7 +194,7 @@ fn key_in_line(file: &str, line: usize) -> Option<String> {
     Some(key.map_or(name, |key| key.name).to_owned())
 }
 
-/// Sees the run: what the recording keeps, and what is too much for long runs.
+/// A tap for the run, which also keeps data that would be too much for long runs.
 struct Onlooker {
     recording: Recording,
     began: Option<Time<True>>,
@@ -202,15 +205,16 @@ struct Onlooker {
     clocks: Vec<(Time<True>, Vec<i128>)>,
 }
 
-/// Every so many frames of the way up, clocks are looked at.
+/// Number of frames between two samples of the clocks on the way up.
 const SAMPLE: usize = 32;
-/// Events that are kept.
+/// Largest number of events that are kept.
 const MOST_EVENTS: usize = 400_000;
-/// Clocks further apart were not set yet, ps.
+/// Clocks that differ by more are not set yet, ps.
 const NEAR: i128 = 200_000_000;
 
 impl Onlooker {
-    /// A SubDevice that no frame reaches is looked at late, behind cycles that knew nothing of it yet.
+    /// Notes a missed event. For a SubDevice that no frame reaches it is reported late, so later
+    /// entries are corrected.
     fn missed(&mut self, at: Picos, device: usize, value: u16) {
         let behind = self.counters.partition_point(|(of, _)| *of <= at);
         let Some(mut now) = behind.checked_sub(1).map(|last| self.counters[last].1.clone()) else {
@@ -234,7 +238,7 @@ impl Onlooker {
                 is_near.then_some(difference as i64)
             };
             let differences: Vec<_> = times.iter().enumerate().map(off).collect();
-            // All that have a clock: else it is too early.
+            // Samples before all clocks are set are left out.
             let near = differences.iter().zip(clocks).all(|(off, clock)| off.is_some() || !clock);
             if near {
                 way.push((*at - *first.get_or_insert(*at), differences));
@@ -258,7 +262,7 @@ impl Tap for Onlooker {
     }
 
     fn judging_begins(&mut self, at: Time<True>, intent: &Intent) {
-        // As the recording does: it begins anew when all are in operation.
+        // The recording restarts when all devices are in operation.
         self.began = Some(at);
         self.events.clear();
         self.counters.clear();

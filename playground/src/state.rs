@@ -1,6 +1,6 @@
-//! What the page says: keys with texts, as they stand in its address line.
+//! The state of the page: keys with texts, as in its address line.
 //!
-//! Every key is described once, in [`KEYS`]: a value that is refused is refused in its words.
+//! Every key is described once, in [`KEYS`]; errors of values use its words.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -12,16 +12,16 @@ use serde::Serialize;
 
 use crate::keys::{KEYS, Key, Kind, OWN};
 
-/// Something that can't be as the page says it.
+/// An error in the page's state.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Problem {
-    /// The key; empty concerns the whole.
+    /// The key; empty: the whole state.
     pub key: String,
-    /// What is wrong and what is expected.
+    /// What is wrong, and what is expected.
     pub message: String,
 }
 
-/// A state that was read: each key has a value of its kind.
+/// A valid state: each key has a value of its kind.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct State(BTreeMap<&'static str, Value>);
 
@@ -34,11 +34,11 @@ enum Value {
 }
 
 impl State {
-    /// Reads texts by key; keys that are not there have their default. Every mistake is told.
+    /// Reads texts by key; missing keys have their defaults. Reports every error.
     pub fn read(texts: &BTreeMap<String, String>) -> Result<Self, Vec<Problem>> {
         let mut problems = Vec::new();
         for key in texts.keys() {
-            // Which cycle and which device are looked at is no part of the run.
+            // The shown cycle and device are not part of the run.
             if !KEYS.iter().any(|known| known.name == key) && !LOOKS.contains(&key.as_str()) {
                 let mut message =
                     format!("unknown key \"{key}\"; expected one of the page's controls");
@@ -62,7 +62,7 @@ impl State {
         if problems.is_empty() { Ok(Self(values)) } else { Err(problems) }
     }
 
-    /// The word of a key that has words.
+    /// The word of a key with words.
     pub fn word(&self, key: &str) -> &'static str {
         match self.0.get(key) {
             Some(Value::Word(word)) => word,
@@ -70,7 +70,7 @@ impl State {
         }
     }
 
-    /// The lines of a key that has lines, without those that are empty.
+    /// The lines of a key with lines, without empty ones.
     pub fn lines(&self, key: &str) -> impl Iterator<Item = &str> {
         let text = match self.0.get(key) {
             Some(Value::Lines(text)) => text.as_str(),
@@ -79,7 +79,7 @@ impl State {
         text.lines().map(str::trim).filter(|line| !line.is_empty())
     }
 
-    /// The number of a key in the smallest unit of its kind; `None` if nothing is asked for.
+    /// The number of a key in the smallest unit of its kind; `None`: no value is requested.
     pub fn number(&self, key: &str) -> Option<i64> {
         match self.0.get(key) {
             Some(Value::Number(number)) => Some(*number),
@@ -87,13 +87,14 @@ impl State {
         }
     }
 
-    /// A span of time; `None` if nothing is asked for.
+    /// A span of time; `None`: no value is requested.
     pub fn time(&self, key: &str) -> Option<Nanos> {
         self.number(key).map(Nanos)
     }
 }
 
-/// Keys that say what is looked at, not what is run: the cycle, the device; `only=play` for the pictures of one cycle alone.
+/// Keys that choose what is shown, not what is run: the cycle and the device; `only=play` requests
+/// only the pictures of one cycle.
 pub const LOOKS: [&str; 3] = ["at", "show", "only"];
 
 impl Key {

@@ -1,6 +1,6 @@
-//! "Synchronization in ten pictures": each picture of the documentation is a state of the page, drawn anew and compared with
-//! the one that is committed. `UPDATE_GOLDEN=1 cargo test --test pictures` in this folder writes them, and the page of text with
-//! its figures.
+//! Tests "Synchronization in ten pictures": each picture of the documentation is a state of the
+//! page, which is drawn and compared with the committed one. `UPDATE_GOLDEN=1 cargo test --test
+//! pictures` in this folder writes the pictures, and the page of text with their figures.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -15,7 +15,7 @@ use isocat_playground::{pictures, pulses};
 use isocat_sim::observation::Observed;
 use isocat_wire::time::Nanos;
 
-/// A picture, and the state that shows it.
+/// A picture, and the state that makes it.
 struct Shown {
     file: &'static str,
     state: &'static str,
@@ -122,7 +122,8 @@ fn ten_pictures_and_their_words() {
     golden("pictures.md", &page(&all, &runs));
 }
 
-/// When an event comes at each device, in one cycle: as long as the width of the picture is always the same.
+/// Draws when an event happens at each device in one cycle, with the whole cycle as the picture's
+/// width.
 fn one_cycle(ran: &Ran, which: Observed, name: &str) -> Picture {
     let cycle = ran.cycle.0 as f64;
     let of = |position: usize| {
@@ -142,7 +143,7 @@ fn one_cycle(ran: &Ran, which: Observed, name: &str) -> Picture {
             waves::Signal {
                 name: format!("{name} of device {position}"),
                 high: false,
-                // What is told is the edge; it is drawn as long as it can be seen.
+                // Only the edge is reported; it is drawn long enough to be visible.
                 changes: vec![at, at + 300.0],
                 events: if position > 0 { vec![(at, words)] } else { Vec::new() },
                 distances: Vec::new(),
@@ -158,7 +159,7 @@ fn mean(ran: &Ran, position: usize, moment: Moment) -> Option<f64> {
     cycle.of(moment).map(|seen| seen.mean() / 1e3)
 }
 
-/// Words of the manual's figure, what they are here, and what the run has measured.
+/// The terms of the manual's figure, what they are here, and what the run measured.
 fn words(ran: &Ran) -> String {
     let seen = ran.recorded.devices[0].cycle.as_ref().expect("it has a cycle");
     let at =

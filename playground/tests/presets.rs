@@ -1,4 +1,4 @@
-//! Each preset shows what it promises.
+//! Tests that each preset shows what it promises.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +31,7 @@ fn pictures<'a>(answer: &'a Answer, place: &str) -> Vec<&'a str> {
     at.map(|picture| picture.svg.as_str()).collect()
 }
 
-/// A time as the page writes it, in ns.
+/// The ns of a time as the page writes it.
 fn ns(text: &str) -> f64 {
     let (number, unit) = text.split_once(' ').expect("a number and a unit");
     let size = match unit {
@@ -73,11 +73,11 @@ fn slack_0_runs_clean_and_a_nanosecond_less_counts() {
     assert_eq!(count(0), 0, "the first device has a cable's delay more");
     assert!(count(1) > 4, "{:?}", missed.devices[1].counters);
     assert_eq!(missed.devices[1].state, "SAFEOP+ERR");
-    // It counts on the way up, and in no other device.
+    // The second device counts on the way up, and no other device does.
     let counter = pictures(&missed, "counter");
     assert!(counter[0].contains("device 1") && !counter[0].contains("device 0"), "{}", counter[0]);
     assert_eq!(pictures(&missed, "miss").len(), 1);
-    // The two differ by a nanosecond, and by nothing else.
+    // The two presets only differ by a nanosecond of copy time.
     let copy = |id: &str| texts(state(id))["copy-time"].clone();
     assert_eq!((copy("slack-0"), copy("slack-1")), ("292670ns".into(), "292671ns".into()));
 }
@@ -92,7 +92,7 @@ fn jitter_that_eats_the_slack_counts_now_and_then() {
         "{:?}",
         answer.findings
     );
-    // The picture says what it was in the cycle that is looked at.
+    // The picture shows the value of the selected cycle.
     let value = |cycle: &str| {
         let mut of = texts(state("slack-jitter"));
         of.insert("at".into(), cycle.into());
@@ -109,7 +109,7 @@ fn jitter_that_eats_the_slack_counts_now_and_then() {
 #[test]
 fn clocks_that_nobody_leads_run_apart() {
     let apart = preset("no-drift");
-    // 60 ppm from the reference for 0.4 s, and what was there before.
+    // 60 ppm from the reference for 0.4 s, plus the difference from before.
     let worst = ns(&apart.devices[1].sync0);
     assert!((24_000.0..60_000.0).contains(&worst), "{worst}");
     assert!(apart.verdict.contains("off the grid"), "{}", apart.verdict);
@@ -171,7 +171,8 @@ fn what_the_plan_refuses_is_told_and_drawn() {
     );
 }
 
-/// The first device does not notice; those behind the cut leave OP, and the link that comes again brings them back.
+/// The first device is not affected. Devices behind the cut leave OP, and are re-admitted when the
+/// link returns.
 #[test]
 fn a_pulled_cable_is_seen_in_its_cycle() {
     let cut = preset("cut");
@@ -186,7 +187,7 @@ fn a_pulled_cable_is_seen_in_its_cycle() {
         cut.findings.iter().any(|finding| finding.starts_with(&name))
     };
     assert_eq!([0, 1, 2].map(about), [false, true, true], "{:#?}", cut.findings);
-    // The signals of the device behind the cut: outputs come, and no more in the cycle behind.
+    // At the device behind the cut, outputs come, and no longer in the next cycle.
     let outputs = |cycle: &str, device: &str| {
         let mut of = texts(state("cut"));
         of.extend([("at".into(), cycle.into()), ("show".into(), device.into())]);
@@ -196,7 +197,8 @@ fn a_pulled_cable_is_seen_in_its_cycle() {
     assert!(seen[0] > seen[1], "{seen:?}");
 }
 
-/// A device that no frame reaches counts when it misses its outputs, not when it is looked at again.
+/// A device that no frame reaches counts in the cycle in which it misses its outputs, not later
+/// when a frame reaches it again.
 #[test]
 fn what_is_missed_behind_a_cut_is_counted_in_its_cycle() {
     let state = State::read(&texts(state("cut").replace("&at=52", "").as_str())).expect("a state");

@@ -1,4 +1,4 @@
-//! The four modes of SYNC signal generation, by pulse length and cycle.
+//! Tests the four modes of SYNC signal generation, by pulse length and cycle.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ fn of(state: &str) -> Generated {
     generate(&State::read(&texts).expect("the state is right"))
 }
 
-/// Changes, counted from the start time.
+/// Changes of a signal, relative to the start time.
 fn changes(generated: &Generated, which: usize) -> Vec<u64> {
     generated.changes[which].iter().map(|at| at - generated.start).collect()
 }
@@ -53,7 +53,7 @@ fn cyclic_acknowledge() {
         (0..6).flat_map(|k| [k * 1_000_000, k * 1_000_000 + 300_000]).collect();
     assert_eq!(changes(&generated, 0), expected);
     assert_eq!(generated.acknowledged[0].len(), 6);
-    // Later than the cycle: every other edge is not one.
+    // Acknowledged after more than a cycle, every other pulse makes no edge.
     let late = of("pulse=0ns&acknowledge=1500us");
     assert_eq!(changes(&late, 0)[..4], [0, 1_500_000, 2_000_000, 3_500_000]);
     let never = of("pulse=0ns");

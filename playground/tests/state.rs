@@ -1,4 +1,4 @@
-//! A state that can't be is refused in words: which key, what was found, what is expected.
+//! Tests that invalid states are refused in words: the key, what was found, and what is expected.
 
 use std::collections::BTreeMap;
 
@@ -37,7 +37,7 @@ fn what_is_wrong_with_a_key_is_said_with_its_name() {
     }
 }
 
-/// Lines of faults are refused by the parser of segment files, in its words.
+/// The parser of segment files refuses lines of faults, in its words.
 #[test]
 fn a_fault_that_can_t_be_is_told_with_what_is_expected() {
     for (line, words) in [
@@ -56,7 +56,7 @@ fn a_fault_that_can_t_be_is_told_with_what_is_expected() {
     }
 }
 
-/// What the segment file refuses is told by the key of the page.
+/// An error of the segment file is reported at the key of the page.
 #[test]
 fn what_the_devices_can_t_do_is_told_by_key_too() {
     let refused = |state: &[(&str, &str)]| {
@@ -87,7 +87,7 @@ fn defaults_are_values() {
     assert!(State::read(&BTreeMap::new()).is_ok());
     for key in KEYS.iter() {
         assert!(!key.label.is_empty() && !key.help.is_empty() && !key.views.is_empty());
-        // What has no value of its own must have one by default.
+        // A key for which `own` is no value must have a default value.
         if let Kind::Duration { own: None, .. } = key.kind {
             assert_ne!(key.default, "own", "{}", key.name);
         }
@@ -116,7 +116,7 @@ fn the_file_on_the_page_is_one_for_the_command() {
     assert_eq!(report.verdict, answer.verdict);
 }
 
-/// A key that stands for one of a segment file has no value that the file would not take.
+/// A key that stands for a key of a segment file has no value that the file would refuse.
 #[test]
 fn keys_keep_within_those_of_the_file() {
     let mut keys = 0;
@@ -124,7 +124,7 @@ fn keys_keep_within_those_of_the_file() {
         let Some(path) = key.of else { continue };
         keys += 1;
         match (&key.kind, in_file(path).key.kind) {
-            // In the other part of the page these stand for registers alone.
+            // In the other part of the page, these keys only stand for registers.
             (Kind::Duration { .. }, _) if key.views.len() > 1 && key.name != "cycle" => {}
             (Kind::Duration { least, most, .. }, Declared::Duration { least: l, most: m, .. }) => {
                 assert!(*least >= l.at(LONGEST_CYCLE) && *most <= m.at(LONGEST_CYCLE), "{path}");

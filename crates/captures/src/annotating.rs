@@ -22,22 +22,22 @@ use block::{Block, Order};
 /// Comments by the number of the packet in its file, from 1.
 pub type Comments = BTreeMap<usize, Vec<String>>;
 
-/// A copy in the making.
+/// A copy that is being written.
 #[derive(Debug)]
 pub struct Annotated<W: Write> {
     out: W,
 }
 
-/// What became of one capture.
+/// The result of copying one capture.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Copied {
     /// Packets that were copied.
     pub packets: usize,
     /// Packets that got comments.
     pub commented: usize,
-    /// Packets whose comments are left out: their kind of block (a simple packet) holds none.
+    /// Packets whose comments are left out: their kind of block (simple packet) can't hold options.
     pub without_place: usize,
-    /// Why the copy ends before the end of the file; `None` if it does not.
+    /// Why the copy ends before the end of the file; `None`: it is complete.
     pub ended: Option<String>,
 }
 
@@ -62,13 +62,13 @@ impl fmt::Display for CopyError {
 impl std::error::Error for CopyError {}
 
 impl<W: Write> Annotated<W> {
-    /// Nothing is written yet.
+    /// Begins a copy, which is empty.
     pub fn new(out: W) -> Self {
         Self { out }
     }
 
-    /// Copies a capture behind those before it. One that is damaged, or ends in the middle of a
-    /// block, is copied up to there.
+    /// Appends a copy of a capture. If it is damaged, or ends in the middle of a block, the blocks
+    /// before that are copied.
     pub fn add(&mut self, mut source: impl Read, comments: &Comments) -> Result<Copied, CopyError> {
         let mut first = Vec::new();
         let unreadable =
@@ -84,7 +84,7 @@ impl<W: Write> Annotated<W> {
         }
     }
 
-    /// All captures are copied.
+    /// Ends the copy, after all captures were added.
     pub fn finish(mut self) -> io::Result<W> {
         self.out.flush()?;
         Ok(self.out)

@@ -1,10 +1,10 @@
-//! Frames out of anybody's captures, and which of them belong together.
+//! Reads frames from captures of any tool, and pairs requests with answers.
 //!
-//! Data's way: [`reading`] takes the packets of a pcapng or pcap file one after the other, and
-//! [`link`] makes Ethernet frames of them, whatever link they were captured on. [`pairing`] finds
-//! which frame is the answer to which request, and says how the tap saw the segment. All of it
-//! streams: memory is bounded, however long the capture is. [`annotating`] copies captures, with
-//! comments at their packets; [`probe`] knows what hardware probes put into packets.
+//! The way of the data: [`reading`] takes the packets of a pcapng or pcap file one after the other,
+//! and [`link`] turns them into Ethernet frames, whatever link they were captured on. [`pairing`]
+//! finds the answer to each request, and tells how the tap saw the segment. All of it streams:
+//! memory is bounded, however long the capture is. [`annotating`] copies captures with comments at
+//! their packets; [`probe`] knows what hardware probes add to packets.
 #![forbid(unsafe_code)]
 
 pub mod annotating;

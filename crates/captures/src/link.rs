@@ -1,5 +1,4 @@
-//! What a captured packet is, by the link that it was captured on: an Ethernet frame, or one that
-//! can be made of it.
+//! Turns a captured packet into an Ethernet frame, by the link that it was captured on.
 
 use isocat_wire::frame::{ETHERNET_HEADER_LEN, ETHERTYPE_VLAN};
 use pcap_file::DataLink;
@@ -7,13 +6,13 @@ use pcap_file::DataLink;
 /// A packet as an Ethernet frame.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Taken {
-    /// From the destination address on.
+    /// The frame from the destination address on.
     pub bytes: Vec<u8>,
     /// Whether the packet was sent (`true`) or received (`false`); `None`: the link does not say.
     pub sent: Option<bool>,
 }
 
-/// Makes a frame of a packet; `None`: the link has no Ethernet frames in it.
+/// Makes a frame of a packet; `None`: the link carries no Ethernet frames.
 pub(crate) fn take(link: DataLink, packet: &[u8]) -> Option<Taken> {
     match link {
         DataLink::ETHERNET => Some(Taken { bytes: without_outer_tag(packet), sent: None }),
@@ -23,7 +22,7 @@ pub(crate) fn take(link: DataLink, packet: &[u8]) -> Option<Taken> {
     }
 }
 
-/// Where a header of Linux' cooked captures keeps what an Ethernet header needs.
+/// Offsets in a header of Linux' cooked captures of what an Ethernet header needs.
 struct Cooked {
     /// Bytes of the header.
     len: usize,
@@ -39,10 +38,11 @@ struct Cooked {
 const COOKED_1: Cooked = Cooked { len: 16, protocol: 14, kind: 1, address: 6 };
 /// LINKTYPE_LINUX_SLL2.
 const COOKED_2: Cooked = Cooked { len: 20, protocol: 0, kind: 10, address: 12 };
-/// Packet type of what this machine sent.
+/// Packet type of packets that the capturing machine sent.
 const OUTGOING: u8 = 4;
 
-/// A cooked packet has no destination address; the frame gets the one of a broadcast.
+/// Makes a frame of a cooked packet. It has no destination address, so the frame gets the broadcast
+/// address.
 fn cooked(packet: &[u8], header: &Cooked) -> Option<Taken> {
     let data = packet.get(header.len..)?;
     let mut bytes = Vec::with_capacity(ETHERNET_HEADER_LEN + data.len());
@@ -54,7 +54,7 @@ fn cooked(packet: &[u8], header: &Cooked) -> Option<Taken> {
     Some(Taken { bytes: without_outer_tag(&bytes), sent })
 }
 
-/// A frame with two VLAN tags loses the outer one: switches add it, and no ESC looks behind it.
+/// Removes the outer one of two VLAN tags: switches add it, and no ESC reads a frame behind it.
 fn without_outer_tag(frame: &[u8]) -> Vec<u8> {
     let type_at = |at: usize| match frame.get(at..at + 2) {
         Some(&[high, low]) => u16::from_be_bytes([high, low]),
@@ -79,7 +79,7 @@ mod tests {
     use super::*;
     use isocat_wire::frame::{FrameError, payload};
 
-    /// An empty EtherCAT frame of type 1 behind these bytes.
+    /// These bytes, followed by an empty EtherCAT frame of type 1.
     fn behind(header: &[u8]) -> Vec<u8> {
         let mut bytes = header.to_vec();
         bytes.extend([0, 0x10]);
@@ -122,7 +122,7 @@ mod tests {
         let both = tagged(&[0x88, 0xA8, 0, 1, 0x81, 0, 0, 2]);
         assert_eq!((&both[12..16], payload(&both)), (&[0x81, 0, 0, 2][..], Ok(&[][..])));
         assert_eq!(tagged(&[0x81, 0, 0, 1, 0x81, 0, 0, 2])[12..16], [0x81, 0, 0, 2]);
-        // Three tags are more than anybody reads.
+        // A frame with three tags is not read.
         let three = tagged(&[0x88, 0xA8, 0, 1, 0x88, 0xA8, 0, 1, 0x81, 0, 0, 2]);
         assert_eq!(payload(&three), Err(FrameError::EtherType(0x88A8)));
     }

@@ -1,13 +1,13 @@
-//! Requests with the answers that belong to them.
+//! Pairs requests with their answers.
 //!
-//! The first SubDevice sets bit 1 of the source address in what it sends back. A segment that
-//! leaves it alone (0x0100 bit 0 = 0), a MainDevice whose own address has it, and a tap in the
-//! middle of the line are paired by content: an answer has the datagrams of its request, and
-//! differs from it.
+//! The first SubDevice sets bit 1 of the source address in the frames that it sends back. Frames
+//! are paired by content instead if the segment does not set it (0x0100 bit 0 = 0), if the
+//! MainDevice's own address has it, or if the tap is in the middle of the line: an answer has the
+//! datagrams of its request, and differs from it.
 //!
-//! [`Pairing`] takes frames one by one and gives exchanges in the order of their requests. The
-//! first [`LOOK_AHEAD`] frames decide how the tap saw the segment ([`Tap`]); from then on at most
-//! [`MOST_OPEN`] requests and [`MOST_WAITING`] exchanges are held.
+//! [`Pairing`] takes frames one by one and returns exchanges in the order of their requests. The
+//! first [`LOOK_AHEAD`] frames decide how the tap saw the segment ([`Tap`]); from then on it holds
+//! at most [`MOST_OPEN`] requests and [`MOST_WAITING`] exchanges.
 
 use std::collections::VecDeque;
 
@@ -23,25 +23,25 @@ mod tests;
 
 pub use tap::{Seen, Tap};
 
-/// A frame that went out, and what came back of it. At least one of them is there.
+/// A frame on its way out, and the same frame on its way back. At least one of them is present.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Exchange {
-    /// As it passed the tap on its way to the devices behind it; `None`: it is not in the file.
+    /// The frame that passed the tap towards the devices behind it; `None`: it is not in the file.
     pub request: Option<Frame>,
-    /// As it came back; `None`: it is not in the file.
+    /// The frame that came back; `None`: it is not in the file.
     pub answer: Option<Frame>,
 }
 
-/// What was left out while pairing.
+/// What pairing found and left out.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Tally {
-    /// Frames that are none of EtherCAT, or without datagrams.
+    /// Frames that are not EtherCAT, or have no datagrams.
     pub foreign: usize,
-    /// Frames of EtherCAT whose datagrams are cut off.
+    /// EtherCAT frames whose datagrams are cut off.
     pub broken: usize,
     /// Frames that the file has twice.
     pub duplicates: usize,
-    /// Frames of interfaces that are not the tap.
+    /// Frames of interfaces other than the tap.
     pub elsewhere: usize,
     /// Requests without an answer.
     pub unanswered: usize,
@@ -54,21 +54,21 @@ pub struct Tally {
 /// Finds which frames belong together.
 #[derive(Debug, Default)]
 pub struct Pairing {
-    /// What the first frames said; `None`: too few have come yet.
+    /// How the tap saw the segment, by the first frames; `None`: not decided yet.
     tap: Option<Tap>,
-    /// Frames that wait for that.
+    /// Frames that wait for the decision on the tap.
     ahead: Vec<(Frame, Signature)>,
-    /// The first exchange of those that wait, by number.
+    /// Number of the first exchange in `waiting`.
     first: u64,
     /// Exchanges in the order of their requests, and whether each is complete.
     waiting: VecDeque<(Exchange, bool)>,
     open: VecDeque<Open>,
-    /// The last answers, by which the same ones again are known as copies.
+    /// The last answers: an equal frame is a copy.
     last_answers: VecDeque<Frame>,
-    /// Answers that no request was seen to, and whose request may still follow.
+    /// Answers without a request so far, whose request may still follow.
     early: VecDeque<Early>,
     taken: u64,
-    /// How long answers take on the average, ns.
+    /// Mean time of answers, ns.
     usual_ns: Option<u64>,
     tally: Tally,
     ended: bool,
@@ -85,7 +85,7 @@ struct Open {
     taken: u64,
 }
 
-/// An answer that stands before its request in the file.
+/// An answer that precedes its request in the file.
 #[derive(Debug)]
 struct Early {
     exchange: u64,
@@ -96,7 +96,7 @@ struct Early {
 }
 
 impl Pairing {
-    /// Nothing is known yet.
+    /// A pairing without frames.
     pub fn new() -> Self {
         Self::default()
     }
@@ -118,7 +118,7 @@ impl Pairing {
     }
 
     /// Decides how the tap sees the segment by the frames so far, if answers are among them, and
-    /// does not wait for more: for frames that are looked at as they come. Tells whether it is
+    /// does not wait for more: for frames that are processed as they come. Returns whether it is
     /// decided.
     pub fn decide_early(&mut self) -> bool {
         if self.tap.is_none() && Tap::of(&self.ahead).seen != Seen::Out {
@@ -127,7 +127,7 @@ impl Pairing {
         self.tap.is_some()
     }
 
-    /// No more frames come: what is still open stays so.
+    /// Ends the pairing: requests that are still open have no answer.
     pub fn end(&mut self) {
         if self.tap.is_none() {
             self.decide();
@@ -135,7 +135,7 @@ impl Pairing {
         self.ended = true;
     }
 
-    /// The next exchange that is complete, or whose answer does not come any more.
+    /// The next exchange that is complete, or whose answer can no longer come.
     pub fn exchange(&mut self) -> Option<Exchange> {
         let complete = self.waiting.front()?.1;
         if !complete && !self.ended && self.waiting.len() < MOST_WAITING {
@@ -157,12 +157,12 @@ impl Pairing {
         Some(exchange)
     }
 
-    /// What was left out so far.
+    /// What was found and left out so far.
     pub fn tally(&self) -> Tally {
         self.tally
     }
 
-    /// How the tap saw the segment; `None` before it is decided.
+    /// How the tap saw the segment; `None`: not decided yet.
     pub fn tap(&self) -> Option<Tap> {
         self.tap
     }
@@ -201,9 +201,9 @@ impl Pairing {
         }
     }
 
-    /// The open request that an answer with this signature, seen at `at`, belongs to. Where a
-    /// MainDevice gives all cyclic frames one index, requests whose frames were lost look alike:
-    /// those that are much older than answers usually take are passed over.
+    /// The open request that belongs to an answer with this signature, seen at `at`. If a
+    /// MainDevice gives all cyclic frames the same index, requests whose frames were lost look
+    /// alike: requests that are much older than answers usually take are skipped.
     fn candidate(&self, at: u64, signature: &Signature) -> Option<usize> {
         let alike = || {
             let open = self.open.iter().enumerate();
@@ -216,10 +216,10 @@ impl Pairing {
         alike().find(in_time).or_else(|| alike().next_back())
     }
 
-    /// Requests whose answers do not come any more.
+    /// Gives up requests whose answers can no longer come.
     fn give_up(&mut self, at: u64) {
         while let Some(open) = self.open.front() {
-            // One frame alone may be late because the stamps jump.
+            // A single frame may seem late because the stamps jump.
             let few = self.taken - open.taken < GIVEN_UP_FRAMES;
             let old = at.saturating_sub(open.at) >= GIVEN_UP_NS && !few;
             if !old && self.open.len() < MOST_OPEN {
@@ -233,18 +233,19 @@ impl Pairing {
         }
     }
 
-    /// Whether this frame, whose datagrams are those of an open request, is its answer.
+    /// Whether this frame, which has the datagrams of an open request, is its answer.
     fn comes_back(&self, tap: Tap, frame: &Frame, at: u64, found: usize) -> bool {
         let Some(request) = self.request_of(found) else { return false };
         match tap.marked {
             true => tap.is_answer(frame),
             false if frame.sent == Some(true) && tap.behind == 0 => false,
             false if tap.directed && frame.sent == request.sent => false,
-            // The file tells directions: an answer in which no SubDevice counted looks like its
+            // The file states the direction: an answer that no SubDevice counted in looks like its
             // request.
             false if (request.sent, frame.sent) == (Some(true), Some(false)) => true,
-            // Behind the tap nothing may have touched it; and a request with the same index may find
-            // the one before still without answer. The way to the end of the segment is short.
+            // The devices behind the tap may not have touched the answer, so it may look like its
+            // request. A later request with the same index looks the same, but comes later than an
+            // answer, whose way to the end of the segment is short.
             false if tap.behind > 0 => {
                 let usual = self.usual_ns.unwrap_or(u64::MAX / 4);
                 !tap::counts(frame).eq(tap::counts(request))
@@ -258,8 +259,9 @@ impl Pairing {
         self.request_of(found).is_some_and(|request| is_copy(request, frame))
     }
 
-    /// Whether this frame, which its source address does not tell to be an answer, is one of the last
-    /// answers again: requests leave with working counters of 0.
+    /// Whether this frame, whose source address does not mark it as an answer, repeats one of the
+    /// last answers. Requests leave with working counters of 0, so it is no request if a working
+    /// counter is above 0.
     fn is_again(&self, tap: Tap, frame: &Frame) -> bool {
         tap.behind == 0
             && self.last_answers.iter().any(|last| last.bytes == frame.bytes)
@@ -275,7 +277,7 @@ impl Pairing {
         let Some(open) = self.open.remove(found) else { return };
         let mut passed_over = 0;
         for old in self.open.iter().take(found).filter(|old| old.signature == open.signature) {
-            // Frames do not overtake one another: that one is lost.
+            // Frames do not overtake one another: the older frame is lost.
             if let Some(waiting) = self.waiting.get_mut((old.exchange - self.first) as usize) {
                 waiting.1 = true;
             }
@@ -289,7 +291,7 @@ impl Pairing {
             });
         }
         let took = at.saturating_sub(open.at);
-        // A running mean over some sixteen answers.
+        // A moving mean over about 16 answers.
         self.usual_ns = Some(self.usual_ns.map_or(took, |usual| usual - usual / 16 + took / 16));
         if let Some(waiting) = self.waiting.get_mut((open.exchange - self.first) as usize) {
             waiting.0.answer = Some(frame.clone());
@@ -336,7 +338,7 @@ impl Pairing {
         self.open.push_back(Open { exchange, at, signature, taken: self.taken });
     }
 
-    /// Answers whose requests do not follow any more.
+    /// Completes answers whose requests can no longer follow.
     fn let_go(&mut self) {
         let old = |early: &Early| self.taken - early.taken > EARLY;
         while self.early.front().is_some_and(old) {
@@ -348,13 +350,13 @@ impl Pairing {
     }
 }
 
-/// What an answer has in common with its request: its datagrams without what ESCs change in them.
+/// What an answer shares with its request: its datagrams without the parts that ESCs change.
 #[derive(Clone, PartialEq, Eq, Debug)]
 struct Signature(Vec<(u8, u8, u32, u16)>);
 
 impl Signature {
-    /// `Err(true)`: a frame of EtherCAT whose datagrams can't be read; `Err(false)`: none of
-    /// EtherCAT.
+    /// `Err(true)`: an EtherCAT frame whose datagrams can't be read; `Err(false)`: not an EtherCAT
+    /// frame.
     fn of(bytes: &[u8]) -> Result<Self, bool> {
         let payload =
             frame::payload(bytes).map_err(|error| matches!(error, FrameError::Length { .. }))?;
@@ -369,14 +371,14 @@ impl Signature {
     }
 }
 
-/// Whether any SubDevice has counted in a frame.
+/// Whether any SubDevice counted in a frame.
 fn counted(bytes: &[u8]) -> bool {
     let payload = frame::payload(bytes).unwrap_or(&[]);
     datagrams(payload).map_while(Result::ok).any(|datagram| datagram.wkc > 0)
 }
 
-/// Whether the file has a frame twice, as a mirror of both ports of a switch does. One of them may
-/// have a VLAN tag and padding that the other one lacks.
+/// Whether two frames are the same one, captured twice, as by a mirror of both ports of a switch.
+/// One may have a VLAN tag and padding that the other one lacks.
 fn is_copy(one: &Frame, other: &Frame) -> bool {
     let source =
         |frame: &Frame| frame.bytes.get(SOURCE..).and_then(|rest| rest.first_chunk::<6>()).copied();
@@ -396,24 +398,24 @@ pub fn is_marked(bytes: &[u8]) -> bool {
 
 /// Offset of the source address.
 const SOURCE: usize = 6;
-/// The same frame again within this time is one frame, seen twice.
+/// The same frame within this time is one frame that was captured twice.
 const TWICE_NS: u64 = 100_000;
-/// What has not come back by then does not come any more.
+/// A frame that has not come back after this time is lost.
 const GIVEN_UP_NS: u64 = 1_000_000_000;
-/// Answers take twice as long as usual and this at most, as far as time alone tells them.
+/// If only the time tells an answer, it takes at most twice the usual time plus this.
 const SHORT_NS: u64 = 20_000;
-/// Answers among which a copy is looked for.
+/// Number of last answers that are kept to find copies.
 const COPIES: usize = 8;
-/// Frames behind an answer among which its request is looked for, where packets are out of order.
+/// Number of frames after an answer in which its request is searched, if packets are out of order.
 const EARLY: u64 = 8;
-/// The stamp of such a request lies less than this before that of its answer.
+/// The stamp of such a request is earlier than that of its answer by less than this.
 const EARLY_NS: u64 = 1_000_000;
-/// Frames behind a request before which it is not given up.
+/// Number of frames after a request before it can be given up.
 const GIVEN_UP_FRAMES: u64 = 16;
-/// Requests that wait for their answers at once.
+/// Requests that can wait for their answers at the same time.
 pub const MOST_OPEN: usize = 256;
-/// Exchanges that wait for an answer before them. A MainDevice with a cycle of 100 us sends this
-/// number in 1.6 s.
+/// Exchanges that can wait for an answer before them. A MainDevice with a cycle of 100 us sends
+/// this number in 1.6 s.
 pub const MOST_WAITING: usize = 16_384;
-/// EtherCAT frames that are looked at before the first one is paired.
+/// EtherCAT frames that are read before the first one is paired.
 pub const LOOK_AHEAD: usize = 8192;

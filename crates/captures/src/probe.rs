@@ -1,9 +1,9 @@
-//! Hardware probes that put the instant at which a frame passed them into the packet.
+//! Hardware probes that add to each packet the instant at which the frame passed them.
 //!
-//! Known is the header of the EtherCAT Switch Link (ESL), as the ET2000 writes it: sixteen bytes
-//! before the frame, or behind it. Six bytes name it (01 01 05 10 00 00, or 11 in the place of 10),
-//! two have the port and errors, eight the instant in ns, lower byte first. Wireshark's dissector
-//! `esl` reads the same.
+//! The known header is that of the EtherCAT Switch Link (ESL), as the ET2000 writes it: sixteen
+//! bytes before or after the frame. Six bytes identify it (01 01 05 10 00 00, or 11 in place of
+//! 10), two hold the port and errors, and eight the instant in ns, lower byte first. Wireshark's
+//! dissector `esl` reads the same.
 
 use std::str::FromStr;
 use std::time::Duration;
@@ -26,7 +26,7 @@ impl FromStr for Probe {
     }
 }
 
-/// The clock of a probe against the stamps of the file: it begins anywhere.
+/// The offset of a probe's clock from the stamps of the file: the clock may begin at any value.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Clock {
     /// The probe's instant of its first frame, ns, and the stamp of that packet.
@@ -34,8 +34,8 @@ pub(crate) struct Clock {
 }
 
 impl Clock {
-    /// Takes the header off a packet; gives when the frame passed the probe. `None`: the packet has
-    /// no such header, and stays as it is.
+    /// Removes the header from a packet; returns when the frame passed the probe. `None`: the
+    /// packet has no such header, and is left unchanged.
     pub fn take(
         &mut self,
         Probe::Esl: Probe,
@@ -61,9 +61,9 @@ fn is_header(bytes: &[u8]) -> bool {
     matches!(bytes, [0x01, 0x01, 0x05, 0x10 | 0x11, 0, 0, ..])
 }
 
-/// Bytes of the header.
+/// Length of the header, bytes.
 const HEADER: usize = 16;
-/// Where it has its instant.
+/// Offset of the instant in the header.
 const STAMP: usize = 8;
 
 #[cfg(test)]
@@ -83,7 +83,7 @@ mod tests {
         let frame = vec![7; 60];
         for (kind, stamp, before, expected) in [
             (0x10, 5_000, true, at),
-            // The stamps of the file do not count any more.
+            // From here on the stamps of the file do not count.
             (0x11, 6_010, false, at + Duration::from_nanos(1_010)),
             (0x10, 4_999, true, at - Duration::from_nanos(1)),
         ] {

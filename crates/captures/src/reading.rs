@@ -1,10 +1,10 @@
-//! Frames out of capture files: pcapng and pcap, as any tool writes them.
+//! Reads frames from capture files: pcapng and pcap, as any tool writes them.
 //!
-//! A file may end in the middle of a packet, hold other links than Ethernet, or packets that were
-//! cut: what can be read is read, and [`Tally`] says what was left out.
+//! A file may end in the middle of a packet, or hold links other than Ethernet, or packets that
+//! were cut. What can be read is read, and [`Tally`] says what was left out.
 //!
-//! [`Reader`] gives one frame after the other and holds eight megabytes of the file at most,
-//! whatever its length; [`Reading`] is all frames of a file in memory.
+//! [`Reader`] returns one frame after the other and holds at most eight megabytes of the file,
+//! whatever its length; [`Reading`] holds all frames of a file in memory.
 
 use std::fmt;
 use std::io::{self, Chain, Cursor, ErrorKind, Read};
@@ -30,39 +30,40 @@ mod tests;
 pub struct Frame {
     /// Number of the packet in its file, from 1, as Wireshark shows it.
     pub number: usize,
-    /// When it was seen, from the epoch of the file's clock.
+    /// When it was captured, since the epoch of the file's clock.
     pub at: Duration,
     /// Number of the interface in its section, from 0.
     pub interface: u32,
-    /// The file says that it was sent (`true`) or received (`false`); `None`: it does not say.
+    /// Whether the file says that it was sent (`true`) or received (`false`); `None`: the file does
+    /// not say.
     pub sent: Option<bool>,
-    /// From the destination address on.
+    /// The frame from the destination address on.
     pub bytes: Vec<u8>,
 }
 
-/// What was met in a file beside the frames.
+/// What a file contains besides the frames.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Tally {
-    /// Packets in the file, with those that are none of Ethernet.
+    /// Packets in the file, including those without Ethernet frames.
     pub packets: usize,
-    /// Packets of links that hold no Ethernet frames, which are left out.
+    /// Packets of links without Ethernet frames, which are left out.
     pub other_links: usize,
-    /// The link type of the first of them, as the registry of LINKTYPE_ values numbers it.
+    /// The link type of the first of them, by the registry of LINKTYPE_ values.
     pub other_link: Option<u32>,
-    /// Packets of which the file does not hold all bytes of EtherCAT, which are left out.
+    /// Packets that the file cuts off within their EtherCAT part, which are left out.
     pub cut: usize,
-    /// Why reading ended before the end of the file; `None` if it did not.
+    /// Why reading ended before the end of the file; `None`: it did not.
     pub ended: Option<String>,
 }
 
-/// The bytes are no capture file.
+/// Why the bytes are not a capture file.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum NoCapture {
     /// The file can't be read.
     Unreadable(String),
-    /// The file begins as none of its kind does.
+    /// The file begins like neither of the formats.
     Unknown {
-        /// The first bytes that were found, four at most.
+        /// The first bytes that were found, at most four.
         found: Vec<u8>,
     },
 }
@@ -110,7 +111,7 @@ pub struct Reader<R: Read> {
     source: Source<R>,
     /// The interfaces of the section.
     links: Vec<Link>,
-    /// Stamp of the last packet, for those that have none.
+    /// Stamp of the last packet, which packets without a stamp get.
     last: Duration,
     tally: Tally,
     probe: Option<(Probe, Clock)>,
@@ -133,7 +134,7 @@ impl<R: Read> fmt::Debug for Source<R> {
 }
 
 impl<R: Read> Reader<R> {
-    /// Begins to read. `Err`: it is neither pcapng nor pcap.
+    /// Begins to read. `Err`: the file is neither pcapng nor pcap.
     pub fn new(mut source: R) -> Result<Self, NoCapture> {
         let unreadable = |error: io::Error| NoCapture::Unreadable(error.to_string());
         let mut first = Vec::new();
@@ -148,18 +149,18 @@ impl<R: Read> Reader<R> {
         Ok(Self { source, links, last, tally: Tally::default(), probe: None })
     }
 
-    /// Packets have the header of a probe: frames are what is left without it, and its instants
-    /// count in the place of the stamps. Packets without the header stay as they are.
+    /// Expects the header of a probe in the packets: frames are read without it, and its instants
+    /// replace the stamps. Packets without the header stay unchanged.
     pub fn with_probe(self, probe: Option<Probe>) -> Self {
         Self { probe: probe.map(|probe| (probe, Clock::default())), ..self }
     }
 
-    /// What was met so far.
+    /// What was found so far.
     pub fn tally(&self) -> &Tally {
         &self.tally
     }
 
-    /// The next Ethernet frame; `None` at the end, or where the file can't be read on.
+    /// The next Ethernet frame; `None`: the file ended, or can't be read further.
     pub fn frame(&mut self) -> Option<Frame> {
         loop {
             let step = match &mut self.source {
@@ -221,7 +222,7 @@ impl<R: Read> Reader<R> {
             self.tally.other_link.get_or_insert(link.into());
             return None;
         };
-        // Of a frame that lacks its padding alone nothing is missing.
+        // A frame that only lacks its padding is complete.
         let is_ours = |error: FrameError| {
             matches!(error, FrameError::Short { .. } | FrameError::Length { .. })
         };
@@ -234,24 +235,24 @@ impl<R: Read> Reader<R> {
     }
 }
 
-/// A packet as it stands in the file.
+/// A packet of the file.
 struct Packet {
     link: DataLink,
     at: Duration,
     interface: u32,
     sent: Option<bool>,
-    /// The file has all its bytes.
+    /// Whether the file has all its bytes.
     whole: bool,
     bytes: Vec<u8>,
 }
 
-/// The packet of a block; `None`: it has none. `last`: the stamp of the packet before.
+/// The packet of a block; `None`: the block has none. `last`: the stamp of the previous packet.
 fn packet_of(block: Block<'_>, links: &mut Vec<Link>, last: Duration) -> Option<Packet> {
     let link_of = |interface: u32, links: &[Link]| {
         links.get(interface as usize).copied().unwrap_or(Link::ETHERNET)
     };
     match block {
-        // A section has interfaces of its own.
+        // Each section has its own interfaces.
         Block::SectionHeader(_) => links.clear(),
         Block::InterfaceDescription(interface) => links.push(Link::of(&interface)),
         Block::EnhancedPacket(packet) => {
@@ -297,7 +298,7 @@ fn packet_of(block: Block<'_>, links: &mut Vec<Link>, last: Duration) -> Option<
 pub struct Reading {
     /// The Ethernet frames, in the order of the file.
     pub frames: Vec<Frame>,
-    /// What else was met.
+    /// What else the file contains.
     pub tally: Tally,
 }
 
@@ -317,14 +318,14 @@ impl Reading {
 #[derive(Clone, Copy, Debug)]
 struct Link {
     link: DataLink,
-    /// The option of its name: bit 7 clear, 10^-n s; set, 2^-n s.
+    /// Value of if_tsresol: units of 10^-n s if bit 7 is clear, of 2^-n s if it is set.
     resolution: u8,
-    /// What all its stamps lack, s.
+    /// Offset to add to all its stamps, s.
     offset: i64,
 }
 
 impl Link {
-    /// What a file that names no interface may be.
+    /// The interface of packets in a file that describes no interface.
     const ETHERNET: Self = Self { link: DataLink::ETHERNET, resolution: MICROSECONDS, offset: 0 };
 
     fn of(interface: &InterfaceDescriptionBlock<'_>) -> Self {
@@ -339,7 +340,7 @@ impl Link {
         link
     }
 
-    /// A time stamp in the interface's units.
+    /// A time stamp in units of the interface, as a duration.
     fn time(self, units: u128) -> Duration {
         let power = u32::from(self.resolution & 0x7F);
         let nanos = match self.resolution & 0x80 {
@@ -358,7 +359,7 @@ impl Link {
     }
 }
 
-/// Bits 1:0 of the flags of a packet.
+/// The direction by bits 1:0 of the flags of a packet.
 fn direction(packet: &EnhancedPacketBlock<'_>) -> Option<bool> {
     packet.options.iter().find_map(|option| match option {
         EnhancedPacketOption::Flags(flags) => match flags & 0b11 {
@@ -380,10 +381,10 @@ pub(crate) fn words(error: &PcapError) -> String {
     }
 }
 
-/// Units of a pcapng interface that does not say which.
+/// Resolution of a pcapng interface that does not state one: 10^-6 s.
 const MICROSECONDS: u8 = 6;
-/// How pcapng begins, whatever its byte order.
+/// First bytes of pcapng, in either byte order.
 pub(crate) const MAGIC_NG: &[u8] = &[0x0A, 0x0D, 0x0D, 0x0A];
-/// Interfaces of a section: what a file may make the reader remember.
+/// Largest number of interfaces of a section, which bounds the memory of the reader.
 const MOST_INTERFACES: usize = 65_536;
 pub(crate) const CUT_OFF: &str = "the file ends in the middle of a block";

@@ -1,4 +1,5 @@
-//! What a rule works with: the SubDevice, brought to where the rule begins, and a place for what it finds.
+//! The environment of a rule: the SubDevice, brought to the state where the rule begins, and a
+//! place for its evidence.
 
 use std::fmt::Display;
 
@@ -22,18 +23,19 @@ use super::tester::{Al, Grid, LOGICAL, Tester, Trouble};
 /// Why a check ends early.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Stop {
-    /// The rule does not concern this SubDevice, or not in this mode.
+    /// The rule does not apply to this SubDevice, or not in this mode.
     NotApplicable(String),
-    /// What another rule asks for fails, so this one can't begin.
+    /// Another rule that this one depends on fails, so this one can't begin.
     Blocked {
         /// The other rule.
         by: &'static str,
         /// How it fails here.
         why: String,
     },
-    /// No answer, or one that makes no sense.
+    /// There was no answer, or a wrong one.
     Trouble(Trouble),
-    /// What was seen says nothing about the SubDevice: frames were lost or late, or the user ended it.
+    /// The observation does not allow a verdict: frames were lost or late, or the user stopped the
+    /// suite.
     NotJudged(String),
 }
 
@@ -43,38 +45,39 @@ impl From<Trouble> for Stop {
     }
 }
 
-/// The end of a check: what it found stands in the case.
+/// The end of a check. Its evidence is in the case.
 pub type Done = Result<(), Stop>;
 
-/// A check at work.
+/// A check in progress.
 pub struct Case<'a, 'w> {
-    /// The way to the SubDevice.
+    /// The connection to the SubDevice.
     pub t: &'a mut Tester<'w>,
-    /// What it tells about itself.
+    /// What the SubDevice says about itself.
     pub s: &'a Subject,
-    /// The mode that the check runs in; of no meaning for rules of the whole SubDevice.
+    /// The mode that the check runs in; rules of the whole SubDevice ignore it.
     pub mode: Mode,
     /// What was looked at.
     pub evidence: Vec<Evidence>,
-    /// What a reader should know beside it: which of several right behaviours was found.
+    /// Further information for the reader, for example which of several correct behaviours was
+    /// found.
     pub notes: Vec<String>,
 }
 
-/// Counters of one sync object; `None` for a sub-index that it does not have.
+/// Counters of one sync object; `None`: the object does not have that sub-index.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Counters {
-    /// 0B.
+    /// SM event missed (0B).
     pub missed: Option<u64>,
-    /// 0C.
+    /// Cycle time too small (0C).
     pub too_small: Option<u64>,
-    /// 0D.
+    /// Shift time too short (0D).
     pub too_short: Option<u64>,
-    /// 20.
+    /// Sync error (20).
     pub error: Option<u64>,
 }
 
 impl Counters {
-    /// Each that exists, with its sub-index.
+    /// The counters that exist, with their sub-indices.
     pub fn each(&self) -> impl Iterator<Item = (u8, u64)> {
         let all = [
             (sub::SM_EVENT_MISSED, self.missed),
@@ -87,7 +90,7 @@ impl Counters {
 }
 
 impl Case<'_, '_> {
-    /// Notes what was looked at, and whether it is as it must be.
+    /// Notes what was looked at, and whether it is right.
     pub fn expect(
         &mut self,
         place: impl Display,
@@ -103,12 +106,12 @@ impl Case<'_, '_> {
         });
     }
 
-    /// Notes a number that must be another.
+    /// Notes a number and the number that is expected.
     pub fn equal(&mut self, place: impl Display, expected: u64, found: u64) {
         self.expect(place, expected, found, expected == found);
     }
 
-    /// Notes an abort code, or that there was none.
+    /// Notes an abort code, or that there was no abort.
     pub fn aborts<T>(
         &mut self,
         place: impl Display,
@@ -123,14 +126,14 @@ impl Case<'_, '_> {
         self.expect(place, format!("abort {}", list.join(" or ")), text, right);
     }
 
-    /// The SubDevice, from the beginning, in PREOP.
+    /// Restarts the SubDevice and brings it to PREOP.
     pub fn preop(&mut self) -> Done {
         self.t.restart()?;
         let al = self.s.preop(self.t)?;
         blocked(al, AlState::PreOp, "MODE-01")
     }
 
-    /// The same, with its objects.
+    /// Does the same as [`preop`](Self::preop); not applicable without CoE objects.
     pub fn preop_with_objects(&mut self) -> Done {
         if self.s.coe.is_none() {
             return Err(not_applicable("it has no CoE mailbox"));
@@ -138,8 +141,8 @@ impl Case<'_, '_> {
         self.preop()
     }
 
-    /// Assigns the PDOs, unless they are: an earlier rule may have left others where there is no power to
-    /// switch off.
+    /// Assigns the PDOs, unless they are assigned already: an earlier rule may have left others
+    /// where the power can't be switched off.
     pub fn assign(&mut self) -> Done {
         let s = self.s;
         for (direction, index) in [(&s.outputs, OUTPUT_ASSIGNMENT), (&s.inputs, INPUT_ASSIGNMENT)] {
@@ -160,7 +163,7 @@ impl Case<'_, '_> {
         self.must_write(at(0), &[pdos.len() as u8])
     }
 
-    /// Writes what the SubDevice has to take.
+    /// Writes a value that the SubDevice has to accept.
     pub fn must_write(&mut self, object: ObjectAddress, data: &[u8]) -> Done {
         match self.t.download(object, data)? {
             Ok(()) => Ok(()),
@@ -168,7 +171,8 @@ impl Case<'_, '_> {
         }
     }
 
-    /// Writes the types of a mode into 0x1C32:01 and 0x1C33:01, as far as there is something to transmit.
+    /// Writes the types of a mode to 0x1C32:01 and 0x1C33:01, for each direction that has process
+    /// data.
     pub fn choose(&mut self, mode: Mode) -> Done {
         let s = self.s;
         for object in s.live_objects() {
@@ -178,7 +182,7 @@ impl Case<'_, '_> {
         Ok(())
     }
 
-    /// What 0x1C32:01 or 0x1C33:01 has to read in a mode.
+    /// The value that 0x1C32:01 or 0x1C33:01 has to have in a mode.
     pub fn sync_type(&self, object: &SyncObject, mode: Mode) -> u16 {
         match (object.index, self.s.outputs.len) {
             (OUTPUT_PARAMETER, _) => mode.output_type,
@@ -192,12 +196,13 @@ impl Case<'_, '_> {
         self.process_data_of(self.s)
     }
 
-    /// The same for a SubDevice that has other process data.
+    /// Does the same as [`process_data`](Self::process_data) for a SubDevice with other process
+    /// data.
     pub fn process_data_of(&mut self, s: &Subject) -> Done {
         for (number, direction, kind) in [(0, &s.outputs, Fmmu::WRITE), (1, &s.inputs, Fmmu::READ)]
         {
             let sm = s.sync_manager(direction.sm);
-            // A device without data in this direction may lack the SyncManager, too.
+            // A device without data in this direction may lack the SyncManager.
             if direction.len > 0 || s.sms.get(direction.sm).is_some() {
                 self.t.set_sync_manager(direction.sm, sm)?;
             }
@@ -212,7 +217,7 @@ impl Case<'_, '_> {
         Ok(())
     }
 
-    /// All that belongs to a mode, up to the request of SAFEOP, which is not yet sent. Gives the grid of
+    /// Sets up a mode up to the request of SAFEOP, which is not sent yet. Returns the grid of
     /// SYNC0, if there is one.
     pub fn prepare(&mut self, mode: Mode, cycle: Nanos) -> Result<Option<Grid>, Stop> {
         self.reachable(mode)?;
@@ -230,7 +235,7 @@ impl Case<'_, '_> {
         Ok(Some(Grid { start, lead: self.lead(cycle) }))
     }
 
-    /// A mode in SAFEOP, its exchange begun.
+    /// Brings the SubDevice to SAFEOP in a mode and begins the exchange.
     pub fn safe_op(&mut self, mode: Mode, cycle: Nanos) -> Done {
         let grid = self.prepare(mode, cycle)?;
         let al = self.t.change(AlState::SafeOp, STATE_PATIENCE)?;
@@ -245,13 +250,13 @@ impl Case<'_, '_> {
         self.t.begin_exchange(cycle, lens, grid);
     }
 
-    /// A mode in OP, some cycles ago.
+    /// Brings the SubDevice to OP in a mode, and runs some cycles.
     pub fn op(&mut self, mode: Mode, cycle: Nanos) -> Done {
         self.safe_op(mode, cycle)?;
         self.enter_op()
     }
 
-    /// From SAFEOP to OP.
+    /// Goes from SAFEOP to OP.
     pub fn enter_op(&mut self) -> Done {
         self.t.run(SETTLING)?;
         let al = self.t.change(AlState::Op, OP_PATIENCE)?;
@@ -259,12 +264,12 @@ impl Case<'_, '_> {
         Ok(self.t.run(SETTLING)?)
     }
 
-    /// The mode of this check in OP, at the usual cycle.
+    /// Brings the SubDevice to OP in the mode of this check, at the usual cycle.
     pub fn op_here(&mut self) -> Done {
         self.op(self.mode, self.cycle())
     }
 
-    /// Whether a mode can be asked for.
+    /// Whether a mode can be requested.
     pub fn reachable(&self, mode: Mode) -> Done {
         if let Some(why) = mode.untried {
             return Err(not_applicable(format!("{} is not tried: {why}", mode.name())));
@@ -287,7 +292,7 @@ impl Case<'_, '_> {
         Ok(())
     }
 
-    /// The mode with DC SYNC0, if the SubDevice has it.
+    /// The DC SYNC0 mode, if the SubDevice has it.
     pub fn sync0_mode(&self) -> Result<Mode, Stop> {
         let modes = self.s.modes.iter().copied();
         let mut dc = modes.filter(Mode::is_sync0);
@@ -296,7 +301,7 @@ impl Case<'_, '_> {
         Ok(mode)
     }
 
-    /// The first announced mode that can be asked for.
+    /// The first announced mode that can be requested.
     pub fn any_mode(&self) -> Result<Mode, Stop> {
         let mut modes = self.s.modes.iter().copied();
         modes
@@ -304,14 +309,14 @@ impl Case<'_, '_> {
             .ok_or_else(|| not_applicable("it announces no mode that is tried"))
     }
 
-    /// The cycle of a usual run: 1 ms, or more if the SubDevice needs it.
+    /// The cycle of a usual run: 1 ms, or more if the SubDevice needs a longer one.
     pub fn cycle(&self) -> Nanos {
         let least = self.least_cycle().0.max(1) as u64;
         Nanos::millis(least.div_ceil(1_000_000) as i64)
     }
 
-    /// The shortest bus cycle that the SubDevice states for this mode: the cycle of SYNC0 has to reach
-    /// the minimum.
+    /// The shortest bus cycle that the SubDevice states for this mode: its SYNC0 cycle must not be
+    /// below the minimum cycle time.
     pub fn least_cycle(&self) -> Nanos {
         Nanos(self.s.minimum_cycle().0 * i64::from(self.mode.subordinated_cycles()))
     }
@@ -331,12 +336,13 @@ impl Case<'_, '_> {
         }
     }
 
-    /// How long before SYNC0 a frame passes: with room for the copying of the outputs.
+    /// How long before SYNC0 a frame passes, so that there is time to copy the outputs.
     pub fn lead(&self, cycle: Nanos) -> Nanos {
         let calc = self.s.sync_objects().find(|o| o.index == OUTPUT_PARAMETER);
         let calc = calc.and_then(|object| object.value(sub::CALC_AND_COPY_TIME)).unwrap_or(0);
         let calc = if calc == 0 { USUAL_COPY } else { Nanos(calc as i64) };
-        // Behind SYNC1, where that is not the first SYNC0 of a bus cycle.
+        // In subordinated cycles the frame must come after SYNC1, which is not the first SYNC0 of a
+        // bus cycle.
         let room = Nanos(cycle.0 / i64::from(self.mode.subordinated_cycles()) * 4 / 5);
         (calc + ROOM + self.t.lateness()).min(room)
     }
@@ -359,12 +365,12 @@ impl Case<'_, '_> {
         })
     }
 
-    /// The object whose counters tell of the direction that the SubDevice lives by.
+    /// The sync object whose counters are looked at: that of the outputs if there are any.
     pub fn leading(&self) -> Result<&'_ SyncObject, Stop> {
         self.s.leading().ok_or_else(|| not_applicable("it has no sync object"))
     }
 
-    /// Counters of both objects must be at zero.
+    /// Requires that the counters of both objects are 0.
     pub fn all_clear(&mut self, when: &str) -> Done {
         for index in [OUTPUT_PARAMETER, INPUT_PARAMETER] {
             for (sub, found) in self.counters(index)?.each().collect::<Vec<_>>() {
@@ -374,9 +380,10 @@ impl Case<'_, '_> {
         Ok(())
     }
 
-    /// In simulation: outputs must have acted once between one frame and the next.
+    /// In simulation: requires that outputs acted exactly once between two frames.
     fn outputs_acted(&mut self) {
-        // Free Run acts by itself, subordinated cycles with every SYNC0.
+        // In Free Run outputs do not follow frames, and in subordinated cycles they act with every
+        // SYNC0.
         if self.s.outputs.len == 0 || self.mode.bit == 0 || self.mode.bit == 4 {
             return;
         }
@@ -398,7 +405,8 @@ impl Case<'_, '_> {
         self.expect(place, "acted once each", found, wrong == 0);
     }
 
-    /// The mode in OP must have been clean for some cycles: state, working counters, counters.
+    /// Runs some cycles in OP, which must be without faults: state, working counters and sync
+    /// counters.
     pub fn clean_run(&mut self, cycles: u64) -> Done {
         let before = self.t.exchange.as_ref().map_or(0, |exchange| exchange.wrong_counters);
         self.t.seen();
@@ -423,7 +431,7 @@ impl Case<'_, '_> {
     }
 }
 
-/// The rule does not concern the SubDevice.
+/// Says that the rule does not apply to the SubDevice.
 pub fn not_applicable(why: impl Into<String>) -> Stop {
     Stop::NotApplicable(why.into())
 }
@@ -436,15 +444,15 @@ fn blocked(al: Al, wanted: AlState, by: &'static str) -> Done {
     }
 }
 
-/// How long a change of state may take, OP with DC aside.
+/// How long a change of state may take, except to OP with DC.
 pub(crate) const STATE_PATIENCE: Nanos = Nanos::millis(3_000);
-/// A SubDevice gives OP up after 9 s as a rule.
+/// How long a change to OP may take: SubDevices usually give up after 9 s.
 pub(crate) const OP_PATIENCE: Nanos = Nanos::millis(12_000);
-/// From the set-up of the SYNC unit to its first pulse.
+/// Time from the set-up of the SYNC unit to its first pulse.
 pub(crate) const LEAD_IN: Nanos = Nanos::millis(20);
-/// Cycles before anything is asked.
+/// Cycles that pass before OP is requested.
 const SETTLING: u64 = 5;
-/// Of a SubDevice that states none.
+/// Calc and copy time of a SubDevice that states none.
 const USUAL_COPY: Nanos = Nanos::micros(50);
-/// For the frame itself, and to spare.
+/// Time for the frame itself, with a reserve.
 const ROOM: Nanos = Nanos::micros(50);

@@ -3,16 +3,16 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// Something that was looked at.
+/// One thing that was looked at.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Evidence {
-    /// Where: object, register, situation.
+    /// Where: object, register or situation.
     pub place: String,
-    /// What had to be there.
+    /// The expected value.
     pub expected: String,
-    /// What was.
+    /// The value that was found.
     pub found: String,
-    /// Whether that is right.
+    /// Whether the found value is right.
     pub right: bool,
 }

@@ -1,11 +1,12 @@
-//! The conformance suite: does a SubDevice synchronize as it says, seen from the MainDevice's side?
+//! The conformance suite tests from the MainDevice's side whether a SubDevice synchronizes as it
+//! states.
 //!
-//! [`wire`] carries frames, in virtual time or on a real interface; `tester` and `mailbox` make
-//! registers, states, objects and an exchange of it, each frame at its own instant. [`subject`] is
-//! what the SubDevice tells about itself, [`rules`] what it has to do, and `case` what a rule works
-//! with. Of all that comes a [`report`].
+//! [`wire`] carries frames, in virtual time or on a real interface. `tester` and `mailbox` build
+//! registers, states, objects and an exchange on it, where each frame has its own instant.
+//! [`subject`] holds what the SubDevice says about itself, [`rules`] what it has to do, and `case`
+//! is the environment of a rule. The result is a [`report`].
 //!
-//! That the rules are not blind is proven by devices that break each of them: see
+//! Simulated devices that break each rule prove that the rules find faults: see
 //! [`Misbehaviour`](isocat_subdevice::Misbehaviour).
 #![forbid(unsafe_code)]
 
@@ -34,7 +35,8 @@ use tester::{Disturbance, Tester, Trouble};
 use wire::Wire;
 
 impl Hints {
-    /// What a segment file knows of a device. An error names a deviation of its profile whose rule there is not.
+    /// Takes what a segment file knows of a device. `Err`: its profile names a deviation from a
+    /// rule that does not exist.
     pub fn of(device: &SubDevice) -> Result<Self, FileError> {
         let profile = &device.profile;
         let known = || rules::all().map(|rule| rule.id);
@@ -58,7 +60,8 @@ impl Hints {
     }
 }
 
-/// What a maker's description does not tell, and a rule asks for.
+/// What a rule depends on and a maker's description does not state: rules, each with what is
+/// missing.
 fn assumed(profile: &Profile) -> Vec<(&'static str, &'static str)> {
     if profile.origin == Origin::Profile {
         return Vec::new();
@@ -74,20 +77,20 @@ fn assumed(profile: &Profile) -> Vec<(&'static str, &'static str)> {
     assumed
 }
 
-/// How far an examination is, told as it goes on.
+/// The progress of an examination.
 #[derive(Clone, Copy, Debug)]
 pub enum Progress<'a> {
-    /// The SubDevice has told what it is and which modes it has.
+    /// The SubDevice has said what it is and which modes it has.
     Begins(Examined, &'a [ModeResult]),
     /// A rule is about to be tried.
     Trying(&'a Rule),
-    /// What became of the rule.
+    /// The result of the rule.
     Done(&'a RuleResult),
 }
 
-/// Tries the rules on the SubDevice at `position`. `chosen` tells which; `progress` is told how far it is. Where
-/// this machine fails, or the user wants the end, the rules that are left are not judged. An error: another
-/// SubDevice stands there than was expected.
+/// Tries the rules on the SubDevice at `position`. `chosen` selects the rules; `progress` is told
+/// the progress. If this machine fails or the user stops the suite, the remaining rules are not
+/// judged. `Err`: the SubDevice there is not the expected one.
 pub fn examine(
     wire: &mut dyn Wire,
     position: u16,
@@ -141,12 +144,13 @@ pub fn examine(
         progress(Progress::Done(&result));
         results.push(result);
     }
-    // The device is left as quiet as it was found.
+    // The device is left in INIT.
     let _ended = tester.leave();
     Ok(DeviceReport::new((name, position), examined, broken_off, modes, results))
 }
 
-/// What the SubDevice tells about itself; and why no rule but MODE-01 can be tried, if so.
+/// Reads what the SubDevice says about itself; the second value tells why no rule but MODE-01 can
+/// be tried.
 fn survey(t: &mut Tester<'_>, hints: &Hints) -> (Subject, Result<(), Stop>) {
     for attempt in 1.. {
         if t.has_device_emulation() == Ok(true) {
@@ -181,7 +185,7 @@ fn survey(t: &mut Tester<'_>, hints: &Hints) -> (Subject, Result<(), Stop>) {
     unreachable!("the last attempt has returned")
 }
 
-/// Tries one rule. The second value tells why no further one can be tried.
+/// Tries one rule. The second value tells why no further rule can be tried.
 fn apply(rule: &Rule, t: &mut Tester<'_>, s: &Subject) -> (RuleResult, Option<String>) {
     let mut result = RuleResult::new(rule);
     let (check, modes) = match rule.check {
@@ -211,7 +215,7 @@ fn apply(rule: &Rule, t: &mut Tester<'_>, s: &Subject) -> (RuleResult, Option<St
             let good = evidence.iter().all(|evidence| evidence.right)
                 && matches!(done, Ok(()) | Err(Stop::NotApplicable(_)));
             match t.disturbance() {
-                // Whatever a lost or late frame led to is not the SubDevice's doing.
+                // Consequences of a lost or late frame are not the SubDevice's fault.
                 Some(_) if !good && attempt < MOST_ATTEMPTS => continue,
                 Some(disturbance) if !good => {
                     let stop = Stop::NotJudged(not_judged(&disturbance, attempt));
@@ -234,24 +238,25 @@ fn not_judged(disturbance: &Disturbance, attempts: u32) -> String {
 /// Why a device with several SyncManagers in one direction is not tried.
 const SHARED: &str =
     "outputs or inputs are in several SyncManagers; the rules are made for one of each";
-/// Attempts at a rule while frames are lost or late.
+/// Attempts at a rule if frames are lost or late.
 const MOST_ATTEMPTS: u32 = 3;
 
-/// A segment file with just this device, a built-in profile or the path of a profile file. A
-/// terminal stands at the side of the MainDevice, on EBUS.
+/// A segment file with just this device, which is a built-in profile or the path of a profile file.
+/// The MainDevice's port is on EBUS if the device is a terminal on EBUS.
 pub fn segment_of(device: &str) -> String {
     let host = if is_on_ebus(device) { "host = { port = \"ebus\" }\n" } else { "" };
     format!("cycle = \"1ms\"\n{host}[[subdevice]]\nname = \"{device}\"\ndevice = \"{device}\"\n")
 }
 
-/// What can't be read is refused with its reason where the segment file is.
+/// Whether the device is on EBUS. A file that can't be read counts as not: reading the segment file
+/// reports the reason.
 fn is_on_ebus(device: &str) -> bool {
     let of_file =
         || Profile::from_toml(device, &limits::read_text(device, limits::TOML).ok()?).ok();
     profile::built_in(device).or_else(of_file).is_some_and(|profile| profile.is_on_ebus())
 }
 
-/// How many SubDevices there are.
+/// The number of SubDevices.
 pub fn count(wire: &mut dyn Wire) -> Result<u16, String> {
     Tester::new(wire, 0).count().map_err(|trouble| trouble.what)
 }

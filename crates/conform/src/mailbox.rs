@@ -12,7 +12,7 @@ use isocat_wire::{AbortCode, ObjectAddress};
 
 use super::tester::{Tester, Trouble, number};
 
-/// The two areas and the counter of what was sent.
+/// The two mailbox areas, and the counter of the messages that were sent.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mailbox {
     /// Towards the SubDevice, SM0.
@@ -22,12 +22,12 @@ pub struct Mailbox {
     counter: u8,
 }
 
-/// Why an SDO gave nothing.
+/// Why an SDO transfer failed.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum SdoFault {
-    /// The SubDevice says why.
+    /// The SubDevice aborted it with this code.
     Abort(AbortCode),
-    /// It did not come that far.
+    /// There was no proper answer.
     Trouble(Trouble),
 }
 
@@ -37,7 +37,7 @@ impl From<Trouble> for SdoFault {
     }
 }
 
-/// What became of an SDO: its data, or the code that it was refused with.
+/// The result of an SDO transfer: its data, or the code of an abort.
 pub type Answer<T = Vec<u8>> = Result<Result<T, AbortCode>, Trouble>;
 
 impl Tester<'_> {
@@ -46,12 +46,12 @@ impl Tester<'_> {
         settle(self.try_upload(object, false))
     }
 
-    /// Reads an object from this sub-index (0 or 1) on by complete access.
+    /// Reads an object by complete access, from sub-index `first` (0 or 1) on.
     pub fn upload_complete(&mut self, index: u16, first: u8) -> Answer {
         settle(self.try_upload(ObjectAddress::new(index, first), true))
     }
 
-    /// Reads an entry as a number; `None` if it is refused.
+    /// Reads an entry as a number; `None`: the SubDevice refused it.
     pub fn value(&mut self, object: ObjectAddress) -> Result<Option<u64>, Trouble> {
         Ok(self.upload(object)?.ok().map(|data| number(&data)))
     }
@@ -146,7 +146,8 @@ impl Tester<'_> {
         initiate(&body, object, specifier::RESPONSE_DOWNLOAD).map(|_| ())
     }
 
-    /// Sends an SDO request; gives what follows the CoE header of the answer, eight bytes at least.
+    /// Sends an SDO request; returns what follows the CoE header of the answer, at least eight
+    /// bytes.
     fn sdo(&mut self, message: &[u8]) -> Result<Vec<u8>, SdoFault> {
         let (service, body) = self.converse(Service::SDO_REQUEST, message)?;
         let Some(head) = body.first_chunk::<INITIATE_LEN>() else { return Err(short("an SDO")) };
@@ -173,7 +174,7 @@ impl Tester<'_> {
         Ok(data.to_vec())
     }
 
-    /// Sends a CoE message and waits for the one that answers it; emergencies in between are let pass.
+    /// Sends a CoE message and waits for its answer; ignores emergencies that come first.
     fn converse(&mut self, service: Service, body: &[u8]) -> Result<(Service, Vec<u8>), Trouble> {
         let areas = self.mailbox;
         self.mailbox.counter = next_counter(self.mailbox.counter);
@@ -205,7 +206,7 @@ impl Tester<'_> {
                     return Err(Trouble::new(format!("SM1: no answer within {PATIENCE}")));
                 }
                 self.pause(wait)?;
-                // Who takes long is not asked all the time.
+                // Polls a slow SubDevice less and less often.
                 wait = Nanos(wait.0 * 5 / 4).min(SLOW_POLL);
                 continue;
             }
@@ -255,8 +256,9 @@ fn settle<T>(result: Result<T, SdoFault>) -> Answer<T> {
     }
 }
 
-/// How long an answer is waited for: longer than any rule allows, so that slowness stays one fault.
+/// How long to wait for an answer: longer than any rule allows, so that slowness breaks only one
+/// rule.
 const PATIENCE: Nanos = Nanos::millis(4_000);
-/// Between two looks at the mailbox.
+/// Time between two looks at the mailbox: at first, and at most.
 const POLL: Nanos = Nanos::micros(20);
 const SLOW_POLL: Nanos = Nanos::millis(2);

@@ -1,25 +1,26 @@
-//! The synchronization modes as data: what announces each, how it is set up, what it reads back.
+//! The synchronization modes as data: which bits announce each, how it is set up, and what it reads
+//! back.
 
 use isocat_sync::SyncMode;
 
 /// One way to synchronize a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Mode {
-    /// Which.
+    /// The mode.
     pub mode: SyncMode,
-    /// Bit of 0x1C32:04 and 0x1C33:04 that is its own.
+    /// The bit of 0x1C32:04 and 0x1C33:04 that belongs to this mode alone.
     pub bit: u8,
     /// All bits of 0x1C32:04 and 0x1C33:04 that it needs.
     pub needs: u16,
-    /// 0x1C32:01.
+    /// Value of 0x1C32:01.
     pub output_type: u16,
-    /// 0x1C33:01, with outputs transmitted.
+    /// Value of 0x1C33:01, if outputs are transmitted.
     pub input_type: u16,
-    /// 0x1C33:01, without.
+    /// Value of 0x1C33:01, if no outputs are transmitted.
     pub input_only_type: u16,
-    /// Register 0x0981; 0 for a mode without the SYNC unit.
+    /// Value of register 0x0981; 0 for a mode without the SYNC unit.
     pub activation: u8,
-    /// Why the suite does not try it, if it does not.
+    /// Why the suite does not try it; `None`: it does.
     pub untried: Option<&'static str>,
 }
 
@@ -29,23 +30,23 @@ impl Mode {
         self.mode.name()
     }
 
-    /// Whether SYNC0 takes part.
+    /// Whether the mode uses SYNC0.
     pub const fn uses_dc(&self) -> bool {
         self.activation != 0
     }
 
-    /// Whether SM2 starts and SYNC0 acts, with no other signal.
+    /// Whether SM2 starts the work and SYNC0 alone lets outputs act.
     pub const fn is_sync0(&self) -> bool {
         self.activation == 0x03
     }
 
-    /// Cycles of SYNC0 in one of the bus.
+    /// SYNC0 cycles in one bus cycle.
     pub const fn subordinated_cycles(&self) -> u32 {
         if self.bit == 4 { 2 } else { 1 }
     }
 
-    /// Registers 0x09A0 and 0x09A4 at a bus cycle of so many ns: SYNC1 in the middle, or with the last SYNC0 of
-    /// a bus cycle.
+    /// Values of registers 0x09A0 and 0x09A4 for a bus cycle of `cycle` ns. SYNC1 is in the middle,
+    /// or at the last SYNC0 of a bus cycle.
     pub const fn pulses(&self, cycle: u32) -> (u32, u32) {
         match (self.activation, self.bit) {
             (0x07, 4) => (cycle / 2, cycle / 2),

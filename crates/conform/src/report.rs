@@ -1,4 +1,4 @@
-//! What the suite found: one document, for people and for machines.
+//! The result of the suite: one document, for people and for machines.
 
 use std::fmt::Write;
 
@@ -32,7 +32,7 @@ pub struct ConformanceReport {
     pub version: &'static str,
     /// The device, the segment file or the interface.
     pub source: String,
-    /// Whether no rule failed and every chosen one was judged.
+    /// Whether no rule failed and every chosen rule was judged.
     pub passed: bool,
     /// The SubDevices, in the order of their positions.
     pub devices: Vec<DeviceReport>,
@@ -46,43 +46,43 @@ pub struct DeviceReport {
     pub name: String,
     /// Its position.
     pub position: u16,
-    /// Rules that hold.
+    /// Rules that it keeps.
     pub passed: usize,
-    /// Rules that do not.
+    /// Rules that it breaks.
     pub failed: usize,
-    /// Rules that do not, as its profile says.
+    /// Rules that it breaks as its profile says.
     pub known_deviations: usize,
-    /// Rules of which nothing can be said: frames were lost or late, or the suite was broken off before.
+    /// Rules without a verdict: frames were lost or late, or the suite ended before.
     pub not_judged: usize,
-    /// Rules that do not concern it, or need another one that fails.
+    /// Rules that do not apply to it, or depend on another rule that fails.
     pub not_applicable: usize,
-    /// What was in front of the suite.
+    /// What the suite examined: a device, or a stand-in.
     pub examined: Examined,
-    /// Why the rules at the end were not tried: an interruption, or a failure of this machine.
+    /// Why the last rules were not tried: an interruption, or a failure of this machine.
     pub broken_off: Option<String>,
     /// Modes that it announces.
     pub modes: Vec<ModeResult>,
-    /// Each rule.
+    /// The result of each rule.
     pub rules: Vec<RuleResult>,
 }
 
-/// What the suite examined. A failure of a simulated device is one of the simulation first: of what stands in
-/// the profile or the description, and of what was assumed where they say nothing.
+/// What the suite examined. A failure of a simulated device is first a failure of the simulation:
+/// of its profile or description, or of what was assumed where these say nothing.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[schemars(inline)]
 pub enum Examined {
-    /// What answers on a real interface.
+    /// The device that answers on a real interface.
     Interface,
     /// A simulated device made from a device profile.
     SimulatedProfile,
-    /// A simulated device made from its maker's description (ESI): objects and process data are the description's,
-    /// states, timing and counters those of the stack that stands in.
+    /// A simulated device made from its maker's description (ESI). Objects and process data are
+    /// those of the description; states, timing and counters are those of the simulated stack.
     SimulatedDescription,
 }
 
 impl Examined {
-    /// What is judged, as a sentence; `None` where it is the device itself.
+    /// What the verdicts are about, as a sentence; `None`: the device itself.
     pub const fn note(self) -> Option<&'static str> {
         match self {
             Self::Interface => None,
@@ -109,31 +109,32 @@ pub struct ModeResult {
 }
 
 impl ModeResult {
-    /// Of the table of modes.
+    /// Takes a mode from the table of modes.
     pub fn new(mode: &Mode) -> Self {
         Self { name: mode.name(), untried: mode.untried }
     }
 }
 
-/// What became of a rule.
+/// The result of a rule.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[schemars(inline)]
 pub enum Verdict {
-    /// It holds.
+    /// The rule holds.
     Pass,
-    /// It does not.
+    /// The rule does not hold.
     Fail,
-    /// It does not, and the device's profile says so and why.
+    /// The rule does not hold, and the device's profile says so and why.
     KnownDeviation,
-    /// What was seen says nothing about the SubDevice: frames were lost or late, or the suite was broken off.
+    /// The observation does not allow a verdict: frames were lost or late, or the suite ended
+    /// before.
     NotJudged,
-    /// It does not concern the SubDevice, or another rule that it needs fails.
+    /// The rule does not apply to the SubDevice, or depends on another rule that fails.
     NotApplicable,
 }
 
 impl Verdict {
-    /// One word.
+    /// The verdict in one word.
     pub const fn word(self) -> &'static str {
         match self {
             Self::Pass => "pass",
@@ -145,28 +146,29 @@ impl Verdict {
     }
 }
 
-/// A rule and what became of it.
+/// A rule and its result.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct RuleResult {
     /// Its name.
     pub id: &'static str,
-    /// What it asks for.
+    /// What it requires.
     pub what: &'static str,
-    /// Where that is written.
+    /// Where the requirement is written.
     pub source: &'static str,
-    /// What became of it.
+    /// The result.
     pub verdict: Verdict,
-    /// Why it does not apply, or could not be judged, by mode if that matters.
+    /// Why it does not apply or was not judged, by mode if it is tried in several modes.
     pub why: Vec<String>,
-    /// What else a reader should know, such as which of several right behaviours was found.
+    /// Further information for the reader, for example which of several correct behaviours was
+    /// found.
     pub notes: Vec<String>,
     /// What was looked at.
     pub evidence: Vec<Evidence>,
 }
 
 impl RuleResult {
-    /// A rule that is not yet tried.
+    /// The result of a rule that was not tried yet.
     pub fn new(rule: &Rule) -> Self {
         Self {
             id: rule.id,
@@ -179,23 +181,23 @@ impl RuleResult {
         }
     }
 
-    /// A rule that can't be tried as another one fails.
+    /// A rule that can't be tried because another one fails.
     pub fn blocked(rule: &Rule, by: &str, why: &str) -> Self {
         Self { why: vec![format!("needs {by}: {why}")], ..Self::new(rule) }
     }
 
-    /// A rule that is not made for such a SubDevice.
+    /// A rule that does not apply to this kind of SubDevice.
     pub fn not_applicable(rule: &Rule, why: &str) -> Self {
         Self { why: vec![why.to_owned()], ..Self::new(rule) }
     }
 
-    /// A rule of which nothing can be said.
+    /// A rule without a verdict.
     pub fn not_judged(rule: &Rule, why: &str) -> Self {
         let verdict = Verdict::NotJudged;
         Self { verdict, why: vec![format!("not judged: {why}")], ..Self::new(rule) }
     }
 
-    /// Adds what one check found, in `mode` if it is one of several.
+    /// Adds the result of one check. `mode`: its mode, if the rule is tried in several.
     pub fn add(
         &mut self,
         mode: Option<&str>,
@@ -221,7 +223,7 @@ impl RuleResult {
             Err(Stop::NotApplicable(why)) => self.why.push(with_mode(why)),
             Err(Stop::Blocked { by, why }) => {
                 self.why.push(with_mode(format!("needs {by}: {why}")));
-                // Half a check proves nothing.
+                // A check that did not end proves nothing.
                 if by != self.id && !wrong {
                     verdict = Verdict::NotApplicable;
                 } else {
@@ -237,7 +239,7 @@ impl RuleResult {
                 verdict = Verdict::NotJudged;
             }
         }
-        // One mode of which nothing can be said leaves the rule open, unless another mode breaks it.
+        // A mode without a verdict leaves the rule open, unless another mode breaks it.
         self.verdict = match (self.verdict, verdict) {
             (Verdict::Fail, _) | (_, Verdict::Fail) => Verdict::Fail,
             (Verdict::NotJudged, _) | (_, Verdict::NotJudged) => Verdict::NotJudged,
@@ -249,8 +251,9 @@ impl RuleResult {
         self.notes.extend(notes.into_iter().map(with_mode));
     }
 
-    /// What its profile says of this rule. It must not hold, then, if it can be tried; and what is wrong
-    /// elsewhere than the profile says stays a fault.
+    /// Applies a deviation that the profile states for this rule. A rule that holds nevertheless
+    /// fails, because the profile is wrong; a fault at another place than the profile states
+    /// remains a fault.
     pub fn deviates(&mut self, known: &Deviation) {
         let at = |place: &str, known: &String| {
             place.split_whitespace().any(|word| word.trim_end_matches(':') == known)
@@ -269,7 +272,8 @@ impl RuleResult {
         self.notes.push(format!("known of {}: {}", known.places.join(", "), known.why));
     }
 
-    /// A stand-in that breaks this rule does so by what was assumed for it: that says nothing of the device.
+    /// Applies an assumption: if a stand-in breaks this rule only because of what was assumed for
+    /// it, that says nothing about the device.
     pub fn rests_on_assumption(&mut self, why: &str) {
         if self.verdict == Verdict::Fail {
             self.verdict = Verdict::NotApplicable;
@@ -278,13 +282,13 @@ impl RuleResult {
         }
     }
 
-    /// What is wrong, one line each.
+    /// The faults, one line each.
     fn faults(&self) -> Vec<String> {
         let wrong = self.evidence.iter().filter(|evidence| !evidence.right);
         let mut lines: Vec<_> = wrong
             .map(|e| format!("{}: expected {}, found {}", e.place, e.expected, e.found))
             .collect();
-        // Modes that it does not apply in are no fault.
+        // The reasons of modes in which the rule does not apply are no faults.
         if lines.is_empty() {
             lines.extend(self.why.iter().cloned());
         }
@@ -293,7 +297,7 @@ impl RuleResult {
 }
 
 impl DeviceReport {
-    /// Counts.
+    /// Makes the report and counts the verdicts.
     pub fn new(
         (name, position): (&str, u16),
         examined: Examined,
@@ -319,7 +323,7 @@ impl DeviceReport {
 }
 
 impl ConformanceReport {
-    /// Of some SubDevices.
+    /// Makes the document of some SubDevices.
     pub fn new(source: &str, devices: Vec<DeviceReport>) -> Self {
         Self {
             format: FORMAT,
@@ -330,7 +334,7 @@ impl ConformanceReport {
         }
     }
 
-    /// For people: a table by rule, what is wrong below each.
+    /// The document for people: a table of rules, with the faults below each.
     pub fn text(&self) -> String {
         let mut text = String::new();
         for device in &self.devices {
@@ -339,7 +343,8 @@ impl ConformanceReport {
         text
     }
 
-    /// As JUnit has it, for build servers: a suite for each SubDevice, a case for each rule.
+    /// The document as JUnit XML for build servers: a suite for each SubDevice, a case for each
+    /// rule.
     pub fn junit(&self) -> String {
         let mut text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned();
         let count = |of: fn(&DeviceReport) -> usize| self.devices.iter().map(of).sum::<usize>();
@@ -357,7 +362,7 @@ impl ConformanceReport {
     }
 }
 
-/// The rules, without trying them.
+/// A list of rules for people, without results.
 pub fn list<'r>(rules: impl Iterator<Item = &'r Rule>) -> String {
     let mut text = String::new();
     for rule in rules {
@@ -370,7 +375,7 @@ pub fn list<'r>(rules: impl Iterator<Item = &'r Rule>) -> String {
     text
 }
 
-/// The beginning of a device's text, as soon as it has told its modes.
+/// The beginning of a device's text, which can be written as soon as its modes are known.
 pub fn heading(name: &str, position: u16, examined: Examined, modes: &[ModeResult]) -> String {
     let mut out = String::new();
     let _ = writeln!(out, "{HEAD}{name} at position {position}{HEAD:#}");
@@ -386,7 +391,7 @@ pub fn heading(name: &str, position: u16, examined: Examined, modes: &[ModeResul
 }
 
 impl RuleResult {
-    /// Its lines in a device's text.
+    /// The lines of this rule in a device's text.
     pub fn text(&self) -> String {
         let mut out = String::new();
         let style = match self.verdict {
@@ -424,13 +429,13 @@ impl RuleResult {
 }
 
 impl DeviceReport {
-    /// For people: [`heading`], each rule, [`summary`](Self::summary).
+    /// The report for people: [`heading`], each rule, [`summary`](Self::summary).
     pub fn text(&self) -> String {
         let rules = self.rules.iter().map(RuleResult::text).collect::<String>();
         heading(&self.name, self.position, self.examined, &self.modes) + &rules + &self.summary()
     }
 
-    /// The end of its text: how many rules hold, and how many do not.
+    /// The end of the text: how many rules hold, and how many do not.
     pub fn summary(&self) -> String {
         let style = match (self.failed, self.not_judged) {
             (0, 0) => GOOD,
@@ -457,7 +462,7 @@ impl DeviceReport {
         )
     }
 
-    /// What JUnit calls skipped.
+    /// The number of cases that JUnit calls skipped.
     fn skipped(&self) -> usize {
         self.not_applicable + self.not_judged + self.known_deviations
     }
@@ -488,7 +493,7 @@ fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
                 out,
                 ">\n      <failure message=\"{source}\">{text}</failure>\n    </testcase>"
             )?,
-            // JUnit has no word for it.
+            // JUnit has no other word for these.
             Verdict::NotApplicable | Verdict::NotJudged | Verdict::KnownDeviation => {
                 writeln!(out, ">\n      <skipped message=\"{text}\"/>\n    </testcase>")?;
             }
@@ -497,7 +502,7 @@ fn junit_suite(out: &mut String, device: &DeviceReport) -> std::fmt::Result {
     writeln!(out, "  </testsuite>")
 }
 
-/// What is wrong with one rule, as far as a reader wants to see it.
+/// Faults of one rule that the text shows.
 const MOST_FAULTS: usize = 8;
 const GOOD: anstyle::Style = anstyle::AnsiColor::Green.on_default().bold();
 const BAD: anstyle::Style = anstyle::AnsiColor::Red.on_default().bold();

@@ -1,4 +1,4 @@
-//! What the SubDevice tells about itself: read once, before the rules.
+//! What the SubDevice says about itself, which is read once before the rules.
 
 use isocat_segment::profile::{Deviation, Origin};
 use isocat_sync::SupportedTypes;
@@ -16,39 +16,39 @@ use isocat_wire::{AlState, AlStatusCode, ObjectAddress, register};
 use super::mode::{MODES, Mode};
 use super::tester::{Al, Tester, Trouble, number};
 
-/// What is known before anybody asks: from a profile or a segment file.
+/// What is known in advance, from a profile or a segment file.
 #[derive(Clone, Debug, Default)]
 pub struct Hints {
-    /// PDOs to be assigned to SM2; empty for those that the SubDevice has by itself.
+    /// PDOs to be assigned to SM2; empty: those that the SubDevice assigns by default.
     pub outputs: Vec<u16>,
-    /// The same for SM3.
+    /// PDOs to be assigned to SM3; empty: those that the SubDevice assigns by default.
     pub inputs: Vec<u16>,
-    /// Modes of a SubDevice that can't be asked.
+    /// Modes of a SubDevice that does not announce them itself.
     pub modes: Vec<SyncMode>,
-    /// Who it is, with the vendor's number and the product code; `None` for whoever there is.
+    /// The expected vendor id and product code; `None`: any device.
     pub identity: Option<(u32, u32)>,
     /// Rules that it is known to break.
     pub deviations: Vec<Deviation>,
-    /// What a simulated device is made from.
+    /// The origin of a simulated device.
     pub stand_in: Option<Origin>,
-    /// Rules that a stand-in can only break by what was assumed for it, each with what is not known.
+    /// Rules that a stand-in can only break because of an assumption, each with what is not known.
     pub assumed: Vec<(&'static str, &'static str)>,
 }
 
 /// The SubDevice, as it describes itself.
 #[derive(Clone, Debug, Default)]
 pub struct Subject {
-    /// From the SII.
+    /// Contents of the SII header.
     pub header: Header,
-    /// From the SII: SM0 and following.
+    /// SM0 and following, from the SII.
     pub sms: Vec<SmRecord>,
     /// Outputs: SM2, RxPDOs, 0x1C12.
     pub outputs: Direction,
     /// Inputs: SM3, TxPDOs, 0x1C13.
     pub inputs: Direction,
-    /// It has a clock and a SYNC unit.
+    /// Whether it has a clock and a SYNC unit.
     pub has_dc: bool,
-    /// What its objects say; `None` without CoE.
+    /// Contents of its objects; `None` without CoE.
     pub coe: Option<Coe>,
     /// Modes that it announces.
     pub modes: Vec<Mode>,
@@ -59,33 +59,34 @@ pub struct Subject {
 pub struct Direction {
     /// PDOs to be assigned.
     pub pdos: Vec<u16>,
-    /// 0x1C12 or 0x1C13 can be written in PREOP.
+    /// Whether 0x1C12 or 0x1C13 can be written in PREOP.
     pub writable: bool,
     /// Highest sub-index of 0x1C12 or 0x1C13.
     pub slots: u8,
-    /// Bytes.
+    /// Number of bytes.
     pub len: u16,
-    /// Number of its SyncManager: the first of this type in the SII, else 2 for outputs and 3 for inputs.
+    /// Number of its SyncManager: the first of this type in the SII; without one, 2 for outputs and
+    /// 3 for inputs.
     pub sm: usize,
 }
 
-/// What the objects say.
+/// Contents of the objects.
 #[derive(Clone, Debug, Default)]
 pub struct Coe {
     /// 0x1C32, if it exists.
     pub output: Option<SyncObject>,
     /// 0x1C33, if it exists.
     pub input: Option<SyncObject>,
-    /// 0x10F1:02.
+    /// Value of 0x10F1:02.
     pub error_limit: Option<u64>,
 }
 
-/// A sync object as SDO information and single reads have it.
+/// A sync object, by SDO information and single reads.
 #[derive(Clone, Debug, Default)]
 pub struct SyncObject {
     /// Index.
     pub index: u16,
-    /// What there is, gaps included, ascending.
+    /// Its entries, ascending, including gaps.
     pub entries: Vec<Entry>,
 }
 
@@ -94,9 +95,9 @@ pub struct SyncObject {
 pub struct Entry {
     /// Sub-index.
     pub sub: u8,
-    /// What SDO information says.
+    /// Its description by SDO information.
     pub description: EntryDescription,
-    /// Its value in PREOP, little-endian; `None` for a gap, or if it can't be read.
+    /// Its value in PREOP, little-endian; `None`: it is a gap, or can't be read.
     pub value: Option<Vec<u8>>,
 }
 
@@ -106,17 +107,17 @@ impl SyncObject {
         self.entries.iter().find(|entry| entry.sub == sub && entry.description.data_type != 0)
     }
 
-    /// Its value in PREOP.
+    /// The value of an entry in PREOP.
     pub fn value(&self, sub: u8) -> Option<u64> {
         self.entry(sub)?.value.as_deref().map(number)
     }
 
-    /// What 04 announces; nothing if it is not there.
+    /// The types that 04 announces; none if 04 does not exist.
     pub fn types(&self) -> SupportedTypes {
         SupportedTypes(self.value(sub::SUPPORTED_TYPES).unwrap_or(0) as u16)
     }
 
-    /// Whether it can be written in PREOP.
+    /// Whether an entry can be written in PREOP.
     pub fn writable(&self, sub: u8) -> bool {
         use isocat_wire::coe::info::Access;
         self.entry(sub).is_some_and(|e| e.description.access.has_any(Access::WRITE_PREOP))
@@ -129,7 +130,8 @@ impl SyncObject {
 }
 
 impl Subject {
-    /// Asks the SubDevice for all there is. It is in PREOP, or the first refusal is the result.
+    /// Reads all that the SubDevice says about itself. Returns its state, which is PREOP or the
+    /// first refusal.
     pub fn survey(t: &mut Tester<'_>, hints: &Hints) -> Result<(Self, Al), Trouble> {
         let mut subject = Self::default();
         t.restart()?;
@@ -159,7 +161,7 @@ impl Subject {
             subject.modes =
                 (MODES.into_iter()).filter(|mode| hints.modes.contains(&mode.mode)).collect();
             if hints.modes.is_empty() {
-                // Who does not say otherwise works on the arrival of frames.
+                // A SubDevice that does not state its modes works on the arrival of frames.
                 subject.modes =
                     MODES.into_iter().filter(|mode| mode.mode == SyncMode::SmSynchronous).collect();
             }
@@ -174,7 +176,7 @@ impl Subject {
         })
     }
 
-    /// INIT to PREOP.
+    /// Goes from INIT to PREOP.
     pub fn preop(&self, t: &mut Tester<'_>) -> Result<Al, Trouble> {
         if self.has_mailbox() {
             let (receive, send) = (self.header.receive, self.header.send);
@@ -195,18 +197,18 @@ impl Subject {
         t.change(AlState::PreOp, Nanos::millis(3_000))
     }
 
-    /// Whether there is a mailbox.
+    /// Whether it has a mailbox.
     pub fn has_mailbox(&self) -> bool {
         self.header.receive.length > 0 && self.header.send.length > 0
     }
 
-    /// 0x1C32 and 0x1C33, as far as they exist.
+    /// 0x1C32 and 0x1C33, if they exist.
     pub fn sync_objects(&self) -> impl Iterator<Item = &SyncObject> {
         let coe = self.coe.iter();
         coe.flat_map(|coe| [&coe.output, &coe.input]).flatten()
     }
 
-    /// Whether there is something to transmit in the direction of a sync object.
+    /// Whether there are process data in the direction of a sync object.
     pub fn transmits(&self, object: &SyncObject) -> bool {
         match object.index {
             OUTPUT_PARAMETER => self.outputs.len > 0,
@@ -214,24 +216,24 @@ impl Subject {
         }
     }
 
-    /// The sync objects of the directions that are transmitted.
+    /// The sync objects of the directions with process data.
     pub(crate) fn live_objects(&self) -> impl Iterator<Item = &SyncObject> {
         self.sync_objects().filter(|object| self.transmits(object))
     }
 
-    /// The sync object of the direction that the SubDevice lives by: outputs if there are some.
+    /// The sync object that counts for the SubDevice: that of the outputs if there are any.
     pub fn leading(&self) -> Option<&SyncObject> {
         let coe = self.coe.as_ref()?;
         let first = if self.outputs.len > 0 { &coe.output } else { &coe.input };
         first.as_ref().or(coe.output.as_ref()).or(coe.input.as_ref())
     }
 
-    /// The larger of what both sync objects state; 0 if they state nothing.
+    /// The larger of the values that both sync objects state; 0 if neither states one.
     pub fn stated(&self, sub: u8) -> u64 {
         self.sync_objects().filter_map(|object| object.value(sub)).max().unwrap_or(0)
     }
 
-    /// What both directions that are transmitted announce.
+    /// The types that all directions with process data announce.
     pub fn types(&self) -> u64 {
         let announced = self.live_objects().filter_map(|object| object.value(sub::SUPPORTED_TYPES));
         announced.reduce(|one, other| one & other).unwrap_or(0)
@@ -243,12 +245,12 @@ impl Subject {
         objects.peek().is_some() && objects.all(|object| object.writable(sub::SYNC_TYPE))
     }
 
-    /// Shortest cycle stated.
+    /// The shortest cycle that it states.
     pub fn minimum_cycle(&self) -> Nanos {
         Nanos(self.stated(sub::MINIMUM_CYCLE_TIME) as i64)
     }
 
-    /// The SyncManager of outputs or inputs, by its number, as it must be set.
+    /// The settings of a process data SyncManager, by its number.
     pub fn sync_manager(&self, number: usize) -> SyncManager {
         let is_output = number == self.outputs.sm;
         let direction = if is_output { &self.outputs } else { &self.inputs };
@@ -312,9 +314,9 @@ impl Subject {
             direction.slots = t.describe_object(index)?.map_or(0, |object| object.max_sub);
             direction.pdos = match (direction.writable, wanted.is_empty(), assigned.is_empty()) {
                 (true, false, _) => wanted.clone(),
-                // A description that assigns nothing means it.
+                // The device's description assigns nothing on purpose.
                 (true, true, true) if hints.identity.is_some() => Vec::new(),
-                // Nothing is assigned: the first that there is.
+                // Nothing is assigned: takes the first PDO.
                 (true, true, true) => pdos.iter().map(|(pdo, _)| pdo.index).take(1).collect(),
                 _ => assigned.clone(),
             };
@@ -355,7 +357,7 @@ fn sync_object(t: &mut Tester<'_>, index: u16) -> Result<Option<SyncObject>, Tro
     Ok(Some(object))
 }
 
-/// PDOs that are assigned by default, or those that are wanted.
+/// The wanted PDOs, or those that are assigned by default.
 fn defaults(pdos: &[Pdo], wanted: &[u16]) -> Vec<u16> {
     if !wanted.is_empty() {
         return wanted.to_vec();
@@ -379,7 +381,7 @@ fn pdos(data: &[u8]) -> Vec<Pdo> {
     found
 }
 
-/// Words of the SII, as bytes.
+/// Reads words of the SII, as bytes.
 fn words(t: &mut Tester<'_>, first: usize, count: usize) -> Result<Vec<u8>, Trouble> {
     let mut bytes = Vec::with_capacity(2 * count + 8);
     let end = t.now() + SII_PATIENCE;
@@ -408,7 +410,7 @@ fn words(t: &mut Tester<'_>, first: usize, count: usize) -> Result<Vec<u8>, Trou
     Ok(bytes)
 }
 
-/// Whether a refusal is one with this code, in this state.
+/// Whether the state is this one with an error, and the code is one of these.
 pub fn refused(al: &Al, state: AlState, codes: &[AlStatusCode]) -> bool {
     al.status.error() && al.status.state() == Ok(state) && codes.contains(&al.code)
 }

@@ -1,6 +1,6 @@
-//! One SubDevice under test: registers, states and the cyclic exchange, call by call.
+//! Access to one SubDevice under test: registers, states and the cyclic exchange, call by call.
 //!
-//! While an exchange goes on, everything else keeps out of its way: other frames go between two cycles.
+//! While an exchange runs, all other frames are sent between two cycles.
 
 use isocat_wire::datagram::{Address, datagrams};
 use isocat_wire::frame::{self, FrameWriter};
@@ -18,25 +18,25 @@ use super::report::Examined;
 use super::subject::Hints;
 use super::wire::{Seen, Wire};
 
-/// What went wrong on the way to an answer, in words that name the place.
+/// What went wrong, in words that name the place.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Trouble {
-    /// What.
+    /// The description.
     pub what: String,
-    /// Whose doing it is.
+    /// The cause.
     pub fault: Fault,
 }
 
-/// Whose doing a [`Trouble`] is.
+/// The cause of a [`Trouble`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Fault {
     /// The SubDevice answers wrongly or not at all.
     SubDevice,
-    /// Frames were lost on a real wire: that may be the doing of either end.
+    /// Frames were lost on a real wire: either end may be the cause.
     Frames,
-    /// This machine can't send or receive: nothing can be tried any more.
+    /// This machine can't send or receive: nothing more can be tried.
     Machine,
-    /// The user wants the end: nothing is to be tried any more.
+    /// The user stopped the suite: nothing more is to be tried.
     Stopped,
 }
 
@@ -52,10 +52,10 @@ impl Trouble {
     }
 }
 
-/// What happened to frames that no SubDevice is to be blamed for.
+/// Faults of frames that are not the SubDevice's.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Disturbance {
-    /// By how much a frame of the exchange left too late at most, if by more than it may.
+    /// The largest lateness of a frame of the exchange, if it is above the allowed one; else 0.
     pub late: Nanos,
     /// Frames that did not come back in time.
     pub lost: u32,
@@ -75,12 +75,12 @@ impl std::fmt::Display for Disturbance {
     }
 }
 
-/// What the SubDevice says about its state.
+/// The state that the SubDevice reports.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Al {
-    /// State, or the bits of an unknown one.
+    /// The state and the error indication.
     pub status: AlStatus,
-    /// Why the error indication is set.
+    /// The reason of the error indication.
     pub code: AlStatusCode,
 }
 
@@ -100,22 +100,23 @@ impl std::fmt::Display for Al {
     }
 }
 
-/// A SubDevice and the way to it.
+/// A SubDevice and the connection to it.
 pub struct Tester<'w> {
     wire: &'w mut dyn Wire,
     position: u16,
     index: u8,
-    /// The exchange of process data that goes on.
+    /// The running exchange of process data.
     pub exchange: Option<Exchange>,
-    /// Its mailbox, once PREOP was asked for.
+    /// Its mailbox, after PREOP was requested.
     pub mailbox: Mailbox,
     no_lrw: bool,
     wide_clock: bool,
-    /// What happened to frames since somebody asked last.
+    /// Faults of frames since they were last asked for.
     disturbance: Disturbance,
-    /// The SubDevice has registers 0x0980 and following, as far as [`restart`](Self::restart) has seen.
+    /// Whether the SubDevice has registers 0x0980 and following, by the last
+    /// [`restart`](Self::restart).
     pub has_sync_unit: bool,
-    /// Frames go out although the user wants the end: to leave the SubDevice in INIT.
+    /// Frames are sent although the user stopped the suite, to leave the SubDevice in INIT.
     leaving: bool,
 }
 
@@ -126,27 +127,27 @@ pub struct Exchange {
     pub cycle: Nanos,
     /// Outputs that each frame carries.
     pub outputs: Vec<u8>,
-    /// Inputs that came back last.
+    /// Inputs of the last frame that came back.
     pub inputs: Vec<u8>,
-    /// Bytes of inputs.
+    /// Number of bytes of inputs.
     pub input_len: usize,
-    /// With DC: SYNC0 at this system time and every cycle after, frames so much before.
+    /// With DC: the instants of SYNC0, and how long before them frames pass.
     pub grid: Option<Grid>,
-    /// Cycles so far, those without a frame too.
+    /// Cycles so far, including those without a frame.
     pub cycles: u64,
-    /// Frames that came back with another working counter than they should.
+    /// Frames that came back with a wrong working counter.
     pub wrong_counters: u64,
-    /// The last working counter that was wrong, and the right one.
+    /// The last wrong working counter, and the right one.
     pub wrong_counter: Option<(u16, u16)>,
     /// State at the last frame.
     pub al: Al,
-    /// When cycle 0 was due, without DC.
+    /// When cycle 0 is due, without DC.
     origin: Time<Host>,
-    /// Host time and system time of the same instant.
+    /// A host time and the system time at the same instant.
     pair: Option<(Time<Host>, u64)>,
 }
 
-/// Where SYNC0 is.
+/// The instants of SYNC0.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Grid {
     /// System time of the first SYNC0, ns.
@@ -155,19 +156,19 @@ pub struct Grid {
     pub lead: Nanos,
 }
 
-/// What happens in one cycle.
+/// The frames of one cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Turn {
-    /// The frame leaves when it is due.
+    /// One frame, when it is due.
     Send,
     /// No frame.
     Skip,
-    /// The frame, and at once another.
+    /// Two frames: the second one right after the first.
     Twice,
 }
 
 impl<'w> Tester<'w> {
-    /// The SubDevice at this position; everything is as it stands.
+    /// Connects to the SubDevice at this position, without changing it.
     pub fn new(wire: &'w mut dyn Wire, position: u16) -> Self {
         Self {
             wire,
@@ -183,15 +184,16 @@ impl<'w> Tester<'w> {
         }
     }
 
-    /// Whether the ESC answers AL control itself. Asked by position, before anything else.
+    /// Whether the ESC answers AL control itself. Addresses by position, because this comes before
+    /// all else.
     pub fn has_device_emulation(&mut self) -> Result<bool, Trouble> {
         let at = AutoIncrementAddress::of_position(self.position);
         let address = Address::Position(at, register::ESC_CONFIGURATION.address);
         Ok(self.one(Command::Aprd, address, &[0], 1)?[0] & 1 != 0)
     }
 
-    /// Back to the beginning: after power-on where the wire can do that, else in INIT with its SYNC unit off and
-    /// its SyncManagers and FMMUs closed.
+    /// Restarts the SubDevice. It is as after power-on if the wire can do that; else in INIT, with
+    /// its SYNC unit off and its SyncManagers and FMMUs closed.
     pub fn restart(&mut self) -> Result<(), Trouble> {
         self.wire.restart();
         self.exchange = None;
@@ -213,7 +215,8 @@ impl<'w> Tester<'w> {
         let features = self.register(register::FEATURES)?;
         self.no_lrw = features & register::features::NO_LRW != 0;
         self.wide_clock = features & register::features::DC_64_BIT != 0;
-        // An ESC with a clock need not have a SYNC unit: bit 10 of word 0 of its EEPROM switches it on.
+        // An ESC with a clock need not have a SYNC unit: bit 10 of word 0 of its EEPROM switches it
+        // on.
         self.has_sync_unit = features & register::features::DC != 0
             && self.offer(register::CYCLIC_UNIT_CONTROL.address, &[0, 0])?;
         let (fmmus, sms) =
@@ -227,13 +230,13 @@ impl<'w> Tester<'w> {
         Ok(())
     }
 
-    /// Back to INIT at the end, whether or not the user wants it to be over at once.
+    /// Returns to INIT at the end, even if the user stopped the suite.
     pub fn leave(&mut self) -> Result<(), Trouble> {
         self.leaving = true;
         self.restart()
     }
 
-    /// How many SubDevices answer.
+    /// The number of SubDevices that answer.
     pub fn count(&mut self) -> Result<u16, Trouble> {
         let address = Address::Broadcast(register::AL_STATUS.address);
         let mut list = [(Command::Brd, address, vec![0; 2], 0)];
@@ -246,18 +249,18 @@ impl<'w> Tester<'w> {
         self.wire.now()
     }
 
-    /// What happened in the SubDevice since the last call; `None` on a real wire.
+    /// Events in the SubDevice since the last call; `None` on a real wire.
     pub fn seen(&mut self) -> Option<Vec<Seen>> {
         self.wire.seen(usize::from(self.position))
     }
 
-    /// How much later than asked for frames may leave.
+    /// How late frames may leave.
     pub fn lateness(&self) -> Nanos {
         self.wire.lateness()
     }
 
-    /// What happened to frames since the last call; `None` in virtual time, where whatever is lost is the
-    /// segment's doing.
+    /// Faults of frames since the last call; `None`: there were none, or time is virtual, where
+    /// losses belong to the segment.
     pub fn disturbance(&mut self) -> Option<Disturbance> {
         let mut found = std::mem::take(&mut self.disturbance);
         let allowed = self.lateness();
@@ -267,7 +270,7 @@ impl<'w> Tester<'w> {
         (!self.is_virtual() && found != Disturbance::default()).then_some(found)
     }
 
-    /// What is in front of the suite, by what is known of it.
+    /// What the suite examines, by what is known of it.
     pub fn examined(&self, hints: &Hints) -> Examined {
         match hints.stand_in {
             _ if !self.is_virtual() => Examined::Interface,
@@ -276,12 +279,12 @@ impl<'w> Tester<'w> {
         }
     }
 
-    /// Whether every frame leaves and arrives at the very instant.
+    /// Whether every frame leaves and arrives exactly at its instant.
     fn is_virtual(&self) -> bool {
         self.lateness() == Nanos::ZERO
     }
 
-    /// Waits; what comes of it later than asked for is this machine's doing.
+    /// Waits; if it takes longer, the lateness is this machine's fault.
     fn wait_until(&mut self, at: Time<Host>) {
         self.wire.wait_until(at);
         self.note_late(self.now() - at);
@@ -301,14 +304,14 @@ impl<'w> Tester<'w> {
         self.one(Command::Fpwr, Address::Station(STATION, address), data, 1).map(|_| ())
     }
 
-    /// Writes bytes that the SubDevice may refuse: tells whether it took them.
+    /// Writes bytes that the SubDevice may refuse; returns whether it accepted them.
     pub fn offer(&mut self, address: u16, data: &[u8]) -> Result<bool, Trouble> {
         let mut list = [(Command::Fpwr, Address::Station(STATION, address), data.to_vec(), 0)];
         self.transact(&mut list)?;
         Ok(list[0].3 == 1)
     }
 
-    /// A register.
+    /// Reads a register.
     pub fn register<T: Value>(&mut self, register: Register<T>) -> Result<T, Trouble> {
         let bytes = self.read(register.address, T::LEN)?;
         let mut value = T::Bytes::default();
@@ -321,7 +324,8 @@ impl<'w> Tester<'w> {
         self.write(register.address, value.to_bytes().as_ref())
     }
 
-    /// Sets a SyncManager: it takes no other settings while it is on.
+    /// Sets up a SyncManager; switches it off first, because it takes no other settings while it is
+    /// on.
     pub fn set_sync_manager(&mut self, number: usize, sm: SyncManager) -> Result<(), Trouble> {
         self.set(register::sm_activate(number), 0)?;
         self.set(register::sync_manager(number), sm)
@@ -333,17 +337,17 @@ impl<'w> Tester<'w> {
         self.transact(&mut list)
     }
 
-    /// What it says about its state.
+    /// Reads the state that it reports.
     pub fn al(&mut self) -> Result<Al, Trouble> {
         Ok(al(&self.read(register::AL_STATUS.address, AL_LEN)?))
     }
 
-    /// Asks for a state, and for nothing more.
+    /// Requests a state, without waiting for it.
     pub fn request(&mut self, control: AlControl) -> Result<(), Trouble> {
         self.set(register::AL_CONTROL, control)
     }
 
-    /// Asks for a state and waits until it is reached, refused, or `patience` is over.
+    /// Requests a state and waits until it is reached, refused, or `patience` is over.
     pub fn change(&mut self, state: AlState, patience: Nanos) -> Result<Al, Trouble> {
         self.request(AlControl::request(state))?;
         self.await_state(state, patience)
@@ -361,7 +365,7 @@ impl<'w> Tester<'w> {
         }
     }
 
-    /// Acknowledges the error in the state that the SubDevice is in.
+    /// Acknowledges the error in the present state of the SubDevice.
     pub fn acknowledge(&mut self) -> Result<Al, Trouble> {
         let al = self.al()?;
         let state = al.status.state().map_err(|e| Trouble::new(format!("AL status: {e}")))?;
@@ -376,14 +380,14 @@ impl<'w> Tester<'w> {
         }
     }
 
-    /// Its system time, ns; the low 32 bits of a short clock.
+    /// Its system time, ns; of a 32-bit clock, the low 32 bits.
     pub fn system_time(&mut self) -> Result<u64, Trouble> {
         let len = if self.wide_clock { 8 } else { 4 };
         Ok(number(&self.read(register::SYSTEM_TIME.address, len)?))
     }
 
-    /// Sets the SYNC unit up and switches it on, so that the first SYNC0 comes `lead_in` from now or a little
-    /// later. Gives its system time.
+    /// Sets up the SYNC unit and switches it on, so that the first SYNC0 comes `lead_in` from now
+    /// or slightly later. Returns the system time of that SYNC0.
     pub fn start_sync(
         &mut self,
         activation: u8,
@@ -399,7 +403,7 @@ impl<'w> Tester<'w> {
         let len = if self.wide_clock { 8 } else { 4 };
         self.write(register::SYNC_START_TIME.address, &start.to_le_bytes()[..len])?;
         self.write(register::CYCLIC_UNIT_CONTROL.address, &[0, activation])?;
-        // A start time that is over before the unit is on is not what was asked for.
+        // A start time that has passed before the unit is on is not what was requested.
         let took = self.now() - begun;
         if took >= lead_in {
             self.note_late(took);
@@ -441,7 +445,7 @@ impl<'w> Tester<'w> {
         result
     }
 
-    /// Lets time pass; the exchange goes on.
+    /// Lets time pass, with the exchange running.
     pub fn pause(&mut self, span: Nanos) -> Result<(), Trouble> {
         let end = self.now() + span;
         while self.due()?.is_some_and(|due| due <= end) {
@@ -451,13 +455,13 @@ impl<'w> Tester<'w> {
         Ok(())
     }
 
-    /// Lets time pass without any frame; an exchange goes on behind it, at its own instants.
+    /// Lets time pass without any frame; the exchange continues afterwards, at its own instants.
     pub fn silence(&mut self, span: Nanos) -> Result<(), Trouble> {
         let end = self.now() + span;
         while self.due()?.is_some_and(|due| due <= end) {
             self.turn(Turn::Skip)?;
         }
-        // A longer silence than wanted is more frames left out.
+        // If it takes longer than wanted, more frames are left out.
         match self.exchange {
             Some(_) => self.wait_until(end),
             None => self.wire.wait_until(end),
@@ -495,7 +499,7 @@ impl<'w> Tester<'w> {
             i64::from((due as u32).wrapping_sub(system as u32) as i32)
         };
         let due = host + Nanos(ahead);
-        // The grid began before the exchange did.
+        // The grid began before the exchange: skips the cycles in the past.
         if exchange.cycles == 0 && due < self.now() {
             let late = self.now() - due;
             exchange.cycles = (late.0 / exchange.cycle.0 + 1) as u64;
@@ -547,7 +551,7 @@ impl<'w> Tester<'w> {
         } else {
             self.send_list(&mut list)?;
         }
-        // A program that loses its processor between its look at the clock and the send shows here.
+        // Shows if this thread lost its processor between reading the clock and sending.
         if let Some(left) = self.wire.last_left() {
             self.note_late(left - due);
         }
@@ -564,7 +568,7 @@ impl<'w> Tester<'w> {
         Ok(())
     }
 
-    /// One datagram that must be taken by `expected` SubDevices.
+    /// Sends one datagram, which `expected` SubDevices must take.
     fn one(
         &mut self,
         command: Command,
@@ -587,7 +591,7 @@ impl<'w> Tester<'w> {
         Err(Trouble::new(format!("{place}: working counter {found}, expected {expected}")))
     }
 
-    /// A frame between two cycles.
+    /// Sends a frame between two cycles.
     fn transact(&mut self, list: &mut [Datagram]) -> Result<(), Trouble> {
         let bytes: usize = list.iter().map(|datagram| datagram.2.len() + 12).sum();
         let needs = Nanos(frame::duration_ns(bytes + 16) as i64) + TURNAROUND + self.lateness();
@@ -606,7 +610,7 @@ impl<'w> Tester<'w> {
         self.send_lists(&mut [list])
     }
 
-    /// Sends one frame for each list, one behind the other.
+    /// Sends one frame for each list, one right after the other.
     fn send_lists(&mut self, lists: &mut [&mut [Datagram]]) -> Result<(), Trouble> {
         for attempt in 1.. {
             if self.wire.is_stopped() && !self.leaving {
@@ -666,23 +670,23 @@ fn al(bytes: &[u8]) -> Al {
     Al { status: AlStatus(word(0)), code: AlStatusCode(word(4)) }
 }
 
-/// Little-endian, up to eight bytes.
+/// A little-endian number of up to eight bytes.
 pub fn number(bytes: &[u8]) -> u64 {
     bytes.iter().take(8).rev().fold(0, |number, &byte| number << 8 | u64::from(byte))
 }
 
 /// Station address of the SubDevice under test; no other one has it.
 const STATION: StationAddress = StationAddress(0x7C0F);
-/// Where its process data is mapped to.
+/// Logical address of its process data.
 pub const LOGICAL: u32 = 0x0001_0000;
 /// Source address of the frames.
 const SOURCE: [u8; 6] = [frame::LOCALLY_ADMINISTERED, 0, 0, 0, 0, 0xC0];
 /// AL status, two reserved bytes, AL status code.
 const AL_LEN: usize = 6;
-/// From the last bit sent to the next frame: cables, SubDevices behind.
+/// Time from the last bit sent to the next frame, for cables and the SubDevices behind.
 const TURNAROUND: Nanos = Nanos::micros(2);
-/// A frame that is too long for the pause between two cycles goes anyway in the end.
+/// Cycles after which a frame that does not fit between two cycles is sent anyway.
 const MOST_CYCLES_WAITED: u32 = 3;
-/// A frame that is lost now and then says nothing about the SubDevice.
+/// Attempts to send a frame: an occasional loss says nothing about the SubDevice.
 const MOST_ATTEMPTS: u32 = 3;
 const STATE_PATIENCE: Nanos = Nanos::millis(3_000);

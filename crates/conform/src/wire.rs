@@ -1,4 +1,5 @@
-//! The wire as the conformance suite needs it: send frames and get them back or not, know the time, wait.
+//! The wire as the conformance suite needs it: it sends frames and returns those that come back,
+//! tells the time, and waits.
 
 #[cfg(target_os = "linux")]
 use std::sync::Arc;
@@ -10,49 +11,50 @@ use isocat_sim::observation::Observed;
 use isocat_sim::{Lost, Served};
 use isocat_wire::time::{Host, Nanos, Time, True};
 
-/// What the suite sends its frames through.
+/// The connection that the suite sends its frames through.
 pub trait Wire {
     /// The host's clock.
     fn now(&self) -> Time<Host>;
 
-    /// Lets time pass until then; nothing if it is over.
+    /// Waits until `at`; returns at once if it has passed.
     fn wait_until(&mut self, at: Time<Host>);
 
-    /// Sends frames one right behind the other, and puts those that come back in their places. Tells which
-    /// did. An error is one of this machine, not of the segment.
+    /// Sends frames, each right after the one before, and replaces those that come back. Returns
+    /// which ones did. `Err`: this machine failed, not the segment.
     fn exchange(&mut self, frames: &mut [Vec<u8>]) -> Result<Vec<bool>, String>;
 
-    /// Everything as after power-on, where that is possible.
+    /// Restores the state after power-on, if that is possible.
     fn restart(&mut self) {}
 
-    /// What happened in the SubDevice at `position` since the last call, in true time; `None` where nobody can
-    /// see it.
+    /// Events in the SubDevice at `position` since the last call, in true time; `None`: they can't
+    /// be observed.
     fn seen(&mut self, position: usize) -> Option<Vec<Seen>>;
 
-    /// How much later than asked for a frame may leave; 0 in virtual time, where nothing is late or lost.
+    /// How late a frame may leave; 0 in virtual time, where no frame is late or lost.
     fn lateness(&self) -> Nanos;
 
-    /// When the last frame had left, at the latest; `None` where frames leave at the very instant.
+    /// An upper bound of when the last frame had left; `None`: frames leave exactly at their
+    /// instants.
     fn last_left(&self) -> Option<Time<Host>> {
         None
     }
 
-    /// Whether the user wants the end: no further frame is worth sending.
+    /// Whether the user stopped the suite: no further frame is worth sending.
     fn is_stopped(&self) -> bool {
         false
     }
 }
 
-/// Something that happened in a SubDevice.
+/// An event in a SubDevice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Seen {
-    /// When.
+    /// When it happened.
     pub at: Time<True>,
-    /// What.
+    /// What happened.
     pub event: Observed,
 }
 
-/// A segment in virtual time: nobody waits, and every frame leaves at the very instant.
+/// A segment in virtual time: nothing waits, and every frame leaves exactly at its instant.
 pub struct VirtualWire {
     scenario: Scenario,
     served: Served,
@@ -61,7 +63,7 @@ pub struct VirtualWire {
 }
 
 impl VirtualWire {
-    /// The segment of a scenario, just switched on.
+    /// The segment of a scenario, right after power-on.
     pub fn new(scenario: Scenario) -> Self {
         let served = switch_on(&scenario);
         Self { scenario, served, now: Time::ZERO, seen: Vec::new() }
@@ -72,7 +74,7 @@ impl VirtualWire {
         served.settle(&mut |segment, observation, _| {
             let device = &segment.devices()[observation.device];
             let at = device.oscillator().when(observation.device_at);
-            // Who never asks must not gather them for ever.
+            // Bounds the memory if the events are never asked for.
             if seen.len() == MOST_SEEN {
                 seen.drain(..MOST_SEEN / 2);
             }
@@ -132,29 +134,30 @@ impl Wire for VirtualWire {
     }
 }
 
-/// Observations that are kept until somebody asks for them.
+/// Observations that are kept until they are asked for.
 const MOST_SEEN: usize = 1 << 16;
 
 /// A real interface in host time.
 #[cfg(target_os = "linux")]
 pub struct RawWire {
     socket: isocat_host::RawSocket,
-    /// When the last frame had left.
+    /// An upper bound of when the last frame had left.
     left: Option<Time<Host>>,
     stop: Arc<AtomicBool>,
-    /// Keeps processors awake as long as it lives.
+    /// Keeps processors awake as long as it exists.
     _real_time: isocat_host::RealTime,
 }
 
 #[cfg(target_os = "linux")]
 impl RawWire {
-    /// The suite has this interface for itself. The calling thread becomes a real-time one, as far as it may.
+    /// Takes an interface, which nothing else may use. Makes the calling thread a real-time one, as
+    /// far as permitted.
     pub fn new(socket: isocat_host::RawSocket) -> Self {
         let _real_time = isocat_host::RealTime::ask(isocat_host::Wish::default());
         Self { socket, left: None, stop: Arc::default(), _real_time }
     }
 
-    /// The same, but the suite ends when `stop` is set.
+    /// Ends the suite when `stop` is set.
     pub fn until(self, stop: Arc<AtomicBool>) -> Self {
         Self { stop, ..self }
     }
@@ -167,7 +170,7 @@ impl Wire for RawWire {
     }
 
     fn wait_until(&mut self, at: Time<Host>) {
-        // Sleep most of it, spin on the clock for the rest: a wake-up may come late.
+        // Sleeps for most of the time and spins for the rest, because a wake-up may be late.
         while at - self.now() > SPIN {
             isocat_host::clock::sleep_until(at + -SPIN);
         }
@@ -179,7 +182,7 @@ impl Wire for RawWire {
     fn exchange(&mut self, frames: &mut [Vec<u8>]) -> Result<Vec<bool>, String> {
         let mut back = vec![false; frames.len()];
         let mut buffer = [0; isocat_wire::frame::MAX_LEN];
-        // What came too late for its own exchange is not taken for this one's.
+        // Drops frames that came too late for their own exchange.
         while self.socket.receive(&mut buffer).map_err(|e| e.to_string())?.is_some() {}
         for frame in &*frames {
             self.socket.send(frame).map_err(|e| e.to_string())?;
@@ -223,12 +226,13 @@ impl Wire for RawWire {
     }
 }
 
-/// Index byte of the first datagram: behind the Ethernet and EtherCAT headers and the command.
+/// Offset of the index of the first datagram: after the Ethernet and EtherCAT headers and the
+/// command.
 #[cfg(target_os = "linux")]
 const INDEX: usize = isocat_wire::frame::ETHERNET_HEADER_LEN + 2 + 1;
-/// From sending a frame to giving it up.
+/// Time after which a frame that was sent counts as lost.
 #[cfg(target_os = "linux")]
 const PATIENCE: Nanos = Nanos::millis(20);
-/// How long before an instant the clock is watched.
+/// How long before an instant the thread spins on the clock.
 #[cfg(target_os = "linux")]
 const SPIN: Nanos = Nanos::micros(100);

@@ -14,15 +14,16 @@ pub(crate) struct Access<'a> {
     pub header: Header,
     /// What it carried when it left; `None`: that frame is not in the capture.
     pub sent: Option<&'a [u8]>,
-    /// SubDevices between the MainDevice and the tap have counted it already, and what they had to
-    /// say is in what was [`sent`](Self::sent).
+    /// A device between the MainDevice and the tap has already raised the working counter, so
+    /// [`sent`](Self::sent) already holds its answer.
     pub answered_before: bool,
     /// What it carried when it came back, and its working counter; `None`: it did not come back.
     pub back: Option<(&'a [u8], u16)>,
     /// SubDevices that it passed, counted from the MainDevice; `None`: its command does not count
     /// them, or it did not come back.
     pub passed: Option<u16>,
-    /// The position that it addresses; `None`: it addresses none, or that can't be told.
+    /// The position that it addresses; `None`: it addresses none, or the capture does not tell
+    /// which.
     pub position: Option<u16>,
     /// The last frame in which it was seen.
     pub frame: usize,
@@ -39,7 +40,7 @@ impl<'a> Access<'a> {
     pub fn written(&self) -> Option<&'a [u8]> {
         use Command::*;
         match self.command {
-            // Nothing changes what these carry.
+            // No device changes the data of a plain write, so the answer shows what was sent.
             Apwr | Fpwr | Bwr | Lwr => self.sent.or(self.back.map(|(data, _)| data)),
             Aprw | Fprw | Brw | Lrw => self.sent,
             _ => None,
@@ -71,14 +72,15 @@ impl<'a> Access<'a> {
     }
 }
 
-/// What a register's place in the data of an access holds; `None`: it does not reach so far.
+/// The value of a register in the data of an access that begins at address `first`; `None`: the
+/// data do not cover the register.
 pub(crate) fn part<const N: usize>(first: u16, data: &[u8], address: u16) -> Option<[u8; N]> {
     let at = usize::from(address.checked_sub(first)?);
     data.get(at..)?.first_chunk().copied()
 }
 
-/// The datagrams of an exchange. `reach`: how many SubDevices the last frame passed that counted
-/// them.
+/// The datagrams of an exchange. `reach`: the number of SubDevices that the latest counting frame
+/// passed.
 pub(crate) fn accesses<'a>(
     exchange: &'a Exchange,
     tap: Tap,
@@ -113,7 +115,7 @@ fn list(frame: &Frame) -> impl Iterator<Item = Datagram<'_>> + use<'_> {
     datagrams(payload(&frame.bytes).unwrap_or(&[])).map_while(Result::ok)
 }
 
-/// SubDevices that a datagram passed, with those before the tap.
+/// The number of SubDevices that a datagram passed, including those before the tap.
 fn passed(
     command: Command,
     tap: Tap,

@@ -1,8 +1,8 @@
 //! What happened in the frames around the first fault: a second look at the captures, once it is
 //! known which frame that is.
 //!
-//! Exchanges that say the same one after the other are one moment, so the moments before and behind
-//! the fault are few, however short the cycle is.
+//! Consecutive exchanges with the same meaning are one moment, so there are few moments before and
+//! after the fault, however short the cycle is.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
@@ -29,24 +29,24 @@ pub struct Around {
     pairing: Pairing,
     tap: Option<Tap>,
     probe: Option<Probe>,
-    /// Place of the finding in the report, and the number of its frame among all frames.
+    /// Place of the finding in the report, and the number of its frame over all captures.
     finding: usize,
     center: usize,
-    /// What findings call frames, by their numbers among all.
+    /// Kinds of the findings that name a frame, by the frame's number over all captures.
     named: BTreeMap<usize, Vec<&'static str>>,
     /// Names of devices by station address and by position.
     stations: BTreeMap<u16, String>,
     positions: BTreeMap<u16, String>,
     several_sources: bool,
     moments: VecDeque<Moment>,
-    /// Moments before the one of the fault that are kept; `None` before that one came.
+    /// Stamp of the exchange that shows the fault; `None` until that exchange was read.
     met: Option<Duration>,
-    /// Exchanges behind the fault that were looked at, and moments made of them.
+    /// Exchanges read after the fault, and the moments that they make.
     exchanges_behind: usize,
     moments_behind: usize,
 }
 
-/// Exchanges that say the same.
+/// Consecutive exchanges that say the same.
 #[derive(Debug)]
 struct Moment {
     request: Option<usize>,
@@ -94,12 +94,12 @@ impl Around {
         })
     }
 
-    /// Packets of the captures have the header of a probe.
+    /// Sets the probe whose header precedes each packet of the captures.
     pub fn with_probe(self, probe: Option<Probe>) -> Self {
         Self { probe, ..self }
     }
 
-    /// Reads the next capture, up to where enough is known.
+    /// Reads the next capture, until the moments around the fault are complete.
     pub fn read(&mut self, name: &str, source: impl Read) -> Result<(), NoCapture> {
         if self.is_done() {
             return Ok(());
@@ -118,7 +118,7 @@ impl Around {
         Ok(())
     }
 
-    /// A capture that can't be read: its place among the others is kept.
+    /// Counts a capture that can't be read, so that the next ones keep their places in the report.
     pub fn pass_over(&mut self) {
         self.files.begin("");
     }
@@ -197,7 +197,7 @@ impl Around {
         }
     }
 
-    /// What an exchange says.
+    /// Describes an exchange in words.
     fn words(&self, tap: Tap, exchange: &Exchange) -> String {
         let mut all = Vec::new();
         let mut more = 0;
@@ -243,8 +243,7 @@ impl Around {
     }
 }
 
-/// The value of registers whose value tells what happens.
-/// The name of a device; with its number where others have the same.
+/// The name of a device; with its number if other devices have the same name.
 fn own_name(device: &DeviceReport, devices: &[DeviceReport]) -> Option<String> {
     let name = device.name.as_ref()?;
     match devices.iter().filter(|other| other.name.as_ref() == Some(name)).count() {
@@ -282,11 +281,11 @@ fn signed(at: Duration) -> i64 {
     i64::try_from(at.as_nanos()).unwrap_or(i64::MAX)
 }
 
-/// Moments before the one of the fault, and behind it.
+/// Moments that are kept on each side of the fault.
 const MOMENTS: usize = 6;
-/// Frames before it that are looked at.
+/// Frames before the fault that are looked at.
 const FRAMES_BEFORE: usize = 4096;
-/// Exchanges behind it that are looked at.
+/// Exchanges after the fault that are looked at.
 const EXCHANGES_BEHIND: usize = 2048;
-/// Datagrams of an exchange that are told.
+/// Datagrams of an exchange that are described; further ones are counted.
 const DATAGRAMS: usize = 4;

@@ -1,4 +1,4 @@
-//! The reference clock and the frames that lead the others by it.
+//! The reference clock and the drift frames that distribute its time.
 
 use std::time::Duration;
 
@@ -24,9 +24,9 @@ pub(crate) struct Drift {
     pub count: u64,
     pub first: Option<Known<Duration>>,
     pub last: Option<Known<Duration>>,
-    /// Whose clock they read last, and the frame from which on it was this one.
+    /// The device whose clock they read last, and the frame from which on it was this device.
     pub reference: Option<Known<Reference>>,
-    /// How often it became another one.
+    /// How often the reference changed.
     pub changes: u64,
     /// Command of the last one.
     pub command: Option<Command>,
@@ -36,18 +36,20 @@ pub(crate) struct Drift {
     pub time: Option<(Known<u64>, Duration)>,
     /// The reference's system time as the last drift frame brought it, ns.
     led: Option<u64>,
-    /// The longest time without one, and the frame at its end; since [`restart`](Self::restart). By
-    /// the reference's clock where it is known: stamps may jump.
+    /// The longest time without a drift frame since [`restart`](Self::restart), and the frame at
+    /// its end. Where the reference's clock is known, the shorter of stamps and clock counts, as
+    /// stamps may jump.
     pub gap: Option<Known<Duration>>,
-    /// How many since then.
+    /// Drift frames since [`restart`](Self::restart).
     pub recent: u64,
-    /// Clocks that they counted, and the frame from which on it was that number.
+    /// Working counters of drift frames (clocks that took the time), each with the first frame that
+    /// had it.
     clocks: Vec<Known<u16>>,
 }
 
 impl Drift {
-    /// Looks whether an access distributes the reference time; gives its system time, 64 bits, if
-    /// it was read.
+    /// Notes an access if it distributes the reference time. Returns the reference's system time,
+    /// 64 bits, if it was read.
     pub fn access(&mut self, access: &Access<'_>, at: Duration) -> Option<u64> {
         let reference = match access.command {
             Command::Frmw => Reference::Station(access.header.adp()),
@@ -59,10 +61,10 @@ impl Drift {
             return None;
         }
         let frame = access.frame;
-        // A reference in front of the tap has answered before, whatever becomes of the frame.
+        // A reference before the tap has already answered, even if the frame does not come back.
         let before = access.sent.filter(|_| access.answered_before);
         let read = before.or_else(|| access.read().filter(|read| access.sent != Some(read)));
-        // One that is gone leaves the field as it was sent: the others take that.
+        // A reference that is gone leaves the field as it was sent, which is no new time.
         let time = read.and_then(|data| self.extended(access.ado(), data));
         let time = time.filter(|time| Some(*time) != self.led);
         if let Some(last) = self.last {
@@ -97,7 +99,7 @@ impl Drift {
         time
     }
 
-    /// A plain reading of the reference's system time.
+    /// Notes a plain reading of the reference's system time.
     fn reading(&mut self, access: &Access<'_>, at: Duration) -> Option<u64> {
         let is_reference = match self.reference?.value {
             Reference::Station(station) => {
@@ -109,14 +111,14 @@ impl Drift {
         };
         if is_reference && access.covers(register::SYSTEM_TIME.address, 4) {
             let time = self.extended(access.ado(), access.read()?)?;
-            // No frame of the drift loop: it only says what time it is.
+            // This is no frame of the drift loop; it only tells the present time.
             self.time = Some((Known { value: time, frame: access.frame }, at));
         }
         None
     }
 
-    /// The time with all its bits: of a 32-bit one the upper half is that of the nearest time
-    /// before.
+    /// The time with all its bits. A 32-bit time takes the upper half that brings it nearest to the
+    /// time read before.
     fn extended(&self, first: u16, data: &[u8]) -> Option<u64> {
         let address = register::SYSTEM_TIME.address;
         if let Some(bytes) = part::<8>(first, data, address) {
@@ -127,8 +129,8 @@ impl Drift {
         Some(nearest(low, before))
     }
 
-    /// Whether drift frames about this frame counted fewer clocks than before; `None`: there are
-    /// none, or too many changes to keep.
+    /// Whether drift frames near this frame counted fewer clocks than earlier ones; `None`: there
+    /// are no drift frames, or more changes than are kept.
     pub fn fewer(&self, frame: usize) -> Option<bool> {
         if self.clocks.len() >= MOST_CHANGES {
             return None;
@@ -139,7 +141,7 @@ impl Drift {
         Some(holds < most)
     }
 
-    /// Forgets the gaps counted so far, and counts from here on.
+    /// Forgets the gaps so far, and counts again from here.
     pub fn restart(&mut self) {
         self.gap = None;
         self.recent = 0;
@@ -148,7 +150,7 @@ impl Drift {
 
 /// Changes of the number of clocks that are kept.
 const MOST_CHANGES: usize = 512;
-/// Drift frames lie this close to the process data of their cycle, frames.
+/// Drift frames lie within this many frames of the process data of their cycle.
 const NEAR: usize = 8;
 
 /// The 64-bit time with these lower 32 bits that is nearest to `near`.

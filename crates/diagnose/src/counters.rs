@@ -14,7 +14,7 @@ pub(crate) struct Grown {
     pub address: u16,
     pub from: u8,
     pub to: u8,
-    /// Frame of the reading before and of this one.
+    /// Frames of the previous reading and of this one.
     pub before: usize,
     pub frame: usize,
 }
@@ -27,7 +27,7 @@ pub(crate) struct Errors {
     pub grown: Log<Grown>,
     /// Counters that were not zero when they were first read.
     pub before: Vec<(u16, Known<u8>)>,
-    /// Frames that read any of them.
+    /// Frames that read at least one counter.
     pub readings: u64,
 }
 
@@ -36,13 +36,13 @@ impl Errors {
         Self { last: BTreeMap::new(), grown: Log::new(MOST_GROWN), before: Vec::new(), readings: 0 }
     }
 
-    /// What was counted so far is told no more; the last readings stay known.
+    /// Forgets what was counted so far; the last readings stay known.
     pub fn forget(&mut self) {
         self.grown = Log::new(MOST_GROWN);
         self.before.clear();
     }
 
-    /// A reading or a write at the device's registers.
+    /// Takes an access to the device's registers.
     pub fn access(&mut self, access: &Access<'_>) {
         let first = usize::from(access.ado());
         let span = first..first + usize::from(access.header.len);
@@ -118,7 +118,7 @@ pub(crate) fn port(address: u16) -> Option<u16> {
     }
 }
 
-/// Times that counters of one device grew, which are kept.
+/// Increases of the counters of one device that are kept.
 const MOST_GROWN: usize = 256;
 /// Counters that one write clears together: first and last address.
 const GROUPS: [(usize, usize); 5] =

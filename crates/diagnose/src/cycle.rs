@@ -26,28 +26,29 @@ pub(crate) struct Logical {
     pub changes: Log<Change>,
     /// Frames that did not come back while the segment was in operation.
     pub lost: Log<Known<Duration>>,
-    /// It goes in the same frame as the datagram that begins a cycle.
+    /// It is in the same frame as the datagram that begins a cycle.
     pub with_marker: bool,
     last: Option<(u16, usize)>,
-    /// What happened before some instant is told no more.
+    /// Events before some instant were forgotten: see [`Cycle::forget`].
     forgot: bool,
 }
 
-/// A working counter that came back other than the one before.
+/// A working counter that differs from the one before.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Change {
     pub frame: usize,
     pub at: Duration,
-    /// The last frame with the one before.
+    /// The last frame with the working counter `from`.
     pub before: usize,
     pub from: u16,
     pub to: u16,
 }
 
 impl Logical {
-    /// The working counter that the segment has in operation: the highest one that came back more
-    /// than now and then, since a device that was lost may never have come back. A listener that
-    /// goes on for days takes what came back most often: a device may have been taken out for good.
+    /// The working counter of the segment in operation. It is the highest one that came back at
+    /// least [`LEAST_USUAL`] times, because a device that was lost early may never have come back.
+    /// A listener that runs for days takes the most frequent one instead: a device may have been
+    /// removed for good.
     pub fn usual(&self) -> Option<u16> {
         let highest = self.counts.iter().rev().find(|(_, times)| **times >= LEAST_USUAL);
         let most_often = || self.counts.iter().max_by_key(|(_, times)| **times);
@@ -65,7 +66,7 @@ pub(crate) struct Rhythm {
     shortest: Option<Known<u64>>,
     /// The longest intervals, ns, longest first.
     pub longest: Vec<Gap>,
-    /// How often intervals came, by their length in three digits.
+    /// How often intervals came, by their length rounded to three digits.
     bins: BTreeMap<u64, u64>,
 }
 
@@ -80,8 +81,8 @@ pub(crate) struct Gap {
 }
 
 impl Rhythm {
-    /// A cycle began at `instant` of some clock, which was `at` by the stamps of the capture.
-    /// Gives the time since the one before, ns.
+    /// Notes that a cycle began at `instant` of some clock, which was `at` by the stamps of the
+    /// capture. Returns the time since the previous cycle, ns.
     fn cycle(&mut self, instant: Duration, at: Duration, frame: usize) -> Option<u64> {
         let last = self.last.replace(instant)?;
         let ns = u64::try_from(instant.saturating_sub(last).as_nanos()).unwrap_or(u64::MAX);
@@ -99,17 +100,17 @@ impl Rhythm {
         Some(ns)
     }
 
-    /// An interval was not one of operation.
+    /// Ends the present interval: it does not lie in operation.
     pub fn pause(&mut self) {
         self.last = None;
     }
 
-    /// The length that half of the intervals have at most, ns.
+    /// The length that half of the intervals do not exceed, ns.
     pub fn median(&self) -> Option<u64> {
         self.share(2)
     }
 
-    /// The length that all but one in `one_of` intervals have at most, ns, to three digits.
+    /// The length that all but one in `one_of` intervals do not exceed, ns, to three digits.
     pub fn share(&self, one_of: u64) -> Option<u64> {
         let wanted = self.count - self.count / one_of;
         let mut sum = 0;
@@ -124,7 +125,7 @@ impl Rhythm {
         (self.count > 0).then(|| (self.sum / u128::from(self.count)) as u64)
     }
 
-    /// How many are longer than `ns`, but for its rounding to three digits.
+    /// The number of intervals longer than `ns`, up to the rounding to three digits.
     pub fn longer_than(&self, ns: u64) -> u64 {
         self.bins.range(three_digits(ns) + 1..).map(|(_, times)| times).sum()
     }
@@ -134,7 +135,7 @@ impl Rhythm {
     }
 }
 
-/// Rounded to three digits: memory stays bounded.
+/// Rounds to three digits, so that the number of bins is bounded.
 fn three_digits(ns: u64) -> u64 {
     let digits = ns.checked_ilog10().unwrap_or(0);
     let unit = 10_u64.pow(digits.saturating_sub(2));
@@ -145,9 +146,10 @@ fn three_digits(ns: u64) -> u64 {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cycle {
     pub logical: Vec<Logical>,
-    /// Logical datagrams that there was no room for.
+    /// Accesses to logical datagrams beyond the `MOST_LOGICAL` that are kept apart.
     pub left_out: u64,
-    /// Which of them begins a cycle: the first one that was exchanged.
+    /// The logical datagram that begins a cycle: the first one that was exchanged, unless another
+    /// is far more frequent.
     pub marker: Option<usize>,
     /// Since operation began, by the stamps of the capture.
     pub rhythm: Rhythm,
@@ -160,7 +162,7 @@ pub(crate) struct Cycle {
 }
 
 impl Cycle {
-    /// A logical datagram; tells whether it begins a cycle.
+    /// Takes a logical datagram; returns whether it begins a cycle.
     pub fn access(&mut self, access: &Access<'_>, at: Duration, operating: bool) -> bool {
         let Some(place) = self.place(access) else { return false };
         let logical = &mut self.logical[place];
@@ -168,7 +170,8 @@ impl Cycle {
         logical.recent += 1;
         let recent = logical.recent;
         let marker = *self.marker.get_or_insert(place);
-        // What comes rarely, as the data of a slow group or of the way up, does not begin a cycle.
+        // A rare datagram, such as the data of a slow group or of the way up, does not begin a
+        // cycle.
         if recent > 2 * self.logical[marker].recent + 16 {
             self.marker = Some(place);
             self.rhythm = Rhythm::default();
@@ -188,9 +191,9 @@ impl Cycle {
         begins
     }
 
-    /// The frame that was just taken apart held the beginning of a cycle, and these logical
-    /// datagrams. `time`: the reference's system time when it got there, ns. Gives how long ago the
-    /// cycle before began, ns: by the stamps and by the reference's clock.
+    /// Notes the beginning of a cycle by the frame that was just taken apart, with its logical
+    /// datagrams. `time`: the reference's system time when the frame arrived there, ns. Returns the
+    /// time since the previous cycle, ns: by the stamps and by the reference's clock.
     pub fn begins(
         &mut self,
         at: Duration,
@@ -201,7 +204,7 @@ impl Cycle {
         let by_stamps = self.rhythm.cycle(at, at, frame);
         let by_clock = match time {
             Some(time) => self.by_clock.cycle(Duration::from_nanos(time), at, frame),
-            // The frame that follows does not tell how far from this one it is.
+            // Without a time, the next frame has no interval by the clock either.
             None => {
                 self.by_clock.pause();
                 None
@@ -213,9 +216,9 @@ impl Cycle {
         [by_stamps, by_clock]
     }
 
-    /// Whether the frame that began the last cycle came once more: the same index within a quarter
-    /// of a cycle, though the MainDevice gives each cycle another one. `time`: as in
-    /// [`begins`](Self::begins). To be asked for each frame that begins a cycle.
+    /// Whether the frame that began the last cycle came a second time: it has the same index within
+    /// a quarter of a cycle, though the MainDevice gives each cycle another index. `time`: as in
+    /// [`begins`](Self::begins). Must be called for each frame that begins a cycle.
     pub fn is_same_again(&mut self, at: Duration, time: Option<u64>, index: u8) -> bool {
         let [last, before] = self.indexes;
         let by_clock = time.zip(self.by_clock.last).map(|(time, last)| {
@@ -235,7 +238,7 @@ impl Cycle {
         false
     }
 
-    /// Operation begins: what was before is told no more.
+    /// Operation begins: forgets the cycles and events before it.
     pub fn restart(&mut self) {
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
@@ -250,8 +253,8 @@ impl Cycle {
         }
     }
 
-    /// What happened so far is told no more. What is usual stays known, though of little weight, so
-    /// that another working counter may become the usual one.
+    /// Forgets the events so far. The usual working counter stays known, with a limited weight, so
+    /// that another one may become usual.
     pub fn forget(&mut self) {
         self.rhythm = Rhythm::default();
         self.by_clock = Rhythm::default();
@@ -305,15 +308,15 @@ impl Logical {
     }
 }
 
-/// Logical datagrams that are told apart.
+/// Logical datagrams that are kept apart.
 const MOST_LOGICAL: usize = 256;
-/// Working counters of one datagram that are told apart.
+/// Working counters of one datagram that are kept apart.
 const MOST_COUNTS: usize = 256;
 /// Changes and losses of one datagram that are kept.
 const MOST_CHANGES: usize = 512;
-/// Frames from which on a working counter came back more than now and then.
+/// Frames with the same working counter from which on it may be the usual one.
 const LEAST_USUAL: u64 = 8;
-/// Frames that a usual working counter of before weighs at most.
+/// Largest number of frames that the usual working counter keeps as its weight in `forget`.
 const USUAL_WEIGHT: u64 = 1000;
 /// Long intervals that are kept.
 const MOST_GAPS: usize = 32;

@@ -1,4 +1,4 @@
-//! The devices of a capture, and whom a datagram addresses.
+//! The devices of a capture, and which of them a datagram addresses.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -32,15 +32,15 @@ pub(crate) struct Device {
     pub differences: Differences,
     /// The last frame that addressed it alone.
     pub last: usize,
-    /// Each time it ceased to answer.
+    /// Each time it stopped answering.
     pub silences: Log<Silence>,
-    /// It has answered, and does no more.
+    /// It answered once, and no longer does.
     silent: bool,
     /// The last frame that it answered.
     answered: Option<usize>,
 }
 
-/// A device ceased to answer.
+/// A time in which a device did not answer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Silence {
     /// The first frame without its answer.
@@ -53,7 +53,7 @@ pub(crate) struct Silence {
 }
 
 impl Device {
-    /// What happened so far is told no more; what it is and how it was set up stays known.
+    /// Forgets the events so far; identity and set-up of the device stay known.
     pub fn forget(&mut self, at: Duration) {
         self.states.forget(at);
         self.errors.forget();
@@ -61,8 +61,8 @@ impl Device {
         self.silences = Log::new(MOST_SILENCES);
     }
 
-    /// A datagram to this device alone came back. Registers that each chip has count always; what
-    /// lies in other places may be closed or not there.
+    /// Takes a datagram to this device alone that came back. The device is silent only if it does
+    /// not answer at a register that every ESC has: other memory may be closed or missing.
     pub fn heard(&mut self, access: &Access<'_>, at: Duration) {
         let always = is_always_there(access.ado());
         match (access.taken(), self.answered) {
@@ -83,7 +83,7 @@ impl Device {
     }
 }
 
-/// Registers that each chip has, and that answer whatever the device's state is.
+/// Registers that every ESC has, and that answer in every state of the device.
 fn is_always_there(address: u16) -> bool {
     matches!(address, 0x0000..0x0140 | 0x0300..0x0314)
 }
@@ -96,27 +96,27 @@ pub(crate) struct Devices {
     by_station: BTreeMap<u16, usize>,
     /// Station addresses that no device has answered to, and the first frame to each.
     unanswered: BTreeMap<u16, Known<Duration>>,
-    /// Devices that there was no room for.
+    /// Accesses to devices beyond the `MOST_DEVICES` that are kept.
     pub left_out: u64,
-    /// What all devices were asked for by a broadcast, which those that are not in the list yet
-    /// heard, too.
+    /// The AL control that a broadcast wrote to all devices; it also applies to devices that are
+    /// not in the list yet.
     pub asked_all: Option<Known<AlControl>>,
 }
 
-/// Whom a datagram addresses.
+/// Which devices a datagram addresses.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Whom {
     /// The device at this place of the list.
     One(usize),
-    /// Each of them.
+    /// All devices.
     All,
-    /// None that can be told.
+    /// The capture does not tell which device.
     Unknown,
 }
 
 impl Devices {
-    /// Whom an access addresses. A device that answers is taken into the list; `answers`: whether
-    /// this capture shows answers at all.
+    /// The devices that an access addresses. Adds a device that answers to the list; `answers`:
+    /// whether this capture shows answers at all.
     pub fn whom(&mut self, access: &Access<'_>, answers: bool) -> Whom {
         if is_broadcast(access.command) {
             return Whom::All;
@@ -144,7 +144,7 @@ impl Devices {
         }
     }
 
-    /// A device that is addressed by its alias (0x0012) in the place of its station address.
+    /// The device that has this station alias (0x0012), if exactly one has it.
     fn by_alias(&self, access: &Access<'_>, key: u16) -> Option<usize> {
         if access.command.increments_position() || key == 0 {
             return None;
@@ -160,11 +160,12 @@ impl Devices {
         }
     }
 
-    /// A datagram that none of the known devices is meant by. Stations that answer nothing are those
-    /// of devices that vanished before the capture showed anything of them, if they make the
-    /// segment whole: with the known ones they are as many as were passed before (`from`), as many
-    /// as are passed now (`to`) answer, and these have the lower addresses. All MainDevices give
-    /// addresses in the order of positions. `before`: the last frame that passed as many as before.
+    /// Takes a datagram that addresses no known device. Stations that never answered are taken for
+    /// devices that vanished before the capture showed anything of them, if they complete the
+    /// segment: together with the known devices they are as many as frames passed before (`from`),
+    /// as many devices as frames pass now (`to`) answer, and these have the lower addresses. All
+    /// MainDevices give addresses in the order of positions. `before`: the last frame that passed
+    /// `from` SubDevices.
     pub fn find_vanished(
         &mut self,
         access: &Access<'_>,
@@ -196,7 +197,7 @@ impl Devices {
         }
     }
 
-    /// A device that is addressed by its position, or else by its station.
+    /// Adds a device that is addressed by its position or by its station; returns its place.
     fn add(&mut self, frame: usize, key: u16, by_position: bool) -> Option<usize> {
         if self.list.len() >= MOST_DEVICES {
             self.left_out += 1;
@@ -230,15 +231,14 @@ impl Devices {
         Some(place)
     }
 
-    /// A device got this station address.
+    /// Notes that a device got this station address.
     pub fn name(&mut self, place: usize, station: u16, frame: usize) {
         if let Some(old) = self.list[place].station
             && self.by_station.get(&old.value) == Some(&place)
         {
             self.by_station.remove(&old.value);
         }
-        // What answered to this address before may have been the same device, or not: it stays
-        // apart.
+        // The device that had this address before may be the same one or another: it stays apart.
         let other = self.by_station.insert(station, place).filter(|other| *other != place);
         if let Some(other) = other.filter(|other| self.list[*other].position.is_some()) {
             self.list[other].station = None;
@@ -246,7 +246,7 @@ impl Devices {
         self.list[place].station = Some(Known { value: station, frame });
     }
 
-    /// All devices lost their station addresses.
+    /// Notes that all devices lost their station addresses.
     pub fn forget_names(&mut self) {
         self.by_station.clear();
         self.list.iter_mut().for_each(|device| device.station = None);
@@ -263,10 +263,9 @@ impl Devices {
     }
 }
 
-/// Times that a device ceased to answer, which are kept.
+/// Silences of one device that are kept.
 const MOST_SILENCES: usize = 64;
-/// Devices that are kept apart. A segment has 65 535 at most; what is kept of one takes some
-/// kilobytes.
+/// Devices that are kept apart. A segment has at most 65 535; one device takes some kilobytes.
 const MOST_DEVICES: usize = 4096;
 
 #[cfg(test)]
@@ -276,8 +275,8 @@ mod tests {
 
     use super::*;
 
-    /// A capture that begins in the middle: these stations are asked for their states after frames
-    /// passed `to` SubDevices of `from`. Gives the stations that are taken for vanished.
+    /// A capture that begins in operation: these stations are asked for their states after frames
+    /// passed `to` SubDevices instead of `from`. Returns the stations that are taken for vanished.
     fn vanished(asked: &[(u16, bool)], from: u16, to: u16) -> Vec<u16> {
         let mut devices = Devices::default();
         for (frame, (station, answers)) in asked.iter().enumerate() {
@@ -306,13 +305,13 @@ mod tests {
     fn stations_that_make_the_segment_whole() {
         let asked = [(0x1001, true), (0x1002, false), (0x1003, false)];
         assert_eq!(vanished(&asked, 3, 1), [0x1002, 0x1003]);
-        // One more than there were is none of them.
+        // One station more than the segment has does not vanish.
         assert_eq!(vanished(&asked, 2, 1), [0x1002]);
-        // One too few, another number that answers, another order.
+        // No vanished station: one too few, another number of answers, another order.
         assert_eq!(vanished(&asked, 4, 1), [0; 0]);
         assert_eq!(vanished(&asked, 3, 2), [0; 0]);
         assert_eq!(vanished(&[(0x1002, true), (0x1001, false), (0x1003, false)], 3, 1), [0; 0]);
-        // One that answers later was there.
+        // A station that answers later was present.
         let late = [(0x1002, false), (0x1001, true), (0x1002, true), (0x1003, false)];
         assert_eq!(vanished(&late, 3, 2), [0x1003]);
     }

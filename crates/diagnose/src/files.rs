@@ -1,4 +1,4 @@
-//! The captures that were read one behind the other, and which of them a frame is in.
+//! The captures, which were read one after the other, and the capture that a frame belongs to.
 
 use isocat_captures::reading;
 
@@ -19,33 +19,33 @@ struct File {
 }
 
 impl Files {
-    /// The next file.
+    /// Begins the next file.
     pub fn begin(&mut self, name: &str) {
         let before = self.list.last().map_or(0, |last| last.before + last.tally.packets);
         let tally = reading::Tally::default();
         self.list.push(File { name: name.to_owned(), before, tally });
     }
 
-    /// A packet more of what is read.
+    /// Counts one more packet of the present file.
     pub fn packet(&mut self) {
         if let Some(last) = self.list.last_mut() {
             last.tally.packets += 1;
         }
     }
 
-    /// The last file is read.
+    /// Ends the present file.
     pub fn end(&mut self, tally: reading::Tally) {
         if let Some(last) = self.list.last_mut() {
             last.tally = tally;
         }
     }
 
-    /// The number among all frames of the frame that is this one in the present file.
+    /// The number over all files of frame `frame` of the present file.
     pub fn number(&self, frame: usize) -> usize {
         self.list.last().map_or(0, |last| last.before) + frame
     }
 
-    /// Where the frame with this number is.
+    /// The place of the frame with this number over all files.
     pub fn place(&self, number: usize) -> FrameRef {
         let capture = self.list.partition_point(|file| file.before < number).saturating_sub(1);
         let before = self.list.get(capture).map_or(0, |file| file.before);

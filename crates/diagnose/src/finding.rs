@@ -13,9 +13,9 @@ use isocat_wire::{AbortCode, ObjectAddress};
 pub(crate) enum Weight {
     /// Something went wrong.
     Fault,
-    /// Something that was forgotten, or done otherwise than it should be, and did no harm yet.
+    /// Something was forgotten or done wrong, but did no harm yet.
     Warning,
-    /// Worth knowing; nothing is wrong with it.
+    /// Worth knowing; it is not wrong.
     Note,
 }
 
@@ -24,7 +24,7 @@ pub(crate) enum Weight {
 pub(crate) enum Sure {
     /// The frames that are named show it.
     Shown,
-    /// The frames fit, and something else would show the same.
+    /// The frames agree with it, but another cause would show the same frames.
     Likely,
 }
 
@@ -32,7 +32,7 @@ pub(crate) enum Sure {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Finding {
     pub kind: Kind,
-    /// Place of the device in the list; `None`: the segment.
+    /// Place of the device in the list; `None`: the finding is about the segment.
     pub device: Option<usize>,
     /// The first frame that shows it, and when that was.
     pub frame: usize,
@@ -40,7 +40,7 @@ pub(crate) struct Finding {
     /// Further frames that belong to it.
     pub frames: Vec<usize>,
     pub sure: Sure,
-    /// The frame by which it stands among others, if it began before its own frame showed it.
+    /// The frame by which the finding is sorted, if it began before `frame` showed it.
     pub order: Option<usize>,
 }
 
@@ -65,8 +65,8 @@ macro_rules! kinds {
                 match self { $(Self::$variant { .. } => $name,)* }
             }
 
-            /// Its place in the list: of kinds that the same frame shows, what comes first is the
-            /// cause of what follows.
+            /// Its place in the list. Of two kinds shown by the same frame, the earlier one is the
+            /// cause of the later one.
             pub fn rank(&self) -> usize {
                 KINDS.iter().position(|name| *name == self.name()).unwrap_or(KINDS.len())
             }
@@ -87,15 +87,15 @@ kinds! {
     AnotherTalker { first: [u8; 6], other: [u8; 6], frames: u64 } "another-talker" Fault;
     /// Frames passed fewer devices than before.
     DevicesVanished { from: u16, to: u16, silent: Vec<usize> } "devices-vanished" Fault;
-    /// A device that was in OP does not answer any more.
+    /// A device that was in OP no longer answers.
     DeviceSilent {} "device-silent" Fault;
-    /// SYNC0 runs, and nothing leads the clocks.
+    /// SYNC0 runs, and no drift frames distribute the reference time.
     NoDriftFrames {} "no-drift-frames" Fault;
-    /// For a while, or from some frame on, nothing led the clocks.
+    /// The drift frames paused, or stopped for good.
     DriftFramesStopped { gap_ns: u64 } "drift-frames-stopped" Fault;
     /// The SYNC cycle is below what the device says it can do.
     CycleBelowMinimum { object: ObjectAddress, minimum_ns: u64, cycle_ns: u64 } "cycle-below-minimum" Fault;
-    /// The start time had passed when SYNC was switched on.
+    /// The start time was in the past when SYNC was switched on.
     StartInPast { late_ns: u64 } "start-in-past" Fault;
     /// The synchronization type needs a SYNC signal that is not switched on.
     ModeWithoutSync { object: ObjectAddress, mode: SyncType } "mode-without-sync" Fault;
@@ -105,13 +105,13 @@ kinds! {
     CyclesSkipped { count: u64, longest_ns: u64, cycle_ns: u64 } "cycles-skipped" Fault;
     /// Cyclic frames did not come back.
     FramesLost { count: u64 } "frames-lost" Fault;
-    /// The cycle of the frames is no whole multiple and no whole part of that of the SYNC unit.
+    /// The cycle of the frames is neither a multiple nor a fraction of that of the SYNC unit.
     CycleMismatch { frames_ns: u64, cycle_ns: u64 } "cycle-mismatch" Fault;
     /// Frames slide through the cycle: the MainDevice does not follow the reference clock.
     HostSlides { turns: i64, ppm: f64 } "host-slides" Fault;
-    /// Frames reached a device on the other side of SYNC0 than they usually do.
+    /// Frames reached a device on the other side of SYNC0 than usual.
     SyncPassed { frames: u64, of: u64, worst_ns: i64 } "sync0-passed" Fault;
-    /// Cycles without an answer, where the capture does not have what went out.
+    /// Cycles without an answer, in a capture that does not show requests.
     CyclesMissing { count: u64, longest_ns: u64, cycle_ns: u64 } "cycles-missing" Fault;
     /// Answers of cyclic frames came without a request: devices took a frame twice.
     FramesDoubled { count: u64 } "frames-doubled" Fault;
@@ -123,31 +123,31 @@ kinds! {
     ClocksApart { ns: u32 } "clocks-apart" Fault;
     /// Error counters grew between two readings.
     ErrorsCounted { address: u16, by: u64, operating: bool } "errors-counted" Fault;
-    /// A device left OP, and nothing in the capture asked it to.
+    /// A device left OP without a request in the capture.
     LeftOp { to: AlStatus, code: Option<AlStatusCode> } "left-op" Fault;
-    /// A device refused a state, or fell into an error.
+    /// A device refused a state, or went to an error state.
     AlError { asked: Option<AlState>, status: AlStatus, code: Option<AlStatusCode>, came_up: bool } "al-error" Fault;
     /// A working counter was lower than usual.
     WorkingCounter { which: Which, usual: u16, lowest: u16, frames: u64, missing: Vec<usize> } "working-counter" Fault;
-    /// The same by the stamps of the capture alone.
+    /// Cycles without a frame, by the stamps of the capture alone.
     GapSeen { count: u64, longest_ns: u64, cycle_ns: u64 } "gap-seen" Warning;
     /// SYNC was switched on while the clock was far from the reference.
     ClocksNotConverged { ns: u32 } "clocks-not-converged" Warning;
-    /// SYNC0 is switched on, and the synchronization type does not use it.
+    /// SYNC0 is switched on, but the synchronization type does not use it.
     SyncWithoutMode { object: ObjectAddress, mode: SyncType } "sync-without-mode" Warning;
-    /// SYNC0 was switched on when the device had left PREOP already.
+    /// SYNC0 was switched on after the device had left PREOP.
     SyncAfterSafeOp { state: AlState } "sync-after-safeop" Warning;
-    /// SYNC0 was switched on, and the way up did not write the device's system time offset.
+    /// SYNC0 was switched on, but the way up did not write the device's system time offset.
     OffsetNotWritten {} "offset-not-written" Warning;
-    /// SYNC0 was switched on, and the way up did not write the device's propagation delay.
+    /// SYNC0 was switched on, but the way up did not write the device's propagation delay.
     DelayNotWritten {} "delay-not-written" Warning;
-    /// Frames come in at another port of the device than 0.
+    /// Frames enter the device at a port other than 0.
     PortsSwapped {} "ports-swapped" Warning;
-    /// Nothing looked whether SYNC runs.
+    /// The MainDevice did not read whether SYNC runs.
     SyncNotLookedAt {} "sync-not-looked-at" Warning;
-    /// Devices asked for by SDO answered with an abort.
+    /// The device aborted an SDO transfer.
     SdoAborted { object: ObjectAddress, code: AbortCode, written: bool, count: u64 } "sdo-aborted" Warning;
-    /// A mailbox request that no answer was seen to.
+    /// No answer to a mailbox request was seen.
     MailboxSilent { object: ObjectAddress, count: u64 } "mailbox-silent" Warning;
     /// The device refused a mailbox message.
     MailboxError { detail: ErrorDetail, count: u64 } "mailbox-error" Warning;
@@ -162,7 +162,7 @@ kinds! {
 }
 
 impl Finding {
-    /// A finding that its frame shows.
+    /// A finding that `frame` shows.
     pub fn new(kind: Kind, device: Option<usize>, frame: usize) -> Self {
         Self { kind, device, frame, at: None, frames: Vec::new(), sure: Sure::Shown, order: None }
     }

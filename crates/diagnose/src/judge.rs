@@ -1,5 +1,5 @@
-//! What speaks against a segment, out of what the observer kept. Nothing is judged that the capture
-//! does not show.
+//! What went wrong in a segment, by what the observer kept. What the capture does not show is not
+//! judged.
 
 use isocat_captures::pairing::{Seen, Tap};
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
@@ -15,13 +15,13 @@ use crate::observer::Observer;
 pub(crate) mod cyclic;
 pub(crate) mod sync;
 
-/// All findings, the gravest first and these in the order of time.
+/// All findings, gravest first, and each weight in the order of time.
 pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
     let mut all = Vec::new();
     cyclic::judge(observer, tap.seen == Seen::Both, &mut all);
     sync::judge(observer, &mut all);
     for (place, device) in observer.devices.list.iter().enumerate() {
-        // In a ring each end may be the way in.
+        // In a ring each end may be where frames enter.
         if tap.ring.is_none() {
             ports(place, device, &mut all);
         }
@@ -34,7 +34,7 @@ pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
     consequences(&mut all);
     all.sort_by_key(|finding| {
         let place = finding.order.unwrap_or(finding.frame);
-        // A device that is gone stands before the frames that were lost with it.
+        // A device that is gone comes before the frames that were lost with it.
         let explains = match finding.kind {
             _ if finding.order.is_none() => 2,
             Kind::DevicesVanished { .. } | Kind::DeviceSilent {} => 0,
@@ -46,9 +46,10 @@ pub(crate) fn findings(observer: &Observer, tap: Tap) -> Vec<Finding> {
     all
 }
 
-/// When a device leaves OP or is gone, working counters fall and frames are lost at once; the frame
-/// that shows the device itself comes some cycles later. Such a device comes first. Frames are lost
-/// while one restarts, too, whose share is missing in the working counters from then on.
+/// Sorts a device before the effects it caused. When a device leaves OP or is gone, working
+/// counters fall and frames are lost at once, but the frame that shows the device itself comes some
+/// cycles later. Frames are also lost while a device restarts, whose share of the working counters
+/// is missing from then on.
 fn consequences(all: &mut [Finding]) {
     let frames = |is: fn(&Kind) -> bool| -> Vec<usize> {
         all.iter().filter(|finding| is(&finding.kind)).map(|finding| finding.frame).collect()
@@ -64,11 +65,11 @@ fn consequences(all: &mut [Finding]) {
                 [&lost[..], &fell[..]]
             }
             Kind::WorkingCounter { .. } => [&lost[..], &[]],
-            // Its state was looked at for the first time since OP was asked for.
+            // Its state was read for the first time since OP was requested.
             Kind::AlError { .. } => [&unnamed[..], &[]],
             _ => continue,
         };
-        // The last frame in which all was well with it is among the further ones.
+        // The last frame in which the device was in order is one of the further frames.
         let earlier = finding.frames.iter().copied().filter(|frame| *frame < finding.frame);
         let before = earlier.max().unwrap_or(0);
         let caused = effects.into_iter().flatten();
@@ -79,8 +80,8 @@ fn consequences(all: &mut [Finding]) {
 
 fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let mut was_op = false;
-    // Where the capture begins in operation and a working counter fell, a device with an error has
-    // left OP since.
+    // If the capture begins in operation and a working counter fell, a device with an error has
+    // left OP since then.
     let fell = observer.cycle.logical.iter().filter_map(|logical| {
         let usual = logical.usual()?;
         logical.changes.kept.iter().find(|change| change.to < usual).map(|change| change.frame)
@@ -116,7 +117,7 @@ fn states(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Find
     }
 }
 
-/// A device that answers has a link somewhere: if it has none at port 0, IN and OUT are swapped.
+/// A device that answers has a link. If it has none at port 0, IN and OUT are swapped.
 fn ports(place: usize, device: &Device, all: &mut Vec<Finding>) {
     let Some(status) = device.image.read(register::DL_STATUS) else { return };
     let linked = PortNumber::ALL.into_iter().any(|port| status.value.link(port));
@@ -193,7 +194,7 @@ fn sync_counters(place: usize, device: &Device, all: &mut Vec<Finding>) {
     }
 }
 
-/// More than one MainDevice at a time. One that talks after another one has ended is no fault.
+/// More than one MainDevice at a time. It is no fault if one begins after another has ended.
 fn talkers(observer: &Observer, all: &mut Vec<Finding>) {
     let mut talkers: Vec<_> =
         observer.talkers.list.iter().filter(|one| one.turns >= LEAST_TURNS).collect();
@@ -204,7 +205,7 @@ fn talkers(observer: &Observer, all: &mut Vec<Finding>) {
     all.push(Finding::new(kind, None, other.first).with([other.last]));
 }
 
-/// A device's synchronization type, by 0x1C32 or, where that has none, by 0x1C33.
+/// A device's synchronization type, by 0x1C32 or, without a type there, by 0x1C33.
 pub(crate) fn mode(device: &Device) -> Option<(ObjectAddress, Known<SyncType>)> {
     [OUTPUT_PARAMETER, INPUT_PARAMETER].into_iter().find_map(|index| {
         let object = ObjectAddress::new(index, sub::SYNC_TYPE);
@@ -221,7 +222,7 @@ pub(crate) fn delay(observer: &Observer, device: &Device) -> Option<i64> {
         return Some(0);
     }
     let of = |device: &Device| device.image.latest(register::SYSTEM_TIME_DELAY);
-    // One that was not written is 0 since power-on.
+    // A delay that was not written is 0 since power-on.
     let first = of(reference).map_or(0, |known| known.value);
     Some(i64::from(of(device)?.value) - i64::from(first))
 }
@@ -234,8 +235,8 @@ pub(crate) fn reference(observer: &Observer) -> Option<usize> {
     }
 }
 
-/// How often a source of frames speaks up after another one did, before they are taken to talk at
-/// the same time.
+/// How often the source of frames must change to a talker before it counts as talking at the same
+/// time as another.
 const LEAST_TURNS: u64 = 8;
-/// Frames that a finding names beside its first.
+/// Further frames that a finding names at most.
 const MOST_FRAMES: usize = 8;

@@ -8,7 +8,7 @@ use isocat_wire::register::{PROCESS_RAM, Register, Value};
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Known<T> {
     pub value: T,
-    /// Number of the frame, from 1; of several bytes the latest.
+    /// Number of the frame, from 1; of a value of several bytes, the latest frame.
     pub frame: usize,
 }
 
@@ -26,12 +26,12 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    /// What a frame wrote from `address` on and the device took.
+    /// Notes what a frame wrote from `address` on and the device took.
     pub fn write(&mut self, address: u16, data: &[u8], frame: usize) {
         store(&mut self.written, address, data, frame);
     }
 
-    /// What a frame read from `address` on.
+    /// Notes what a frame read from `address` on.
     pub fn note(&mut self, address: u16, data: &[u8], frame: usize) {
         store(&mut self.read, address, data, frame);
     }
@@ -86,7 +86,7 @@ fn store(cells: &mut BTreeMap<u16, Known<u8>>, address: u16, data: &[u8], frame:
     }
 }
 
-/// The first of a kind of event in full, and how many there were: memory stays bounded.
+/// The first events of a kind in full, and the number of all: memory stays bounded.
 #[derive(Clone, Debug)]
 pub(crate) struct Log<T> {
     /// The first ones.
@@ -97,7 +97,7 @@ pub(crate) struct Log<T> {
 }
 
 impl<T> Log<T> {
-    /// Keeps `most` at most.
+    /// Keeps at most `most` events.
     pub fn new(most: usize) -> Self {
         Self { kept: Vec::new(), count: 0, most }
     }
@@ -109,7 +109,7 @@ impl<T> Log<T> {
         }
     }
 
-    /// Those that were not kept.
+    /// The number of events that were not kept.
     pub fn left_off(&self) -> u64 {
         self.count - self.kept.len() as u64
     }

@@ -1,17 +1,17 @@
-//! A capture of anybody's EtherCAT segment in; what is known of it, and what went wrong, out.
+//! Diagnoses a capture of any EtherCAT segment: what is known of the segment, and what went wrong.
 //!
-//! Data's way: `isocat-captures` reads frames and finds which belong together. `access` takes each
-//! exchange apart into datagrams; `observer` keeps what they say, by subject: `device` (which
-//! devices there are) with `known` (registers), `sii` (identity), `state`, `mailbox`, `sync_unit`
-//! and `counters`; `clock` (drift frames), `cycle` (rhythm and working counters), `phase` (frames
-//! against SYNC0), `talker` (sources of frames). All of it is bounded, however long a capture is.
-//! At the end `judge` looks what speaks against the segment, as `finding`s with kinds; `words`
-//! makes sentences of them, and [`report`] the document. [`Around`] looks at the captures once more
-//! and tells what happened in the frames around the first fault.
+//! The way of the data: `isocat-captures` reads frames and pairs requests with answers. `access`
+//! takes each exchange apart into datagrams; `observer` keeps what they say, by subject: `device`
+//! (which devices there are) with `known` (registers), `sii` (identity), `state`, `mailbox`,
+//! `sync_unit` and `counters`; `clock` (drift frames), `cycle` (rhythm and working counters),
+//! `phase` (frames against SYNC0), `talker` (sources of frames). All of it is bounded, however long
+//! a capture is. At the end `judge` makes `finding`s with kinds of it; `words` turns them into
+//! sentences, and [`report`] into the document. [`Around`] reads the captures a second time and
+//! tells what happened in the frames around the first fault.
 //!
-//! [`live`] is the same for frames that are seen as they come.
+//! [`live`] does the same for frames as they arrive.
 //!
-//! Nothing is guessed: what the capture does not show is told as unknown.
+//! Nothing is guessed: what the capture does not show is reported as unknown.
 //!
 //! ```no_run
 //! use isocat_diagnose::{Diagnosis, Names};
@@ -70,7 +70,7 @@ pub struct Diagnosis {
     probe: Option<Probe>,
 }
 
-/// What devices are called, beside what their EEPROMs say.
+/// Names of devices, in addition to those in their EEPROMs.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Names {
     /// By position, as a segment file has them.
@@ -79,22 +79,22 @@ pub struct Names {
     pub identities: BTreeMap<(u32, u32), String>,
 }
 
-/// Why a capture can't be diagnosed: no frame of EtherCAT is in it.
+/// Why a capture can't be diagnosed: it holds no EtherCAT frame.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Nothing {
     /// Packets in the captures.
     pub packets: usize,
     /// Frames of other protocols.
     pub foreign: usize,
-    /// Packets of which the captures do not hold all bytes of EtherCAT.
+    /// Packets that the captures cut off within their EtherCAT part.
     pub cut: usize,
     /// Frames of EtherCAT whose datagrams contradict themselves.
     pub broken: usize,
     /// Packets of links without Ethernet frames.
     pub other_links: usize,
-    /// The link type of the first of them.
+    /// The link type of the first packet in `other_links`.
     pub other_link: Option<u32>,
-    /// Why reading ended before the end of a capture.
+    /// Why a capture was not read to its end.
     pub ended: Option<String>,
 }
 
@@ -131,24 +131,25 @@ impl Default for Diagnosis {
 }
 
 impl Diagnosis {
-    /// Nothing was read yet.
+    /// A diagnosis that has read nothing yet.
     pub fn new() -> Self {
         let (pairing, observer) = (Pairing::new(), Observer::new());
         Self { files: Files::default(), pairing, observer, probe: None }
     }
 
-    /// Packets of the captures have the header of a probe.
+    /// Sets the probe whose header precedes each packet of the captures.
     pub fn with_probe(self, probe: Option<Probe>) -> Self {
         Self { probe, ..self }
     }
 
-    /// Reads a capture, which continues those that were read before. `name` is what frames of it
-    /// are told with. `Err`: it is neither pcapng nor pcap; nothing of it was taken.
+    /// Reads a capture, which continues those that were read before. `name`: how the report names
+    /// its frames. `Err`: it is neither pcapng nor pcap, and nothing of it was taken.
     pub fn read(&mut self, name: &str, source: impl Read) -> Result<(), NoCapture> {
         self.read_with(name, source, &mut |_| {})
     }
 
-    /// The same; `onlooker` hears what is measured of each cycle.
+    /// Does the same as [`read`](Self::read), and calls `onlooker` with what is measured of each
+    /// cycle.
     pub fn read_with(
         &mut self,
         name: &str,
@@ -166,27 +167,28 @@ impl Diagnosis {
         Ok(())
     }
 
-    /// Takes a frame that is no part of a file; `frame.number` counts from 1.
+    /// Takes a frame that belongs to no file; `frame.number` counts from 1.
     fn take(&mut self, frame: Frame) {
         self.files.packet();
         self.pairing.push(frame);
         self.observe(&mut |_| {});
     }
 
-    /// A capture that is not there, as the empty file that a ring buffer of captures begins: its
-    /// place among the others is kept.
+    /// Counts a capture that can't be read, for example the empty file that a ring buffer of
+    /// captures begins, so that the next ones keep their places in the report. `why` is told in the
+    /// report.
     pub fn pass_over(&mut self, name: &str, why: &str) {
         self.files.begin(name);
         self.files.end(Tally { ended: Some(why.to_owned()), ..Tally::default() });
     }
 
-    /// Says what was found. `Err`: no frame of EtherCAT is in the captures.
+    /// Reports what was found. `Err`: no EtherCAT frame is in the captures.
     pub fn report(self, names: &Names) -> Result<DiagnoseReport, Nothing> {
         self.report_with(names, &mut |_| {})
     }
 
-    /// The same; `onlooker` hears what is measured of the last cycles, which wait for their answers
-    /// until then.
+    /// Does the same as [`report`](Self::report), and calls `onlooker` with what is measured of the
+    /// last cycles, which wait for their answers until then.
     pub fn report_with(
         mut self,
         names: &Names,

@@ -1,9 +1,9 @@
-//! The same judge on frames that are seen as they come.
+//! Diagnoses frames as they arrive.
 //!
-//! [`Live::frame`] takes each frame; [`Live::news`], called a few times a second, gives the faults
-//! that were not there before. A listener may run for weeks: [`Live::forget`] makes room for what
-//! comes, and keeps what is known of the devices and their set-up. A fault that was told before is
-//! told again if it happens again behind that.
+//! [`Live::frame`] takes each frame; [`Live::news`], called a few times a second, returns the new
+//! faults. A listener may run for weeks: [`Live::forget`] drops past events to bound memory, and
+//! keeps what is known of the devices and their set-up. A fault that was reported before is
+//! reported again if it happens again after that.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -15,27 +15,27 @@ use crate::finding::{Finding, Kind, Weight};
 use crate::report::{self, FindingReport};
 use crate::{DiagnoseReport, Diagnosis, Names, Nothing, judge};
 
-/// A diagnosis that goes on.
+/// A diagnosis that runs while frames arrive.
 #[derive(Debug)]
 pub struct Live {
     diagnosis: Diagnosis,
     /// When the first frame came.
     first: Option<Duration>,
     now: Duration,
-    /// Faults of frames up to this one were told.
+    /// Faults shown by frames up to this number were reported.
     since: usize,
-    /// Faults that were told since then, and at which device.
+    /// Kinds and devices of the faults reported since then.
     told: BTreeSet<Key>,
-    /// When a fault that lasts was told last.
+    /// When each lasting fault was last reported.
     lasting: BTreeMap<Key, Duration>,
-    /// The counters of 0x1C32 and 0x1C33 as they were told.
+    /// The counters of 0x1C32 and 0x1C33 as they were last reported.
     counted: BTreeMap<(Option<usize>, u32), u64>,
 }
 
 /// Kind and device.
 type Key = (&'static str, Option<usize>);
 
-/// What a fault is seen by.
+/// What kind of symptom shows a fault.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Symptom {
     /// A working counter is below what is usual.
@@ -44,23 +44,23 @@ pub enum Symptom {
     State,
     /// Clocks, SYNC units, the rhythm of frames or their distance to SYNC0.
     Sync,
-    /// Frames that were lost, damaged, doubled, or of another MainDevice.
+    /// Frames that were lost, damaged, doubled, or came from another MainDevice.
     Frames,
 }
 
-/// A fault that was not there before.
+/// A new fault.
 #[derive(Clone, PartialEq, Debug)]
 pub struct News {
-    /// What it is seen by.
+    /// Its kind of symptom.
     pub symptom: Symptom,
     /// Number of the frame that shows it.
     pub frame: usize,
-    /// The fault, in words too.
+    /// The fault, also in words.
     pub finding: FindingReport,
 }
 
 impl Live {
-    /// Nothing was seen yet. `name` is what the listener is told with in a report.
+    /// A diagnosis that has seen nothing yet. `name`: how a report names the listener.
     pub fn new(name: &str) -> Self {
         let mut diagnosis = Diagnosis::new();
         diagnosis.files.begin(name);
@@ -75,7 +75,7 @@ impl Live {
         }
     }
 
-    /// Takes a frame. Numbers begin at 1 and grow.
+    /// Takes a frame. Frame numbers begin at 1 and grow.
     pub fn frame(&mut self, frame: Frame) {
         self.first.get_or_insert(frame.at);
         self.now = self.now.max(frame.at);
@@ -86,7 +86,7 @@ impl Live {
         self.diagnosis.take(frame);
     }
 
-    /// Faults that were not told yet, in the order of the frames that show them.
+    /// Faults that were not reported yet, in the order of the frames that show them.
     pub fn news(&mut self, names: &Names) -> Vec<News> {
         let settled = self.first.is_some_and(|first| self.now >= first + SETTLE);
         if settled && self.diagnosis.pairing.decide_early() {
@@ -115,12 +115,12 @@ impl Live {
         news.collect()
     }
 
-    /// Which directions the listener sees; `None`: that is not known yet.
+    /// Which directions the listener sees; `None`: not known yet.
     pub fn seen(&self) -> Option<Seen> {
         self.diagnosis.pairing.tap().map(|tap| tap.seen)
     }
 
-    /// What happened so far is told no more. What lasts is told again after [`AGAIN`] at the
+    /// Forgets the events so far. A fault that lasts is reported again after [`AGAIN`] at the
     /// earliest.
     pub fn forget(&mut self) {
         self.diagnosis.observer.forget();
@@ -130,21 +130,21 @@ impl Live {
         self.lasting.retain(|_, at| *at + AGAIN > now);
     }
 
-    /// Says what was found since the last [`forget`](Self::forget). `Err`: no frame of EtherCAT
+    /// Reports what was found since the last [`forget`](Self::forget). `Err`: no EtherCAT frame
     /// came.
     pub fn report(self, names: &Names) -> Result<DiagnoseReport, Nothing> {
         self.diagnosis.report(names)
     }
 
-    /// Whether a frame is the first answer of devices, where the tap was taken for one that sees
-    /// requests alone: devices were switched on since. What requests alone say is worth nothing
-    /// then.
+    /// Whether a frame is the first answer of devices after the tap was taken for one that sees
+    /// requests alone. Devices were then switched on since, and what was concluded from requests
+    /// alone is void.
     fn hears_first_answer(&self, frame: &Frame) -> bool {
         let tap = self.diagnosis.pairing.tap();
         tap.is_some_and(|tap| tap.seen == Seen::Out && tap.marked) && is_marked(&frame.bytes)
     }
 
-    /// Whether a fault is one that happened now, or lasts for so long that it is told again.
+    /// Whether a fault happened now, or has lasted for so long that it is reported again.
     fn is_news(&mut self, finding: &Finding) -> bool {
         if let Kind::SyncCounted { object, count } = &finding.kind {
             let object = u32::from(object.index) << 8 | u32::from(object.sub);
@@ -186,9 +186,8 @@ fn symptom(kind: &Kind) -> Symptom {
     }
 }
 
-/// From the first frame on this long frames are gathered, before it is judged which directions the
-/// tap sees.
+/// Time after the first frame in which frames are gathered, before the diagnosis decides which
+/// directions the tap sees.
 const SETTLE: Duration = Duration::from_secs(1);
-/// What is wrong with SYNC or with the rhythm often lasts: from one time that it is told to the
-/// next.
+/// Time between two reports of the same lasting fault: faults of SYNC or of the rhythm often last.
 pub const AGAIN: Duration = Duration::from_secs(60);

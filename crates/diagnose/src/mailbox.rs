@@ -1,9 +1,9 @@
 //! The mailbox traffic of a device: SDO transfers with their values, aborts, mailbox errors,
 //! emergencies.
 //!
-//! A mailbox message is known by its place, where the capture shows SM0 and SM1. Where it does not,
-//! as in captures that begin in operation, a message is one whose header fits what is behind it,
-//! and [`Mailbox::by_content`] says so.
+//! Where the capture shows SM0 and SM1, a mailbox message is known by its address. Where it does
+//! not, as in captures that begin in operation, a message is taken for one if its header fits its
+//! content, and [`Mailbox::by_content`] says so.
 
 use std::collections::BTreeMap;
 
@@ -20,11 +20,11 @@ use crate::known::{Image, Known, Log};
 pub(crate) enum Way {
     /// SDO download: the MainDevice wrote it.
     Written,
-    /// SDO upload: the device told it.
+    /// SDO upload: the device sent it.
     Read,
 }
 
-/// The value of an object's entry.
+/// The value of an object's entry, and its direction.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Entry {
     pub way: Way,
@@ -46,7 +46,7 @@ pub(crate) struct Aborted {
     pub object: ObjectAddress,
     pub way: Way,
     pub code: AbortCode,
-    /// Frame of the request, if it is in the capture, and of the abort.
+    /// Frame of the request, if it is in the capture; `frame` is that of the abort.
     pub request: Option<usize>,
     pub frame: usize,
 }
@@ -76,14 +76,14 @@ pub(crate) struct Mailbox {
     pub messages: BTreeMap<u8, [u64; 2]>,
     /// SDO transfers that were answered with a value or a confirmation.
     pub transfers: u64,
-    /// The last value of each entry that was seen.
+    /// The last value seen of each entry.
     pub values: BTreeMap<ObjectAddress, Known<Entry>>,
     pub aborts: Log<Aborted>,
     pub errors: Log<Known<ErrorDetail>>,
     pub emergencies: Log<Emergency>,
-    /// SDO requests that another one followed before an answer was seen.
+    /// SDO requests that were followed by another one before an answer was seen.
     pub unanswered: Log<Known<ObjectAddress>>,
-    /// Messages were known by their content, as no frame shows where the mailboxes are.
+    /// Messages were recognized by their content, because no frame shows where the mailboxes are.
     pub by_content: bool,
     pending: Option<Pending>,
 }
@@ -103,7 +103,7 @@ impl Mailbox {
         }
     }
 
-    /// A datagram to this device.
+    /// Takes a datagram to this device.
     pub fn access(&mut self, access: &Access<'_>, image: &Image) {
         use Command::*;
         if access.ado() < PROCESS_RAM || access.command.is_logical() {
@@ -126,7 +126,7 @@ impl Mailbox {
         }
     }
 
-    /// Whether an access to the process RAM is one to the mailbox of SyncManager `number`.
+    /// Whether an access to the process RAM is a message in the mailbox of SyncManager `number`.
     fn is_message(
         &mut self,
         access: &Access<'_>,
@@ -160,7 +160,7 @@ impl Mailbox {
         let way = match initiate.command.specifier() {
             sdo::specifier::REQUEST_DOWNLOAD => Way::Written,
             sdo::specifier::REQUEST_UPLOAD => Way::Read,
-            // Segments and aborts belong to what is under way.
+            // Segments and aborts belong to the pending request.
             _ => return,
         };
         if let Some(old) = self.pending.take() {
@@ -247,15 +247,16 @@ impl Mailbox {
         }
     }
 
-    /// What is known of an entry, as a number.
+    /// The last known value of an entry, as a number.
     pub fn number(&self, object: ObjectAddress) -> Option<Known<u64>> {
         let known = self.values.get(&object)?;
         Some(Known { value: known.value.number()?, frame: known.frame })
     }
 }
 
-/// The entries of a whole 0x1C32 or 0x1C33 whose places are the same in all layouts of the field
-/// but the oldest, which is shorter and is left alone: sub-index and bytes.
+/// The entries of a whole 0x1C32 or 0x1C33, as sub-index and bytes. Only entries whose places are
+/// the same in all layouts in the field are taken; the oldest layout differs, is shorter and is
+/// left alone.
 fn parts_of_sync_object(object: ObjectAddress, bytes: &[u8]) -> Vec<(u8, std::ops::Range<usize>)> {
     let is_sync = matches!(
         object.index,
@@ -270,7 +271,7 @@ fn parts_of_sync_object(object: ObjectAddress, bytes: &[u8]) -> Vec<(u8, std::op
     all.map(|(sub, at, len)| (sub, at..at + len)).collect()
 }
 
-/// The data of an initiate message: in the eight bytes, or behind them.
+/// The data of an initiate message: in its eight bytes, or after them.
 fn initiate_data(initiate: &sdo::Initiate, body: &[u8]) -> Vec<u8> {
     if initiate.command.expedited() {
         let len = match initiate.command.size_indicated() {
@@ -280,13 +281,13 @@ fn initiate_data(initiate: &sdo::Initiate, body: &[u8]) -> Vec<u8> {
         return initiate.data[..len].to_vec();
     }
     let len = usize::try_from(initiate.value()).unwrap_or(usize::MAX);
-    // What comes in segments is not put together.
+    // Segmented transfers are not put together.
     body.get(sdo::INITIATE_LEN..)
         .and_then(|data| data.get(..len))
         .map_or(Vec::new(), |data| data[..len.min(MOST_BYTES + 1)].to_vec())
 }
 
-/// Service and what is behind the CoE header, within the length that the mailbox header says.
+/// The service and the bytes after the CoE header, within the length in the mailbox header.
 fn coe_message(data: &[u8], header: mailbox::Header) -> Option<(Service, &[u8])> {
     let end = (mailbox::HEADER_LEN + usize::from(header.length)).min(data.len());
     let message = data.get(mailbox::HEADER_LEN..end)?;
@@ -294,8 +295,7 @@ fn coe_message(data: &[u8], header: mailbox::Header) -> Option<(Service, &[u8])>
     Some((service, message.get(coe::HEADER_LEN..)?))
 }
 
-/// Whether bytes are a CoE message by their content: lengths agree, and it is a known service with
-/// a known command.
+/// Whether bytes look like a CoE message: lengths agree, and the service and its command are known.
 fn fits(data: &[u8]) -> bool {
     let Some(header) = data.first_chunk().map(mailbox::Header::parse) else { return false };
     let length = usize::from(header.length);

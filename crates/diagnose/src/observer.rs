@@ -15,21 +15,21 @@ use crate::measured::{Measured, Onlooker};
 use crate::phase::{Grid, MOST_GRIDS, Phases};
 use crate::talker::Talkers;
 
-/// Another number of SubDevices was passed.
+/// A change of the number of SubDevices that frames pass.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Reach {
     pub frame: usize,
     pub at: Duration,
-    /// The last frame that passed as many as before.
+    /// The last frame that passed `from` SubDevices.
     pub before: usize,
-    /// SubDevices; `None`: the first ones that were counted.
+    /// SubDevices before; `None`: no frame counted them before.
     pub from: Option<u16>,
     pub to: u16,
     /// Whether the segment was in operation.
     pub operating: bool,
 }
 
-/// All that the exchanges of a capture say.
+/// All that the exchanges of a capture showed.
 #[derive(Debug)]
 pub(crate) struct Observer {
     pub devices: Devices,
@@ -39,40 +39,40 @@ pub(crate) struct Observer {
     pub talkers: Talkers,
     /// Answers of cyclic frames without a request, in operation.
     pub doubled: Log<Known<Duration>>,
-    /// How many SubDevices frames passed.
+    /// Changes of the number of SubDevices that frames passed.
     pub reach: Log<Reach>,
     reach_now: Option<u16>,
-    /// The last frame that counted them.
+    /// The last frame that counted SubDevices.
     reached_in: usize,
     /// Operation since this frame; `None`: no state of operation was seen.
     pub operation: Option<Known<Duration>>,
-    /// The first frame that asked all devices to leave operation.
+    /// The last frame at which operation ended, because all devices were asked to leave it.
     pub left: Option<Known<Duration>>,
-    /// Some device is in operation, and asked to be.
+    /// Some device was seen in OP and not asked to leave it, or operation is assumed.
     operating: bool,
-    /// Cycles since OP was asked for, while nothing was read of any state.
+    /// Cycles since OP was requested, while no state was read.
     unwatched: Option<u64>,
-    /// Operation was taken to begin then: the MainDevice does not look.
+    /// Operation was assumed after some cycles, because the MainDevice reads no states.
     assumed: bool,
     /// Any AL status or AL control was seen.
     pub states_seen: bool,
-    /// Process data were exchanged before that: the capture begins in operation.
+    /// Process data were exchanged before any state was seen: the capture begins in operation.
     began_inside: bool,
-    /// A broadcast has shown that.
+    /// A broadcast reading showed all devices in OP, without a request for it in the capture.
     all_in_op: bool,
-    /// The same, also when all devices have left operation since.
+    /// Like `began_inside`, but stays true after all devices have left operation.
     pub began_inside_once: bool,
     grids: Vec<Grid>,
-    /// Exchanges that were looked at.
+    /// Exchanges that were taken.
     pub exchanges: u64,
-    /// The first frame of the last of them.
+    /// The first frame of the last exchange.
     pub frame: usize,
-    /// The first and last instant.
+    /// The first stamp, and the latest one.
     pub first: Option<Duration>,
     pub last: Duration,
-    /// The stamp of the last exchange, which is earlier where stamps jump back.
+    /// The stamp of the last exchange, which is below `last` after stamps jumped back.
     pub now: Duration,
-    /// Instants that lay before the one of the frame before.
+    /// Exchanges whose stamp is earlier than the latest one before.
     pub backwards: u64,
 }
 
@@ -145,11 +145,11 @@ impl Observer {
             self.assume_operation(at);
         }
         if begins.is_some() && !judged {
-            // The next interval that is judged begins behind this time.
+            // The next interval that is judged begins after this frame.
             self.cycle.rhythm.pause();
             self.cycle.by_clock.pause();
         }
-        // The first answer may have its request before the beginning of the capture.
+        // The request of the first answer may be before the beginning of the capture.
         let alone = exchange.request.is_none() && self.cycle.rhythm.count > 0;
         let alone = alone && tap.seen == Seen::Both;
         if alone && !together.is_empty() && judged {
@@ -177,8 +177,8 @@ impl Observer {
         }
     }
 
-    /// What happened so far is told no more, so that it leaves room for what comes. What devices
-    /// are and how they were set up stays known.
+    /// Forgets the events so far, to bound memory. What devices are and how they were set up stays
+    /// known.
     pub fn forget(&mut self) {
         self.cycle.forget();
         self.phases = Phases::default();
@@ -189,14 +189,14 @@ impl Observer {
         self.devices.list.iter_mut().for_each(|device| device.forget(now));
     }
 
-    /// Whether what comes now is judged as operation: some device is in OP, or nothing says in
-    /// which state they are.
+    /// Whether the present exchanges are judged as operation: some device is in OP, or the capture
+    /// shows no states.
     fn is_judged(&self) -> bool {
         self.operating || self.began_inside || !self.states_seen
     }
 
-    /// A cycle began. Some MainDevices ask for OP and look at no state from then on: what they
-    /// exchange for long enough is operation.
+    /// A cycle began. Some MainDevices request OP and read no state afterwards: after enough
+    /// cycles, the exchange counts as operation.
     fn assume_operation(&mut self, at: Duration) {
         let Some(cycles) = self.unwatched.as_mut() else { return };
         *cycles += 1;
@@ -207,8 +207,8 @@ impl Observer {
         }
     }
 
-    /// A request for a state, before any device was seen in OP or with an error: what was exchanged
-    /// so far was not operation.
+    /// A state was requested before any device was seen in OP or with an error: the exchange so far
+    /// was not operation.
     fn on_the_way_up(&mut self) {
         let known = |device: &crate::device::Device| {
             let mut seen = device.states.changes.kept.iter();
@@ -220,8 +220,8 @@ impl Observer {
         }
     }
 
-    /// A frame says something of the states of devices. `in_op`: all are in OP, and nothing in the
-    /// capture has asked any of them to.
+    /// A frame shows states of devices. `in_op`: all devices are in OP, and the capture holds no
+    /// request that asked any of them for a state.
     fn see_states(&mut self, in_op: bool) {
         let exchanged = !self.states_seen && self.cycle.rhythm.count >= LEAST_INSIDE;
         if (exchanged || in_op && self.operation.is_none()) && !self.began_inside_once {
@@ -283,7 +283,7 @@ impl Observer {
         }
     }
 
-    /// A datagram at one device; `alone`: no other device answers it.
+    /// Takes a datagram at one device; `alone`: no other device answers it.
     fn of_device(&mut self, place: usize, access: &Access<'_>, at: Duration, alone: bool) {
         let operating = self.operating;
         let now = self.drift.time;
@@ -300,7 +300,7 @@ impl Observer {
                 device.states.ask(access.frame, at, AlControl(control));
             }
         }
-        // What several devices answer is an OR of all of them.
+        // The answer of several devices is the OR of all of them.
         let read = access.read().filter(|_| alone);
         if let Some(data) = read
             && first != register::SYSTEM_TIME.address
@@ -336,7 +336,7 @@ impl Observer {
         }
     }
 
-    /// SYNC units that were switched: the grids of their pulses.
+    /// Collects the grids of the pulses of SYNC units that were switched.
     fn sync_written(&mut self, access: &Access<'_>) {
         let address = register::SYNC_ACTIVATION.address;
         if access.covers(address, 1) {
@@ -360,8 +360,8 @@ impl Observer {
         }
     }
 
-    /// A broadcast reading of AL status is the OR of all. Where it has the bit of one state alone,
-    /// and all devices answered, each of them is in that state.
+    /// Takes a broadcast reading of AL status, which is the OR of all devices. If it has the bit of
+    /// one state alone, and all devices answered, each of them is in that state.
     fn states_of_all(&mut self, access: &Access<'_>, at: Duration) {
         let Some(data) = access.read().filter(|_| access.command == Command::Brd) else { return };
         let status = low_and_high(access.ado(), data, register::AL_STATUS.address).map(AlStatus);
@@ -437,14 +437,14 @@ impl Observer {
     }
 }
 
-/// Cycles without a look at any state, from which on OP that was asked for is taken for reached.
+/// Cycles without a reading of any state, after which a requested OP counts as reached.
 const LEAST_UNWATCHED: u64 = 100;
-/// Events of one sort that are kept.
+/// Events of one kind that are kept.
 const MOST_EVENTS: usize = 256;
-/// Cycles before the first word of states from which on a capture is taken to begin in operation.
+/// Cycles before the first state, from which on a capture is taken to begin in operation.
 const LEAST_INSIDE: u64 = 20;
 
-/// A register of two bytes, of which some write or read the lower one alone.
+/// A register of two bytes, of which some devices write or read the lower one alone.
 fn low_and_high(first: u16, data: &[u8], address: u16) -> Option<u16> {
     let [low] = part::<1>(first, data, address)?;
     let high = part::<1>(first, data, address + 1).map_or(0, |[high]| high);

@@ -1,9 +1,9 @@
 //! Where cyclic frames lie against SYNC0, in the time of the reference clock.
 //!
-//! A drift datagram (FRMW, ARMW) brings the reference's system time at the instant at which its
-//! frame reached the reference. SYNC0 comes at the start time and each cycle after it, in the same
-//! time. So the distance from a frame to the next SYNC0 is known to the clock's 10 ns, whatever the
-//! stamps of the capture are worth.
+//! A drift datagram (FRMW, ARMW) returns the reference's system time at the instant at which its
+//! frame reached the reference. SYNC0 comes at the start time and once per cycle after it, in the
+//! same time. So the distance from a frame to the next SYNC0 is known to the clock's 10 ns, however
+//! inaccurate the stamps of the capture are.
 
 use isocat_wire::frame;
 
@@ -30,14 +30,14 @@ pub(crate) struct Distance {
     pub grid: Grid,
     /// Frames that were measured.
     pub count: u64,
-    /// Shortest and longest distance, ns. They go on below 0 and beyond the cycle where frames
-    /// wander past SYNC0.
+    /// Shortest and longest distance, ns. They continue below 0 and beyond the cycle where frames
+    /// move past SYNC0.
     pub shortest: Known<i64>,
     pub longest: Known<i64>,
-    /// The first and the last one.
+    /// The first and the last distance.
     pub first: Known<i64>,
     pub last: Known<i64>,
-    /// A mean of the last few.
+    /// A moving mean of the last distances.
     recent: i64,
     /// Frames whose distance was below 0 or not below the cycle, and the first of them.
     pub outside: u64,
@@ -62,12 +62,13 @@ impl Distance {
         }
     }
 
-    /// Takes the distance of one more frame; gives it as it goes on from those before.
+    /// Takes the distance of one more frame; returns it unwrapped, as a continuation of those
+    /// before.
     fn push(&mut self, ns: i64, frame: usize) -> i64 {
         let cycle = self.grid.cycle as i64;
-        // In the neighbourhood of the last few, so that frames that wander through the cycle go on.
-        // Hosts are late rather than early: a frame is taken as late by three quarters of a cycle
-        // at most, or early by one.
+        // Takes the value nearest to the last few distances, so that frames that drift through the
+        // cycle have continuous values. Hosts tend to be late rather than early: a frame counts as
+        // late by at most three quarters of a cycle, or as early by at most one quarter.
         let turns = (self.recent - ns + cycle / 4).div_euclid(cycle);
         let ns = ns + turns * cycle;
         self.recent += (ns - self.recent) / 4;
@@ -88,12 +89,12 @@ impl Distance {
         ns
     }
 
-    /// Whether frames went through half a cycle and on in one direction: they do not follow the
-    /// reference clock.
+    /// Whether frames drifted through more than half a cycle in one direction: they do not follow
+    /// the reference clock.
     pub fn slides(&self) -> bool {
         let way = self.last.value - self.first.value;
         let cycle = self.grid.cycle as i64;
-        // A jump goes its way in a few cycles; what slides is in the middle of its way in the
+        // A jump takes only a few cycles; frames that drift are in the middle of their way in the
         // middle of the time.
         let middle = self.mean() - self.first.value;
         way.abs() > cycle / 2 && (middle - way / 2).abs() < way.abs() / 4
@@ -112,8 +113,8 @@ pub(crate) struct Phases {
 }
 
 impl Phases {
-    /// A cyclic frame of `len` bytes reached the reference at system time `at`.
-    /// `told` hears the distance to each grid.
+    /// Takes a cyclic frame of `len` bytes that reached the reference at system time `at`. Calls
+    /// `told` with the distance to each grid.
     pub fn cyclic(
         &mut self,
         grids: &[Grid],
@@ -142,7 +143,7 @@ impl Phases {
     }
 }
 
-/// Grids that are told apart.
+/// Grids that are kept apart.
 pub(crate) const MOST_GRIDS: usize = 64;
 
 #[cfg(test)]
@@ -163,7 +164,7 @@ mod tests {
         let grid = Grid::new(1_000_000, 0).expect("a cycle");
         let mut phases = Phases::default();
         for cycle in 0..2000_u64 {
-            // 1 us later in each cycle, from 500 us before SYNC0 on.
+            // Each cycle 1 us later, from 500 us before SYNC0 on.
             phases.cyclic(&[grid], cycle * 1_001_000 + 500_000, 60, cycle as usize, |_, _| {});
         }
         let distance = phases.of(grid).expect("measured");

@@ -64,7 +64,7 @@ pub(crate) fn report(
     report
 }
 
-/// Findings in words.
+/// Turns findings into their report.
 pub(crate) fn told(
     files: &Files,
     observer: &Observer,
@@ -78,7 +78,7 @@ pub(crate) fn told(
     findings.iter().map(|finding| builder.finding(finding, &devices)).collect()
 }
 
-/// What there was no room for.
+/// Sentences about what was not kept because memory is bounded.
 fn left_out(observer: &Observer) -> impl Iterator<Item = String> {
     let all = [
         (observer.devices.left_out, "accesses to further devices"),
@@ -150,7 +150,7 @@ fn order(observer: &Observer) -> Vec<usize> {
     order
 }
 
-/// What all parts of the document are made of.
+/// What all parts of the document are built from.
 pub(crate) struct Builder<'a> {
     pub files: &'a Files,
     pub observer: &'a Observer,

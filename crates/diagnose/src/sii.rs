@@ -13,18 +13,18 @@ use crate::known::Known;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sii {
     words: BTreeMap<u16, Known<u16>>,
-    /// The word that was last asked for.
+    /// The last word address that was requested.
     asked: Option<u16>,
-    /// Bytes that a read gives, as the status says.
+    /// Number of bytes that a read returns, by the EEPROM status.
     read_len: usize,
-    /// Write commands.
+    /// Number of write commands.
     pub writes: u64,
-    /// Frame of the first of them.
+    /// Frame of the first write command.
     pub first_write: Option<usize>,
 }
 
 impl Sii {
-    /// A datagram to this device.
+    /// Takes a datagram to this device.
     pub fn access(&mut self, access: &Access<'_>) {
         let first = access.ado();
         if let Some(data) = access.written().filter(|_| access.taken() != Some(false)) {
@@ -99,7 +99,7 @@ impl Sii {
         self.long(word::SERIAL)
     }
 
-    /// The device's name, if as much of the categories was read as it takes to find it.
+    /// The device's name, if the capture shows the parts of the categories that hold it.
     pub fn name(&self) -> Option<String> {
         let general = self.category(category::GENERAL)?;
         let strings = self.category(category::STRINGS)?;
@@ -116,7 +116,7 @@ impl Sii {
         (!name.is_empty() && !name.chars().any(char::is_control)).then_some(name)
     }
 
-    /// The word at which the data of a category begin, if all headers before it were read.
+    /// The word at which the data of a category begin, if all category headers before it were read.
     fn category(&self, wanted: u16) -> Option<u16> {
         let mut at = word::CATEGORIES;
         loop {
@@ -129,12 +129,12 @@ impl Sii {
         }
     }
 
-    /// A byte of the data that begin at a word.
+    /// Byte `at` of the data that begin at word `first`.
     fn byte(&self, first: u16, at: usize) -> Option<u8> {
         let word = self.words.get(&first.checked_add(u16::try_from(at / 2).ok()?)?)?.value;
         Some(word.to_le_bytes()[at % 2])
     }
 }
 
-/// Words that are kept of one EEPROM: 8 KB.
+/// Words that are kept of one EEPROM: 8 KiB.
 const MOST_WORDS: u16 = 4096;

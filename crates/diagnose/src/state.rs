@@ -6,7 +6,7 @@ use isocat_wire::al::{AlControl, AlStatus, AlStatusCode};
 
 use crate::known::{Known, Log};
 
-/// A status that was seen first in this frame.
+/// A status, with the frame that first showed it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct StateSeen {
     pub frame: usize,
@@ -14,9 +14,9 @@ pub(crate) struct StateSeen {
     pub status: AlStatus,
     /// AL status code, if it was read while this status held.
     pub code: Option<AlStatusCode>,
-    /// The last frame that showed the status before; `None`: none was seen before.
+    /// The last frame that showed the previous status; `None`: none was seen before.
     pub before: Option<usize>,
-    /// What the MainDevice had asked for last; `None`: nothing in this capture.
+    /// The last request of the MainDevice; `None`: none in this capture.
     pub asked: Option<Known<AlControl>>,
 }
 
@@ -33,9 +33,9 @@ pub(crate) struct Asked {
 pub(crate) struct States {
     pub changes: Log<StateSeen>,
     pub requests: Log<Asked>,
-    /// The status that holds, and the last frame that showed it.
+    /// The present status, and the last frame that showed it.
     now: Option<(AlStatus, usize)>,
-    /// What was asked for last; `None`: nothing in this capture.
+    /// The last request; `None`: none in this capture.
     pub asked: Option<Known<AlControl>>,
     /// When it was first seen in OP.
     pub op: Option<Known<Duration>>,
@@ -49,7 +49,7 @@ impl StateSeen {
         control == Some(self.status.0 & 0x1F) && self.code.is_none_or(|code| code.0 == 0)
     }
 
-    /// It shows an error.
+    /// Whether it shows an error.
     pub fn error(&self) -> bool {
         self.status.error() && !self.copied()
     }
@@ -61,7 +61,7 @@ impl States {
         Self { changes, requests, now: None, asked: None, op: None }
     }
 
-    /// The MainDevice asked for a state.
+    /// Takes a request for a state.
     pub fn ask(&mut self, frame: usize, at: Duration, control: AlControl) {
         let new = Known { value: control, frame };
         if self.asked.replace(new).is_none_or(|asked| asked.value != control) {
@@ -69,7 +69,7 @@ impl States {
         }
     }
 
-    /// A frame shows AL status, perhaps with its code.
+    /// Takes AL status from a frame, perhaps with its code.
     pub fn see(
         &mut self,
         frame: usize,
@@ -87,9 +87,9 @@ impl States {
         }
     }
 
-    /// A frame shows AL status code alone.
+    /// Takes an AL status code that was read alone.
     pub fn see_code(&mut self, code: AlStatusCode) {
-        // While events are left off, the last one kept is not the one that holds.
+        // If events were left off, the last one kept is not the present status.
         if self.changes.left_off() > 0 {
             return;
         }
@@ -100,7 +100,7 @@ impl States {
         }
     }
 
-    /// What happened so far is told no more; what holds stays known.
+    /// Forgets the events so far; the present status stays known.
     pub fn forget(&mut self, at: Duration) {
         let mut changes = Log::new(MOST_EVENTS);
         let last = self.changes.kept.last().copied();
@@ -112,7 +112,7 @@ impl States {
             before: Some(frame),
             asked: self.asked,
         });
-        // While events are left off, the last one kept is not the one that holds.
+        // If events were left off, the last one kept is not the present status.
         if let Some(holds) = last.filter(|_| self.changes.left_off() == 0).or(now) {
             changes.push(holds);
         }
@@ -120,7 +120,7 @@ impl States {
         self.requests = Log::new(MOST_EVENTS);
     }
 
-    /// The status that holds.
+    /// The present status.
     pub fn now(&self) -> Option<AlStatus> {
         self.now.map(|(status, _)| status)
     }

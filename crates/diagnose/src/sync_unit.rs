@@ -1,5 +1,5 @@
-//! The SYNC unit of a device as a MainDevice set it: one entry for each time it was switched on or
-//! off.
+//! The SYNC unit of a device as a MainDevice set it up, with one entry for each time it was
+//! switched on or off.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::clock::nearest;
 use crate::known::{Image, Known, Log};
 use crate::phase::Grid;
 
-/// One write to 0x0981, with what the unit had been told before it.
+/// One write to 0x0981, with the settings written before it.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Switched {
     pub frame: usize,
@@ -24,9 +24,9 @@ pub(crate) struct Switched {
     pub sync1_cycle: Option<Known<u32>>,
     /// Start time as it was written, ns of system time.
     pub start: Option<Known<Start>>,
-    /// System time of the reference clock as it was last seen before.
+    /// System time of the reference clock as it was last seen before the write.
     pub now: Option<Known<u64>>,
-    /// Time between that and this write by the stamps of the capture.
+    /// Time between that reading and this write, by the stamps of the capture.
     pub since: Duration,
 }
 
@@ -46,7 +46,7 @@ impl Switched {
     }
 }
 
-/// A start time, 64 bits or the lower 32 alone.
+/// A start time, of which 64 bits or only the lower 32 were written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Start {
     pub ns: u64,
@@ -58,14 +58,14 @@ pub(crate) struct Start {
 #[derive(Clone, Debug)]
 pub(crate) struct SyncUnit {
     pub switched: Log<Switched>,
-    /// The last entry, also where the log is full.
+    /// The last entry, even if the log is full.
     pub last: Option<Switched>,
     /// How often 0x0984 or 0x0990 was read after SYNC had been switched on, and the first of these
     /// frames.
     pub looked: Option<Known<u64>>,
     /// A reading of 0x0990 while SYNC was on: time of the next pulse.
     pub next_pulse: Option<Known<u64>>,
-    /// How many bytes of the start time were written last.
+    /// Number of bytes of the start time in the last write to it.
     start_bytes: u8,
     start_frame: usize,
 }
@@ -82,7 +82,7 @@ impl SyncUnit {
         }
     }
 
-    /// A write or a reading at this device's registers, which `image` has already.
+    /// Takes a write or a reading at this device's registers, which `image` already contains.
     pub fn access(
         &mut self,
         access: &Access<'_>,
@@ -156,14 +156,14 @@ impl SyncUnit {
         }
     }
 
-    /// When its SYNC0 pulses come, if it was switched on and start and cycle are known. A start
-    /// time of 32 bits is the one nearest to the time at which it was written.
+    /// The instants of its SYNC0 pulses, if SYNC0 is on and start and cycle are known. A start time
+    /// of 32 bits is the one nearest to the time at which it was written.
     pub fn grid(&self) -> Option<Grid> {
         let last = self.last.filter(Switched::makes_sync0)?;
         Grid::new(last.sync0_cycle?.value, last.full_start()?)
     }
 
-    /// Whether it was last switched on.
+    /// Whether SYNC0 is on by the last switch.
     pub fn is_on(&self) -> bool {
         self.last.is_some_and(|last| last.makes_sync0())
     }

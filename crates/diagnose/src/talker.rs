@@ -1,4 +1,4 @@
-//! Where frames come from: source addresses, as the MainDevice has them.
+//! Source addresses of frames, as the MainDevices send them.
 
 use std::time::Duration;
 
@@ -11,24 +11,24 @@ pub(crate) struct Talker {
     /// Without the bit that the first SubDevice sets.
     pub address: [u8; 6],
     pub frames: u64,
-    /// How often a frame of it followed one of another.
+    /// How often the source changed to this address.
     pub turns: u64,
     pub first: usize,
     pub last: usize,
     pub last_at: Duration,
 }
 
-/// All of them.
+/// All source addresses.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Talkers {
     pub list: Vec<Talker>,
-    /// Frames of further ones.
+    /// Frames of source addresses beyond the `MOST_TALKERS` that are kept apart.
     pub others: u64,
     last: Option<[u8; 6]>,
 }
 
 impl Talkers {
-    /// A frame as it was first seen.
+    /// Takes a frame as it was first seen.
     pub fn frame(&mut self, frame: &Frame, at: Duration) {
         let Some(address) = source(frame) else { return };
         let number = frame.number;
@@ -57,5 +57,5 @@ pub(crate) fn source(frame: &Frame) -> Option<[u8; 6]> {
     Some(address)
 }
 
-/// Source addresses that are told apart.
+/// Source addresses that are kept apart.
 const MOST_TALKERS: usize = 16;

@@ -8,8 +8,8 @@ use isocat_wire::al::{AlStatus, AlStatusCode};
 use crate::counters;
 use crate::finding::Kind;
 
-/// What a finding says: `subject` is the device or the segment, `of` gives the name of a device by
-/// its place.
+/// The sentence of a finding: `subject` is the device or the segment, `of` returns the name of a
+/// device by its place.
 pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> String {
     match kind {
         Kind::LeftOp { to, code } => {
@@ -189,7 +189,7 @@ pub(crate) fn what(kind: &Kind, subject: &str, of: impl Fn(usize) -> String) -> 
     }
 }
 
-/// What to do, likeliest first. Codes have what `isocat explain` says of them.
+/// Remedies, likeliest first. Those for a code are what `isocat explain` says of it.
 pub(crate) fn remedies(kind: &Kind) -> Vec<String> {
     let of_code = |code: &Option<AlStatusCode>| {
         let entry = code.and_then(al_codes::explain);

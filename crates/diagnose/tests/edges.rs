@@ -1,5 +1,5 @@
-//! Each finding at its edge: on one side of it nothing is found, on the other, one step further, it
-//! is. The captures are made by hand, with what one device and its MainDevice would say.
+//! Tests each finding at its edge: on one side nothing is found; one step further, the finding is
+//! there. The captures are made by hand, with the frames of one device and its MainDevice.
 
 use isocat_diagnose::{DiagnoseReport, Diagnosis, Names};
 use isocat_wire::coe::{self, Service, sdo};
@@ -13,7 +13,7 @@ const STATION: u16 = 0x1001;
 /// System time of the reference when SYNC is switched on.
 const NOW: u64 = 5_000_000_000;
 
-/// What the segment of one device does.
+/// What the segment with one device does.
 #[derive(Clone)]
 struct Setup {
     /// SYNC0 start time.
@@ -29,17 +29,17 @@ struct Setup {
     watchdog: u16,
     /// 0x092C in operation.
     difference: u32,
-    /// Cycle 50 comes so much later than it should, in the time of the reference.
+    /// How much cycle 50 is late, in the time of the reference.
     late: u64,
-    /// Each cycle comes so much later than the one before, beside its length.
+    /// How much each cycle is longer than its nominal length.
     drift: i64,
-    /// Cyclic frames have the reference's time.
+    /// Cyclic frames carry the reference's time.
     led: bool,
-    /// A pause of cyclic frames by the stamps, behind cycle 60.
+    /// Length of a pause of cyclic frames by the stamps, after cycle 60.
     pause_us: u64,
-    /// The same by the stamps alone: they jump.
+    /// Length of a jump of the stamps alone, after cycle 60.
     jump_us: u64,
-    /// SYNC0 cycle in the place of the frames' own.
+    /// SYNC0 cycle; by default that of the frames.
     cycle: u64,
     /// 0x0920 is written, and SYNC is switched on before SAFEOP.
     offset: bool,
@@ -50,21 +50,21 @@ struct Setup {
     status: [u8; 6],
     /// AL control that is written before that.
     control: Option<u8>,
-    /// Frames of another source, one after each of the last cycles.
+    /// Frames from another source, one after each of the last cycles.
     strangers: usize,
     /// 0x0110; 0: not read.
     links: u8,
     /// Cycles in operation.
     cycles: u64,
-    /// States are read once OP was asked for.
+    /// States are read after OP was requested.
     looks: bool,
     /// The cycle whose frame does not come back.
     lost: Option<u64>,
-    /// In so many of the last cycles the device counts nothing and leaves frames as they are.
+    /// Number of cycles at the end in which the device counts nothing and leaves frames unchanged.
     gone: u64,
-    /// The frame of cycle 50 comes once more, so many ns later; 0: it does not.
+    /// How much later the frame of cycle 50 comes a second time, ns; 0: it does not.
     again: u64,
-    /// Each frame has the same index.
+    /// All frames have the same index.
     one_index: bool,
 }
 
@@ -105,7 +105,7 @@ impl Default for Setup {
 /// A datagram: command, address, data on the way out, data on the way back, working counter.
 type Sent<'a> = (Command, Address, &'a [u8], &'a [u8], u16);
 
-/// A pcap file in the making.
+/// A pcap file that is being written.
 struct Wire {
     file: Vec<u8>,
     micros: u64,
@@ -122,7 +122,7 @@ impl Wire {
         Self { file, micros: 0, index: 0 }
     }
 
-    /// A frame goes out and comes back 20 us later.
+    /// Writes a frame that goes out and comes back 20 us later.
     fn exchange(&mut self, list: &[Sent<'_>]) -> usize {
         self.exchange_of(0x10, list)
     }
@@ -144,7 +144,7 @@ impl Wire {
             for (at, data, counts, wkc) in ends.into_iter().filter(|_| back) {
                 buffer[at + data..at + data + 2].copy_from_slice(&wkc.to_le_bytes());
                 if counts {
-                    // One device is passed.
+                    // The frame passes one device.
                     let position = u16::from_le_bytes([buffer[at - 8], buffer[at - 7]]);
                     let position = position.wrapping_add(1).to_le_bytes();
                     buffer[at - 8..at - 6].copy_from_slice(&position);
@@ -176,7 +176,7 @@ impl Wire {
         self.exchange(&[(Command::Fprd, to, &vec![0; data.len()], data, 1)]);
     }
 
-    /// An SDO message in one of the mailboxes.
+    /// An SDO message for a mailbox.
     fn mail(&mut self, service: Service, initiate: sdo::Initiate) -> Vec<u8> {
         let mut data = mailbox::Header::new(10, 0, Protocol::COE, 1).emit().to_vec();
         data.extend(coe::Header::new(service).emit());
@@ -185,7 +185,7 @@ impl Wire {
         data
     }
 
-    /// The MainDevice reads an entry, or writes it.
+    /// The MainDevice reads or writes an entry.
     fn sdo(&mut self, index: u16, sub: u8, value: &[u8], written: bool) {
         let object = ObjectAddress::new(index, sub);
         let mut data = [0; 4];
@@ -210,7 +210,7 @@ impl Wire {
         self.read(0x1080, &back);
     }
 
-    /// A cyclic frame that reaches the device at this system time.
+    /// A cyclic frame that reaches the device at system time `at`.
     fn cycle(&mut self, at: u64, led: bool) -> usize {
         let time = Address::Station(StationAddress(STATION), 0x0910);
         let exchanged = (Command::Lrw, Address::Logical(0), &[1_u8, 2][..], &[1_u8, 2][..], 3);
@@ -223,7 +223,7 @@ impl Wire {
         }
     }
 
-    /// A cyclic frame that no device takes part in.
+    /// A cyclic frame that no device answers.
     fn cycle_alone(&mut self) -> usize {
         let time = Address::Station(StationAddress(STATION), 0x0910);
         let exchanged = (Command::Lrw, Address::Logical(0), &[1_u8, 2][..], &[1_u8, 2][..], 0);
@@ -301,7 +301,7 @@ impl Setup {
                 wire.index = 0;
             }
             if self.lost == Some(cycle) {
-                // Both packets are of the same length.
+                // Both packets have the same length.
                 wire.file.truncate((before + wire.file.len()) / 2);
             }
             if cycle == 40 {
@@ -325,7 +325,7 @@ impl Setup {
     }
 }
 
-/// Nothing is found in one segment, and this kind first in the other.
+/// Asserts that nothing is found in `good`, and that `kind` is the first finding in `bad`.
 fn edge(good: Setup, bad: Setup, kind: &str) {
     assert_eq!(good.found(), [""; 0], "the good side of {kind}: {}", good.report().text());
     let report = bad.report();
@@ -334,7 +334,7 @@ fn edge(good: Setup, bad: Setup, kind: &str) {
     assert!(finding.frame.frame > 0 && !finding.what.is_empty() && !finding.remedies.is_empty());
 }
 
-/// From the first to the last bit of the cyclic frame.
+/// The duration of the cyclic frame, from its first to its last bit.
 fn duration() -> u64 {
     duration_ns(Wire::new().cycle(0, true))
 }
@@ -361,7 +361,7 @@ fn copy_time() {
     let left = (CYCLE / 2 - duration()) as u32;
     let good = Setup { copy: left, ..Setup::default() };
     edge(good, Setup { copy: left + 1, ..Setup::default() }, "copy-time-not-kept");
-    // Outputs that act at SYNC1, or with the frame, need none.
+    // Outputs that act at SYNC1 or with the frame need no copy time before SYNC0.
     let at_sync1 = Setup { copy: left + 1, mode: 3, sync: [0, 7], ..Setup::default() };
     assert_eq!(at_sync1.found(), [""; 0]);
 }
@@ -379,14 +379,14 @@ fn what_was_forgotten() {
     edge(good.clone(), Setup { in_preop: false, ..good }, "sync-after-safeop");
 }
 
-/// Half of the frames' cycle is right, and so is twice of it; 5 % beside it is the edge.
+/// Half and twice the frames' cycle are in order; 5 % off is the edge.
 #[test]
 fn cycles_that_do_not_fit() {
     let of = |cycle| Setup { cycle, led: true, copy: 0, minimum: 0, ..Setup::default() };
     for cycle in [CYCLE / 2, 2 * CYCLE] {
         assert!(!of(cycle).found().contains(&"cycle-mismatch"), "{cycle}");
     }
-    // Twice 475 000 ns is 5 % short of the frames' cycle.
+    // Twice 475 000 ns is 5 % below the frames' cycle.
     for (cycle, found) in [(CYCLE / 40 * 19, false), (CYCLE / 40 * 19 - 1, true)] {
         assert_eq!(of(cycle).found().contains(&"cycle-mismatch"), found, "{cycle}");
     }
@@ -402,13 +402,13 @@ fn start_time() {
 fn clocks_apart() {
     let of = |difference| Setup { difference, ..Setup::default() };
     edge(of(1000), of(1001), "clocks-apart");
-    // Whatever the sign.
+    // The sign does not matter.
     edge(of(0x8000_0000 | 1000), of(0x8000_0000 | 1001), "clocks-apart");
 }
 
 #[test]
 fn watchdog() {
-    // Steps of 80 ns.
+    // The watchdog counts in steps of 80 ns.
     let of = |watchdog| Setup { divider: 0, watchdog, ..Setup::default() };
     edge(of(12_501), of(12_500), "watchdog-below-cycle");
     assert_eq!(of(0).found(), [""; 0], "a watchdog that is off is none");
@@ -416,13 +416,15 @@ fn watchdog() {
 
 #[test]
 fn skipped_cycles() {
-    // SYNC0 close behind: half a cycle later a frame is still before it.
+    // SYNC0 follows shortly after the frame: a frame half a cycle later is still before the next
+    // one.
     let of = |late| Setup { late, ahead: CYCLE - 1000, copy: 1000, ..Setup::default() };
     edge(of(CYCLE / 2), of(CYCLE / 2 + 1), "cycles-skipped");
 }
 
-/// The frame of a cycle comes once more, with another time in it: a device, or what lies before it,
-/// has sent it twice. Within a quarter of a cycle, and only where each cycle has an index of its own.
+/// The frame of a cycle comes twice, with a different time in it: a device, or something before it,
+/// sent it twice. It counts only within a quarter of a cycle, and only if each cycle has its own
+/// index.
 #[test]
 fn frames_that_come_twice() {
     let of = |again| Setup { again, ahead: CYCLE - 1000, copy: 1000, ..Setup::default() };
@@ -447,12 +449,12 @@ fn a_host_that_slides() {
 
 #[test]
 fn pauses_of_drift_frames() {
-    // The last drift frame lies a cycle before the pause.
+    // The last drift frame comes one cycle before the pause.
     for (pause_us, found) in [(99_000, false), (99_001, true)] {
         let setup = Setup { pause_us, ..Setup::default() };
         assert_eq!(setup.found().contains(&"drift-frames-stopped"), found, "{pause_us}");
     }
-    // Stamps that jump are no pause by the reference's clock.
+    // A jump of the stamps is no pause by the reference's clock.
     let setup = Setup { jump_us: 7_200_000_000, ..Setup::default() };
     assert_eq!(setup.found(), [""; 0]);
 }
@@ -479,7 +481,7 @@ fn devices_that_leave_op() {
     let of = |status, control| Setup { status, control, ..Setup::default() };
     let good = of([8, 0, 0, 0, 0, 0], None);
     edge(good, of([0x14, 0, 0, 0, 0x1A, 0], None), "left-op");
-    // Asked for, it is none; refused, it is an error.
+    // A state that was requested is in order; a refused one is an error.
     assert_eq!(of([4, 0, 0, 0, 0, 0], Some(4)).found(), [""; 0]);
     edge(of([4, 0, 0, 0, 0, 0], Some(4)), of([0x14, 0, 0, 0, 0x1B, 0], Some(2)), "al-error");
     // A device without a CPU copies the acknowledge bit.
@@ -492,8 +494,7 @@ fn another_talker() {
     edge(of(7), of(8), "another-talker");
 }
 
-/// Some MainDevices ask for OP and look at no state from then on: a hundred cycles later it is taken
-/// for reached.
+/// Some MainDevices request OP and read no state afterwards: OP counts as reached 100 cycles later.
 #[test]
 fn operation_that_nothing_looks_at() {
     let of = |lost| Setup { lost: Some(lost), cycles: 110, looks: false, ..Setup::default() };
@@ -502,8 +503,8 @@ fn operation_that_nothing_looks_at() {
     assert_eq!(looks.found().first(), Some(&"frames-lost"), "a state was read");
 }
 
-/// What a segment has in operation is the highest working counter that came more than now and then,
-/// however long it was lower. A clock that is gone tells no time.
+/// The usual working counter is the highest one that came at least 8 times, however long a lower
+/// one followed. A reference that is gone gives no time.
 #[test]
 fn working_counters_that_do_not_come_back() {
     let of = |gone| Setup { gone, ..Setup::default() };

@@ -6,42 +6,42 @@ use isocat_subdevice::Application;
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, ObjectAddress};
 
-/// What read_object and write_object answer for an object that the application does not have: the
-/// SubDevice's own store has it.
+/// Returned by read_object and write_object for an object that the application does not have: then
+/// the SubDevice's own store handles it.
 pub const ISOCAT_NOT_MINE: u32 = 0xFFFFFFFF;
 
-/// The application of a SubDevice. Every function may be NULL: then nothing is done in that step.
-/// Set all of it to 0, then `size`.
+/// The application of a SubDevice. Each function may be NULL: then that step does nothing. Set the
+/// whole struct to 0, then `size`.
 ///
-/// Functions are called out of the calls of a bus (send, advance, and whatever looks at
-/// SubDevices), on the thread that made the call, one at a time, in the order of virtual time. They
-/// must return: no longjmp, no exceptions. Calls on the same bus are refused meanwhile
-/// (ISOCAT_BUSY). Memory that they are given is theirs until they return.
+/// Functions are called from calls on a bus (send, advance, and those that read SubDevices), on the
+/// calling thread, one at a time, in the order of virtual time. They must return: no longjmp, no
+/// exceptions. Meanwhile calls on the same bus are refused (ISOCAT_BUSY). Memory passed to a
+/// function is valid until the function returns.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct isocat_application {
     /// sizeof(isocat_application).
     pub size: usize,
-    /// What each function gets as its first argument; the library does not look behind it.
+    /// The first argument of each function; the library does not read what it points to.
     pub user: *mut c_void,
-    /// Outputs have come: the process image from the MainDevice. In OP only.
+    /// New outputs of the MainDevice, as process image. Only called in OP.
     pub map_outputs: Option<extern "C" fn(user: *mut c_void, outputs: *const u8, length: usize)>,
-    /// The application's own work, called once in each cycle. `cycle_ns` is the cycle in ns, and 0
-    /// where it is not known.
+    /// The application's own work, called once in each cycle. `cycle_ns` is the cycle in ns, or 0
+    /// if it is not known.
     pub work: Option<extern "C" fn(user: *mut c_void, cycle_ns: i64)>,
     /// Outputs act on the process from now on.
     pub outputs_valid: Option<extern "C" fn(user: *mut c_void)>,
-    /// Inputs are to be taken from the process now.
+    /// Takes the inputs from the process now.
     pub latch_inputs: Option<extern "C" fn(user: *mut c_void)>,
-    /// Inputs are to be put into the process image to the MainDevice. Bytes that are left alone
-    /// stay as they were.
+    /// Writes the inputs into the process image to the MainDevice. Bytes that are not written keep
+    /// their values.
     pub map_inputs: Option<extern "C" fn(user: *mut c_void, inputs: *mut u8, length: usize)>,
-    /// OP was left: outputs go to their safe state.
+    /// OP was left: outputs take their safe state.
     pub safe_outputs: Option<extern "C" fn(user: *mut c_void)>,
     /// The SubDevice lost its power. When it comes back, it starts from INIT.
     pub power_off: Option<extern "C" fn(user: *mut c_void)>,
-    /// An object is read: its value goes into `value`, which has room for `capacity` bytes, and its
-    /// length into `length`. Gives 0, an SDO abort code, or ISOCAT_NOT_MINE.
+    /// An object is read. Writes its value to `value`, which holds up to `capacity` bytes, and its
+    /// length to `length`. Returns 0, an SDO abort code, or ISOCAT_NOT_MINE.
     pub read_object: Option<
         extern "C" fn(
             user: *mut c_void,
@@ -52,7 +52,7 @@ pub struct isocat_application {
             length: *mut usize,
         ) -> u32,
     >,
-    /// An object was written. Gives 0 or ISOCAT_NOT_MINE where the value may be stored, or an SDO
+    /// An object was written. Returns 0 or ISOCAT_NOT_MINE if the value may be stored, or an SDO
     /// abort code.
     pub write_object: Option<
         extern "C" fn(
@@ -122,7 +122,7 @@ impl Application for Own {
         let (index, sub, capacity) = (object.index, object.sub, value.len());
         match read(self.0.user, index, sub, value.as_mut_ptr(), capacity, &raw mut length) {
             ISOCAT_NOT_MINE => None,
-            // More than there is room for is no value.
+            // The application claims more bytes than the buffer holds.
             0 if length > capacity => Some(Err(AbortCode::GENERAL)),
             0 => Some(Ok(length)),
             code => Some(Err(AbortCode(code))),

@@ -1,4 +1,4 @@
-//! Buses: a segment in virtual time, frames that pass it, and what goes wrong.
+//! Buses: a segment in virtual time, the frames that pass it, and faults.
 
 use std::ffi::c_char;
 use std::sync::Mutex;
@@ -13,41 +13,41 @@ use crate::failure::{Failure, guard, isocat_code, isocat_error, lock};
 use crate::segment::isocat_segment;
 use crate::sys;
 
-/// For isocat_bus_receive: whichever port the answer comes to.
+/// For isocat_bus_receive: an answer at any port.
 pub const ISOCAT_ANY_PORT: u32 = 0xFFFFFFFF;
-/// The longest frame, bytes from the destination address on, without check sequence.
+/// Length of the longest frame, bytes, from the destination address on, without check sequence.
 pub const ISOCAT_LONGEST_FRAME: usize = 1514;
 
 /// A segment in virtual time.
 ///
-/// Instants are ns of the caller's clock. The bus has a present, which moves when the caller says
-/// so: by isocat_bus_advance, and by isocat_bus_send to the instant of the frame. It never goes
-/// back, moves by an hour at once at most, and by 30 days in all.
+/// Instants are ns of the caller's clock. The bus has a present, which only the caller advances: by
+/// isocat_bus_advance, and by isocat_bus_send to the instant of the frame. It never goes back, and
+/// advances by at most an hour at once and 30 days in total.
 pub struct isocat_bus {
     inside: Mutex<Inside>,
 }
 
 pub(crate) struct Inside {
     pub bus: Bus,
-    /// Where its segment was described.
+    /// The place of the segment's description.
     pub source: String,
 }
 
-/// What becomes of a frame that was sent.
+/// The fate of a frame that was sent.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct isocat_sent {
     /// sizeof(isocat_sent).
     pub size: usize,
-    /// When the last bit of its answer is back at the port, ns; 0 if it is lost.
+    /// When the last bit of its answer is back at the port, ns; 0 if the answer is lost.
     pub back_ns: u64,
     /// 1 if an answer comes back; 0 if it is lost, in the segment or by a fault.
     pub comes_back: i32,
-    /// The port to which the answer comes: in a whole ring the other one.
+    /// The port at which the answer arrives: in an unbroken ring, the other one.
     pub port: u32,
 }
 
-/// An answer that is back.
+/// An answer that has come back.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct isocat_arrival {
@@ -55,16 +55,16 @@ pub struct isocat_arrival {
     pub size: usize,
     /// When its last bit came back, ns.
     pub at_ns: u64,
-    /// Its bytes, from the destination address on, without check sequence.
+    /// Its length in bytes, from the destination address on, without check sequence.
     pub length: usize,
-    /// The port to which it came.
+    /// The port at which it arrived.
     pub port: u32,
     /// Always 0.
     pub reserved: u32,
 }
 
 impl isocat_bus {
-    /// Works on the bus.
+    /// Locks the bus and calls `work` with it.
     pub(crate) fn with<T>(
         pointer: *const Self,
         work: impl FnOnce(&mut Inside) -> Result<T, Failure>,
@@ -89,12 +89,12 @@ const fn number(port: MainPort) -> u32 {
     }
 }
 
-/// Makes a bus of a segment: all SubDevices that are there from the start are switched on at
+/// Makes a bus from a segment: all SubDevices that are present from the start are switched on at
 /// `now_ns`.
 ///
-/// `now_ns`: the present on the caller's clock, ns from whatever instant; 2^63 - 1 less 30 days at
-/// most.
-/// `bus`: where the handle goes; freed by isocat_bus_free.
+/// `now_ns`: the present on the caller's clock, ns since any instant; at most 2^63 - 1 minus 30
+/// days.
+/// `bus`: receives the handle, which is freed by isocat_bus_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_new(
     segment: *const isocat_segment,
@@ -122,8 +122,8 @@ pub unsafe extern "C" fn isocat_bus_new(
     })
 }
 
-/// Frees a bus. NULL is nothing to free. While it is in use, as by the call that a callback comes
-/// from, nothing is done.
+/// Frees a bus; NULL is ignored. A bus that is in use, for example by the call that a callback
+/// comes from, is not freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_free(bus: *mut isocat_bus) {
     let used = sys::borrow("bus", bus)
@@ -146,13 +146,13 @@ pub unsafe extern "C" fn isocat_bus_now(
     })
 }
 
-/// Sends a frame at the instant `at_ns`, to which time goes on; it waits for the frame before it to
-/// have left. The answer, if one comes back, is handed out by isocat_bus_receive.
+/// Sends a frame at the instant `at_ns`, to which time advances. The frame leaves after the
+/// previous frame has left. If an answer comes back, isocat_bus_receive returns it.
 ///
 /// `port`: 0, or 1 for the other end of a ring.
-/// `frame`: is copied: 14 to ISOCAT_LONGEST_FRAME bytes from the destination address on, without
-/// check sequence. On the wire a short one takes as long as one of 60.
-/// `sent`: what becomes of it; may be NULL.
+/// `frame`: is copied; 14 to ISOCAT_LONGEST_FRAME bytes, from the destination address on, without
+/// check sequence. A frame below 60 bytes takes as long on the wire as one of 60.
+/// `sent`: receives the fate of the frame; may be NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_send(
     bus: *mut isocat_bus,
@@ -191,8 +191,8 @@ impl isocat_sent {
     }
 }
 
-/// When the next answer is back, ns: at whichever port, and in the past where one has not been
-/// received yet. ISOCAT_NOTHING if none is under way.
+/// When the next answer is back, ns, at any port; in the past if it was not received yet.
+/// ISOCAT_NOTHING if no answer is in flight.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_next_arrival(
     bus: *const isocat_bus,
@@ -207,13 +207,13 @@ pub unsafe extern "C" fn isocat_bus_next_arrival(
     })
 }
 
-/// Takes the next answer that is back by now: those of frames, and their copies where a fault
-/// doubled them. ISOCAT_NOTHING if there is none. Time does not move.
+/// Takes the next answer that has come back, including copies made by a fault. ISOCAT_NOTHING if
+/// there is none. Time does not advance.
 ///
 /// `port`: 0, 1, or ISOCAT_ANY_PORT.
-/// `buffer`: room for `capacity` bytes. ISOCAT_TOO_SMALL: the answer stays, and `arrival` says how
-/// long it is.
-/// `arrival`: what came; `size` has to be set.
+/// `buffer`: holds up to `capacity` bytes. ISOCAT_TOO_SMALL: the answer remains, and `arrival` has
+/// its length.
+/// `arrival`: receives the data of the answer; `size` must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_receive(
     bus: *mut isocat_bus,
@@ -244,8 +244,8 @@ pub unsafe extern "C" fn isocat_bus_receive(
     })
 }
 
-/// Time goes on to `to_ns`: SubDevices do what they do by themselves. To the present is allowed,
-/// and does nothing.
+/// Advances time to `to_ns`, with all that SubDevices do until then. Advancing to the present is
+/// allowed and does nothing.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_advance(
     bus: *mut isocat_bus,
@@ -255,9 +255,9 @@ pub unsafe extern "C" fn isocat_bus_advance(
     guard(error, || isocat_bus::with(bus, |inside| Ok(inside.bus.advance(Time::new(to_ns))?)))
 }
 
-/// When the bus looks at its SubDevices by itself the next time, ns: for programs that want to know
-/// when something may happen. isocat_bus_advance needs no help: it looks at all such instants on
-/// its way. ISOCAT_NOTHING if nothing will ever happen by itself.
+/// When the bus next processes its SubDevices by itself, ns: for programs that want to know when
+/// something may happen. isocat_bus_advance does not need it: it processes all such instants on its
+/// way. ISOCAT_NOTHING if nothing will happen by itself.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_next_timeout(
     bus: *const isocat_bus,
@@ -272,7 +272,7 @@ pub unsafe extern "C" fn isocat_bus_next_timeout(
     })
 }
 
-/// The link at a port of the MainDevice goes away now (`up` is 0), or comes.
+/// Removes (`up` is 0) or restores the link at a port of the MainDevice now.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_link(
     bus: *mut isocat_bus,
@@ -286,12 +286,12 @@ pub unsafe extern "C" fn isocat_bus_link(
     })
 }
 
-/// Lets something go wrong now.
+/// Causes a fault now.
 ///
-/// `fault`: a line as of `isocat control` and of `[[fault]]` tables (docs/faults.md), such as
-/// "drop 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Those of
-/// the host (stall, late-wake-ups, slow-send, clock of the host) are refused: the caller is the
-/// host.
+/// `fault`: a line as for `isocat control` and `[[fault]]` tables (docs/faults.md), for example
+/// "drop 3", "pull axis 2 for 500ms", "power-cycle 1", "misbehave 1 dead-sync0", "heal". Faults of
+/// the host (stall, late-wake-ups, slow-send, clock of the host) are refused, because the caller is
+/// the host.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_fault(
     bus: *mut isocat_bus,
@@ -307,7 +307,7 @@ pub unsafe extern "C" fn isocat_bus_fault(
     })
 }
 
-/// Plans that something goes wrong at the instant `at_ns`, now or later.
+/// Causes a fault at the instant `at_ns`, now or later.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_fault_at(
     bus: *mut isocat_bus,
@@ -332,8 +332,7 @@ fn order(inside: &Inside, text: &str) -> Result<Order, Failure> {
     order.map_err(|wrong| Failure::bad_input(format!("{text}: {wrong}")))
 }
 
-/// The MainDevice is done: its session ends as of its last frame. Frames that come all the same
-/// begin another session.
+/// Ends the session of the MainDevice at its last frame. A later frame begins another session.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_finish(
     bus: *mut isocat_bus,

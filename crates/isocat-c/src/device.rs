@@ -13,11 +13,11 @@ pub struct isocat_device_state {
     pub size: usize,
     /// 1 INIT, 2 PREOP, 3 BOOT, 4 SAFEOP, 8 OP.
     pub state: u32,
-    /// AL status code (0x0134): why it is there, if it was not asked to; else 0.
+    /// AL status code (0x0134): the reason of a state that was not requested; else 0.
     pub status_code: u32,
 }
 
-/// Works on a device that is there.
+/// Calls `work` if a device has this position.
 fn with_device<T>(
     bus: *const isocat_bus,
     position: usize,
@@ -29,9 +29,9 @@ fn with_device<T>(
     })
 }
 
-/// The state of a SubDevice as of now.
+/// The present state of a SubDevice.
 ///
-/// `state`: where it goes; `size` has to be set.
+/// `state`: receives it; `size` must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_device_get_state(
     bus: *mut isocat_bus,
@@ -50,11 +50,10 @@ pub unsafe extern "C" fn isocat_device_get_state(
     })
 }
 
-/// The outputs of a SubDevice as it took them last. ISOCAT_NOTHING while they are in their safe
-/// state.
+/// The outputs that a SubDevice took last. ISOCAT_NOTHING while they are in their safe state.
 ///
-/// `buffer`: room for `capacity` bytes.
-/// `length`: how many bytes there are; with ISOCAT_TOO_SMALL, how many there would be.
+/// `buffer`: holds up to `capacity` bytes.
+/// `length`: receives the number of bytes; with ISOCAT_TOO_SMALL, the number that is needed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_device_outputs(
     bus: *mut isocat_bus,
@@ -75,11 +74,11 @@ pub unsafe extern "C" fn isocat_device_outputs(
     })
 }
 
-/// Sets the inputs of a SubDevice: they are on the wire when it has mapped its inputs the next
-/// time, and stay until they are set again. Bytes of the process image beyond `length` stay its
-/// application's.
+/// Sets the inputs of a SubDevice. They are on the wire after it has mapped its inputs the next
+/// time, and remain until they are set again. Bytes of the process image beyond `length` remain
+/// those of its application.
 ///
-/// `inputs`: is copied; not more bytes than the SubDevice can have.
+/// `inputs`: is copied; at most as many bytes as the SubDevice can have.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_device_set_inputs(
     bus: *mut isocat_bus,
@@ -99,7 +98,7 @@ pub unsafe extern "C" fn isocat_device_set_inputs(
     })
 }
 
-/// Gives the inputs of a SubDevice back to its application.
+/// Returns control of the inputs of a SubDevice to its application.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_device_release_inputs(
     bus: *mut isocat_bus,

@@ -1,4 +1,4 @@
-//! What goes wrong: a code for programs, and a text for people.
+//! Errors: a code for programs, and a text for people.
 
 use std::any::Any;
 use std::ffi::{CString, c_char};
@@ -11,36 +11,35 @@ use isocat_serve::bus::Refused;
 
 use crate::sys;
 
-/// How a call ended: below 0 nothing happened but that an error was made.
+/// The result of a call. A code below 0 means that nothing was done, except that an error was made.
 #[repr(i32)]
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum isocat_code {
-    /// It is done.
+    /// The call succeeded.
     ISOCAT_OK = 0,
-    /// Nothing is wrong, and there is nothing to give: no answer has come by now, no outputs act.
+    /// No error, but there is no result: no answer has come back, or no outputs act.
     ISOCAT_NOTHING = 1,
-    /// A pointer is NULL that may not be.
+    /// A pointer is NULL that must not be.
     ISOCAT_NULL_ARGUMENT = -1,
     /// A text is not UTF-8.
     ISOCAT_NOT_UTF8 = -2,
-    /// A length, a position or a port that does not exist.
+    /// A length, a position or a port does not exist.
     ISOCAT_OUT_OF_RANGE = -3,
-    /// The caller's buffer is too small. What is in it stays as it was.
+    /// The caller's buffer is too small. Its content is unchanged.
     ISOCAT_TOO_SMALL = -4,
-    /// An instant that has passed, or is too far ahead.
+    /// An instant has passed, or is too far ahead.
     ISOCAT_TIME = -5,
-    /// A file, a text or a fault is wrong; or a segment can't be planned.
+    /// A file, a text or a fault is wrong, or a segment can't be planned.
     ISOCAT_BAD_INPUT = -6,
-    /// The handle is in use: the call comes out of a callback, or from a second thread.
+    /// The handle is in use: the call comes from a callback or from a second thread.
     ISOCAT_BUSY = -7,
     /// The size of a struct was not set.
     ISOCAT_STRUCT_SIZE = -8,
-    /// A fault of this library. A bus or segment on which it happened is of no use any more, but to
-    /// be freed.
+    /// A bug of this library. A bus or segment on which it happened can only be freed.
     ISOCAT_PANIC = -9,
 }
 
-/// An error: made by a call that failed, freed by isocat_error_free.
+/// An error, which is made by a call that failed and freed by isocat_error_free.
 pub struct isocat_error {
     code: isocat_code,
     text: CString,
@@ -49,7 +48,7 @@ pub struct isocat_error {
     column: u32,
 }
 
-/// What is wrong, before it is made an error for C.
+/// An error, before it is converted for C.
 #[derive(Debug)]
 pub(crate) struct Failure {
     code: isocat_code,
@@ -126,13 +125,13 @@ impl From<()> for isocat_code {
     }
 }
 
-/// Does the work of a call: errors and panics become a code, and an error where the caller wants
-/// one.
+/// Does the work of a call: turns errors and panics into a code, and into an error if the caller
+/// wants one.
 pub(crate) fn guard<C: Into<isocat_code>>(
     error: *mut *mut isocat_error,
     work: impl FnOnce() -> Result<C, Failure>,
 ) -> isocat_code {
-    // What a panic leaves behind is poisoned, and is not touched again.
+    // After a panic the handle's lock is poisoned, so the handle is not used again.
     let done = catch_unwind(AssertUnwindSafe(work));
     let failure = match done {
         Ok(Ok(code)) => return code.into(),
@@ -144,7 +143,7 @@ pub(crate) fn guard<C: Into<isocat_code>>(
     code
 }
 
-/// Takes a handle for the time of a call.
+/// Locks a handle for the duration of a call.
 pub(crate) fn lock<'a, T>(what: &str, handle: &'a Mutex<T>) -> Result<MutexGuard<'a, T>, Failure> {
     handle.try_lock().map_err(|error| match error {
         TryLockError::WouldBlock => Failure::new(
@@ -169,40 +168,40 @@ pub unsafe extern "C" fn isocat_error_code(error: *const isocat_error) -> isocat
     sys::borrow("error", error).map_or(isocat_code::ISOCAT_OK, |error| error.code)
 }
 
-/// What is wrong, in words: the place, what was found and what was expected. One line, or two where
-/// there is a hint. It lives as long as the error; NULL for NULL.
+/// The description of an error: the place, what was found and what was expected. One line, or two
+/// with a hint. Valid as long as the error; NULL for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_error_text(error: *const isocat_error) -> *const c_char {
     sys::borrow("error", error).map_or(ptr::null(), |error| error.text.as_ptr())
 }
 
-/// The file in which it is wrong, as it was named; empty where no file is wrong. It lives as long
-/// as the error; NULL for NULL.
+/// The name of the wrong file; empty if no file is wrong. Valid as long as the error; NULL for
+/// NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_error_file(error: *const isocat_error) -> *const c_char {
     sys::borrow("error", error).map_or(ptr::null(), |error| error.file.as_ptr())
 }
 
-/// The line of that file, from 1; 0 where no line is wrong, and for NULL.
+/// The wrong line of that file, from 1; 0 if no line is wrong, and for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_error_line(error: *const isocat_error) -> u32 {
     sys::borrow("error", error).map_or(0, |error| error.line)
 }
 
-/// The column in characters, from 1; 0 where no line is wrong, and for NULL.
+/// The wrong column in characters, from 1; 0 if no line is wrong, and for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_error_column(error: *const isocat_error) -> u32 {
     sys::borrow("error", error).map_or(0, |error| error.column)
 }
 
-/// Frees an error. NULL is nothing to free.
+/// Frees an error; NULL is ignored.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_error_free(error: *mut isocat_error) {
     sys::take(error);
 }
 
-/// Frees a text that the caller owns: one that a function gave through a `char **`. NULL is nothing
-/// to free.
+/// Frees a text that the caller owns, which a function returned through a `char **`; NULL is
+/// ignored.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_text_free(text: *mut c_char) {
     sys::take_text(text);

@@ -1,4 +1,4 @@
-//! Plans: whether a segment fits its cycle, and which phases to give to the calls of a stack.
+//! Plans: whether a segment fits its cycle, and which phases to pass to the functions of a stack.
 
 use std::ffi::{CString, c_char};
 
@@ -31,22 +31,22 @@ struct Line {
 pub struct isocat_plan_summary {
     /// sizeof(isocat_plan_summary).
     pub size: usize,
-    /// Its lines.
+    /// Number of its lines.
     pub lines: usize,
-    /// Its SubDevices.
+    /// Number of its SubDevices.
     pub devices: usize,
     /// Bus cycle, ns.
     pub cycle_ns: i64,
     /// Phase of the frame in the system-time cycle, ns.
     pub send_phase_ns: i64,
     /// Phase of the pulse at which outputs act, the same for all SubDevices with SYNC, ns; 0
-    /// without.
+    /// without SYNC.
     pub acting_phase_ns: i64,
-    /// Least slack of all lines of the cycle, ns; negative: it does not fit.
+    /// Least slack of all lines, ns; negative: the cycle does not fit.
     pub least_slack_ns: i64,
     /// 1 if every line has slack of 0 or more.
     pub fits: i32,
-    /// 1 if a SubDevice has SYNC.
+    /// 1 if any SubDevice has SYNC.
     pub has_acting_phase: i32,
 }
 
@@ -56,40 +56,40 @@ pub struct isocat_plan_summary {
 pub struct isocat_plan_line {
     /// sizeof(isocat_plan_line).
     pub size: usize,
-    /// Its short name, such as "outputs-before-sync0". It lives as long as the plan.
+    /// Its short name, for example "outputs-before-sync0". Valid as long as the plan.
     pub check: *const c_char,
-    /// The formula in words. It lives as long as the plan.
+    /// The formula in words. Valid as long as the plan.
     pub demand: *const c_char,
     /// Time needed, ns.
     pub needed_ns: i64,
-    /// Time there is, ns.
+    /// Available time, ns.
     pub available_ns: i64,
-    /// What is left, ns; negative: it does not fit.
+    /// Slack, ns; negative: the demand does not fit.
     pub slack_ns: i64,
-    /// Position of the SubDevice whose line it is; -1: of the frames.
+    /// Position of the SubDevice that the line belongs to; -1: the frames.
     pub position: i64,
 }
 
-/// What a plan has for a SubDevice.
+/// The part of a plan for a SubDevice.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct isocat_plan_device {
     /// sizeof(isocat_plan_device).
     pub size: usize,
-    /// Its mode, such as "dc-sync0". It lives as long as the plan.
+    /// Its mode, for example "dc-sync0". Valid as long as the plan.
     pub mode: *const c_char,
     /// Propagation delay from the reference clock, ns.
     pub delay_ns: i64,
-    /// Cycle of SYNC0 (0x09A0), ns; 0 without.
+    /// Cycle of SYNC0 (0x09A0), ns; 0 without SYNC0.
     pub sync0_cycle_ns: i64,
-    /// Phase of SYNC0 behind the frame at the reference clock, ns: what SOEM's ecx_dcsync0 takes as
-    /// CyclShift where frames reach the reference clock at 0 of the cycle. 0 without.
+    /// Phase of SYNC0 after the frame at the reference clock, ns. It is CyclShift of SOEM's
+    /// ecx_dcsync0 if frames reach the reference clock at 0 of the cycle. 0 without SYNC0.
     pub sync0_phase_ns: i64,
-    /// From SYNC0 to SYNC1 (0x09A4), ns; 0 without.
+    /// Time from SYNC0 to SYNC1 (0x09A4), ns; 0 without SYNC1.
     pub sync1_ns: i64,
     /// 1 if SYNC0 is to be set up for it.
     pub uses_sync0: i32,
-    /// 1 if SYNC1 is, too.
+    /// 1 if SYNC1 is to be set up for it, too.
     pub uses_sync1: i32,
 }
 
@@ -125,9 +125,9 @@ impl Line {
     }
 }
 
-/// Plans a segment as it is described; nothing is sent. Lines that do not fit are no error.
+/// Plans a segment as it is described; sends nothing. Lines that do not fit are no error.
 ///
-/// `plan`: where the handle goes; freed by isocat_plan_free.
+/// `plan`: receives the handle, which is freed by isocat_plan_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_plan_new(
     segment: *const isocat_segment,
@@ -143,7 +143,7 @@ pub unsafe extern "C" fn isocat_plan_new(
 
 /// The plan as a whole.
 ///
-/// `summary`: where it goes; `size` has to be set.
+/// `summary`: receives it; `size` must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_plan_get_summary(
     plan: *const isocat_plan,
@@ -171,7 +171,7 @@ pub unsafe extern "C" fn isocat_plan_get_summary(
 /// A line of the plan.
 ///
 /// `number`: from 0.
-/// `line`: where it goes; `size` has to be set.
+/// `line`: receives it; `size` must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_plan_get_line(
     plan: *const isocat_plan,
@@ -197,9 +197,9 @@ pub unsafe extern "C" fn isocat_plan_get_line(
     })
 }
 
-/// What the plan has for a SubDevice.
+/// The part of the plan for a SubDevice.
 ///
-/// `device`: where it goes; `size` has to be set.
+/// `device`: receives it; `size` must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_plan_get_device(
     plan: *const isocat_plan,
@@ -227,7 +227,7 @@ pub unsafe extern "C" fn isocat_plan_get_device(
 
 /// The plan as a JSON document (docs/plan.schema.json).
 ///
-/// `json`: where the text goes; the caller owns it, and frees it by isocat_text_free.
+/// `json`: receives the text; the caller owns it, and frees it by isocat_text_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_plan_json(
     plan: *const isocat_plan,
@@ -240,7 +240,7 @@ pub unsafe extern "C" fn isocat_plan_json(
     })
 }
 
-/// Frees a plan. NULL is nothing to free.
+/// Frees a plan; NULL is ignored.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_plan_free(plan: *mut isocat_plan) {
     sys::take(plan);

@@ -1,4 +1,4 @@
-//! Segments: what stands on the wire.
+//! Segments: the SubDevices on the wire.
 
 use std::collections::BTreeMap;
 use std::ffi::{CString, c_char};
@@ -12,12 +12,12 @@ use crate::application::{Own, isocat_application};
 use crate::failure::{Failure, guard, isocat_code, isocat_error, lock};
 use crate::sys;
 
-/// The interface of this header: it is raised when programs can't be linked with a newer library
-/// any more.
+/// The version of this interface. It is raised when programs can no longer be linked with a newer
+/// library.
 pub const ISOCAT_ABI_VERSION: u32 = 0;
 
-/// A segment: which SubDevices stand on the wire, and how they are set up. Buses and plans are made
-/// of it, and do not need it afterwards.
+/// A segment: the SubDevices on the wire and their set-up. Buses and plans are made from it, and do
+/// not need it afterwards.
 pub struct isocat_segment {
     described: Mutex<Described>,
     names: Vec<CString>,
@@ -25,7 +25,7 @@ pub struct isocat_segment {
     ports: u32,
 }
 
-/// What may be changed before a bus is made of it.
+/// The parts that may be changed before a bus is made from it.
 pub(crate) struct Described {
     pub scenario: Scenario,
     pub applications: BTreeMap<usize, Own>,
@@ -40,7 +40,7 @@ impl isocat_segment {
         Self { described: Mutex::new(described), names, cycle_ns, ports }
     }
 
-    /// Works on what is described.
+    /// Locks the description and calls `work` with it.
     pub(crate) fn with<T>(
         &self,
         work: impl FnOnce(&mut Described) -> Result<T, Failure>,
@@ -60,21 +60,21 @@ pub(crate) fn check_position(position: usize, devices: usize) -> Result<(), Fail
     }
 }
 
-/// ISOCAT_ABI_VERSION of the library that runs. A program compares it with that of its header.
+/// ISOCAT_ABI_VERSION of the running library. A program compares it with that of its header.
 #[unsafe(no_mangle)]
 pub extern "C" fn isocat_abi_version() -> u32 {
     ISOCAT_ABI_VERSION
 }
 
-/// The version of the library, such as "0.1.0". It lives for ever.
+/// The version of the library, for example "0.1.0". Always valid.
 #[unsafe(no_mangle)]
 pub extern "C" fn isocat_version() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
 }
 
-/// Gives the built-in segment: two drives, a coupler with a terminal, and a third drive, at 1 ms.
+/// Returns the built-in segment: two drives, a coupler with a terminal, and a third drive, at 1 ms.
 ///
-/// `segment`: where the handle goes; freed by isocat_segment_free.
+/// `segment`: receives the handle, which is freed by isocat_segment_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_built_in(
     segment: *mut *mut isocat_segment,
@@ -85,10 +85,11 @@ pub unsafe extern "C" fn isocat_segment_built_in(
     })
 }
 
-/// Reads a segment file (TOML, docs/segment-file.md), 16 MiB at most, and the files that it names.
+/// Reads a segment file (TOML, docs/segment-file.md) of at most 16 MiB, and the files that it
+/// names.
 ///
-/// `path`: UTF-8. Files that it names are looked for beside it.
-/// `segment`: where the handle goes; freed by isocat_segment_free.
+/// `path`: UTF-8. Relative paths in the file begin at its folder.
+/// `segment`: receives the handle, which is freed by isocat_segment_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_read(
     path: *const c_char,
@@ -103,11 +104,11 @@ pub unsafe extern "C" fn isocat_segment_read(
     })
 }
 
-/// Reads the same from memory.
+/// Reads a segment file from memory.
 ///
-/// `text`: `length` bytes of UTF-8, 16 MiB at most; no zero needs to end them.
-/// `path`: what errors call it, and beside which the files lie that it names. NULL: it is called
-/// "segment", and they are looked for in the working directory.
+/// `text`: `length` bytes of UTF-8, at most 16 MiB; a zero at the end is not needed.
+/// `path`: the name in errors; relative paths in the text begin at its folder. NULL: the name is
+/// "segment", and paths begin at the working directory.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_parse(
     text: *const u8,
@@ -125,13 +126,13 @@ pub unsafe extern "C" fn isocat_segment_parse(
     })
 }
 
-/// How many SubDevices it has; 0 for NULL. Positions count from 0, in processing order.
+/// The number of its SubDevices; 0 for NULL. Positions count from 0, in processing order.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_devices(segment: *const isocat_segment) -> usize {
     sys::borrow("segment", segment).map_or(0, |segment| segment.names.len())
 }
 
-/// The name of a SubDevice in UTF-8; NULL where there is none. It lives as long as the segment.
+/// The name of a SubDevice in UTF-8; NULL if there is none. Valid as long as the segment.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_device_name(
     segment: *const isocat_segment,
@@ -141,20 +142,20 @@ pub unsafe extern "C" fn isocat_segment_device_name(
     sys::borrow("segment", segment).ok().and_then(name).unwrap_or(ptr::null())
 }
 
-/// The bus cycle that it is described with, ns; 0 for NULL.
+/// The bus cycle of the description, ns; 0 for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_cycle_ns(segment: *const isocat_segment) -> i64 {
     sys::borrow("segment", segment).map_or(0, |segment| segment.cycle_ns)
 }
 
-/// How many ports of a MainDevice it hangs on: 1, or 2 for a ring; 0 for NULL.
+/// The number of MainDevice ports that it needs: 1, or 2 for a ring; 0 for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_ports(segment: *const isocat_segment) -> u32 {
     sys::borrow("segment", segment).map_or(0, |segment| segment.ports)
 }
 
-/// Sets the seed of everything random, for buses that are made from now on. Without it, that of the
-/// file.
+/// Sets the seed of all random values, for buses that are made from now on. The default is the
+/// file's seed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_set_seed(
     segment: *mut isocat_segment,
@@ -169,11 +170,11 @@ pub unsafe extern "C" fn isocat_segment_set_seed(
     })
 }
 
-/// Gives a SubDevice an application of the caller's own, in buses that are made from now on. Its
-/// process data, objects and times stay those of its profile. A second call for the same SubDevice
-/// replaces the first one.
+/// Replaces the application of a SubDevice by one of the caller, in buses that are made from now
+/// on. Process data, objects and times remain those of its profile. A second call for the same
+/// SubDevice replaces the first one.
 ///
-/// `application`: is copied; `size` has to be set. What `user` points to has to live as long as the
+/// `application`: is copied; `size` must be set. What `user` points to must live as long as the
 /// buses.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_plug_in(
@@ -193,7 +194,7 @@ pub unsafe extern "C" fn isocat_segment_plug_in(
     })
 }
 
-/// Frees a segment. NULL is nothing to free.
+/// Frees a segment; NULL is ignored.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_segment_free(segment: *mut isocat_segment) {
     sys::take(segment);

@@ -1,8 +1,8 @@
-//! What C hands over and takes, at its word: pointers are NULL or as the header says. All unsafe
-//! code stands here.
+//! The values that C passes and receives, which are trusted: pointers are NULL or as the header
+//! demands. All unsafe code is here.
 //!
-//! Only exported functions call these, with what their own caller gave them. NULL, lengths, and
-//! sizes of structs are checked here; whether memory is really there, no library can check.
+//! Only exported functions call these, with their own arguments. NULL, lengths, and sizes of
+//! structs are checked here; no library can check whether memory is really there.
 #![allow(unsafe_code)]
 
 use std::ffi::{CStr, CString, c_char};
@@ -15,19 +15,20 @@ use crate::failure::{Failure, isocat_code, isocat_error};
 use crate::plan::{isocat_plan_device, isocat_plan_line, isocat_plan_summary};
 use crate::verdict::{isocat_device_verdict, isocat_verdict_summary};
 
-/// A struct that begins with its own size, so that programs and libraries of different ages understand each other.
+/// A struct that begins with its own size, so that programs and libraries of different ages are
+/// compatible.
 ///
 /// # Safety
 ///
 /// It is `repr(C)`, its first field is `size: usize`, and all zeros are a value of it.
 pub(crate) unsafe trait Versioned: Copy {
-    /// What the header calls it.
+    /// Its name in the header.
     const NAME: &'static str;
-    /// Where it ended in the first version of the library.
+    /// Offset of its end in the first version of the library.
     const FIRST: usize;
 }
 
-/// No version of a struct is larger: such a size was never set.
+/// Largest size of a struct in any version: a larger value was never set.
 const LARGEST: usize = 4096;
 
 macro_rules! versioned {
@@ -40,7 +41,7 @@ macro_rules! versioned {
     )*};
 }
 
-// Each with the last field that it had in the first version.
+// Each struct with its last field in the first version, and the type of that field.
 versioned! {
     isocat_application to write_object: usize,
     isocat_sent to port: u32,
@@ -53,11 +54,12 @@ versioned! {
     isocat_device_verdict to findings: usize,
 }
 
-// SAFETY: the library never looks behind `user`. It goes back to the caller's functions on the
-// thread that uses the bus, one at a time: the handle of the bus is locked meanwhile.
+// SAFETY: the library never reads what `user` points to. It is only passed back to the caller's
+// functions, on the thread that uses the bus, one at a time: the handle of the bus is locked
+// meanwhile.
 unsafe impl Send for Own {}
 
-/// The bytes at `pointer`. None are needed there if there are none.
+/// The bytes at `pointer`, which may be NULL if `length` is 0.
 pub(crate) fn bytes<'a>(
     what: &'static str,
     pointer: *const u8,
@@ -74,21 +76,21 @@ pub(crate) fn bytes<'a>(
     if pointer.is_null() {
         return Err(Failure::null(what));
     }
-    // SAFETY: the header asks for `length` bytes there; no object of Rust is longer than `most`.
+    // SAFETY: the header demands `length` bytes there; no object of Rust is longer than `most`.
     Ok(unsafe { std::slice::from_raw_parts(pointer, length) })
 }
 
-/// A text that ends with a zero.
+/// A text that ends with a zero byte.
 pub(crate) fn text<'a>(what: &'static str, pointer: *const c_char) -> Result<&'a str, Failure> {
     if pointer.is_null() {
         return Err(Failure::null(what));
     }
-    // SAFETY: it ends with a zero, as the header asks.
+    // SAFETY: it ends with a zero byte, as the header demands.
     let bytes = unsafe { CStr::from_ptr(pointer) }.to_bytes();
     utf8(what, bytes)
 }
 
-/// A text in UTF-8.
+/// Bytes as a text in UTF-8.
 pub(crate) fn utf8<'a>(what: &str, bytes: &'a [u8]) -> Result<&'a str, Failure> {
     std::str::from_utf8(bytes).map_err(|error| {
         let at = error.valid_up_to();
@@ -100,7 +102,7 @@ pub(crate) fn utf8<'a>(what: &str, bytes: &'a [u8]) -> Result<&'a str, Failure> 
     })
 }
 
-/// Copies `from` into the caller's room, if it is large enough.
+/// Copies `from` into the caller's buffer, if that is large enough.
 pub(crate) fn copy(
     what: &'static str,
     from: &[u8],
@@ -118,29 +120,30 @@ pub(crate) fn copy(
     if to.is_null() {
         return Err(Failure::null(what));
     }
-    // SAFETY: there is room for `capacity` bytes, and what is ours is not the caller's.
+    // SAFETY: the buffer holds `capacity` bytes, and does not overlap memory of the library.
     unsafe { std::ptr::copy_nonoverlapping(from.as_ptr(), to, needed) };
     Ok(())
 }
 
-/// Writes a value where the caller wants it.
+/// Writes a value to the caller's pointer.
 pub(crate) fn put<T: Copy>(what: &'static str, to: *mut T, value: T) -> Result<(), Failure> {
     if to.is_null() {
         return Err(Failure::null(what));
     }
-    // SAFETY: there is room for a value.
+    // SAFETY: the header demands room for a value there.
     unsafe { to.write_unaligned(value) };
     Ok(())
 }
 
-/// Writes a struct, as much of it as the caller knows; what only the caller knows becomes 0.
+/// Writes a struct up to the size that the caller knows; fields that only the caller knows become
+/// 0.
 pub(crate) fn fill<T: Versioned>(to: *mut T, value: T) -> Result<(), Failure> {
     let size = size_of_versioned(to)?;
     let known = size.min(size_of::<T>());
     let first = size_of::<usize>();
     let from = (&raw const value).cast::<MaybeUninit<u8>>();
     let to = to.cast::<MaybeUninit<u8>>();
-    // SAFETY: the caller has `size` bytes, of which `size` itself stays; `value` has at least
+    // SAFETY: the caller has `size` bytes, of which `size` itself remains; `value` has at least
     // `known`.
     unsafe {
         std::ptr::copy_nonoverlapping(from.add(first), to.add(first), known - first);
@@ -153,7 +156,7 @@ pub(crate) fn fill<T: Versioned>(to: *mut T, value: T) -> Result<(), Failure> {
 pub(crate) fn read<T: Versioned>(from: *const T) -> Result<T, Failure> {
     let size = size_of_versioned(from)?;
     let mut value = MaybeUninit::<T>::zeroed();
-    // SAFETY: the caller has `size` bytes, and all zeros are a value.
+    // SAFETY: the caller has `size` bytes, and all zeros are a valid value.
     unsafe {
         let to = value.as_mut_ptr().cast::<u8>();
         std::ptr::copy_nonoverlapping(from.cast::<u8>(), to, size.min(size_of::<T>()));
@@ -170,7 +173,7 @@ fn size_of_versioned<T: Versioned>(pointer: *const T) -> Result<usize, Failure> 
     if pointer.is_null() {
         return Err(Failure::null(T::NAME));
     }
-    // SAFETY: `size` stands first.
+    // SAFETY: `size` is the first field.
     let size = unsafe { pointer.cast::<usize>().read_unaligned() };
     if !(T::FIRST..=LARGEST).contains(&size) {
         let (name, expected) = (T::NAME, size_of::<T>());
@@ -180,7 +183,7 @@ fn size_of_versioned<T: Versioned>(pointer: *const T) -> Result<usize, Failure> 
     Ok(size)
 }
 
-/// Makes an object and hands it over to the caller, who has a place for it.
+/// Makes an object and passes it to the caller through `to`.
 pub(crate) fn give<T>(
     what: &'static str,
     to: *mut *mut T,
@@ -193,29 +196,29 @@ pub(crate) fn give<T>(
     put(what, to, Box::into_raw(made))
 }
 
-/// Hands an error over, if the caller wants it.
+/// Passes an error to the caller, if the caller wants it.
 pub(crate) fn give_error(to: *mut *mut isocat_error, error: isocat_error) {
     if !to.is_null() {
-        // SAFETY: there is room for a pointer.
+        // SAFETY: the header demands room for a pointer there.
         unsafe { to.write_unaligned(Box::into_raw(Box::new(error))) };
     }
 }
 
-/// Takes an object back, and drops it.
+/// Takes an object back from the caller, and drops it.
 pub(crate) fn take<T>(pointer: *mut T) {
     if !pointer.is_null() {
-        // SAFETY: `give` made it, and the caller gives it back once.
+        // SAFETY: `give` made it, and the caller returns it once.
         drop(unsafe { Box::from_raw(pointer) });
     }
 }
 
-/// An object of the caller's, without taking it back.
+/// Borrows an object that the caller owns.
 pub(crate) fn borrow<'a, T>(what: &'static str, pointer: *const T) -> Result<&'a T, Failure> {
-    // SAFETY: it is NULL, or `give` made it and it was not given back.
+    // SAFETY: it is NULL, or `give` made it and it was not taken back.
     unsafe { pointer.as_ref() }.ok_or_else(|| Failure::null(what))
 }
 
-/// Hands a text over.
+/// Passes a text to the caller, who owns it.
 pub(crate) fn give_text(
     what: &'static str,
     to: *mut *mut c_char,
@@ -227,15 +230,15 @@ pub(crate) fn give_text(
     put(what, to, c_string(text).into_raw())
 }
 
-/// Takes a text back.
+/// Takes a text back from the caller, and drops it.
 pub(crate) fn take_text(pointer: *mut c_char) {
     if !pointer.is_null() {
-        // SAFETY: `give_text` made it, and the caller gives it back once.
+        // SAFETY: `give_text` made it, and the caller returns it once.
         drop(unsafe { CString::from_raw(pointer) });
     }
 }
 
-/// A text for C, which has no zeros in its texts.
+/// A text for C, without zero bytes inside.
 pub(crate) fn c_string(text: &str) -> CString {
     let bytes: Vec<u8> = text.bytes().filter(|byte| *byte != 0).collect();
     CString::new(bytes).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! The functions, called as C calls them.
+//! Tests the functions, called as C calls them.
 
 mod callbacks;
 mod hostile;
@@ -15,7 +15,7 @@ use crate::segment::*;
 pub const BEGIN: u64 = 5_000_000_000;
 pub const NOWHERE: *mut *mut isocat_error = ptr::null_mut();
 
-/// A call that may fail: its code, and the text of its error.
+/// Makes a call that may fail; returns its code, and the text of its error.
 pub fn call(work: impl FnOnce(*mut *mut isocat_error) -> isocat_code) -> (isocat_code, String) {
     let mut error = ptr::null_mut();
     let code = work(&raw mut error);
@@ -29,7 +29,7 @@ pub fn call(work: impl FnOnce(*mut *mut isocat_error) -> isocat_code) -> (isocat
     (code, words)
 }
 
-/// A call that does not fail.
+/// Makes a call that must not fail.
 pub fn done(work: impl FnOnce(*mut *mut isocat_error) -> isocat_code) {
     assert_eq!(call(work), (isocat_code::ISOCAT_OK, String::new()));
 }
@@ -39,7 +39,7 @@ pub fn text(pointer: *const c_char) -> String {
     unsafe { CStr::from_ptr(pointer) }.to_str().expect("UTF-8").to_owned()
 }
 
-/// A text that the caller owns.
+/// Makes a call that returns a text, which the caller owns.
 pub fn owned(work: impl FnOnce(*mut *mut c_char, *mut *mut isocat_error) -> isocat_code) -> String {
     let mut given = ptr::null_mut();
     done(|error| work(&raw mut given, error));
@@ -61,12 +61,12 @@ pub fn parse(text: &str) -> *mut isocat_segment {
     segment
 }
 
-/// Three devices in a line, with more keys of the file.
+/// A segment of three devices in a line, with further keys of the file.
 pub fn three(keys: &str) -> *mut isocat_segment {
     parse(&format!("cycle = \"1ms\"\n{keys}\n[[subdevice]]\ndevice = \"simple_io4\"\ncount = 3\n"))
 }
 
-/// A bus of a segment, which is freed.
+/// A bus of a segment; frees the segment.
 pub fn bus_of(segment: *mut isocat_segment) -> *mut isocat_bus {
     let mut bus = ptr::null_mut();
     done(|error| unsafe { isocat_bus_new(segment, BEGIN, &raw mut bus, error) });
@@ -97,7 +97,7 @@ pub fn receive(bus: *mut isocat_bus, port: u32) -> Option<(isocat_arrival, Vec<u
     }
 }
 
-/// A frame that counts all SubDevices.
+/// A frame that all SubDevices count in.
 pub fn count() -> Vec<u8> {
     let mut frame = vec![0; 60];
     frame[..6].fill(0xFF);
@@ -111,8 +111,8 @@ pub fn count() -> Vec<u8> {
     frame
 }
 
-/// Sends it; how many SubDevices counted and where the answer came to, if one came, and how many
-/// copies of it.
+/// Sends that frame. If an answer comes, returns how many SubDevices counted, the port of the
+/// answer, and the number of its copies.
 pub fn counted(bus: *mut isocat_bus, port: u32, at: u64) -> Option<(u8, u32, usize)> {
     let frame = count();
     let mut sent =

@@ -1,4 +1,4 @@
-//! Verdicts: what the MainDevice did, and what the judges say of it in true time.
+//! Verdicts: what the MainDevice did, and the result of the judges in true time.
 
 use std::ffi::{CString, c_char};
 use std::ptr;
@@ -12,21 +12,21 @@ use crate::failure::{Failure, guard, isocat_code, isocat_error};
 use crate::segment::check_position;
 use crate::sys;
 
-/// Nothing speaks against any SubDevice in operation.
+/// There is no finding against any SubDevice in operation.
 pub const ISOCAT_IN_SYNC: i32 = 0;
-/// Something speaks against one.
+/// There is a finding against a SubDevice in operation.
 pub const ISOCAT_NOT_IN_SYNC: i32 = 1;
-/// No SubDevice came to operation, so there is nothing to judge.
+/// No SubDevice reached operation, so nothing was judged.
 pub const ISOCAT_NOT_KNOWN: i32 = 3;
 
-/// All that the segment file expects came so, or it expects nothing.
+/// Everything that the segment file expects came true, or it expects nothing.
 pub const ISOCAT_AS_EXPECTED: i32 = 0;
-/// Something did not come so.
+/// Something that the segment file expects did not come true.
 pub const ISOCAT_NOT_AS_EXPECTED: i32 = 1;
-/// All that was judged came so, and something could not be judged.
+/// All that was judged came true, but something could not be judged.
 pub const ISOCAT_NOT_JUDGED: i32 = 3;
 
-/// What a bus comes to, as of the instant at which it was asked for. It does not need its bus.
+/// The verdict on a bus at the instant at which it was requested. It does not need its bus.
 pub struct isocat_verdict {
     summary: Summary,
     overrun: u64,
@@ -41,7 +41,7 @@ struct Device {
     findings: Vec<CString>,
 }
 
-/// A verdict as a whole.
+/// The verdict as a whole.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct isocat_verdict_summary {
@@ -49,58 +49,58 @@ pub struct isocat_verdict_summary {
     pub size: usize,
     /// Frames that were sent.
     pub frames: u64,
-    /// Those that came back.
+    /// Frames that came back.
     pub answered: u64,
-    /// Those that were lost, in the segment or by a fault.
+    /// Frames that were lost, in the segment or by a fault.
     pub lost: u64,
-    /// Answers that were lost since more than 8192 were not received.
+    /// Answers that were dropped because more than 8192 had not been received.
     pub overrun: u64,
-    /// MainDevices, one after the other: a new one begins where addresses are given anew, or after
-    /// a long silence.
+    /// Number of sessions of MainDevices, one after the other: a session begins when station
+    /// addresses are written again, or after a long silence.
     pub sessions: usize,
-    /// SubDevices that the last one had in OP when the judging began last.
+    /// SubDevices in OP when the judging began last, in the last session.
     pub in_op: usize,
-    /// How long the last one was judged since then, ns.
+    /// Judged time of the last session since then, ns.
     pub judged_ns: i64,
-    /// ISOCAT_NOT_IN_SYNC if something speaks against any session; else that of the last one:
-    /// ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
+    /// ISOCAT_NOT_IN_SYNC if there is a finding in any session; else the result of the last
+    /// session, ISOCAT_IN_SYNC or ISOCAT_NOT_KNOWN.
     pub answer: i32,
-    /// What became of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
+    /// The result of the segment file's [[expect]] tables: ISOCAT_AS_EXPECTED,
     /// ISOCAT_NOT_AS_EXPECTED or ISOCAT_NOT_JUDGED.
     pub expected: i32,
 }
 
-/// What is said of a SubDevice, since the judging began last. Times are true time, ns.
+/// The verdict on a SubDevice, since the judging began last. Times are true time, ns.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct isocat_device_verdict {
     /// sizeof(isocat_device_verdict).
     pub size: usize,
-    /// Its name. This and the other texts live as long as the verdict.
+    /// Its name. This and the other texts are valid as long as the verdict.
     pub name: *const c_char,
-    /// Its state, such as "OP".
+    /// Its state, for example "OP".
     pub state: *const c_char,
-    /// The mode that it runs in, whatever was asked for, such as "dc-sync0".
+    /// The mode that it actually runs in, for example "dc-sync0".
     pub mode: *const c_char,
-    /// SYNC0 edges that were measured. 0: the next two are 0, too.
+    /// SYNC0 edges that were measured. If 0, the next two fields are 0, too.
     pub sync0_edges: u64,
-    /// Mean of SYNC0's error, against the grid that the MainDevice wrote.
+    /// Mean error of SYNC0 against the grid that the MainDevice wrote.
     pub sync0_mean_ns: f64,
-    /// Its worst error, without the sign.
+    /// Largest error of SYNC0, without sign.
     pub sync0_worst_ns: f64,
-    /// Cycles of which the margin is known. 0: the next is 0, too.
+    /// Cycles with a known margin. If 0, the next field is 0, too.
     pub margins: u64,
     /// Least time from the end of copying and calculating to SYNC0.
     pub least_margin_ns: f64,
-    /// 0x1C32:0B.
+    /// SM event missed (0x1C32:0B).
     pub sm_event_missed: u32,
-    /// 0x1C32:0C.
+    /// Cycle time too small (0x1C32:0C).
     pub cycle_time_too_small: u32,
-    /// 0x1C32:0D.
+    /// Shift time too short (0x1C32:0D).
     pub shift_time_too_short: u32,
-    /// 0x1C32:20.
+    /// Sync error (0x1C32:20).
     pub sync_error: u32,
-    /// What speaks against it: isocat_verdict_finding has the words.
+    /// Number of findings against it; isocat_verdict_finding returns their texts.
     pub findings: usize,
 }
 
@@ -112,7 +112,7 @@ impl isocat_verdict {
         Self { summary, overrun, devices }
     }
 
-    /// What the judges say of a SubDevice in the last session.
+    /// The verdict on a SubDevice in the last session.
     fn device(&self, position: usize) -> Result<(&DeviceSummary, &Device), Failure> {
         let judged = self.summary.sessions.last().and_then(|session| session.judged.as_ref());
         let judged = judged.ok_or_else(|| {
@@ -134,9 +134,9 @@ impl Device {
     }
 }
 
-/// The verdict as of now. The bus goes on; at the end, isocat_bus_finish comes before.
+/// The verdict at the present instant. The bus continues; at its end, call isocat_bus_finish first.
 ///
-/// `verdict`: where the handle goes; freed by isocat_verdict_free.
+/// `verdict`: receives the handle, which is freed by isocat_verdict_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_bus_verdict(
     bus: *mut isocat_bus,
@@ -155,7 +155,7 @@ pub unsafe extern "C" fn isocat_bus_verdict(
 
 /// The verdict as a whole.
 ///
-/// `summary`: where it goes; `size` has to be set.
+/// `summary`: receives it; `size` must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_verdict_get_summary(
     verdict: *const isocat_verdict,
@@ -190,10 +190,10 @@ pub unsafe extern "C" fn isocat_verdict_get_summary(
     })
 }
 
-/// What is said of a SubDevice, in the last session. ISOCAT_OUT_OF_RANGE if nothing is: no
-/// SubDevice came to operation there.
+/// The verdict on a SubDevice in the last session. ISOCAT_OUT_OF_RANGE if there is none, because no
+/// SubDevice reached operation in it.
 ///
-/// `device`: where it goes; `size` has to be set.
+/// `device`: receives it; `size` must be set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_verdict_get_device(
     verdict: *const isocat_verdict,
@@ -224,7 +224,7 @@ pub unsafe extern "C" fn isocat_verdict_get_device(
     })
 }
 
-/// What speaks against a SubDevice, as a sentence; NULL where there is nothing more. It lives as
+/// A finding against a SubDevice, as a sentence; NULL if there is none with this number. Valid as
 /// long as the verdict.
 ///
 /// `number`: from 0 to isocat_device_verdict.findings - 1.
@@ -240,10 +240,10 @@ pub unsafe extern "C" fn isocat_verdict_finding(
     sys::borrow("verdict", verdict).ok().and_then(finding).unwrap_or(ptr::null())
 }
 
-/// All of it in words, as `isocat serve` tells it: what the MainDevice did, what it left out, and
-/// the verdict. Many lines.
+/// The whole verdict in words, as `isocat serve` prints it: what the MainDevice did, what it
+/// omitted, and the result. Many lines.
 ///
-/// `text`: where it goes; the caller owns it, and frees it by isocat_text_free.
+/// `text`: receives the text; the caller owns it, and frees it by isocat_text_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_verdict_text(
     verdict: *const isocat_verdict,
@@ -257,9 +257,9 @@ pub unsafe extern "C" fn isocat_verdict_text(
     })
 }
 
-/// All of it as a JSON document (docs/serve-summary.schema.json).
+/// The whole verdict as a JSON document (docs/serve-summary.schema.json).
 ///
-/// `json`: where the text goes; the caller owns it, and frees it by isocat_text_free.
+/// `json`: receives the text; the caller owns it, and frees it by isocat_text_free.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_verdict_json(
     verdict: *const isocat_verdict,
@@ -272,7 +272,7 @@ pub unsafe extern "C" fn isocat_verdict_json(
     })
 }
 
-/// Frees a verdict. NULL is nothing to free.
+/// Frees a verdict; NULL is ignored.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn isocat_verdict_free(verdict: *mut isocat_verdict) {
     sys::take(verdict);

@@ -1,5 +1,5 @@
-//! The header that is checked in is the one that the sources make. With `UPDATE_HEADER=1` it is
-//! written.
+//! Checks that the header in the repository is the one generated from the sources. With
+//! `UPDATE_HEADER=1` it is written instead.
 
 use std::path::Path;
 

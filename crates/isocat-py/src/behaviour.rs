@@ -1,5 +1,5 @@
-//! What a device does, written in Python: an object whose methods are called at the steps of a
-//! cycle.
+//! The behaviour of a device, written in Python: an object whose methods are called at the steps of
+//! a cycle.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -11,7 +11,7 @@ use pyo3::types::{PyBytes, PyTuple};
 
 use crate::error::Failure;
 
-/// The methods that are called, where the object has them.
+/// The methods that are called, if the object has them.
 const METHODS: [&str; 9] = [
     "map_outputs",
     "work",
@@ -24,7 +24,7 @@ const METHODS: [&str; 9] = [
     "write_object",
 ];
 
-/// The first exception of any behaviour of a bus: it is raised out of the call that was under way.
+/// The first exception of any behaviour of a bus, which the present call on the bus raises.
 #[derive(Clone, Default)]
 pub struct Raised(Arc<Mutex<Option<PyErr>>>);
 
@@ -42,16 +42,16 @@ impl Raised {
     }
 }
 
-/// An object of Python as the application of a device.
+/// A Python object as the application of a device.
 pub struct Behaviour {
     object: Py<PyAny>,
-    /// Which of [`METHODS`] it has.
+    /// Which of [`METHODS`] the object has.
     has: [bool; METHODS.len()],
     raised: Raised,
 }
 
 impl Behaviour {
-    /// An object with one of the methods at least.
+    /// Takes an object with at least one of the methods.
     pub fn of(object: &Bound<'_, PyAny>, raised: Raised) -> PyResult<Self> {
         let mut has = [false; METHODS.len()];
         for (has, name) in has.iter_mut().zip(METHODS) {
@@ -82,7 +82,7 @@ impl Behaviour {
         Ok(Self { object: object.clone().unbind(), has, raised })
     }
 
-    /// Calls a method, if there is one and none raised before.
+    /// Calls a method, if the object has it and no behaviour has raised.
     fn call<T>(
         &self,
         method: usize,
@@ -106,7 +106,8 @@ impl Behaviour {
         self.call(method, |py| Ok(PyTuple::empty(py)), |_| Ok(()));
     }
 
-    /// The same where an `isocat.Abort` is an answer.
+    /// Calls a method like [`call`](Self::call); an `isocat.Abort` that it raises becomes an abort
+    /// code.
     fn transfer<T>(
         &self,
         method: usize,

@@ -1,4 +1,4 @@
-//! Buses: a segment in virtual time as a wire, for MainDevices and machines that are written in
+//! Buses: a segment in virtual time as the wire of MainDevices and machines that are written in
 //! Python.
 
 use std::collections::{BTreeMap, VecDeque};
@@ -26,11 +26,11 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::time::time_within;
 use crate::{output, value};
 
-/// A segment in virtual time: frames go in at instants, and answers come out when their last bit is
-/// back.
+/// A segment in virtual time: frames are sent at instants, and answers come back when their last
+/// bit has arrived.
 ///
-/// Instants are nanoseconds of the caller's clock. Time moves when the caller says so, and never
-/// back; the same calls give the same answers, bit for bit. A bus is for one thread at a time.
+/// Instants are nanoseconds of the caller's clock. Only the caller advances time, and never back;
+/// the same calls always return the same answers, bit for bit. A bus is for one thread at a time.
 ///
 /// Examples
 /// --------
@@ -48,9 +48,9 @@ pub struct Bus {
 
 struct Inside {
     bus: serve::Bus,
-    /// Answers that were back while another one was waited for.
+    /// Answers that came back while ``exchange`` waited for another one.
     kept: VecDeque<Arrival>,
-    /// Inputs that were set, by position.
+    /// Inputs that were set by the caller, by position.
     inputs: BTreeMap<usize, Vec<u8>>,
 }
 
@@ -60,8 +60,8 @@ impl From<Refused> for Failure {
     }
 }
 
-/// Time goes on in such steps, so that Ctrl-C is heard on a long way; how often it is moved changes
-/// nothing.
+/// Time advances in steps of this size, so that Ctrl-C is handled in between; the size does not
+/// change the result.
 const STEP: Nanos = Nanos::millis(100);
 
 impl Bus {
@@ -92,7 +92,8 @@ impl Bus {
         Ok(made)
     }
 
-    /// Works on the bus without the interpreter's lock; then raises what a behaviour raised.
+    /// Calls `work` with the bus, without the interpreter's lock; then raises what a behaviour
+    /// raised.
     fn with<T: Send>(
         &self,
         py: Python<'_>,
@@ -121,9 +122,9 @@ impl Bus {
         self.raised.take().map_or(Ok(()), Err)
     }
 
-    /// Time goes on; signals are heard on the way.
+    /// Advances time, and handles signals in between.
     fn advance_to(&self, py: Python<'_>, to: Time<Host>) -> PyResult<()> {
-        // What is refused is refused before anything has happened.
+        // An instant that is refused must be refused before anything happens.
         self.with(py, |inside| Ok(inside.bus.check_plan(to)?))?;
         loop {
             let at = self.with(py, |inside| {
@@ -181,7 +182,7 @@ fn port(number: u8) -> Result<MainPort, Failure> {
     }
 }
 
-/// A device by its name or its position.
+/// The position of a device that is given by name or position.
 fn position(names: &[String], which: &Bound<'_, PyAny>) -> PyResult<usize> {
     let py = which.py();
     if let Ok(name) = which.cast::<PyString>() {
@@ -212,28 +213,27 @@ impl Bus {
         self.names.clone()
     }
 
-    /// Sends a frame, to whose instant time goes on.
+    /// Sends a frame; time advances to its instant.
     ///
     /// Parameters
     /// ----------
     /// frame : bytes
-    ///     14 to 1514 bytes from the destination address on, without check sequence.
+    ///     14 to 1514 bytes, from the destination address on, without check sequence.
     /// at : int, str or timedelta, optional
-    ///     When its first bit leaves; now by default. It waits for the frame before it to have
-    ///     left.
+    ///     When its first bit leaves; now by default. It leaves after the previous frame has left.
     /// port : int
     ///     0, or 1 for the other end of a ring.
     ///
     /// Returns
     /// -------
     /// int or None
-    ///     When the last bit of its answer is back, ns; ``None`` if it is lost.
+    ///     When the last bit of its answer is back, ns; ``None`` if the answer is lost.
     ///
     /// Raises
     /// ------
     /// BusError
-    ///     The instant has passed or is too far ahead, no frame has this length, there is no such
-    ///     port.
+    ///     The instant has passed or is too far ahead, the frame has a wrong length, or there is no
+    ///     such port.
     #[pyo3(signature = (frame, at=None, *, port=0))]
     fn send(
         &self,
@@ -248,13 +248,13 @@ impl Bus {
         })
     }
 
-    /// Sends a frame, lets time go on to its answer and takes that.
+    /// Sends a frame, advances time to its answer and returns that.
     ///
     /// Returns
     /// -------
     /// tuple of (int, bytes), or None
-    ///     When its last bit came back, and the answer; ``None`` if it is lost. Other answers stay
-    ///     for ``receive``.
+    ///     When the last bit of the answer came back, and the answer; ``None`` if it is lost. Other
+    ///     answers remain for ``receive``.
     #[pyo3(signature = (frame, at=None, *, port=0))]
     fn exchange<'py>(
         &self,
@@ -279,12 +279,13 @@ impl Bus {
         Ok(found.map(|arrival| (arrival.at.count(), PyBytes::new(py, &arrival.frame))))
     }
 
-    /// Takes the next answer that is back by now.
+    /// Takes the next answer that has come back.
     ///
     /// Returns
     /// -------
     /// tuple of (int, bytes, int), or None
-    ///     When its last bit came back, ns; the frame; the port. ``None`` if there is none.
+    ///     When its last bit came back, ns; the frame; the port. ``None`` if no answer has come
+    ///     back.
     fn receive<'py>(&self, py: Python<'py>) -> PyResult<Option<(u64, Bound<'py, PyBytes>, u8)>> {
         let next =
             self.with(py, |inside| Ok(inside.kept.pop_front().or_else(|| inside.bus.receive())))?;
@@ -294,7 +295,7 @@ impl Bus {
         }))
     }
 
-    /// When the next answer is back, ns; ``None`` if none is under way.
+    /// When the next answer is back, ns; ``None`` if no answer is in flight.
     #[getter]
     fn next_arrival(&self, py: Python<'_>) -> PyResult<Option<u64>> {
         self.with(py, |inside| {
@@ -303,12 +304,12 @@ impl Bus {
         })
     }
 
-    /// Time goes on by so much: nanoseconds, ``"1ms"``, a ``timedelta``.
+    /// Advances time by this span: nanoseconds, ``"1ms"``, or a ``timedelta``.
     ///
     /// Raises
     /// ------
     /// BusError
-    ///     That is more than a bus lives (30 days in all).
+    ///     The span goes beyond the lifetime of a bus (30 days in total).
     #[pyo3(signature = (by, /))]
     fn advance(&self, py: Python<'_>, by: &Bound<'_, PyAny>) -> PyResult<()> {
         let by = time_within("by", by, Nanos(0), LONGEST)?;
@@ -316,19 +317,19 @@ impl Bus {
         self.advance_to(py, Time::new(now.count().saturating_add(by.0 as u64)))
     }
 
-    /// Time goes on to this instant.
+    /// Advances time to this instant.
     ///
     /// Raises
     /// ------
     /// BusError
-    ///     It has passed, or it is too far ahead.
+    ///     The instant has passed, or is too far ahead.
     #[pyo3(name = "advance_to", signature = (at, /))]
     fn advance_to_instant(&self, py: Python<'_>, at: &Bound<'_, PyAny>) -> PyResult<()> {
         let at = self.instant(py, "at", Some(at))?;
         self.advance_to(py, at)
     }
 
-    /// A device by its name or position.
+    /// A device, by its name or position.
     fn device(slf: Bound<'_, Self>, which: &Bound<'_, PyAny>) -> PyResult<Device> {
         let position = position(&slf.get().names, which)?;
         Ok(Device { bus: slf.unbind(), position })
@@ -341,19 +342,19 @@ impl Bus {
         all.map(|position| Device { bus: slf.clone().unbind(), position }).collect()
     }
 
-    /// Lets something go wrong, now or at an instant to come.
+    /// Causes a fault, now or at a later instant.
     ///
     /// Parameters
     /// ----------
     /// what : str
-    ///     A line as of ``[[fault]]`` tables (docs/faults.md): ``"drop 3"``, ``"pull axis 2 for
+    ///     A line as in ``[[fault]]`` tables (docs/faults.md): ``"drop 3"``, ``"pull axis 2 for
     ///     500ms"``, ``"heal"``.
     /// at : int, str or timedelta, optional
     ///
     /// Raises
     /// ------
     /// BusError
-    ///     The line is not understood, or the instant has passed.
+    ///     The line is no fault, or the instant has passed.
     #[pyo3(signature = (what, /, at=None))]
     fn fault(&self, py: Python<'_>, what: &str, at: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let at = at.map(|at| self.instant(py, "at", Some(at))).transpose()?;
@@ -371,14 +372,14 @@ impl Bus {
         })
     }
 
-    /// The link at a port of the MainDevice goes away, or comes.
+    /// Removes or restores the link at a port of the MainDevice.
     #[pyo3(signature = (up, *, port=0))]
     fn link(&self, py: Python<'_>, up: bool, port: u8) -> PyResult<()> {
         let port = self::port(port).or_raise(py)?;
         self.with(py, |inside| Ok(inside.bus.link(port, up)?))
     }
 
-    /// The MainDevice is done: its session ends as of its last frame.
+    /// Ends the session of the MainDevice at its last frame.
     fn finish(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |inside| {
             inside.bus.finish();
@@ -386,7 +387,7 @@ impl Bus {
         })
     }
 
-    /// What the MainDevice did, and what the judges say of it in true time, as of now.
+    /// The present verdict: what the MainDevice did, and the result of the judges in true time.
     fn verdict(&self, py: Python<'_>) -> PyResult<Verdict> {
         let source = &self.source;
         let summary = self.with(py, |inside| {
@@ -395,7 +396,7 @@ impl Bus {
         Ok(Verdict { summary })
     }
 
-    /// Frees the segment; later calls are refused. The end of a ``with`` block does it.
+    /// Frees the segment; later calls are refused. A ``with`` block calls this at its end.
     fn close(&self, py: Python<'_>) {
         py.detach(|| {
             self.inside.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -443,7 +444,7 @@ impl Device {
         Ok(self.both(py)?.0)
     }
 
-    /// AL status code (0x0134): why it is there, if it was not asked to; else 0.
+    /// AL status code (0x0134): the reason of a state that was not requested; else 0.
     #[getter]
     fn al_status_code(&self, py: Python<'_>) -> PyResult<u16> {
         Ok(self.both(py)?.1)
@@ -457,10 +458,11 @@ impl Device {
         Ok(outputs.map(|outputs| PyBytes::new(py, &outputs)))
     }
 
-    /// The inputs that were set; ``None`` if they are its application's.
+    /// The inputs that the caller set; ``None`` if they are those of its application.
     ///
-    /// What is set is on the wire when it maps its inputs the next time, and stays; ``None`` gives
-    /// them back. Bytes of the process image behind those that were set stay its application's.
+    /// Inputs that are set are on the wire after it maps its inputs the next time, and remain;
+    /// setting ``None`` returns control to the application. Further bytes of the process image
+    /// remain those of its application.
     #[getter]
     fn inputs<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         let position = self.position;
@@ -498,13 +500,13 @@ impl Device {
         let position = self.position;
         self.bus.get().with(py, |inside| {
             let state = inside.bus.state(position);
-            // The position was looked up in the names of this bus.
+            // The position comes from the names of this bus, so the device exists.
             Ok(state.map_or(("", 0), |(state, code)| (state.name(), code.0)))
         })
     }
 }
 
-/// What a MainDevice on a bus came to: what it did, and what the judges say in true time.
+/// The result of a MainDevice on a bus: what it did, and the verdict of the judges in true time.
 #[pyclass(module = "isocat", frozen)]
 pub struct Verdict {
     summary: Summary,
@@ -512,7 +514,7 @@ pub struct Verdict {
 
 #[pymethods]
 impl Verdict {
-    /// ``"in-sync"``, ``"not-in-sync"``, or ``"not-known"`` where no device came to operation.
+    /// ``"in-sync"``, ``"not-in-sync"``, or ``"not-known"`` if no device reached operation.
     #[getter]
     fn answer(&self) -> &'static str {
         match self.summary.answer() {
@@ -522,13 +524,13 @@ impl Verdict {
         }
     }
 
-    /// Whether it is known that nothing speaks against any device in operation.
+    /// Whether devices reached operation and there is no finding against any of them.
     #[getter]
     fn in_sync(&self) -> bool {
         self.answer() == "in-sync"
     }
 
-    /// What became of the segment's ``[[expect]]`` tables: ``None`` if something could not be
+    /// The result of the segment's ``[[expect]]`` tables; ``None`` if something could not be
     /// judged.
     #[getter]
     fn as_expected(&self) -> Option<bool> {
@@ -551,7 +553,7 @@ impl Verdict {
         self.summary.lost
     }
 
-    /// What speaks against devices of the last session, as sentences.
+    /// The findings against devices in the last session, as sentences.
     #[getter]
     fn findings(&self) -> Vec<String> {
         let of = |device: &DeviceSummary| {
@@ -561,8 +563,7 @@ impl Verdict {
         self.judged().iter().flat_map(of).collect()
     }
 
-    /// What is said of each device in the last session: ``name``, ``state``, ``mode``,
-    /// ``findings``.
+    /// The result of each device in the last session: ``name``, ``state``, ``mode``, ``findings``.
     #[getter]
     fn devices(&self) -> Table {
         let mut rows = Rows::new([
@@ -587,7 +588,7 @@ impl Verdict {
         value::document(py, &self.summary)
     }
 
-    /// Writes it: a page if the name ends in ``.html``, JSON if in ``.json``, else text.
+    /// Writes the verdict: a page if the name ends in ``.html``, JSON if in ``.json``, else text.
     #[pyo3(signature = (path, /))]
     fn save(&self, path: PathBuf) -> PyResult<()> {
         let content = match output::ending(&path).as_str() {

@@ -20,7 +20,7 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::work::interruptible;
 use crate::{output, value};
 
-/// What the conformance suite found.
+/// The result of the conformance suite.
 #[pyclass(module = "isocat", frozen)]
 pub struct Conformance {
     report: ConformanceReport,
@@ -28,15 +28,14 @@ pub struct Conformance {
 
 #[pymethods]
 impl Conformance {
-    /// Whether no rule failed and every chosen one was judged.
+    /// Whether no rule failed and every chosen rule was judged.
     #[getter]
     fn passed(&self) -> bool {
         self.report.passed
     }
 
     /// Each rule at each device: ``device``, ``rule``, ``verdict`` (``passed``, ``failed``,
-    /// ``known_deviation``, ``not_judged``,
-    /// ``not_applicable``), ``what``, ``source``, ``why``.
+    /// ``known_deviation``, ``not_judged``, ``not_applicable``), ``what``, ``source``, ``why``.
     #[getter]
     fn rules(&self) -> Table {
         let mut rows = Rows::new([
@@ -70,8 +69,8 @@ impl Conformance {
         value::document(py, &self.report)
     }
 
-    /// Writes it: a page if the name ends in ``.html``, JSON if in ``.json``, JUnit if in ``.xml``,
-    /// else text.
+    /// Writes the result: a page if the name ends in ``.html``, JSON if in ``.json``, JUnit if in
+    /// ``.xml``, else text.
     #[pyo3(signature = (path, /))]
     fn save(&self, path: PathBuf) -> PyResult<()> {
         let content = match output::ending(&path).as_str() {
@@ -112,12 +111,13 @@ fn is_named(rule: &Rule, name: &str) -> bool {
     rule.id.eq_ignore_ascii_case(name) || group.eq_ignore_ascii_case(name)
 }
 
-/// Tries whether a device synchronizes as it says, rule by rule, in virtual time.
+/// Tests whether a device synchronizes as it states, rule by rule, in virtual time.
 ///
 /// Parameters
 /// ----------
 /// subject : Segment or str or os.PathLike
-///     Each device of a segment or a segment file is tried; a built-in profile, or a profile file.
+///     A segment or a segment file, of which each device is tested; a built-in profile, or a
+///     profile file.
 /// rules : list of str, optional
 ///     Names of rules or groups (``"CNT"``, ``"CNT-03"``); all by default.
 ///
@@ -128,7 +128,7 @@ fn is_named(rule: &Rule, name: &str) -> bool {
 /// Raises
 /// ------
 /// InputError
-///     There is no such rule or device, or a file can't be used.
+///     There is no such rule or device, or a file is invalid.
 #[pyfunction]
 #[pyo3(signature = (subject, /, *, rules=vec![]))]
 pub fn conform(

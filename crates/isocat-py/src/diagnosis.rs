@@ -18,7 +18,7 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::work::{Stop, interruptible};
 use crate::{output, value};
 
-/// What is in a capture, and what went wrong.
+/// The content of captures, and what went wrong in the segment.
 #[pyclass(module = "isocat", frozen)]
 pub struct Diagnosis {
     report: DiagnoseReport,
@@ -34,14 +34,15 @@ impl Diagnosis {
         self.report.found()
     }
 
-    /// One sentence for people: what went wrong first, and where.
+    /// The conclusion in one sentence: what went wrong first, and where.
     #[getter]
     fn verdict(&self) -> &str {
         &self.report.verdict.sentence
     }
 
-    /// What was found, in the order of the frames that show it: ``kind``, ``weight``, ``device``,
-    /// ``capture`` (place in the list), ``frame`` (as Wireshark numbers it), ``at_ns``, ``what``.
+    /// The findings, faults first and each weight in the order of time: ``kind``, ``weight``,
+    /// ``device``, ``capture`` (place in the list), ``frame`` (as Wireshark numbers it), ``at_ns``,
+    /// ``what``.
     #[getter]
     fn findings(&self) -> Table {
         let mut rows = Rows::new([
@@ -79,8 +80,8 @@ impl Diagnosis {
         value::document(py, &self.report)
     }
 
-    /// Writes it: a page with pictures if the name ends in ``.html``, JSON if in ``.json``, else
-    /// text.
+    /// Writes the diagnosis: a page with pictures if the name ends in ``.html``, JSON if in
+    /// ``.json``, else text.
     #[pyo3(signature = (path, /))]
     fn save(&self, path: PathBuf) -> PyResult<()> {
         let content = match output::ending(&path).as_str() {
@@ -111,22 +112,22 @@ impl Diagnosis {
     }
 }
 
-/// Why there is no diagnosis.
+/// Why a diagnosis failed.
 enum Wrong {
     File(io::Error, PathBuf),
     Other(Failure),
 }
 
-/// Reads captures of any MainDevice's segment: devices, set-up, states, what went wrong first.
+/// Reads captures of any MainDevice's segment: devices, set-up, states, and what went wrong first.
 ///
 /// Parameters
 /// ----------
 /// *captures : str or os.PathLike
-///     pcapng or pcap; several are read as one, in their order.
+///     pcapng or pcap; several captures are read as one, in their order.
 /// segment : Segment or str or os.PathLike, optional
-///     Gives the devices their names, by position.
+///     Source of the devices' names, by position.
 /// esi : list of str or os.PathLike
-///     Makers' descriptions, for names of types.
+///     Makers' descriptions, as source of the names of types.
 ///
 /// Returns
 /// -------
@@ -135,7 +136,7 @@ enum Wrong {
 /// Raises
 /// ------
 /// InputError
-///     A file is no capture, or has no EtherCAT in it.
+///     A file is no capture, or has no EtherCAT frames.
 /// OSError
 ///     A file can't be read.
 #[pyfunction]
@@ -205,8 +206,8 @@ fn read(
         let names: Vec<String> = captures.iter().map(|path| path.display().to_string()).collect();
         Wrong::Other(Failure::new(Class::Input, format!("{}: {nothing}", names.join(", "))))
     })?;
-    // Once more, for what happened around the first fault; what can't be read twice is left as it
-    // is.
+    // Reads the captures a second time, for the frames around the first fault. Captures that can't
+    // be read twice, such as pipes, have no such part.
     let again = Around::new(&report).filter(|_| captures.iter().all(|path| path.is_file()));
     if let Some(mut around) = again {
         for path in captures {
@@ -219,7 +220,7 @@ fn read(
     Ok(report)
 }
 
-/// A file that ends its thread when somebody wants that.
+/// A file whose reading ends the thread when the user stops the work.
 struct Interruptible(File, Stop);
 
 impl Read for Interruptible {

@@ -1,40 +1,40 @@
-//! What is raised: the exceptions are written in Python (`isocat/_errors.py`), so that they have
-//! attributes.
+//! Errors that are raised. The exceptions are written in Python (`isocat/_errors.py`), so that they
+//! have attributes.
 
 use isocat_descriptions::FileError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Something that can't be used, and what would be.
+/// An error, with what was expected.
 #[derive(Clone, Default, Debug)]
 pub struct Failure {
-    /// Which exception it is.
+    /// Its exception.
     pub class: Class,
-    /// What is wrong, in words.
+    /// The description.
     pub message: String,
-    /// Where: a file with line and column, an argument, a device.
+    /// The place: a file with line and column, an argument, or a device.
     pub place: Option<String>,
-    /// What would have been right.
+    /// The expected value.
     pub expected: Option<String>,
-    /// What was there.
+    /// The value that was found.
     pub found: Option<String>,
-    /// What may have been meant.
+    /// What the user may have meant.
     pub hint: Option<String>,
 }
 
 /// The exceptions.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
 pub enum Class {
-    /// A file, a text or an argument can't be used.
+    /// A file, a text or an argument is invalid.
     #[default]
     Input,
     /// A segment can't be planned.
     Plan,
     /// A bus refuses a call.
     Bus,
-    /// Nothing is known of a name or a code.
+    /// A name or a code is not known.
     Unknown,
-    /// A fault in the library itself.
+    /// A bug of the library itself.
     Internal,
 }
 
@@ -55,7 +55,7 @@ impl Failure {
         Self { class, message: message.into(), ..Self::default() }
     }
 
-    /// An argument that can't be used.
+    /// An argument that is invalid.
     pub fn argument(name: &str, found: impl Into<String>, expected: impl Into<String>) -> Self {
         let (found, expected) = (found.into(), expected.into());
         Self {
@@ -67,13 +67,13 @@ impl Failure {
         }
     }
 
-    /// The same with what may have been meant.
+    /// Adds what the user may have meant.
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
         self.hint = Some(hint.into());
         self
     }
 
-    /// As an exception of Python.
+    /// Makes a Python exception.
     pub fn raise(self, py: Python<'_>) -> PyErr {
         let make = || {
             let class = py.import("isocat._errors")?.getattr(self.class.name())?;
@@ -106,7 +106,7 @@ impl From<FileError> for Failure {
     }
 }
 
-/// Raises failures where there is an interpreter.
+/// Raises failures as Python exceptions.
 pub trait OrRaise<T> {
     fn or_raise(self, py: Python<'_>) -> PyResult<T>;
 }

@@ -17,7 +17,7 @@ pub struct Esi {
 
 #[pymethods]
 impl Esi {
-    /// The file.
+    /// The path of the file.
     #[getter]
     fn path(&self) -> &str {
         &self.file.path
@@ -29,16 +29,15 @@ impl Esi {
         plain(&self.file.vendor)
     }
 
-    /// Its number; 0 for a file of modules, which may have none.
+    /// The maker's vendor id; 0 for a file of modules, which may have none.
     #[getter]
     fn vendor_id(&self) -> u32 {
         self.file.vendor_id
     }
 
     /// The devices in the order of the file: ``type`` (for ``Segment.add(esi=..., type=...)``),
-    /// ``name``, ``product_code``,
-    /// ``revision``, ``opmodes`` and ``assign_activate`` (joined by commas), ``hidden``,
-    /// ``usable``, ``warnings``.
+    /// ``name``, ``product_code``, ``revision``, ``opmodes`` and ``assign_activate`` (joined by
+    /// commas), ``hidden``, ``usable``, ``warnings``.
     #[getter]
     fn devices(&self) -> Table {
         let mut rows = Rows::new([
@@ -73,8 +72,7 @@ impl Esi {
         rows.take()
     }
 
-    /// What is doubtful in the file, with lines: ``device`` (empty: the file), ``line``, ``kind``,
-    /// ``what``.
+    /// Doubtful places in the file: ``device`` (empty: the file), ``line``, ``kind``, ``what``.
     #[getter]
     fn warnings(&self) -> Table {
         let mut rows = Rows::new([
@@ -109,7 +107,7 @@ impl Esi {
     }
 }
 
-/// A text of the file in one line.
+/// A text of the file, in one line without control characters.
 fn plain(text: &str) -> String {
     let words: Vec<_> = text.split_whitespace().collect();
     words.join(" ").chars().filter(|character| !character.is_control()).collect()
@@ -128,9 +126,9 @@ fn plain(text: &str) -> String {
 /// Raises
 /// ------
 /// InputError
-///     It is no description: with line and column.
+///     The file is no description; the message has line and column.
 /// OSError
-///     It can't be read.
+///     The file can't be read.
 #[pyfunction]
 #[pyo3(signature = (path, /))]
 pub fn esi(py: Python<'_>, path: PathBuf) -> PyResult<Esi> {

@@ -1,4 +1,4 @@
-//! What a code, an object, a register, a mode or a key means.
+//! The meaning of a code, an object, a register, a mode or a key.
 
 use isocat_engine::explain::{Meaning, explain as look_up, text};
 use pyo3::prelude::*;
@@ -7,7 +7,7 @@ use pyo3::types::{PyBool, PyInt};
 use crate::error::{Class, Failure};
 use crate::value;
 
-/// What something means: each of its meanings, the likeliest first. As a text it is what ``isocat
+/// The meaning of something: all its meanings, the likeliest first. Its text is what ``isocat
 /// explain`` prints.
 #[pyclass(module = "isocat", frozen)]
 pub struct Explanation {
@@ -23,7 +23,7 @@ impl Explanation {
         value::document(py, &self.meanings)
     }
 
-    /// What it is called, by its likeliest meaning.
+    /// The name by the likeliest meaning.
     #[getter]
     fn name(&self) -> &str {
         self.meanings.first().map_or("", |meaning| &meaning.name)
@@ -42,8 +42,8 @@ impl Explanation {
     }
 }
 
-/// Says what a code, an object, a register, a synchronization mode or a key of a file means, and
-/// what to do about it.
+/// Explains a code, an object, a register, a synchronization mode or a key of a file, and what to
+/// do about it.
 ///
 /// Parameters
 /// ----------
@@ -57,7 +57,7 @@ impl Explanation {
 /// Raises
 /// ------
 /// UnknownError
-///     Nothing is known of it; the message says what is near.
+///     It is not known; the message names what is near.
 #[pyfunction]
 #[pyo3(signature = (what, /))]
 pub fn explain(what: &Bound<'_, PyAny>) -> PyResult<Explanation> {

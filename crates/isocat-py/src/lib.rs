@@ -1,13 +1,13 @@
 //! The module behind `import isocat`.
 //!
-//! `segment` describes, `plan` and `report` tell what a segment comes to, `sweep` runs it many
-//! times, `bus` and `behaviour` are its wire for programs in Python; `conform`, `diagnosis`,
-//! `explain` and `esi` are the other verbs. Results with rows are a `table`, which hands itself out
-//! through the Arrow C data interface. `work` does what takes time: with the interpreter's lock
-//! released, on a thread of its own, so that Ctrl-C is heard. `value` and `time` are what stands
-//! between Python's values and those of files, `error` what is raised.
+//! `segment` describes a segment; `plan` and `report` are its results; `sweep` runs it many times;
+//! `bus` and `behaviour` are its wire for programs in Python; `conform`, `diagnosis`, `explain` and
+//! `esi` are the other functions. Results with rows are a `table`, which is exported by the Arrow C
+//! data interface. `work` runs long work on its own thread with the interpreter's lock released, so
+//! that Ctrl-C is handled. `value` and `time` convert between Python's values and those of files;
+//! `error` is what is raised.
 //!
-//! Nothing here is global: each object has what it needs, and two threads of Python do not know of
+//! Nothing here is global: each object has its own state, so threads of Python are independent of
 //! each other.
 #![forbid(unsafe_code)]
 
@@ -32,9 +32,9 @@ mod time;
 mod value;
 mod work;
 
-/// The command `isocat` with these arguments; gives its exit code.
+/// Runs the command `isocat` with these arguments; returns its exit code.
 ///
-/// `itself` is what starts the command again, for runs that are processes of their own.
+/// `itself` is the command line that starts the command again, for runs in their own processes.
 #[pyfunction]
 fn command(py: Python<'_>, itself: Vec<OsString>, arguments: Vec<OsString>) -> u8 {
     py.detach(|| isocat::cli::main_as(itself, arguments))

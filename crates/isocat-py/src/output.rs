@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Writes files that appear completely or not at all.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
@@ -8,7 +8,7 @@ use std::path::Path;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
 
-/// Writes a file under another name in its folder, and renames it once it is on the disk.
+/// Writes a file under another name in its folder, and renames it when it is on the disk.
 pub fn whole(path: &Path, write: impl FnOnce(File) -> io::Result<()>) -> io::Result<()> {
     let mut name: OsString = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.part", std::process::id()));
@@ -19,13 +19,13 @@ pub fn whole(path: &Path, write: impl FnOnce(File) -> io::Result<()>) -> io::Res
         fs::rename(&part, path)
     });
     if written.is_err() {
-        // It may not be there.
+        // The file may not exist.
         let _ = fs::remove_file(&part);
     }
     written
 }
 
-/// The same of bytes that are there.
+/// Writes bytes to a file like [`whole`].
 pub fn bytes(path: &Path, content: &[u8]) -> io::Result<()> {
     whole(path, |file| {
         let mut file = BufWriter::new(file);
@@ -34,7 +34,7 @@ pub fn bytes(path: &Path, content: &[u8]) -> io::Result<()> {
     })
 }
 
-/// `OSError` with number, words and file, as `open` raises it.
+/// Makes an `OSError` with number, text and file, as `open` raises it.
 pub fn raise(error: &io::Error, path: &Path) -> PyErr {
     let path = path.display().to_string();
     match error.raw_os_error() {
@@ -47,7 +47,7 @@ pub fn raise(error: &io::Error, path: &Path) -> PyErr {
     }
 }
 
-/// The ending of a file's name, in small letters.
+/// The extension of a file's name, in lower case.
 pub fn ending(path: &Path) -> String {
     path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase()
 }

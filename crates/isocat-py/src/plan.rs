@@ -1,4 +1,4 @@
-//! Plans: does a segment fit its cycle, with how much slack.
+//! Plans: whether a segment fits its cycle, and with how much slack.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::work::interruptible;
 use crate::{output, value};
 
-/// A plan of a segment's cycle: every demand on it with its slack.
+/// A plan of a segment's cycle: every demand on the cycle, with its slack.
 ///
 /// All times are nanoseconds; phases count from the frame at the reference clock.
 #[pyclass(module = "isocat", frozen)]
@@ -70,13 +70,13 @@ impl Plan {
         self.report.fits
     }
 
-    /// One sentence for people.
+    /// The conclusion in one sentence.
     #[getter]
     fn verdict(&self) -> &str {
         &self.report.verdict
     }
 
-    /// Least slack of all lines, ns; negative if it does not fit.
+    /// Least slack of all lines, ns; negative if the plan does not fit.
     #[getter]
     fn slack_ns(&self) -> i64 {
         self.report.segment.least_slack_ns
@@ -94,7 +94,7 @@ impl Plan {
         self.report.segment.acting_phase_ns
     }
 
-    /// Whether the proof holds; ``None`` unless it was asked for (``Segment.prove``).
+    /// Whether the proof holds; ``None`` without a proof (``Segment.prove``).
     #[getter]
     fn proven(&self) -> Option<bool> {
         self.report.proof.as_ref().map(|proof| proof.holds)
@@ -106,9 +106,8 @@ impl Plan {
         self.report.suggestion.as_ref().and_then(|suggestion| suggestion.smallest_cycle_ns)
     }
 
-    /// Every demand on the cycle: ``position`` and ``device`` (empty: of the frames), ``check``,
-    /// ``demand``, ``needed_ns``,
-    /// ``available_ns``, ``slack_ns``, and of a proof ``measured_ns``.
+    /// Every demand on the cycle: ``position`` and ``device`` (empty: the frames), ``check``,
+    /// ``demand``, ``needed_ns``, ``available_ns``, ``slack_ns``, and with a proof ``measured_ns``.
     #[getter]
     fn lines(&self) -> Table {
         let mut rows = Rows::new([
@@ -142,9 +141,8 @@ impl Plan {
         rows.take()
     }
 
-    /// What is planned for each device: ``position``, ``name``, ``mode``, ``delay_ns``,
-    /// ``sync0_cycle_ns``, ``sync0_phase_ns``,
-    /// ``sync1_ns``, and ``least_slack_ns`` of its lines.
+    /// The plan for each device: ``position``, ``name``, ``mode``, ``delay_ns``,
+    /// ``sync0_cycle_ns``, ``sync0_phase_ns``, ``sync1_ns``, and ``least_slack_ns`` of its lines.
     #[getter]
     fn devices(&self) -> Table {
         let mut rows = Rows::new([
@@ -174,20 +172,19 @@ impl Plan {
         rows.take()
     }
 
-    /// What the field falls into with such a segment, as sentences.
+    /// Known problems in the field with such a segment, as sentences.
     #[getter]
     fn warnings(&self) -> Vec<String> {
         self.report.warnings.iter().map(|note| note.what.clone()).collect()
     }
 
     /// The plan for another tool: ``"twincat"``, ``"igh"``, ``"lcec"``, ``"ros2"``, ``"soem"``,
-    /// ``"pysoem"``, ``"ethercrab"``,
-    /// ``"kickcat"``.
+    /// ``"pysoem"``, ``"ethercrab"``, ``"kickcat"``.
     ///
     /// Returns
     /// -------
     /// dict of str to str
-    ///     File names and their texts.
+    ///     File names with their contents.
     ///
     /// Raises
     /// ------
@@ -209,8 +206,8 @@ impl Plan {
         value::document(py, &self.report)
     }
 
-    /// Writes it: with timing diagrams if the name ends in ``.html``, JSON if in ``.json``, else
-    /// text.
+    /// Writes the plan: with timing diagrams if the name ends in ``.html``, JSON if in ``.json``,
+    /// else text.
     #[pyo3(signature = (path, /))]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let content = py.detach(|| match output::ending(&path).as_str() {
@@ -234,7 +231,7 @@ impl Plan {
     }
 }
 
-/// A text without the colours of a terminal.
+/// Removes the terminal colours from a text.
 pub fn plain(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;

@@ -1,4 +1,4 @@
-//! Reports: what a run came to.
+//! Reports: the results of runs.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -22,19 +22,18 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::work::{Stop, interruptible};
 use crate::{output, value};
 
-/// What a run came to.
+/// The result of a run.
 ///
-/// Times are nanoseconds. A run is repeated exactly by its seed, so what was not recorded is had
-/// afterwards: ``series()``,
-/// ``captures()``, ``waves()``, ``trace()`` and the page run it once more, with somebody who looks
-/// on.
+/// Times are nanoseconds. The seed repeats a run exactly, so recordings can be made afterwards:
+/// ``series()``, ``captures()``, ``waves()``, ``trace()`` and the page run it again with a
+/// recorder.
 #[pyclass(module = "isocat", frozen)]
 pub struct Report {
     scenario: Scenario,
     report: isocat::Report,
 }
 
-/// Runs a scenario with an onlooker; the thread ends where `stop` is set.
+/// Runs a scenario; ends the thread if `stop` is set.
 fn execute<T: Tap>(scenario: &Scenario, tap: T, stop: &Stop) -> Outcome<T> {
     scenario.run().execute(Some(tap), &mut |_| stop.leave_if_set())
 }
@@ -46,7 +45,7 @@ impl Report {
         Self { scenario, report }
     }
 
-    /// Runs it again with an onlooker, and returns the onlooker.
+    /// Runs it again with a tap, and passes the tap to `end`.
     fn again<T: Tap + Send + 'static, R: Send + 'static>(
         &self,
         py: Python<'_>,
@@ -56,12 +55,12 @@ impl Report {
         let scenario = self.scenario.clone();
         interruptible(py, move |stop| {
             let outcome = execute(&scenario, tap(&scenario)?, stop);
-            // It was given one.
+            // The run was given a tap.
             end(outcome.world.into_tap().expect("it was given a tap"))
         })
     }
 
-    /// The same into a file.
+    /// Runs it again with a tap that writes a file.
     fn to_file<T: Tap + Send + 'static>(
         &self,
         py: Python<'_>,
@@ -102,13 +101,13 @@ impl Report {
     }
 }
 
-/// What repeats the run.
+/// The command that repeats the run.
 fn command(scenario: &Scenario) -> String {
     let duration = scenario.duration.to_string().replace(' ', "");
     format!("isocat run {} --for {duration} --seed {}", scenario.source, scenario.seed)
 }
 
-/// A page inside another one, which keeps its own styles and its script.
+/// A page inside another page, which keeps its own styles and its script.
 pub fn frame(page: &str) -> String {
     let page = page.replace('&', "&amp;").replace('"', "&quot;");
     format!(
@@ -119,26 +118,26 @@ pub fn frame(page: &str) -> String {
 
 #[pymethods]
 impl Report {
-    /// Whether every device ran as it was asked to.
+    /// Whether every device ran as requested.
     #[getter]
     fn in_sync(&self) -> bool {
         self.report.in_sync
     }
 
-    /// Whether all that the segment's ``[[expect]]`` tables say came so; without any, whether it
-    /// was in sync.
+    /// Whether everything that the segment's ``[[expect]]`` tables expect came true; without such
+    /// tables, whether the run was in sync.
     #[getter]
     fn as_expected(&self) -> bool {
         self.report.as_expected()
     }
 
-    /// One sentence for people.
+    /// The conclusion in one sentence.
     #[getter]
     fn verdict(&self) -> &str {
         &self.report.verdict
     }
 
-    /// Seed of everything random.
+    /// The seed of all random values.
     #[getter]
     fn seed(&self) -> u64 {
         self.report.seed
@@ -150,23 +149,22 @@ impl Report {
         self.report.judged_ns
     }
 
-    /// From power-on until all devices were in OP and SYNC0 on its grid, ns; ``None`` if it never
-    /// was.
+    /// Time from power-on until all devices were in OP with SYNC0 on its grid, ns; ``None`` if that
+    /// was not reached.
     #[getter]
     fn time_to_sync_ns(&self) -> Option<i64> {
         self.report.segment.true_time.time_to_synchronization_ns
     }
 
-    /// What speaks against the run, in the order of time.
+    /// The findings against the run, in the order of time.
     #[getter]
     fn findings(&self) -> Vec<Finding> {
         self.report.findings.iter().map(Finding::of).collect()
     }
 
     /// Figures of each device in true time: ``position``, ``name``, ``mode``, ``state``,
-    /// ``sync0_worst_ns``, ``sync0_mean_ns``,
-    /// ``margin_least_ns``, ``outputs_age_most_ns``, ``inputs_age_most_ns``, ``delay_ns``,
-    /// ``missed_events``.
+    /// ``sync0_worst_ns``, ``sync0_mean_ns``, ``margin_least_ns``, ``outputs_age_most_ns``,
+    /// ``inputs_age_most_ns``, ``delay_ns``, ``missed_events``.
     #[getter]
     fn devices(&self) -> Table {
         let mut rows = Rows::new([
@@ -209,7 +207,7 @@ impl Report {
     /// A row for each device and cycle: errors of SYNC0, margins, states, counters
     /// (docs/exports.md).
     ///
-    /// The run is repeated for it.
+    /// The run is repeated for this.
     ///
     /// Returns
     /// -------
@@ -231,20 +229,20 @@ impl Report {
         Ok(rows.0.lock().unwrap_or_else(PoisonError::into_inner).take())
     }
 
-    /// Every frame, as a pcapng file for Wireshark; the run is repeated for it.
+    /// Writes every frame to a pcapng file for Wireshark; the run is repeated for this.
     ///
     /// Parameters
     /// ----------
     /// path : str or os.PathLike
     /// taps : list of int
-    ///     Also frames as they enter and leave the devices at these positions.
+    ///     Positions of devices where frames are also recorded as they enter and leave.
     /// cables : list of int
-    ///     Also frames on the cables in front of the devices at these positions.
+    ///     Positions of devices with recorded frames on the cable in front of them.
     ///
     /// Raises
     /// ------
     /// OSError
-    ///     It can't be written: nothing is left of it.
+    ///     The file can't be written; no part of it remains.
     #[pyo3(signature = (path, /, *, taps=vec![], cables=vec![]))]
     fn captures(
         &self,
@@ -264,14 +262,16 @@ impl Report {
         self.to_file(py, &path, tap, |capture| capture.finish().map(drop))
     }
 
-    /// Pulses, steps and states as waveforms (VCD), for GTKWave; the run is repeated for it.
+    /// Writes pulses, steps and states as waveforms (VCD), for GTKWave; the run is repeated for
+    /// this.
     #[pyo3(signature = (path, /))]
     fn waves(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let tap = |scenario: &Scenario, file| Ok(Waves::new(file, names(scenario)));
         self.to_file(py, &path, tap, Waves::finish)
     }
 
-    /// Frames, pulses, steps and clock errors as a trace for Perfetto; the run is repeated for it.
+    /// Writes frames, pulses, steps and clock errors as a trace for Perfetto; the run is repeated
+    /// for this.
     #[pyo3(signature = (path, /))]
     fn trace(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let tap = |scenario: &Scenario, file| Trace::new(file, &names(scenario));
@@ -283,18 +283,18 @@ impl Report {
         value::document(py, &self.report)
     }
 
-    /// The page with timing diagrams, as HTML; the run is repeated for it.
+    /// The page with timing diagrams, as HTML; the run is repeated for this.
     fn to_html(&self, py: Python<'_>) -> PyResult<String> {
         self.page(py)
     }
 
-    /// Writes it: a page with timing diagrams if the name ends in ``.html``, JSON if in ``.json``,
-    /// else text.
+    /// Writes the report: a page with timing diagrams if the name ends in ``.html``, JSON if in
+    /// ``.json``, else text.
     ///
     /// Raises
     /// ------
     /// OSError
-    ///     It can't be written; what stood there before is still there.
+    ///     The file can't be written; an earlier file remains.
     #[pyo3(signature = (path, /))]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let content = match output::ending(&path).as_str() {
@@ -322,21 +322,20 @@ fn names(scenario: &Scenario) -> Vec<String> {
     scenario.devices.iter().map(|device| device.name.clone()).collect()
 }
 
-/// Something that speaks against a run.
+/// A finding against a run.
 #[pyclass(module = "isocat", frozen, get_all)]
 pub struct Finding {
-    /// What, for programs (docs/findings.md).
+    /// Its kind, for programs (docs/findings.md).
     pub kind: String,
-    /// Name of the device; ``None`` concerns the segment.
+    /// Name of the device; ``None``: the finding is about the segment.
     pub device: Option<String>,
     /// Its position.
     pub position: Option<usize>,
-    /// Stage of the way up at which it happened; ``None`` in operation.
+    /// Stage of the way up at which it happened; ``None``: it happened in operation.
     pub stage: Option<String>,
-    /// Since when, ns from the beginning of the judged time; ``None`` where it has no time of its
-    /// own.
+    /// When it began, ns from the beginning of the judged time; ``None``: it has no instant.
     pub since_ns: Option<i64>,
-    /// What, with the figures: a sentence for people, which may change.
+    /// Description with the figures, for people; the text may change.
     pub what: String,
 }
 
@@ -367,7 +366,7 @@ impl Finding {
     }
 }
 
-/// Rows that a run writes and its caller takes.
+/// Rows that a run writes, shared with the caller.
 struct Shared(Arc<Mutex<Rows>>);
 
 impl series::Table for Shared {

@@ -1,4 +1,4 @@
-//! Segments: which devices stand on the wire, and how they are set up.
+//! Segments: the devices on the wire, and their set-up.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -20,25 +20,25 @@ use crate::time::time_within;
 use crate::value::{self, Times};
 use crate::work::interruptible;
 
-/// The longest run.
+/// The longest time of a run.
 pub const LONGEST: Nanos = Nanos::millis(24 * 3_600_000);
 
-/// A segment: which devices stand on the wire, how they are synchronized, and for how long.
+/// A segment: the devices on the wire, how they are synchronized, and for how long it runs.
 ///
 /// Parameters
 /// ----------
 /// source : str, os.PathLike, dict or Segment, optional
-///     A segment file to read, or its content as a mapping; without one, it is built up.
+///     A segment file to read, or its content as a mapping; without it, the segment is built by
+///     calls.
 /// **keys
-///     Keys of a segment file (``cycle="1ms"``, ``host={"jitter": "5us"}``), which go before those
-///     of ``source``. ``for_`` stands for ``for``. Where a key is a time, it may be whole
-///     nanoseconds,
-///     a text with a unit, or a ``timedelta``.
+///     Keys of a segment file (``cycle="1ms"``, ``host={"jitter": "5us"}``), which override those
+///     of ``source``. ``for_`` stands for ``for``. The value of a time is whole nanoseconds, a text
+///     with a unit, or a ``timedelta``.
 ///
 /// Raises
 /// ------
 /// InputError
-///     A key is not known, or a value can't be used: the message has place, what was found and what
+///     A key is unknown or a value is invalid: the message has the place, what was found and what
 ///     was expected.
 /// OSError
 ///     The file can't be read.
@@ -55,19 +55,19 @@ pub struct Segment {
     inside: Mutex<Described>,
 }
 
-/// What is described: the file's table, and where it is from.
+/// The description of a segment: the file's table, and its origin.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Described {
     pub table: Table,
     /// The file, or a name in angle brackets.
     pub path: String,
-    /// The text as it was read, for lines in messages that the user finds again.
+    /// The text as it was read, so that line numbers in messages are those of the user's file.
     pub text: Option<String>,
 }
 
-/// Stands for the devices that are not there yet, while keys are checked.
+/// A device for checking keys while the segment has no devices.
 const STAND_IN: &str = "\n[[subdevice]]\ndevice = \"simple_io16\"\n";
-/// What a segment is called that no file is behind.
+/// The name of a segment without a file.
 const UNNAMED: &str = "<segment>";
 
 impl Described {
@@ -76,7 +76,7 @@ impl Described {
         self.text.clone().unwrap_or_else(|| self.table.to_string())
     }
 
-    /// Whether somebody else has the text: then places in it need no explanation.
+    /// Whether the user has the text: then a line number is enough as place.
     fn is_file(&self) -> bool {
         self.text.is_some()
     }
@@ -86,7 +86,7 @@ impl Described {
         SegmentFile::parse(&self.path, &text).map_err(|error| self.failure(&text, error))
     }
 
-    /// A text that nobody has seen is told with its line.
+    /// Makes an error. For a text that the user does not have, it includes the line.
     fn failure(&self, text: &str, error: FileError) -> Failure {
         let line = text.lines().nth(error.line.wrapping_sub(1)).filter(|_| !self.is_file());
         let mut failure = Failure::from(error);
@@ -100,7 +100,7 @@ impl Described {
         self.parse().map(Scenario::from)
     }
 
-    /// Refuses what can't become a segment, whether or not it has devices yet.
+    /// Refuses a description that can't become a segment, whether or not it has devices yet.
     fn check(&self) -> Result<(), Failure> {
         if self.is_file() || !self.devices().is_empty() {
             return self.parse().map(drop);
@@ -120,7 +120,7 @@ impl Described {
         self.table.get("subdevice").and_then(Value::as_array).map_or(&[], Vec::as_slice)
     }
 
-    /// The names of its devices: given, or numbered by the reader.
+    /// The names of its devices, which were given or numbered by the reader.
     fn names(&self) -> Result<Vec<String>, Failure> {
         if self.devices().is_empty() && !self.is_file() {
             return Ok(Vec::new());
@@ -138,7 +138,7 @@ impl Segment {
         Self { inside: Mutex::new(described) }
     }
 
-    /// Puts what was changed into its place, if it can be used.
+    /// Replaces the description, if the new one is valid.
     fn change(&self, described: Described) -> Result<(), Failure> {
         described.check()?;
         *self.inside.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = described;
@@ -170,13 +170,13 @@ impl Segment {
 fn of_text(path: &str, text: &str) -> Result<Described, Failure> {
     SegmentFile::parse(path, text)?;
     let table = text.parse::<Table>();
-    // What the reader of segment files took is TOML.
+    // A text that the reader of segment files accepted is TOML.
     let table = table.map_err(|error| Failure::new(Class::Internal, error.to_string()))?;
     Ok(Described { table, path: path.to_owned(), text: Some(text.to_owned()) })
 }
 
 fn of_file(py: Python<'_>, path: &str) -> PyResult<Described> {
-    // `open` says what is wrong with a file in the habit of Python.
+    // `open` raises the usual Python exception if the file can't be read.
     if let Err(error) = std::fs::File::open(path) {
         return Err(crate::output::raise(&error, path.as_ref()));
     }
@@ -227,14 +227,14 @@ impl Segment {
     /// Parameters
     /// ----------
     /// path : str or os.PathLike
-    ///     Files that it names are looked for beside it.
+    ///     Relative paths in the file begin at its folder.
     ///
     /// Raises
     /// ------
     /// InputError
-    ///     Its content can't be used: with line and column.
+    ///     The content is invalid; the message has line and column.
     /// OSError
-    ///     It can't be read.
+    ///     The file can't be read.
     #[staticmethod]
     #[pyo3(signature = (path, /))]
     fn from_file(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
@@ -247,12 +247,12 @@ impl Segment {
     /// ----------
     /// text : str
     /// path : str, optional
-    ///     What messages call it, and beside which the files lie that it names.
+    ///     The name in messages; relative paths in the text begin at its folder.
     ///
     /// Raises
     /// ------
     /// InputError
-    ///     It can't be used: with line and column.
+    ///     The text is invalid; the message has line and column.
     #[staticmethod]
     #[pyo3(signature = (text, path=None))]
     fn from_toml(py: Python<'_>, text: &str, path: Option<&str>) -> PyResult<Self> {
@@ -265,7 +265,7 @@ impl Segment {
         of_text("built-in segment", SegmentFile::built_in_text()).or_raise(py).map(Self::new_of)
     }
 
-    /// Adds a device behind the others.
+    /// Adds a device after the others.
     ///
     /// Parameters
     /// ----------
@@ -284,7 +284,7 @@ impl Segment {
     /// Raises
     /// ------
     /// InputError
-    ///     A key or value can't be used. The segment stays as it was.
+    ///     A key or value is invalid. The segment is unchanged.
     #[pyo3(signature = (device=None, /, **keys))]
     fn add(
         &self,
@@ -318,12 +318,12 @@ impl Segment {
         Ok(before)
     }
 
-    /// Sets a key, wherever it stands.
+    /// Sets a key anywhere in the segment.
     ///
     /// Parameters
     /// ----------
     /// key : str
-    ///     As in a sweep: ``"cycle"``, ``"host.jitter"``, ``"subdevice[0].mode"``,
+    ///     The key as in a sweep: ``"cycle"``, ``"host.jitter"``, ``"subdevice[0].mode"``,
     ///     ``"subdevice[*].cable"``.
     /// value
     ///     A text, a number, a flag or a time.
@@ -331,7 +331,7 @@ impl Segment {
     /// Raises
     /// ------
     /// InputError
-    ///     There is no such place, or the key does not take the value. The segment stays as it was.
+    ///     There is no such key, or the value is invalid. The segment is unchanged.
     fn set(&self, py: Python<'_>, key: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let mut described = self.described();
         let text = value::text(&Times::new(), key, value)?;
@@ -349,7 +349,7 @@ impl Segment {
         self.described().names().or_raise(py)
     }
 
-    /// Where it was read from; ``"<segment>"`` if it was built up.
+    /// The path that it was read from; ``"<segment>"`` if it was built by calls.
     #[getter]
     fn path(&self) -> String {
         self.described().path
@@ -366,12 +366,12 @@ impl Segment {
         self.described().text()
     }
 
-    /// The segment as a ``dict``, of which ``isocat.Segment`` makes it again.
+    /// The segment as a ``dict``, from which ``isocat.Segment`` makes an equal one.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         value::dict(py, &self.described().table)
     }
 
-    /// Writes a segment file, for ``isocat run`` and for others.
+    /// Writes the segment as a segment file, for ``isocat run`` and other uses.
     #[pyo3(signature = (path, /))]
     fn save(&self, path: PathBuf) -> PyResult<()> {
         let text = self.to_toml();
@@ -379,22 +379,22 @@ impl Segment {
             .map_err(|error| crate::output::raise(&error, &path))
     }
 
-    /// A segment of its own with the same content.
+    /// An independent segment with the same content.
     pub fn copy(&self) -> Self {
         Self::new_of(self.described())
     }
 
-    /// Plans the cycle: frames, phases, the slack of every demand. Nothing is sent.
+    /// Plans the cycle: frames, phases, and the slack of every demand. Sends nothing.
     ///
     /// Parameters
     /// ----------
     /// suggest : bool
-    ///     Also look for the phase with the most even slack and for the smallest cycle that fits.
+    ///     Also search the phase with the most even slack and the smallest cycle that fits.
     ///
     /// Returns
     /// -------
     /// Plan
-    ///     Lines that do not fit are no error: ask ``plan.fits``.
+    ///     Lines that do not fit are no error: see ``plan.fits``.
     ///
     /// Raises
     /// ------
@@ -406,19 +406,19 @@ impl Segment {
         Plan::make(py, scenario, suggest, false)
     }
 
-    /// Plans, and runs the segment with the worst jitter that is planned with: each line of the
-    /// plan beside what happened.
+    /// Plans the segment, runs it with the worst jitter of the plan, and compares each line of the
+    /// plan with the run.
     ///
     /// Parameters
     /// ----------
     /// for_ : int, str or timedelta, optional
-    ///     How long it runs once all devices are in OP; as the segment says by default.
+    ///     How long it runs after all devices are in OP; by default as the segment says.
     /// seed : int, optional
     ///
     /// Returns
     /// -------
     /// Plan
-    ///     With ``plan.proven``.
+    ///     The plan with ``plan.proven``.
     #[pyo3(signature = (for_=None, *, seed=None))]
     fn prove(
         &self,
@@ -432,19 +432,19 @@ impl Segment {
 
     /// Brings the segment up, runs it and judges it, in virtual time.
     ///
-    /// Other threads of Python go on meanwhile, and Ctrl-C ends it.
+    /// Meanwhile other threads of Python run, and Ctrl-C ends the run.
     ///
     /// Parameters
     /// ----------
     /// for_ : int, str or timedelta, optional
-    ///     How long it is judged once all devices are in OP: nanoseconds, ``"10s"``, a
-    ///     ``timedelta``; as the segment says by default, and else ``"10s"``.
+    ///     How long it is judged after all devices are in OP: nanoseconds, ``"10s"``, or a
+    ///     ``timedelta``; by default as the segment says, or ``"10s"``.
     /// seed : int, optional
-    ///     Seed of everything random; the same seed gives the same run.
+    ///     Seed of all random values; the same seed gives the same run.
     /// force : bool
-    ///     Run although the plan does not fit.
+    ///     Run even if the plan does not fit.
     /// tolerate : bool
-    ///     Go on without devices that fail on the way up.
+    ///     Continue without devices that fail on the way up.
     ///
     /// Returns
     /// -------
@@ -453,7 +453,7 @@ impl Segment {
     /// Raises
     /// ------
     /// InputError
-    ///     The segment or an argument can't be used. A plan that does not fit is no exception: the
+    ///     The segment or an argument is invalid. A plan that does not fit raises nothing: the
     ///     report says so.
     #[pyo3(signature = (for_=None, *, seed=None, force=false, tolerate=false))]
     fn run(
@@ -475,10 +475,10 @@ impl Segment {
     /// ----------
     /// seed : int, optional
     /// now : int, str or timedelta
-    ///     The present of the caller's clock at which the devices are switched on.
+    ///     The present of the caller's clock when the devices are switched on.
     /// behaviours : dict, optional
-    ///     By name or position of a device: an object that is its application. See
-    ///     ``isocat.Behaviour``.
+    ///     For devices by name or position, the object that is the application. See
+    ///     docs/python.md.
     ///
     /// Returns
     /// -------
@@ -532,7 +532,7 @@ impl Segment {
         Ok((slf.get_type().getattr("_unpickle")?, arguments.into_pyobject(slf.py())?))
     }
 
-    /// What `__reduce__` took apart.
+    /// Restores a segment from what `__reduce__` returned.
     #[staticmethod]
     fn _unpickle(py: Python<'_>, text: &str, path: &str) -> PyResult<Self> {
         let table = text.parse::<Table>().map_err(|error| {

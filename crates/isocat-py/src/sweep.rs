@@ -1,4 +1,4 @@
-//! Sweeps: one segment, many runs, each a row.
+//! Sweeps: one segment, many runs, one row for each.
 
 use std::sync::Arc;
 use std::sync::mpsc::{SyncSender, TryRecvError, sync_channel};
@@ -15,11 +15,11 @@ use crate::table::{Cell, Kind, Rows, Table};
 use crate::value::{self, Times};
 use crate::work::{Stop, broken, interruptible, next, spawn};
 
-/// One segment and what is varied in it: the engine of ``isocat sweep``. ``isocat.sweep`` is the
-/// door for people.
+/// One segment and what is varied in it: the engine of ``isocat sweep``. Programs use
+/// ``isocat.sweep``.
 ///
-/// Runs are numbered from 0; seeds go faster than points of the grid. Each is a segment file of its
-/// own.
+/// Runs are numbered from 0; the seed changes faster than the point of the grid. Each run has its
+/// own segment file.
 #[pyclass(module = "isocat._isocat", frozen)]
 pub struct Sweep {
     sweep: Arc<sweep::Sweep>,
@@ -30,7 +30,7 @@ pub struct Sweep {
     swarm: bool,
 }
 
-/// A key, and its values: a list, or a range in one text.
+/// A key and its values: a list, or a range in one text.
 type Given = (String, Values);
 
 #[derive(Clone, Debug)]
@@ -39,9 +39,9 @@ enum Values {
     Range(String),
 }
 
-/// Most runs of a sweep.
+/// Largest number of runs of a sweep.
 const MOST_RUNS: u64 = 999_999_999;
-/// Rows are told of at this pace.
+/// Time between two reports of progress.
 const TICK: Duration = Duration::from_millis(100);
 
 fn made(
@@ -86,7 +86,7 @@ fn made(
     Ok(sweep)
 }
 
-/// The grid's values as texts.
+/// The values of the grid, as texts.
 fn given(grid: &Bound<'_, PyDict>) -> PyResult<Vec<Given>> {
     let times = Times::new();
     let mut axes = Vec::new();
@@ -137,27 +137,27 @@ impl Sweep {
         Ok(Self { sweep: Arc::new(sweep), described, axes, first_seed, seeds, swarm })
     }
 
-    /// How many runs there are.
+    /// The number of runs.
     #[getter]
     fn runs(&self) -> u64 {
         self.sweep.runs()
     }
 
-    /// How many seeds each point of the grid is run with.
+    /// The number of seeds for each point of the grid.
     #[getter]
     fn seeds(&self) -> u64 {
         self.seeds
     }
 
-    /// What is varied: keys with their values, ``None`` where these are drawn.
+    /// The keys that are varied, with their values; ``None``: the values are drawn.
     #[getter]
     fn axes(&self) -> Vec<(String, Option<Vec<String>>)> {
         let axes = self.sweep.axes().iter();
         axes.map(|axis| (axis.key.clone(), axis.list().map(<[String]>::to_vec))).collect()
     }
 
-    /// How large the values of an axis are, to put them in order; ``None`` where they are neither
-    /// times nor numbers of one unit.
+    /// The sizes of an axis's values, by which they can be sorted; ``None``: they are neither times
+    /// nor numbers with the same unit.
     fn sizes(&self, key: &str) -> Option<Vec<f64>> {
         self.sweep.axes().iter().find(|axis| axis.key == key).and_then(sweep::Axis::sizes)
     }
@@ -176,7 +176,7 @@ impl Sweep {
         Ok(dict)
     }
 
-    /// A run as a segment of its own.
+    /// A run as an independent segment.
     fn segment(&self, py: Python<'_>, number: u64) -> PyResult<Segment> {
         let text = self.case(py, number)?.text;
         let path = self.described.path.clone();
@@ -184,8 +184,8 @@ impl Sweep {
         Ok(segment.cast::<Segment>()?.get().copy())
     }
 
-    /// The text of a run that was shrunk to what ends with the same verdict and the same kind of
-    /// first finding.
+    /// The text of a run, shrunk as far as the verdict and the kind of the first finding stay the
+    /// same.
     fn shrink(&self, py: Python<'_>, number: u64) -> PyResult<String> {
         let (sweep, text) = (self.sweep.clone(), self.case(py, number)?.text);
         interruptible(py, move |stop| {
@@ -199,8 +199,9 @@ impl Sweep {
 
     /// Runs the cases from ``start`` up to ``stop`` in order, on this number of threads.
     ///
-    /// ``each`` gets a table of every ``batch`` rows, ``tick`` now and then how many runs are over
-    /// and how many of them were not as expected. What they raise ends the sweep.
+    /// ``each`` gets a table of every ``batch`` rows. ``tick`` gets, from time to time, the number
+    /// of finished runs and how many of them were not as expected. An exception from either ends
+    /// the sweep.
     fn run(
         &self,
         py: Python<'_>,
@@ -247,7 +248,7 @@ impl Sweep {
         };
         let worked = work();
         let wanted = stop.min(self.sweep.runs()).saturating_sub(start);
-        // Whatever went wrong: threads stop at their next run.
+        // In any case, threads stop at their next run.
         flag.set();
         worked?;
         if rows.len() > 0 {
@@ -259,7 +260,8 @@ impl Sweep {
         Ok(())
     }
 
-    /// A worker's part: the rows of the cases from ``start`` up to ``stop``, on this number of threads.
+    /// The part of a worker: the rows of the cases from ``start`` up to ``stop``, on this number of
+    /// threads.
     fn table(&self, py: Python<'_>, start: u64, stop: u64, threads: usize) -> PyResult<Table> {
         let sweep = self.sweep.clone();
         let mut rows = self.rows();
@@ -275,12 +277,12 @@ impl Sweep {
         Ok(rows.take())
     }
 
-    /// A table of no rows.
+    /// A table without rows.
     fn empty(&self) -> Table {
         self.rows().take()
     }
 
-    /// What tells this sweep from another one: version, segment, axes, seeds, faults.
+    /// What distinguishes this sweep from others: version, segment, axes, seeds, faults.
     fn identity(&self) -> String {
         let axes: Vec<(&str, String)> =
             self.axes.iter().map(|(key, values)| (key.as_str(), format!("{values:?}"))).collect();
@@ -327,7 +329,7 @@ impl Sweep {
         case.map_err(|why| Failure::new(Class::Input, why).raise(py))
     }
 
-    /// Columns as those of ``isocat sweep --rows``.
+    /// Empty rows with the columns of ``isocat sweep --rows``.
     fn rows(&self) -> Rows {
         let head = [("number", Kind::Integer, false), ("seed", Kind::Integer, false)];
         let head = head.map(|(name, kind, optional)| (name.to_owned(), kind, optional));
@@ -351,7 +353,7 @@ impl Sweep {
 fn push(sweep: &sweep::Sweep, rows: &mut Rows, row: &Row) {
     let head = [row.number, row.seed].map(|number| Cell::Integer(number as i64));
     let axes = sweep.axes().iter().enumerate().map(|(number, axis)| match row.values.get(number) {
-        // A run that was refused before it had values has none.
+        // A run that was refused early has no value.
         None => Cell::Null,
         Some(text) if axis.is_whole() => text.parse().map_or(Cell::Null, Cell::Integer),
         Some(text) => Cell::Text(text),

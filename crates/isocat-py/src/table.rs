@@ -1,5 +1,5 @@
-//! Results with rows and columns, in Arrow's memory layout: other libraries take them without a
-//! copy, and none of them is needed.
+//! Results with rows and columns, in Arrow's memory layout: other libraries can use them without a
+//! copy, but none is required.
 
 use std::io::{self, BufWriter};
 use std::path::PathBuf;
@@ -34,7 +34,7 @@ enum Building {
     Text(StringBuilder),
 }
 
-/// What stands in a column.
+/// The type of a column's values.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Kind {
     Integer,
@@ -43,7 +43,7 @@ pub enum Kind {
     Text,
 }
 
-/// A value of a row.
+/// The value of a row in a column.
 #[derive(Clone, Copy, Debug)]
 pub enum Cell<'a> {
     Null,
@@ -72,7 +72,7 @@ impl<'a> From<Option<&'a str>> for Cell<'a> {
 }
 
 impl Rows {
-    /// Of columns: name, kind, and whether a cell may be empty.
+    /// Makes empty rows with these columns: name, kind, and whether a cell may be empty.
     pub fn new<N: Into<String>>(columns: impl IntoIterator<Item = (N, Kind, bool)>) -> Self {
         let field = |(name, kind, optional): (N, Kind, bool)| {
             let data = match kind {
@@ -88,7 +88,7 @@ impl Rows {
         Self { fields, columns }
     }
 
-    /// One row: a cell for each column, of its kind.
+    /// Adds a row: one cell for each column, of the column's kind.
     pub fn push<'a>(&mut self, cells: impl IntoIterator<Item = Cell<'a>>) {
         let mut cells = cells.into_iter();
         for column in &mut self.columns {
@@ -96,7 +96,7 @@ impl Rows {
         }
     }
 
-    /// How many there are.
+    /// The number of rows.
     pub fn len(&self) -> usize {
         match self.columns.first() {
             Some(Building::Integer(first)) => arrow_array::builder::ArrayBuilder::len(first),
@@ -107,11 +107,11 @@ impl Rows {
         }
     }
 
-    /// The table; the rows are empty again.
+    /// Returns the table and empties the rows.
     pub fn take(&mut self) -> Table {
         let columns: Vec<ArrayRef> = self.columns.iter_mut().map(Building::finish).collect();
         let schema = Arc::new(Schema::new(self.fields.clone()));
-        // Columns have the kinds of their fields, and one length; what must not be empty was given.
+        // Columns have the kinds of their fields and equal lengths, and required cells were given.
         let batch = RecordBatch::try_new(schema, columns).expect("each row had all cells");
         Table { batch }
     }
@@ -150,10 +150,10 @@ impl Building {
     }
 }
 
-/// Rows and columns, in Arrow's layout.
+/// Rows and columns, in Arrow's memory layout.
 ///
-/// Whatever takes the Arrow C stream interface takes a table as it is, without a copy:
-/// ``pyarrow.table(t)``, ``polars.DataFrame(t)``, ``duckdb`` by its name. None of them is needed.
+/// Every consumer of the Arrow C stream interface can use a table directly, without a copy:
+/// ``pyarrow.table(t)``, ``polars.DataFrame(t)``, ``duckdb`` by its name. None of them is required.
 ///
 /// A column without empty cells is a view for numpy: ``numpy.asarray(t["slack_ns"])``.
 #[pyclass(module = "isocat", frozen)]
@@ -163,7 +163,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Writes Parquet.
+    /// Writes the table as Parquet.
     fn write(&self, output: impl io::Write) -> io::Result<()> {
         let fields = self.batch.schema_ref().fields().iter().map(|field| parquet::Field {
             name: field.name().clone(),
@@ -189,10 +189,10 @@ impl Table {
     }
 }
 
-/// Rows of a row group.
+/// Number of rows in a row group.
 const GROUP_ROWS: usize = 65_536;
 
-/// The cell of a column.
+/// The cell of a column in a row.
 fn cell(column: &ArrayRef, row: usize) -> Cell<'_> {
     if column.is_null(row) {
         return Cell::Null;
@@ -253,14 +253,15 @@ impl Table {
         Ok(list)
     }
 
-    /// The table as a ``pandas.DataFrame``; pandas has to be installed, pyarrow does not.
+    /// The table as a ``pandas.DataFrame``; needs pandas, but not pyarrow.
     ///
-    /// Whole numbers that may be absent are of pandas' ``Int64``, so none becomes a fraction.
+    /// Integer columns with empty cells have the type ``Int64`` of pandas, so values remain
+    /// integers.
     fn to_pandas<'py>(slf: Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("isocat._frames")?.call_method1("to_pandas", (slf,))
     }
 
-    /// Writes a Parquet file: whole or not at all.
+    /// Writes a Parquet file, completely or not at all.
     ///
     /// Parameters
     /// ----------
@@ -269,14 +270,14 @@ impl Table {
     /// Raises
     /// ------
     /// OSError
-    ///     It can't be written, as on a full disk; what stood there before is still there.
+    ///     The file can't be written, for example on a full disk; an earlier file remains.
     #[pyo3(signature = (path, /))]
     fn to_parquet(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let written = py.detach(|| output::whole(&path, |file| self.write(BufWriter::new(file))));
         written.map_err(|error| output::raise(&error, &path))
     }
 
-    /// The same as bytes.
+    /// The Parquet file as bytes.
     fn parquet_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let mut bytes = Vec::new();
         let written = py.detach(|| self.write(&mut bytes));
@@ -284,7 +285,7 @@ impl Table {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Tables with the same columns as one, in their order.
+    /// Joins tables with the same columns, in their order.
     #[staticmethod]
     #[pyo3(signature = (tables, /))]
     fn concat(py: Python<'_>, tables: Vec<PyRef<'_, Table>>) -> PyResult<Self> {
@@ -312,7 +313,7 @@ impl Table {
         }))
     }
 
-    /// A part of the rows.
+    /// ``count`` rows from ``start`` on.
     #[pyo3(signature = (start, count, /))]
     fn slice(&self, start: usize, count: usize) -> Self {
         let start = start.min(self.batch.num_rows());
@@ -320,7 +321,7 @@ impl Table {
         Self { batch: self.batch.slice(start, count) }
     }
 
-    /// Whether all columns and cells are the same.
+    /// Whether all columns and cells are equal.
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
         other.cast::<Self>().is_ok_and(|other| other.get().batch == self.batch)
     }
@@ -337,7 +338,7 @@ impl Table {
         slf.py().import("isocat._frames")?.call_method1("html", (slf,))?.extract()
     }
 
-    /// The Arrow C stream interface; a wish for another schema is not looked at.
+    /// The Arrow C stream interface; a requested schema is ignored.
     #[pyo3(signature = (requested_schema=None))]
     fn __arrow_c_stream__<'py>(
         &self,
@@ -350,7 +351,7 @@ impl Table {
         PyCapsule::new_with_value(py, stream, c"arrow_array_stream")
     }
 
-    /// The schema alone, through the same interface.
+    /// The schema alone, by the same interface.
     fn __arrow_c_schema__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyCapsule>> {
         let schema = FFI_ArrowSchema::try_from(self.batch.schema_ref().as_ref());
         let schema =
@@ -358,7 +359,7 @@ impl Table {
         PyCapsule::new_with_value(py, schema, c"arrow_schema")
     }
 
-    /// Tables are pickled as the bytes of their columns.
+    /// Pickles a table as the bytes of its columns.
     fn __reduce__<'py>(
         slf: Bound<'py, Self>,
     ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
@@ -372,7 +373,7 @@ impl Table {
         Ok((rebuild, (batch.num_rows(), columns).into_pyobject(py)?))
     }
 
-    /// What `__reduce__` took apart.
+    /// Restores a table from what `__reduce__` returned.
     #[staticmethod]
     #[pyo3(signature = (rows, columns, /))]
     fn _rebuild(py: Python<'_>, rows: usize, columns: Vec<Packed>) -> PyResult<Self> {
@@ -387,8 +388,8 @@ impl Table {
     }
 }
 
-/// Name, kind, whether cells may be empty, a byte for each cell that is there (none: all are),
-/// values, ends of texts.
+/// Name, kind, whether cells may be empty, a byte for each cell that tells whether it has a value
+/// (`None`: all have), values, ends of texts.
 type Packed = (String, String, bool, Option<Vec<u8>>, Vec<u8>, Vec<u8>);
 
 fn packed<'py>(py: Python<'py>, field: &Field, array: &ArrayRef) -> PyResult<Bound<'py, PyTuple>> {
@@ -402,7 +403,7 @@ fn packed<'py>(py: Python<'py>, field: &Field, array: &ArrayRef) -> PyResult<Bou
             Cell::Float(value) => values.extend(value.to_le_bytes()),
             Cell::Flag(value) => values.push(u8::from(value)),
             Cell::Text(value) => values.extend(value.as_bytes()),
-            // A place holder, so that each row has its place.
+            // A placeholder, so that each row has a value.
             Cell::Null => match array.data_type() {
                 DataType::Utf8 => {}
                 DataType::Boolean => values.push(0),
@@ -470,9 +471,9 @@ fn unpacked(
     Some((Field::new(name, data, optional), array))
 }
 
-/// A column of a table: a sequence of its values, ``None`` where a cell is empty.
+/// A column of a table: a sequence of its values, with ``None`` for empty cells.
 ///
-/// Numbers without empty cells are a view for ``numpy.asarray``, without a copy.
+/// A column of numbers without empty cells is a view for ``numpy.asarray``, without a copy.
 #[pyclass(module = "isocat", frozen, sequence)]
 pub struct Column {
     name: String,
@@ -487,7 +488,7 @@ impl Column {
         &self.name
     }
 
-    /// How many of its cells are empty.
+    /// Number of its empty cells.
     #[getter]
     fn null_count(&self) -> usize {
         self.array.null_count()
@@ -526,8 +527,8 @@ impl Column {
         Ok(list)
     }
 
-    /// A view of its memory, for numpy; there is none of texts, of flags, and where cells are
-    /// empty.
+    /// A view of its memory, for numpy; columns of texts or flags and columns with empty cells have
+    /// none.
     #[getter]
     fn __array_interface__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (address, kind) = match self.array.data_type() {
@@ -547,12 +548,12 @@ impl Column {
         dict.set_item("version", 3)?;
         dict.set_item("typestr", kind)?;
         dict.set_item("shape", (self.array.len(),))?;
-        // Read only: other views share this memory.
+        // Other views share this memory, so it is read only.
         dict.set_item("data", (address, true))?;
         Ok(dict)
     }
 
-    /// An array of numpy: a copy; whole numbers with empty cells become floats with NaN there.
+    /// A numpy array with a copy of the values; integers with empty cells become floats with NaN.
     #[pyo3(signature = (dtype=None, copy=None))]
     fn __array__<'py>(
         slf: Bound<'py, Self>,

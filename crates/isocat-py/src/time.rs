@@ -1,4 +1,4 @@
-//! Times as Python has them: whole nanoseconds, texts such as `"250us"`, `datetime.timedelta`.
+//! Times in Python: whole nanoseconds, texts such as `"250us"`, `datetime.timedelta`.
 
 use isocat_descriptions::quantity::parse_duration;
 use isocat_wire::Nanos;
@@ -7,10 +7,10 @@ use pyo3::types::{PyBool, PyInt, PyString};
 
 use crate::error::Failure;
 
-/// What a time may be.
+/// The accepted types of a time.
 pub const EXPECTED: &str = "whole nanoseconds, a text such as \"250us\", or a timedelta";
 
-/// A time out of an argument.
+/// Reads a time from an argument.
 pub fn time(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Nanos> {
     let py = value.py();
     let wrong = |found: String| Failure::argument(name, found, EXPECTED).raise(py);
@@ -37,7 +37,7 @@ pub fn time(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Nanos> {
     Err(wrong(format!("{} ({})", value.repr()?, value.get_type().name()?)))
 }
 
-/// A time that has to lie within limits.
+/// Reads a time from an argument, within limits.
 pub fn time_within(
     name: &str,
     value: &Bound<'_, PyAny>,
@@ -52,13 +52,13 @@ pub fn time_within(
     Err(Failure::argument(name, found.to_string(), expected).raise(value.py()))
 }
 
-/// A `timedelta`, or what looks like one; exact, without floating point.
+/// Reads a `timedelta`, or an object like it; exact, without floating point.
 pub fn timedelta(value: &Bound<'_, PyAny>) -> PyResult<Option<Nanos>> {
     let parts = ["days", "seconds", "microseconds"].map(|part| value.getattr_opt(part));
     let [Ok(Some(days)), Ok(Some(seconds)), Ok(Some(micros))] = parts else { return Ok(None) };
     let (days, seconds) = (days.extract::<i64>()?, seconds.extract::<i64>()?);
     let micros = micros.extract::<i64>()?;
-    // pandas' own has nanoseconds beside.
+    // The type of pandas also has nanoseconds.
     let nanos = match value.getattr_opt("nanoseconds")? {
         Some(nanos) => nanos.extract::<i64>()?,
         None => 0,
@@ -75,7 +75,7 @@ pub fn timedelta(value: &Bound<'_, PyAny>) -> PyResult<Option<Nanos>> {
     }
 }
 
-/// Whole nanoseconds of a time.
+/// Converts a time to whole nanoseconds.
 ///
 /// Parameters
 /// ----------
@@ -89,7 +89,7 @@ pub fn timedelta(value: &Bound<'_, PyAny>) -> PyResult<Option<Nanos>> {
 /// Raises
 /// ------
 /// InputError
-///     It is no time.
+///     The value is no time.
 ///
 /// Examples
 /// --------

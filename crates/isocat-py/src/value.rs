@@ -1,4 +1,4 @@
-//! Python's values as those of files, and documents as values of Python.
+//! Converts values of Python to those of files, and documents to values of Python.
 
 use std::collections::HashSet;
 
@@ -22,7 +22,7 @@ impl Times {
         Self(keys::all().filter(is_time).map(|place| place.path()).collect())
     }
 
-    /// `subdevice[0].cycle`, `host.jitter`.
+    /// Whether the value at a path, for example `subdevice[0].cycle` or `host.jitter`, is a time.
     pub fn has(&self, path: &str) -> bool {
         let bare: Vec<&str> =
             path.split('.').map(|part| part.split('[').next().unwrap_or(part)).collect();
@@ -30,11 +30,11 @@ impl Times {
     }
 }
 
-/// The deepest that tables may lie in each other.
+/// Largest depth of nested tables.
 const DEEPEST: usize = 16;
 
-/// A mapping as a table. `path` is where it stands; a key may end in `_` where Python has the word
-/// for itself (`for_`).
+/// Converts a mapping to a table. `path` is its place; a key may end in `_` if it is a keyword of
+/// Python (`for_`).
 pub fn table(times: &Times, path: &str, from: &Bound<'_, PyAny>) -> PyResult<Table> {
     let Ok(mapping) = from.cast::<PyMapping>() else {
         let found = format!("{} ({})", from.repr()?, from.get_type().name()?);
@@ -57,7 +57,7 @@ pub fn table(times: &Times, path: &str, from: &Bound<'_, PyAny>) -> PyResult<Tab
     Ok(table)
 }
 
-/// A value of a file.
+/// Converts a value to that of a file.
 pub fn value(times: &Times, path: &str, from: &Bound<'_, PyAny>) -> PyResult<Value> {
     if path.split('.').count() > DEEPEST {
         let expected = format!("{DEEPEST} levels at most");
@@ -102,7 +102,7 @@ pub fn value(times: &Times, path: &str, from: &Bound<'_, PyAny>) -> PyResult<Val
     Err(Failure::argument(path, found, expected).raise(from.py()))
 }
 
-/// A value of a grid, as `isocat sweep --vary` takes it.
+/// Converts a value of a grid to a text, as `isocat sweep --vary` takes it.
 pub fn text(times: &Times, key: &str, from: &Bound<'_, PyAny>) -> PyResult<String> {
     match value(times, key, from)? {
         Value::String(text) => Ok(text),
@@ -116,7 +116,7 @@ pub fn text(times: &Times, key: &str, from: &Bound<'_, PyAny>) -> PyResult<Strin
     }
 }
 
-/// A table of a file as a `dict`.
+/// Converts a table of a file to a `dict`.
 pub fn dict<'py>(py: Python<'py>, table: &Table) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     for (key, value) in table {
@@ -143,7 +143,7 @@ fn of_toml<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     })
 }
 
-/// A document as values of Python: what `json.loads` would give.
+/// Converts a document to values of Python: those that `json.loads` would return.
 pub fn document<'py>(
     py: Python<'py>,
     document: &impl serde::Serialize,
@@ -182,7 +182,7 @@ fn of_json<'py>(py: Python<'py>, value: &serde_json::Value) -> PyResult<Bound<'p
     })
 }
 
-/// A document as JSON.
+/// Converts a document to JSON.
 pub fn json(document: &impl serde::Serialize) -> String {
     let text = serde_json::to_string_pretty(document);
     text.expect("documents have no map keys that JSON lacks") + "\n"

@@ -1,5 +1,5 @@
-//! Work that takes time: on a thread of its own, while the calling one waits without the
-//! interpreter's lock and hears signals.
+//! Runs long work on its own thread, while the calling thread waits without the interpreter's lock
+//! and handles signals.
 
 use std::any::Any;
 use std::panic::resume_unwind;
@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 
 use crate::error::{Class, Failure};
 
-/// Says that somebody wants work to end.
+/// A flag that asks work to end.
 #[derive(Clone, Default)]
 pub struct Stop(Arc<AtomicBool>);
 
@@ -31,7 +31,7 @@ impl Stop {
         &self.0
     }
 
-    /// Ends the thread where it is set, without a word: nobody waits for what it does.
+    /// Ends the thread if the flag is set, without a message: its result is no longer wanted.
     pub fn leave_if_set(&self) {
         if self.is_set() {
             resume_unwind(Box::new("stopped"));
@@ -39,11 +39,11 @@ impl Stop {
     }
 }
 
-/// Signals are looked for this often.
+/// Time between two checks for signals.
 const LOOK: Duration = Duration::from_millis(25);
 
-/// Does the work. On Ctrl-C, `stop` is set and the exception raised at once; the thread ends when
-/// it sees the flag.
+/// Runs the work. On Ctrl-C, sets `stop` and raises the exception at once; the thread ends when it
+/// sees the flag.
 pub fn interruptible<T: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(&Stop) -> T + Send + 'static,
@@ -60,10 +60,11 @@ pub fn interruptible<T: Send + 'static>(
     }
 }
 
-/// What comes next of a thread; `None` once it has ended. Hears signals while it waits.
+/// Receives the next item of a thread; `None`: the thread has ended. Handles signals while it
+/// waits.
 pub fn next<T: Send>(py: Python<'_>, stop: &Stop, from: &mut Receiver<T>) -> PyResult<Option<T>> {
     loop {
-        // Moved, as a receiver can't be shared with another thread.
+        // A receiver can't be shared with another thread, so the reference is moved.
         let waited = &mut *from;
         match py.detach(move || waited.recv_timeout(LOOK)) {
             Ok(item) => return Ok(Some(item)),
@@ -80,10 +81,10 @@ pub fn spawn(py: Python<'_>, work: impl FnOnce() + Send + 'static) -> PyResult<J
     })
 }
 
-/// As much as a main thread has.
+/// Stack size of the thread, bytes: that of a main thread.
 const STACK: usize = 8 << 20;
 
-/// The exception of a thread that did not come to its end.
+/// The exception for a thread that panicked.
 pub fn broken(py: Python<'_>, thread: JoinHandle<()>) -> PyErr {
     let why = py.detach(|| thread.join()).err().map_or_else(String::new, words);
     Failure::new(Class::Internal, format!("a fault in isocat itself, please report it: {why}"))

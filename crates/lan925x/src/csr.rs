@@ -1,4 +1,4 @@
-//! Access to the ESC's registers, 0x0000-0x0FFF: a command, its end, a data word.
+//! Access to the ESC's registers, 0x0000-0x0FFF: a command with a busy bit, and a data word.
 
 use embedded_hal::spi::SpiDevice;
 
@@ -7,7 +7,7 @@ use crate::error::{Access, Direction, Error};
 use crate::system::{self, BUSY, CSR_CMD, CSR_DATA, CSR_READ};
 
 impl<SPI: SpiDevice> Lan925x<SPI> {
-    /// Reads registers, in pieces that the chip can do at once.
+    /// Reads registers, in pieces that one command can access.
     pub(crate) fn read_registers(
         &mut self,
         mut address: u16,
@@ -24,7 +24,7 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
         Ok(())
     }
 
-    /// Writes registers, in pieces that the chip can do at once.
+    /// Writes registers, in pieces that one command can access.
     pub(crate) fn write_registers(
         &mut self,
         mut address: u16,
@@ -34,7 +34,7 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
             let (piece, rest) = data.split_at(piece_len(address, data.len()));
             let mut word = [0; 4];
             word[..piece.len()].copy_from_slice(piece);
-            // Before the data: they belong to a command that may still be under way.
+            // Must come before the data: an unfinished command still uses the data register.
             self.finish_csr(Direction::Write, address, piece.len())?;
             system::write(&mut self.spi, CSR_DATA, u32::from_le_bytes(word)).map_err(Error::Bus)?;
             self.csr(Direction::Write, address, piece.len())?;
@@ -44,7 +44,7 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
         Ok(())
     }
 
-    /// Gives one command and waits for its end.
+    /// Sends one command and waits for its end.
     fn csr(
         &mut self,
         direction: Direction,
@@ -59,8 +59,8 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
         self.finish_csr(direction, address, len)
     }
 
-    /// Waits for the end of a command that is or may be under way; `direction`, `address` and `len` say
-    /// who waits.
+    /// Waits for the end of an unfinished command; `direction`, `address` and `len` are the access
+    /// for the error.
     fn finish_csr(
         &mut self,
         direction: Direction,
@@ -80,7 +80,7 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
     }
 }
 
-/// Bytes of the next command: 1, 2 or 4, at a multiple of their number.
+/// Number of bytes of the next command: 1, 2 or 4, at an address that is a multiple of it.
 fn piece_len(address: u16, left: usize) -> usize {
     let aligned = match address % 4 {
         0 => 4,

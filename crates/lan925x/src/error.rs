@@ -1,57 +1,58 @@
-//! What can go wrong between the CPU and the chip.
+//! Errors between the CPU and the chip.
 
 use core::fmt;
 
 use crate::system::{BYTE_TEST_VALUE, HW_CFG_READY};
 
-/// Why the chip could not be accessed.
+/// Why an access to the chip failed.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Error<E> {
     /// The SPI bus reported a fault.
     Bus(E),
-    /// BYTE_TEST (0x064) does not read 0x87654321: no chip, wrong bus mode, or not awake yet.
+    /// BYTE_TEST (0x064) does not read 0x87654321: no chip, wrong bus mode, or not ready yet.
     ByteTest {
-        /// What it read last.
+        /// The last value that was read.
         found: u32,
     },
-    /// HW_CFG (0x074) bit 27 stays 0: the chip does not get ready, as without a working EEPROM.
+    /// HW_CFG (0x074) bit 27 stays 0: the chip is not ready, for example without a working EEPROM.
     NotReady {
-        /// What HW_CFG read last.
+        /// The last value of HW_CFG.
         found: u32,
     },
     /// RESET_CTL (0x1F8) bit 0 stays 1.
     InReset {
-        /// What RESET_CTL read last.
+        /// The last value of RESET_CTL.
         found: u32,
     },
-    /// ID_REV (0x050) names none of the chips that this driver knows.
+    /// ID_REV (0x050) names a chip that this driver does not support.
     UnknownChip {
-        /// What it read.
+        /// The value that was read.
         found: u32,
     },
-    /// The chip did not come to an end with an access to the ESC.
+    /// The chip did not end an access to the ESC.
     Busy(Access),
-    /// The FIFO of an access to process RAM claims more words than it can hold: nobody drives the bus.
+    /// The FIFO of an access to process RAM claims more words than it can hold: no chip drives the
+    /// bus.
     FifoCount {
         /// The access.
         access: Access,
-        /// What the command register read.
+        /// The value of the command register.
         found: u32,
     },
 }
 
-/// An access to the ESC, registers or process RAM.
+/// An access to the ESC's registers or process RAM.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Access {
     /// Read or write.
     pub direction: Direction,
-    /// First byte, in the ESC's addresses.
+    /// First byte, as address of the ESC.
     pub address: u16,
-    /// Bytes.
+    /// Number of bytes.
     pub len: u16,
 }
 
-/// Which way the data of an access go.
+/// The direction of the data of an access.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Direction {
     /// From the ESC.

@@ -1,22 +1,25 @@
-//! LAN9252, LAN9253 and LAN9254 behind SPI: the door between the SubDevice stack and a real ESC.
+//! Driver for LAN9252, LAN9253 and LAN9254 behind SPI, which connects the SubDevice stack to a real
+//! ESC.
 //!
-//! [`Lan925x`] takes an `embedded-hal` SPI device and is an [`isocat_esc::Pdi`]. An access of the stack goes
-//! one of two ways:
+//! [`Lan925x`] takes an `embedded-hal` SPI device and is an [`isocat_esc::Pdi`]. An access of the
+//! stack takes one of two ways:
 //!
-//! 1. Registers, 0x0000-0x0FFF, through a command and a data word (`csr`): the command names address, width
-//!    and direction, its busy bit says when the ESC has done it. 1, 2 or 4 bytes at once, at addresses that
-//!    are a multiple of their number.
-//! 2. Process RAM from 0x1000 on, through two FIFOs of 16 words (`process_ram`): one command for the
-//!    whole access, so that a SyncManager's buffer is opened and closed by one access, then words as they
-//!    come or find room.
+//! 1. Registers, 0x0000-0x0FFF, by a command and a data word (`csr`): the command has address,
+//!    width and direction, and its busy bit tells when the ESC has executed it. It accesses 1, 2 or
+//!    4 bytes, at an address that is a multiple of this number.
+//! 2. Process RAM from 0x1000 on, by two FIFOs of 16 words (`process_ram`): one command for the
+//!    whole access, so that one access opens and closes a SyncManager's buffer, then words as the
+//!    FIFO has data or space.
 //!
-//! Both stand on the chip's own registers, which SPI reads and writes directly (`system`).
+//! Both use the chip's own registers, which SPI reads and writes directly (`system`).
 //!
-//! The bus runs in mode 0 or 3, at up to 30 MHz: reads use the command without a dummy byte. The EEPROM must
-//! configure SPI with the LAN9252's indirect access as PDI. A cycle with DC SYNC0 and four bytes each way
-//! takes about 15 transactions and 105 bytes of the bus: 28 us at 30 MHz, pauses between them apart.
+//! The bus runs in mode 0 or 3, at up to 30 MHz: reads use the command without a dummy byte. The
+//! EEPROM must configure SPI with the LAN9252's indirect access as PDI. A cycle with DC SYNC0 and
+//! four bytes in each direction takes about 15 transactions and 105 bytes on the bus: 28 us at 30
+//! MHz, plus the pauses between transactions.
 //!
-//! The driver was tested against a model of the chip's registers (`tests/chip`), not on a chip yet.
+//! The driver was tested with a model of the chip's registers (`tests/chip`), but not with a real
+//! chip yet.
 //!
 //! ```no_run
 //! # fn device<SPI: embedded_hal::spi::SpiDevice>(

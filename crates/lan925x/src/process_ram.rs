@@ -1,6 +1,7 @@
-//! Access to process RAM, from 0x1000 on: one command for all of it, and a FIFO of words.
+//! Access to process RAM, from 0x1000 on: one command for the whole access, and a FIFO of words.
 //!
-//! The first byte stands in its word where its address puts it: the FIFO's words are those of RAM.
+//! The words of the FIFO are those of RAM, so the address of the first byte determines its place in
+//! its word.
 
 use embedded_hal::spi::SpiDevice;
 
@@ -37,7 +38,7 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
         Ok(())
     }
 
-    /// Writes process RAM with one access; when it returns, the data stand there.
+    /// Writes process RAM with one access; on return, all data are in RAM.
     pub(crate) fn write_ram(&mut self, address: u16, data: &[u8]) -> Result<(), Error<SPI::Error>> {
         let access = Access { direction: Direction::Write, address, len: data.len() as u16 };
         self.start(access)?;
@@ -60,7 +61,7 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
         Ok(())
     }
 
-    /// Starts an access, after ending one of its direction that was left half done.
+    /// Starts an access, after ending an unfinished one in the same direction.
     fn start(&mut self, access: Access) -> Result<(), Error<SPI::Error>> {
         let (address, command, unfinished) = match access.direction {
             Direction::Read => (PRAM_READ_ADDRESS, PRAM_READ_CMD, &mut self.unfinished.read),
@@ -75,7 +76,7 @@ impl<SPI: SpiDevice> Lan925x<SPI> {
         system::write(&mut self.spi, command, BUSY).map_err(Error::Bus)
     }
 
-    /// Waits until the FIFO has words, or room for them, and says how many.
+    /// Waits until the FIFO has words, or space for them, and returns how many.
     fn available(&mut self, access: Access) -> Result<usize, Error<SPI::Error>> {
         for _ in 0..self.polls {
             let state = self.state(access.direction)?;

@@ -1,4 +1,4 @@
-//! The driver against a chip modelled by its registers: every access, and everything that goes wrong.
+//! Tests the driver with a chip that is modelled by its registers: every access, and all faults.
 
 mod chip;
 
@@ -8,12 +8,12 @@ use isocat_esc::Pdi;
 use isocat_lan925x::{Access, ChipId, Direction, Error, Lan925x};
 use isocat_wire::{Nanos, Time, register};
 
-/// A chip that is ready, and its driver.
+/// A chip that is ready, with its driver.
 fn ready() -> (Board, Lan925x<Board>) {
     let board = Board::new();
     let mut driver = Lan925x::new(board.clone());
     assert_eq!(driver.connect(&mut board.clone()), Ok(ChipId { chip: 0x9252, revision: 1 }));
-    // The first access of each kind ends what may be left from before; the tests are about the others.
+    // The first access of each kind ends unfinished ones, which the tests do not want to see.
     driver.try_read(0x0000, &mut [0]).unwrap();
     driver.try_read(0x1000, &mut [0]).unwrap();
     driver.try_write(0x1000, &[0]).unwrap();
@@ -24,7 +24,7 @@ fn assert_no_breach(board: &Board) {
     assert_eq!(board.0.borrow().breaches, [""; 0]);
 }
 
-/// Bytes that tell their place.
+/// Bytes that depend on their place.
 fn pattern(len: usize) -> Vec<u8> {
     (0..len).map(|at| (at % 251) as u8 + 1).collect()
 }
@@ -32,7 +32,7 @@ fn pattern(len: usize) -> Vec<u8> {
 #[test]
 fn registers_at_every_alignment() {
     let (board, mut driver) = ready();
-    // User RAM: 0x0F80 on. Its first bytes are the ESC's, the rest is free.
+    // User RAM begins at 0x0F80. Its first bytes are used by the ESC, the rest is free.
     for first in 0..8 {
         for len in 0..20 {
             let (address, data) = (0x0FA0 + first, pattern(len));
@@ -164,7 +164,7 @@ fn a_command_that_never_ends_is_given_up_and_the_next_access_waits_for_it() {
     let access = Access { direction: Direction::Read, address: 0x0130, len: 2 };
     assert_eq!(driver.fault(), Some(&Error::Busy(access)));
     assert_eq!(driver.fault().unwrap().to_string(), "read of 2 bytes at 0x0130: still busy");
-    // Nothing is asked of the chip before it has ended what it does.
+    // The driver sends nothing before the chip has ended its command.
     driver.write(0x0FA0, &[1]);
     assert_eq!((driver.faults(), driver.take_fault()), (2, Some(Error::Busy(access))));
     let end = board.0.borrow().now + Nanos::millis(5);
@@ -197,7 +197,8 @@ fn an_access_to_process_ram_that_never_ends_is_given_up_and_ended_by_the_next_on
     }
 }
 
-/// Whatever transaction fails, the access gives zeros, the fault is kept, and the next access is right.
+/// Whichever transaction fails, the access reads zeros, the fault is kept, and the next access is
+/// right.
 #[test]
 fn a_bus_that_fails_once_costs_one_access() {
     for (address, len) in [(0x0FA0, 7), (0x1205, 150)] {
@@ -247,7 +248,7 @@ fn a_bus_that_nobody_drives_is_no_data() {
     assert!(matches!(driver.take_fault(), Some(Error::FifoCount { found: u32::MAX, .. })));
     assert_eq!(driver.events(), 0);
     assert!(matches!(driver.take_fault(), Some(Error::Busy(_))));
-    // Zeros can't be told from an idle ESC by what the stack reads: the check does it.
+    // What the stack reads looks like an idle ESC; only the check detects the fault.
     board.0.borrow_mut().floating = Some(0);
     assert_eq!((driver.events(), driver.take_fault()), (0, None));
     assert_eq!(driver.check(), Err(Error::ByteTest { found: 0 }));

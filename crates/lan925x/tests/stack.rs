@@ -1,7 +1,8 @@
-//! The whole SubDevice stack over the driver: a MainDevice's frames on one side of the chip, SPI on the other.
+//! Tests the whole SubDevice stack with the driver: a MainDevice's frames on one side of the chip,
+//! SPI on the other.
 
 mod chip;
-/// The device of the firmware: I/O with four bytes each way.
+/// The device of the firmware: an I/O device with four bytes in each direction.
 #[path = "../../../firmware/src/device.rs"]
 mod device;
 
@@ -26,7 +27,7 @@ struct Rig {
     board: Board,
     driver: Lan925x<Board>,
     stack: SubDevice<Io, [u8; device::STORE]>,
-    /// When the main loop looks next.
+    /// When the main loop runs next.
     polling: Option<Time<Device>>,
 }
 
@@ -43,8 +44,8 @@ impl Rig {
         self.board.0.borrow().now
     }
 
-    /// The CPU lives until `end`: interrupts in the order of the chip's events, each as soon as the CPU is
-    /// free, and the main loop.
+    /// Runs the CPU until `end`: interrupts in the order of the chip's events, each as soon as the
+    /// CPU is free, and the main loop.
     fn until(&mut self, end: Time<Device>) {
         loop {
             let event = self.board.0.borrow_mut().events.pop_front();
@@ -79,7 +80,8 @@ impl Rig {
                     if al_events & al_event::sync_manager(number) != 0 {
                         self.run(event);
                     }
-                    // The line is a level: a buffer that could not be read calls again.
+                    // The line is a level: if the buffer could not be read, the interrupt comes
+                    // again.
                     let now = self.now();
                     let standing = self.board.0.borrow().esc.al_events(now);
                     if number == 2 && standing & al_event::sync_manager(2) != 0 {
@@ -109,7 +111,8 @@ impl Rig {
         }
     }
 
-    /// A frame with one datagram arrives at `at`; its working counter and data once it has passed.
+    /// Sends a frame with one datagram, which arrives at `at`; returns its working counter and data
+    /// afterwards.
     fn datagram_at(
         &mut self,
         at: Time<Device>,
@@ -151,14 +154,14 @@ impl Rig {
         (self.read(register::AL_STATUS), self.read(register::AL_STATUS_CODE))
     }
 
-    /// Asks for a state, and waits two milliseconds.
+    /// Requests a state, and waits two milliseconds.
     fn ask(&mut self, state: AlState) -> (AlStatus, AlStatusCode) {
         self.write(register::AL_CONTROL, AlControl::request_and_acknowledge(state));
         self.until(self.now() + Nanos::millis(2));
         self.status()
     }
 
-    /// From INIT to PREOP.
+    /// Goes from INIT to PREOP.
     fn pre_op(&mut self) {
         assert_eq!(self.ask(AlState::Init), (AlStatus(1), AlStatusCode(0)));
         self.write(sync_manager(0), SyncManager::new(0x1000, 64, SyncManager::MAILBOX_OUT, true));
@@ -166,7 +169,8 @@ impl Rig {
         assert_eq!(self.ask(AlState::PreOp), (AlStatus(2), AlStatusCode(0)));
     }
 
-    /// From PREOP to SAFEOP with SYNC0 every millisecond; when the first comes.
+    /// Goes from PREOP to SAFEOP with SYNC0 every millisecond; returns the instant of the first
+    /// SYNC0.
     fn safe_op(&mut self) -> Time<Device> {
         self.write(sync_manager(2), SyncManager::new(0x1100, 4, SyncManager::OUTPUTS, true));
         self.write(sync_manager(3), SyncManager::new(0x1400, 4, SyncManager::INPUTS, true));
@@ -181,7 +185,8 @@ impl Rig {
         self.board.0.borrow().esc.first_reaching(Time::new(system), now)
     }
 
-    /// A cycle with its frame in the middle before `sync0`, and the look of the main loop behind it: the inputs.
+    /// Runs a cycle with its frame half a millisecond before `sync0`, and the main loop afterwards;
+    /// returns the inputs.
     fn cycle(&mut self, sync0: Time<Device>, outputs: u32) -> u32 {
         let data = outputs.to_le_bytes();
         let at = sync0 + Nanos::micros(-500);
@@ -216,12 +221,12 @@ fn the_pin_is_a_level_as_long_as_an_event_stands() {
     for active_high in [false, true] {
         let mut rig = Rig::new();
         let pin = |rig: &Rig| rig.board.0.borrow().pin();
-        // What is left of the start is done.
+        // Waits until all events of the start were processed.
         rig.until(rig.now() + Nanos::micros(100));
         assert_eq!(pin(&rig), None);
         rig.driver.enable_interrupt(active_high).unwrap();
         assert_eq!(pin(&rig), Some(!active_high));
-        // The ESC takes the frame over at its next tick, the main loop looks 20 us later.
+        // The ESC takes the frame at its next tick, and the main loop runs 20 us later.
         rig.write(register::AL_CONTROL, AlControl::request(AlState::Init));
         rig.until(rig.now() + Nanos(10));
         assert_eq!(pin(&rig), Some(active_high));
@@ -239,7 +244,8 @@ fn from_init_to_op_with_sync0_over_spi() {
     let sync0 = |number: u32| first + Nanos::millis(i64::from(number));
     rig.cycle(sync0(0), 0);
     assert_eq!(rig.ask(AlState::Op).0, AlStatus(4), "not before SYNC0 has settled");
-    // Asking took two cycles without a frame, before the count began anew with the first good one.
+    // The request took two cycles without a frame; after that, the first good cycle restarted the
+    // count.
     let mut number = 3;
     while rig.stack.state() != AlState::Op && number < 300 {
         rig.cycle(sync0(number), number);
@@ -265,7 +271,7 @@ fn from_init_to_op_with_sync0_over_spi() {
     assert_eq!(rig.stack.sync().cycle_time_too_small(), 0);
     rig.assert_clean();
 
-    // A frame that stays away is counted, and the next one takes it back one by one.
+    // A missing frame counts three, and each following frame reduces the counter by one.
     rig.until(sync0(number) + Nanos::micros(300));
     assert_eq!(rig.stack.sync().sm_event_missed(), 3);
     rig.cycle(sync0(number + 1), 1);
@@ -274,8 +280,8 @@ fn from_init_to_op_with_sync0_over_spi() {
     rig.assert_clean();
 }
 
-/// A bus that fails for one transaction at a time, at any place of the cycle: the device stays in OP or says why
-/// not, and never passes on outputs that nobody sent.
+/// The bus fails in one transaction at a time, anywhere in the cycle: the device stays in OP or
+/// tells why not, and never passes on outputs that were not sent.
 #[test]
 fn a_disturbed_bus_in_op() {
     let mut rig = Rig::new();

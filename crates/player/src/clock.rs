@@ -1,8 +1,8 @@
-//! What no list can know and the MainDevice that plays it must measure: who hangs on whom, delays (0x0928), offsets
+//! Measures and sets what no list can know: the tree of devices, delays (0x0928) and offsets
 //! (0x0920). Then drift frames lead all clocks until they have converged.
 //!
-//! The way is that of our own MainDevice: many latches of the receive times, offsets from times of one and the same frame,
-//! and a burst of drift frames, judged by 0x092C.
+//! The procedure is that of isocat's own MainDevice: many latches of the receive times, offsets
+//! from times of the same frame, and a burst of drift frames, judged by 0x092C.
 
 use isocat_descriptions::start_up::{Address, StartUp};
 use isocat_maindevice::DriftFilters;
@@ -23,7 +23,7 @@ use crate::line::Line;
 pub(crate) struct Clocks {
     /// Position of the reference clock.
     pub reference: usize,
-    /// By position; `None` without a clock.
+    /// The clocks by position; `None`: the device has no clock.
     pub units: Vec<Option<Unit>>,
 }
 
@@ -32,23 +32,23 @@ pub(crate) struct Clocks {
 pub struct Unit {
     /// Station address.
     pub station: u16,
-    /// Its system time has 64 bits, else 32.
+    /// Whether its system time has 64 bits; else 32.
     pub is_wide: bool,
-    /// Register 0x0920.
+    /// Offset (0x0920).
     pub offset: u64,
-    /// Register 0x0928.
+    /// Propagation delay (0x0928).
     pub delay: Nanos,
-    /// What the receive times say of the delay.
+    /// The delay by the receive times.
     pub measured: Delay,
-    /// Whether the receive times told the delay; else it is 0.
+    /// Whether the receive times gave a delay; else the delay is 0.
     pub is_delay_known: bool,
-    /// Register 0x092C when the clocks had been led, its size.
+    /// Magnitude of the last 0x092C while the clocks were led.
     pub difference: Nanos,
-    /// It stayed within what counts as converged.
+    /// Whether 0x092C stayed within the limit of convergence.
     pub has_converged: bool,
 }
 
-/// One device, as the delay measurement sees it.
+/// A device, as input of the delay measurement.
 struct Port {
     station: u16,
     kind: u8,
@@ -57,14 +57,14 @@ struct Port {
     is_wide: bool,
 }
 
-/// Times of one latch: of the ports, and of the processing unit.
+/// Times of one latch: of the ports and of the processing unit.
 #[derive(Clone, Copy, Default)]
 struct Latch {
     ports: Option<[u32; 4]>,
     entry: u64,
 }
 
-/// Measures and sets all clocks. `None` if no cyclic datagram of the list distributes a time.
+/// Measures and sets all clocks. `None`: no cyclic datagram of the list distributes a time.
 pub(crate) fn set(line: &mut Line, list: &StartUp) -> Result<Option<Clocks>, Kind> {
     let Some(reference) = reference(list) else { return Ok(None) };
     let ports = list.devices.iter().map(|device| port(line, device.station));
@@ -129,7 +129,8 @@ pub(crate) fn system_time(line: &mut Line, clocks: &Clocks) -> Result<Time<Dc>, 
     Ok(Time::new(if unit.is_wide { time } else { time & u64::from(u32::MAX) }))
 }
 
-/// A frame that entered the reference at its local time `there` enters a device `delay` later, at `here`.
+/// The offset of a device, by a frame that entered the reference at its local time `there`, and the
+/// device `delay` later at its local time `here`.
 fn offset(unit: &Unit, there: u64, here: u64) -> u64 {
     let offset = there.wrapping_add_signed(unit.delay.0).wrapping_sub(here);
     if unit.is_wide { offset } else { offset & u64::from(u32::MAX) }
@@ -140,7 +141,7 @@ fn port(line: &mut Line, station: u16) -> Result<Port, Kind> {
     let status = line.read(station, register::DL_STATUS.address, 2)?.ok_or(Kind::NoAnswer)?;
     let bits = register::FEATURES.load(&head);
     let has_dc = bits & features::DC != 0;
-    // An ESC may have receive times without a clock: then nothing answers at 0x0910.
+    // An ESC may have receive times but no clock: then it does not answer at 0x0910.
     let has_clock = has_dc && line.read(station, register::SYSTEM_TIME.address, 4)?.is_some();
     Ok(Port {
         station,
@@ -151,8 +152,8 @@ fn port(line: &mut Line, station: u16) -> Result<Port, Kind> {
     })
 }
 
-/// The tree of open ports, with frames coming in at port 0 everywhere. A frame visits the others in the order 3, 1, 2,
-/// and goes down a branch as soon as it meets one, so positions follow from the ports.
+/// The tree of open ports, if frames enter every device at port 0. A frame visits the other ports
+/// in the order 3, 1, 2, and follows each branch at once, so positions follow from the open ports.
 fn tree(ports: &[Port]) -> Result<Vec<Node>, Kind> {
     let mut nodes: Vec<Node> = Vec::with_capacity(ports.len());
     let mut free: Vec<(usize, PortNumber)> = Vec::new();
@@ -189,7 +190,7 @@ fn tree(ports: &[Port]) -> Result<Vec<Node>, Kind> {
     }
 }
 
-/// One write to 0x0900, and the times that it latched.
+/// Writes 0x0900 once, and reads the times that it latched.
 fn latch(line: &mut Line, ports: &[Port]) -> Result<Vec<Latch>, Kind> {
     let address = Address::Physical { device: 0, register: register::RECEIVE_TIME_0.address };
     line.datagram(Command::Bwr, address, &[0; 4])?.ok_or(Kind::NoAnswer)?;
@@ -214,7 +215,8 @@ fn word(bytes: &[u8], at: usize) -> u32 {
         .map_or(0, |bytes| u32::from_le_bytes(*bytes))
 }
 
-/// Writes delays and offsets, then what clears the filters. Depths that the list writes itself stay as it has them.
+/// Writes delays and offsets, and then 0x0930, which clears the filters. Filter depths are only
+/// written if the list does not write them.
 fn write(line: &mut Line, list: &StartUp, clocks: &Clocks) -> Result<(), Kind> {
     for unit in clocks.units.iter().flatten() {
         let delay = (unit.delay.0 as u32).to_bytes();
@@ -234,7 +236,7 @@ fn write(line: &mut Line, list: &StartUp, clocks: &Clocks) -> Result<(), Kind> {
     Ok(())
 }
 
-/// Whether the list writes 0x0934 itself.
+/// Whether the list writes 0x0934.
 fn writes_filters(list: &StartUp) -> bool {
     let of_devices = list.devices.iter().flat_map(|device| &device.registers);
     let all = list.before.iter().chain(&list.after).chain(of_devices);
@@ -247,9 +249,10 @@ fn writes_filters(list: &StartUp) -> bool {
     )
 }
 
-/// Leads the clocks by a burst of drift frames until all have converged, or patience ends: the judges see what comes of a
-/// clock that has not. Where the cycle's own drift datagrams come much more seldom, slower frames follow, as they teach the
-/// loops the speed well enough for that.
+/// Leads the clocks by a burst of drift frames until all have converged, or until `PATIENCE` has
+/// passed: then the judges see the effect of clocks that have not converged. If the cycle's own
+/// drift datagrams are much less frequent, slower frames follow, so that the drift loops learn the
+/// speeds well enough.
 fn converge(line: &mut Line, list: &StartUp, clocks: &mut Clocks) -> Result<(), Kind> {
     let end = line.now() + PATIENCE;
     let converged = lead(line, clocks, (PACE, 0), end)?;
@@ -266,8 +269,8 @@ fn converge(line: &mut Line, list: &StartUp, clocks: &mut Clocks) -> Result<(), 
     Ok(())
 }
 
-/// Leads the clocks by one drift frame each `pace` until all have converged, and by `least` frames at least; until `end` at
-/// the latest. Gives by position which ones have.
+/// Leads the clocks by one drift frame each `pace`, with at least `least` frames, until all have
+/// converged or `end` has passed. Returns by position which ones have converged.
 fn lead(
     line: &mut Line,
     clocks: &mut Clocks,
@@ -313,24 +316,24 @@ fn lead(
     Ok(converged)
 }
 
-/// How often receive times are latched.
+/// Number of latches of the receive times.
 const LATCHES: usize = 16;
-/// From latch to latch: clocks slip within the tick.
+/// Time between two latches, chosen so that clocks shift within a tick.
 const BETWEEN_LATCHES: Nanos = Nanos(1_037_000);
-/// How far the speeds of two free-running clocks may lie apart: 50 ppm each.
+/// Largest difference between the speeds of two free-running clocks: 50 ppm each.
 const FREE_RUNNING_PPB: u32 = 100_000;
-/// Register 0x0930: reset value of the chips.
+/// Value for register 0x0930: the reset value of the ESCs.
 const SPEED_COUNTER_START: u16 = 0x1000;
-/// From one drift frame of the burst to the next.
+/// Time between two drift frames of the burst.
 const PACE: Nanos = Nanos(100_000);
-/// Drift frames from one look at 0x092C to the next.
+/// Drift frames between two readings of 0x092C.
 const FRAMES_PER_READING: usize = 20;
-/// Slower drift frames at least and at most, where the cycle is slow.
+/// Smallest and largest number of the slower drift frames, if the cycle is slow.
 const LEARNING_FRAMES: i64 = 128;
 const MOST_LEARNING: i64 = 512;
-/// A clock counts as converged when 0x092C stays below this.
+/// Limit of 0x092C for converged clocks.
 const THRESHOLD: Nanos = Nanos(100);
-/// What the jitter of hops leaves in 0x092C behind its filter, 1 sigma.
+/// Noise of 0x092C after its filter by the jitter of hops, 1 sigma.
 const NOISE: Nanos = Nanos(15);
-/// How long clocks are led.
+/// How long clocks are led at most.
 const PATIENCE: Nanos = Nanos::millis(10_000);

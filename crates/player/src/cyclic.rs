@@ -1,5 +1,5 @@
-//! The cyclic exchange: the frames of the list as they stand, in the states that they name. Nothing is allocated once it
-//! runs.
+//! The cyclic exchange: sends the frames of the list unchanged, in the states that they name. It
+//! allocates nothing while it runs.
 
 use isocat_descriptions::start_up::{Address, CyclicDatagram, CyclicFrame};
 use isocat_maindevice::Event;
@@ -16,69 +16,69 @@ use crate::line::{SOURCE, wire_address};
 use crate::tally::Tally;
 use crate::wire::{Buffer, Sent, Wire};
 
-/// The exchange and its state.
+/// The exchange, with its state.
 pub(crate) struct Exchange {
     frames: Vec<CyclicFrame>,
     cycle: Nanos,
-    /// The state of the MainDevice: it says which datagrams are sent.
+    /// The state of the MainDevice, which determines the datagrams to send.
     pub state: AlState,
     /// Follows the reference clock; `None` without one.
     servo: Option<Servo>,
-    /// What was last told of its lock.
+    /// The state of the servo that was last reported.
     told: State,
     /// The last system time of the reference, to extend readings of 32 bits.
     last: Time<Dc>,
     due: Time<Host>,
-    /// The system time that the next cycle is to find at the reference.
+    /// The system time at which the next cycle is due at the reference.
     grid: Time<Dc>,
     number: u64,
     longest: Nanos,
-    /// Frames under way.
+    /// Frames in flight.
     flights: Vec<Flight>,
-    /// The last cycle in which something was wrong.
+    /// The last cycle with a fault.
     broken: Option<u64>,
-    /// Of the cyclic datagrams, in the order of the list: whether it counted wrongly when it was last back.
+    /// For each cyclic datagram of the list: whether its last working counter was wrong.
     wrong: Vec<bool>,
-    /// The last cycle whose drift datagram was right, and whether it was told that none is.
+    /// The last cycle with a right drift datagram, and whether missing ones were reported.
     led: (u64, bool),
-    /// What the list's own broadcast of AL status read last.
+    /// The last AL status that the list's own broadcast read.
     pub al_status: Option<u16>,
-    /// Cycles in a row in which all datagrams counted right.
+    /// Number of consecutive cycles in which all working counters were right.
     pub complete: u64,
     pub counts: Counts,
     zeros: Box<Buffer>,
     outgoing: Box<Buffer>,
 }
 
-/// What was counted.
+/// Counts of the exchange.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Counts {
     /// Cycles.
     pub cycles: u64,
     /// Frames that did not come back.
     pub lost: u64,
-    /// Datagrams that did not count as the list expects.
+    /// Datagrams whose working counter was not the one that the list expects.
     pub wrong: u64,
-    /// What the first of those expected, and what was found.
+    /// The expected and the found working counter of the first of them.
     pub first_wrong: Option<(u16, u16)>,
 }
 
-/// A frame under way.
+/// A frame in flight.
 #[derive(Clone, Copy)]
 struct Flight {
     index: u8,
     frame: usize,
     cycle: u64,
     at: Time<Host>,
-    /// The system time that it is to find at the reference.
+    /// The system time at which it is due at the reference.
     grid: Time<Dc>,
-    /// The state in which it was sent.
+    /// The state of the MainDevice when it was sent.
     state: AlState,
 }
 
 impl Exchange {
-    /// An exchange that begins at `start`. `reference`: its system time now; `None` without a reference clock.
-    /// `stamp_noise`: how much too early time stamps are as a rule.
+    /// An exchange that begins at `start`. `reference`: present system time of the reference clock;
+    /// `None`: there is none. `stamp_noise`: how much too early time stamps usually are.
     pub fn new(
         frames: &[CyclicFrame],
         cycle: Nanos,
@@ -115,29 +115,29 @@ impl Exchange {
         self.due
     }
 
-    /// The longest time from the first bit of a frame to its last bit back at the port; at most a quarter of the cycle, as a
-    /// host that stalled says nothing of the wire.
+    /// The longest time from the first bit of a frame until its last bit is back at the port. It is
+    /// limited to a quarter of the cycle, because a stalled host would count as a long wire.
     pub fn longest_way(&self) -> Nanos {
         self.longest.min(Nanos(self.cycle.0 / 4))
     }
 
-    /// How long a cycle waits for its own frames; what comes later is taken all the same.
+    /// How long a cycle waits for its own frames; later frames are still accepted.
     pub fn collecting(&self) -> Nanos {
         Nanos(self.cycle.0 / 4 * 3)
     }
 
-    /// Whether frames of the present cycle are under way.
+    /// Whether frames of the present cycle are in flight.
     pub fn is_waiting(&self) -> bool {
         self.flights.iter().any(|flight| flight.cycle == self.number)
     }
 
-    /// Whether the cycle is in step with the reference clock; without one there is nothing to be in step with.
+    /// Whether the cycle is locked on the reference clock; true without a reference clock.
     pub fn is_locked(&self) -> bool {
         self.servo.as_ref().is_none_or(|servo| servo.state() == State::Locked)
     }
 
-    /// What is known of the reference clock: the servo's state, how much faster than the host's it runs (ppb), and how well
-    /// that is known. `None` without one.
+    /// The state of the servo, how much faster than the host's clock the reference runs (ppb), and
+    /// the uncertainty of that. `None`: there is no reference clock.
     pub fn phase(&self) -> Option<(State, i64, Option<Uncertainty>)> {
         self.servo.as_ref().map(|servo| (servo.state(), servo.rate_ppb(), servo.uncertainty()))
     }
@@ -179,7 +179,7 @@ impl Exchange {
         Ok(())
     }
 
-    /// Tells what has changed of the lock on the reference clock, and of clocks that are not led.
+    /// Reports changes of the lock on the reference clock, and clocks that no drift datagram leads.
     fn tell_of_clocks(&mut self, at: Time<Host>, tally: &mut Tally) {
         let Some(servo) = &self.servo else { return };
         let (state, cycle) = (servo.state(), self.number);
@@ -195,7 +195,8 @@ impl Exchange {
         }
     }
 
-    /// The number of the bus cycle: by system time, as SYNC pulses come; without a reference it is the count.
+    /// The number of the bus cycle: by system time, like SYNC pulses; without a reference, the
+    /// count of cycles.
     fn slot(&self) -> u64 {
         match &self.servo {
             Some(servo) => {
@@ -205,7 +206,7 @@ impl Exchange {
         }
     }
 
-    /// Sends the datagrams of a frame that are sent in this state; `None` if none is.
+    /// Sends the datagrams of a frame that belong to the present state; `None`: there are none.
     fn send(
         &mut self,
         wire: &mut dyn Wire,
@@ -222,7 +223,7 @@ impl Exchange {
         let mut writer = FrameWriter::new(&mut self.outgoing[..], SOURCE);
         for datagram in self.frames[number].datagrams.iter().filter(|one| is_sent(one, state)) {
             let length = usize::from(datagram.length);
-            // The reference puts its own time in the place of the host's.
+            // The reference replaces this time by its own.
             let data = match is_drift(datagram) && length <= guess.len() {
                 true => &guess[..length],
                 false => &self.zeros[..length.min(frame::MAX_LEN)],
@@ -245,7 +246,7 @@ impl Exchange {
         Ok(Some(sent))
     }
 
-    /// Takes a frame that came in; whether it is one of the exchange.
+    /// Takes a frame that came in; returns whether it belongs to the exchange.
     pub fn take(&mut self, index: u8, bytes: &[u8], now: Time<Host>, tally: &mut Tally) -> bool {
         let Some(place) = self.flights.iter().position(|flight| flight.index == index) else {
             return false;
@@ -276,7 +277,8 @@ impl Exchange {
         true
     }
 
-    /// Looks at a datagram that came back: its data and its working counter. `number`: in its frame, and in the list.
+    /// Checks a datagram that came back, by data and working counter. `number`: in its frame, and
+    /// in the list.
     fn look(
         &mut self,
         flight: Flight,
@@ -326,7 +328,8 @@ impl Exchange {
         }
     }
 
-    /// The cycle that began at `at` is over, and the next one is planned; frames that were waited for long enough are lost.
+    /// Ends the cycle that began at `at` and plans the next one. Frames in flight for `patience` or
+    /// longer are lost.
     pub fn end(&mut self, at: Time<Host>, now: Time<Host>, patience: Nanos, tally: &mut Tally) {
         if !self.is_waiting() {
             self.longest = self.longest.max(now - at);
@@ -341,7 +344,7 @@ impl Exchange {
                 let earliest = at + Nanos(self.cycle.0 / 2);
                 self.grid += self.cycle;
                 self.due = servo.host_at(self.grid);
-                // At the first instant at which its frame finds the reference clock at phase 0.
+                // The next cycle is due when its frame finds the reference clock at phase 0.
                 if !(0..self.cycle.0).contains(&(self.due - earliest).0) {
                     self.grid = servo.next_grid(earliest, self.cycle, Nanos::ZERO);
                     self.due = servo.host_at(self.grid).max(earliest);
@@ -372,23 +375,23 @@ impl Exchange {
     }
 }
 
-/// Whether a datagram is sent in a state of the MainDevice.
+/// Whether a datagram is sent in this state of the MainDevice.
 fn is_sent(datagram: &CyclicDatagram, state: AlState) -> bool {
     datagram.states.is_empty() || datagram.states.contains(&state)
 }
 
-/// Whether a datagram reads AL status of all devices.
+/// Whether a datagram reads the AL status of all devices.
 fn is_state_watch(datagram: &CyclicDatagram) -> bool {
     let at = matches!(datagram.address, Address::Physical { register, .. } if register == register::AL_STATUS.address);
     datagram.command == Command::Brd && at
 }
 
-/// Whether a datagram reads the system time of one clock and writes it to those behind.
+/// Whether a datagram reads the system time of one clock and writes it to those after it.
 pub(crate) fn is_drift(datagram: &CyclicDatagram) -> bool {
     matches!(datagram.command, Command::Armw | Command::Frmw) && is_system_time(datagram.address)
 }
 
-/// Whether a datagram writes the host's time into a clock.
+/// Whether a datagram writes the host's time to a clock.
 pub(crate) fn is_lead(datagram: &CyclicDatagram) -> bool {
     let writes = matches!(datagram.command, Command::Apwr | Command::Fpwr | Command::Bwr);
     writes && is_system_time(datagram.address)
@@ -398,12 +401,13 @@ fn is_system_time(address: Address) -> bool {
     matches!(address, Address::Physical { register, .. } if register == register::SYSTEM_TIME.address)
 }
 
-/// The time nearest to `last` with these low bits.
+/// The time with these low bits that is nearest to `last`.
 pub(crate) fn extend(low: u32, last: Time<Dc>) -> Time<Dc> {
     last + Nanos(i64::from(low.wrapping_sub(last.count() as u32) as i32))
 }
 
-/// Frames under way at a time: their indices have one byte.
+/// Largest number of frames in flight: their indices have one byte.
 const MOST_FLIGHTS: usize = 200;
-/// Cycles without a drift datagram that reached all clocks, after which 0x092C tells nothing.
+/// Cycles without a drift datagram that reached all clocks, after which 0x092C is no longer
+/// meaningful.
 const UNLED_CYCLES: u64 = 100;

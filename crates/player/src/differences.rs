@@ -1,8 +1,9 @@
-//! Where the list of an ENI and the one that our plan would write differ, with what follows from it.
+//! Differences between the list of an ENI and the list of isocat's plan, with their consequences.
 //!
-//! What counts is what a device holds when it goes to OP: each register and object by its last write on the way up, the
-//! MainDevice's own commands included, and the transition of that write. What only the run can know (offsets, delays, the
-//! start time) and requests of states are not compared.
+//! The state of a device when it goes to OP is compared: each register and object by its last write
+//! on the way up, including the MainDevice's own commands, and the transition of that write. Values
+//! that only a run can determine (offsets, delays, the start time) and requests of states are not
+//! compared.
 
 mod frames;
 mod registers;
@@ -23,33 +24,33 @@ use serde::Serialize;
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Difference {
-    /// Position of the device; null concerns the segment.
+    /// Position of the device; null: the difference is about the segment.
     pub position: Option<usize>,
-    /// What differs, by a fixed name.
+    /// The kind of difference, by a fixed name.
     pub kind: Kind,
-    /// The transition in which the ENI writes it, or else the plan; null for what no transition writes.
+    /// The transition in which the ENI writes it, or else the plan; null: no transition writes it.
     pub transition: Option<String>,
-    /// Register, object or part of the list.
+    /// Register, object, or part of the list.
     pub place: String,
-    /// What the ENI has; null: it has none.
+    /// The value in the ENI; null: it has none.
     pub eni: Option<String>,
-    /// What our plan has; null: it has none.
+    /// The value in isocat's plan; null: it has none.
     pub plan: Option<String>,
-    /// What follows from it, as a sentence.
+    /// The consequence, as a sentence.
     pub consequence: String,
 }
 
-/// What differs.
+/// The kind of a difference.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// Another device's clock leads.
+    /// The reference clock.
     ReferenceClock,
     /// The word for 0x0980 and 0x0981.
     AssignActivate,
     /// The cycle of SYNC0.
     Sync0Cycle,
-    /// From SYNC0 to SYNC1.
+    /// The time from SYNC0 to SYNC1.
     Sync1Cycle,
     /// The phase of SYNC0 in the cycle.
     Shift,
@@ -57,11 +58,11 @@ pub enum Kind {
     StationAddress,
     /// Start, length, control or activation of a SyncManager.
     SyncManager,
-    /// What an FMMU maps.
+    /// The mapping of an FMMU.
     Fmmu,
-    /// The place in the process image.
+    /// The place of the device in the process image.
     ImagePlace,
-    /// An FMMU that brings the mailbox's state into the process image.
+    /// An FMMU that maps the mailbox's state into the process image.
     MailboxState,
     /// A watchdog time.
     Watchdog,
@@ -71,15 +72,15 @@ pub enum Kind {
     Register,
     /// The assigned PDOs.
     PdoAssignment,
-    /// A PDO's contents.
+    /// The contents of a PDO.
     PdoMapping,
-    /// The type of synchronization or another sync object.
+    /// The synchronization type or another sync object.
     SyncObject,
     /// Another object.
     Object,
-    /// The same is written, in another transition.
+    /// The same value is written in another transition.
     Transition,
-    /// How process data travel.
+    /// The frames of process data.
     Frames,
     /// The drift datagram.
     DriftDatagram,
@@ -87,7 +88,7 @@ pub enum Kind {
     StateWatch,
 }
 
-/// All differences, those of the segment first, then by position.
+/// All differences, first those of the segment, then those of devices by position.
 pub fn differences(eni: &StartUp, ours: &StartUp, plan: &Plan) -> Vec<Difference> {
     let mut all = frames::compare(eni, ours);
     all.extend(reference(eni, ours));
@@ -118,7 +119,7 @@ fn reference(eni: &StartUp, ours: &StartUp) -> Option<Difference> {
     })
 }
 
-/// The phase of SYNC0. Its consequence is the plan's own budget with that phase.
+/// Compares the phase of SYNC0. The consequence is the plan's own budget with the ENI's phase.
 fn shift(
     position: usize,
     eni: &DeviceStartUp,
@@ -132,7 +133,7 @@ fn shift(
     }
     let cycle = plan.config.cycle.0;
     let common = plan.timing().sync0.unwrap_or(Nanos::ZERO);
-    // The plan has one phase for all pulses that act; this device's SYNC0 may lie before it.
+    // The plan has one phase for all acting pulses; this device's SYNC0 may precede it.
     let wanted = i64::from(one.shift_ns) + common.0 - i64::from(other.shift_ns);
     let config = isocat_maindevice::Config {
         shift: Some(Nanos(wanted.rem_euclid(cycle))),
@@ -164,7 +165,7 @@ fn shift(
     })
 }
 
-/// Objects by their last download on the way up.
+/// Compares objects by their last download on the way up.
 fn objects(
     position: usize,
     eni: &DeviceStartUp,
@@ -249,7 +250,8 @@ fn objects(
     all
 }
 
-/// PDOs whose contents the ENI writes, one difference each; our plan takes PDOs as devices have them.
+/// PDOs whose contents the ENI writes, with one difference for each; isocat's plan leaves PDOs as
+/// they are.
 fn mappings(position: usize, values: &[Value]) -> Vec<Difference> {
     let mut indices: Vec<u16> = values.iter().map(|(object, ..)| object.index).collect();
     indices.sort_unstable();
@@ -284,7 +286,7 @@ fn is_mapping(index: u16) -> bool {
     matches!(index, 0x1600..=0x17FF | 0x1A00..=0x1BFF)
 }
 
-/// An object's last download: value and transition.
+/// Object, value and transition of its last download.
 type Value = (ObjectAddress, Vec<u8>, Transition);
 type Written<'a> = Option<(&'a Vec<u8>, Transition)>;
 
@@ -320,7 +322,7 @@ fn object_difference(
     }
 }
 
-/// The PDOs that the list assigns; `None` if it does not write the object.
+/// The PDOs that the list assigns; `None`: it does not write the object.
 fn assignment(device: &DeviceStartUp, index: u16) -> Option<Vec<u16>> {
     let steps = device.objects.iter().filter(|step| step.object.index == index);
     let (mut pdos, mut count) = (Vec::new(), None);
@@ -358,7 +360,7 @@ fn list(pdos: &[u16]) -> String {
     }
 }
 
-/// A value of a register or an object: a number where it is short, else its bytes in wire order.
+/// The value of a register or an object: a number if it is short, else its bytes in wire order.
 fn value(bytes: &[u8]) -> String {
     let number = bytes.iter().rev().fold(0, |all: u64, byte| all << 8 | u64::from(*byte));
     match bytes.len() {

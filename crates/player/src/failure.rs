@@ -1,4 +1,4 @@
-//! Why a list could not be played to its end.
+//! Why a list could not be played to the end.
 
 use std::fmt;
 
@@ -10,10 +10,10 @@ use isocat_wire::soe::{ErrorCode, Idn};
 use isocat_wire::time::Nanos;
 use isocat_wire::{AbortCode, Command, ObjectAddress};
 
-/// What failed, and where in the list.
+/// A failure, and its place in the list.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Failure {
-    /// The command that failed; `None` between commands.
+    /// The command that failed; `None`: it was between commands.
     pub place: Option<Box<Place>>,
     /// What happened.
     pub kind: Kind,
@@ -24,44 +24,44 @@ pub struct Failure {
 pub struct Place {
     /// Position and name of the device; `None` for the MainDevice's own commands.
     pub device: Option<(usize, String)>,
-    /// The transition in which it is done.
+    /// The transition of the command.
     pub transition: Transition,
     /// What it accesses.
     pub target: Target,
-    /// What the list says that it is for.
+    /// The list's comment on the command.
     pub comment: String,
 }
 
 /// What a command accesses.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Target {
-    /// Memory of devices.
+    /// Memory of devices: command and address.
     Register(Command, Address),
     /// An entry of the object dictionary.
     Object(ObjectAddress),
-    /// A parameter of this drive, by SoE.
+    /// A parameter of a drive, by SoE.
     Parameter(u8, Idn),
 }
 
-/// What happened.
+/// What failed.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Kind {
     /// The frame did not come back.
     NoAnswer,
-    /// Another number of devices took part than the list expects.
+    /// The working counter differs from the one that the list expects.
     WorkingCounter {
-        /// What the list expects.
+        /// The expected working counter.
         expected: u16,
-        /// What came back.
+        /// The found working counter.
         found: u16,
     },
-    /// A read did not find what the list expects (`Validate`).
+    /// A read did not return what the list expects (`Validate`).
     Check {
-        /// The bytes that are expected.
+        /// The expected bytes.
         expected: Vec<u8>,
-        /// What was read last.
+        /// The bytes that were read last.
         found: Vec<u8>,
-        /// The AL status code, where AL status was read.
+        /// The AL status code, if AL status was read.
         code: Option<AlStatusCode>,
     },
     /// The device refused an SDO download.
@@ -70,12 +70,12 @@ pub enum Kind {
     Drive(ErrorCode),
     /// The mailbox of the device refused the request.
     Refused(ErrorDetail),
-    /// A device took no mailbox request, or gave no answer, for as long as the list waits.
+    /// A device took no mailbox request, or sent no answer, within the time that the list allows.
     Mailbox {
-        /// How long it was waited for.
+        /// The time that was waited.
         after: Nanos,
     },
-    /// The list has an SDO download for a device of which it tells no mailbox.
+    /// The list has an SDO download for a device without mailbox settings.
     NoMailbox,
     /// The value does not fit into the device's mailbox; segmented downloads are not supported.
     TooLong {
@@ -84,12 +84,12 @@ pub enum Kind {
         /// Bytes that fit.
         most: usize,
     },
-    /// The cable of a device is not in port 0: the way of frames through it is not known.
+    /// The cable of a device is not at port 0, so the way of frames through it is not known.
     SwappedCable {
         /// Position of the device.
         position: usize,
     },
-    /// Open ports do not make one tree of so many devices.
+    /// The open ports do not make a tree with this number of devices.
     Topology {
         /// Devices of the list.
         devices: usize,
@@ -103,28 +103,29 @@ pub enum Kind {
         /// Position of the device.
         position: usize,
     },
-    /// The host's cycle did not come into step with the reference clock.
+    /// The host's cycle did not lock on the reference clock.
     NotLocked {
         /// The last phase error.
         error: Nanos,
     },
-    /// SYNC was started, and its next pulse (0x0990) is not ahead.
+    /// SYNC was started, but its next pulse (0x0990) is not in the future.
     NoPulses {
         /// Position of the device.
         position: usize,
     },
-    /// Cyclic datagrams never counted as the list expects.
+    /// Cyclic datagrams never had the working counters that the list expects.
     ProcessData {
-        /// What the list expects of the first wrong one.
+        /// The expected working counter of the first wrong one.
         expected: u16,
-        /// What came back.
+        /// Its found working counter.
         found: u16,
     },
     /// The cycles of devices have no common period below 2.1 s.
     NoGrid,
     /// The frames of one cycle take longer than the cycle.
     CycleTooShort {
-        /// From the first bit of the first to the last bit of the last, back at the port.
+        /// Time from the first bit of the first frame until the last bit of the last one is back at
+        /// the port.
         took: Nanos,
         /// The cycle.
         cycle: Nanos,
@@ -134,32 +135,32 @@ pub enum Kind {
         /// Its number in the list, from 0.
         frame: usize,
     },
-    /// The virtual bus took no frame.
+    /// The virtual bus refused a frame.
     Bus(Refused),
-    /// Another number of SubDevices answers than the list names.
+    /// The number of SubDevices that answer differs from that of the list.
     Count {
-        /// What the list names.
+        /// The number in the list.
         expected: usize,
-        /// What answers.
+        /// The number that answers.
         found: u16,
     },
-    /// Another SubDevice answers than the one that the list names.
+    /// The SubDevice that answers differs from the one in the list.
     Identity {
         /// Its position.
         position: usize,
-        /// Vendor id and product code of the list.
+        /// Vendor id and product code in the list.
         expected: (u32, u32),
-        /// Those in its SII.
+        /// Vendor id and product code in its SII.
         found: (u32, u32),
     },
-    /// The SII of a SubDevice can't be read, so that nothing tells what it is.
+    /// The SII of a SubDevice can't be read, so its identity is not known.
     NoIdentity {
         /// Its position.
         position: usize,
     },
     /// The interface failed.
     Interface(String),
-    /// Somebody ended it.
+    /// The user stopped the run.
     Ended,
 }
 
@@ -195,8 +196,8 @@ impl Kind {
         }
     }
 
-    /// Whether the list asks for something that the player does not do, or is that of another segment, so that a run says
-    /// nothing of the segment.
+    /// Whether the list requires something that the player does not support, or belongs to another
+    /// segment, so that a run says nothing about the segment.
     pub fn is_refused(&self) -> bool {
         matches!(
             self,
@@ -216,7 +217,8 @@ impl Kind {
 }
 
 impl Failure {
-    /// What failed of which SubDevice's commands, for a reader who is told the SubDevice: its position, and the rest in words.
+    /// The failure for a reader who already knows the SubDevice: its position, and the description
+    /// without it.
     pub(crate) fn of_device(&self) -> (Option<usize>, String) {
         match self.place.as_ref().and_then(|place| Some((place, place.device.as_ref()?.0))) {
             None => (None, self.to_string()),
@@ -231,7 +233,7 @@ impl Failure {
         }
     }
 
-    /// Position of the SubDevice that it concerns; `None` if it is none's.
+    /// Position of the SubDevice; `None`: the failure is about none.
     pub fn position(&self) -> Option<usize> {
         match (&self.place, &self.kind) {
             (Some(place), _) => place.device.as_ref().map(|(position, _)| *position),
@@ -383,7 +385,7 @@ impl fmt::Display for Kind {
 
 impl std::error::Error for Failure {}
 
-/// Bytes as the file has them.
+/// Bytes as hexadecimal digits, as in the file.
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -1,4 +1,4 @@
-//! What answers on a wire against what the ENI names: what the wire has and the ENI does not, and the other way round.
+//! Compares the SubDevices that answer on a wire with those of the ENI, in both directions.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ pub fn schema() -> serde_json::Value {
     settings.into_generator().into_root_schema_for::<FoundReport>().to_value()
 }
 
-/// A scan beside an ENI.
+/// A scan, compared with an ENI.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FoundReport {
@@ -28,9 +28,9 @@ pub struct FoundReport {
     pub version: &'static str,
     /// The ENI.
     pub eni: String,
-    /// Whether what answers is what the ENI names, so that it can be run on it.
+    /// Whether the SubDevices that answer are those of the ENI, so that the ENI can be run on them.
     pub same: bool,
-    /// Where they differ, in the order of the wire.
+    /// The differences, in the order of the wire.
     pub mismatches: Vec<Mismatch>,
     /// The scan.
     pub scan: ScanReport,
@@ -42,19 +42,19 @@ pub struct FoundReport {
 pub struct Mismatch {
     /// What differs.
     pub kind: Kind,
-    /// Position on the wire; null where the wire has no such SubDevice.
+    /// Position on the wire; null: the wire has no such SubDevice.
     pub on_wire: Option<usize>,
-    /// Position in the ENI; null where the ENI has no such SubDevice.
+    /// Position in the ENI; null: the ENI has no such SubDevice.
     pub in_eni: Option<usize>,
-    /// What the wire has; null: nothing.
+    /// The value on the wire; null: it has none.
     pub wire: Option<String>,
-    /// What the ENI has; null: nothing.
+    /// The value in the ENI; null: it has none.
     pub eni: Option<String>,
-    /// What follows for a run of the ENI.
+    /// The consequence for a run of the ENI.
     pub consequence: &'static str,
 }
 
-/// What differs.
+/// The kind of a difference.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
@@ -68,18 +68,19 @@ pub enum Kind {
     Revision,
     /// Another serial number answers.
     Serial,
-    /// It hangs elsewhere.
+    /// It is connected at another place.
     Place,
-    /// Its mailbox lies elsewhere, by its SII.
+    /// Its mailbox is at another address, by its SII.
     Mailbox,
-    /// The ENI writes objects, and the SII tells of no CoE.
+    /// The ENI writes objects, but the SII states no CoE.
     Coe,
-    /// The ENI starts SYNC, and the SubDevice has no clock.
+    /// The ENI starts SYNC, but the SubDevice has no clock.
     Clock,
 }
 
 impl Kind {
-    /// Whether the ENI can't be run with it: the player compares vendors, products and numbers of SubDevices.
+    /// Whether it prevents a run of the ENI: the player compares vendors, products and numbers of
+    /// SubDevices.
     pub const fn prevents(self) -> bool {
         matches!(self, Self::Missing | Self::Extra | Self::Identity)
     }
@@ -133,8 +134,8 @@ impl fmt::Display for Mismatch {
 /// A SubDevice of one side, of the other, or of both.
 type Pair = (Option<usize>, Option<usize>);
 
-/// All differences. Both sides are laid beside each other so that as few as possible differ: one that is missing does not make
-/// all behind it differ.
+/// All differences. Both sides are aligned so that as few SubDevices as possible differ: a missing
+/// SubDevice does not make all those after it differ.
 pub fn compare(list: &StartUp, segment: &Segment) -> Vec<Mismatch> {
     let pairs = pairs(list, segment);
     let mut all = Vec::new();
@@ -194,7 +195,7 @@ fn named(device: &DeviceStartUp) -> String {
     format!("vendor 0x{vendor:08X}, product 0x{product:08X} ({name})")
 }
 
-/// The SubDevices of both sides beside each other, with the fewest that are missing, extra or others.
+/// The alignment of both sides with the fewest missing, extra and different SubDevices.
 fn pairs(list: &StartUp, segment: &Segment) -> Vec<Pair> {
     let (wire, eni) = (&segment.devices, &list.devices);
     let width = eni.len() + 1;
@@ -203,7 +204,7 @@ fn pairs(list: &StartUp, segment: &Segment) -> Vec<Pair> {
         let of = |at: usize, length: usize| (at < length).then_some(at);
         return (0..count).map(|at| (of(at, wire.len()), of(at, eni.len()))).collect();
     }
-    // fewest[i * width + j]: differences of what is behind i on the wire and behind j in the ENI.
+    // fewest[i * width + j]: number of differences from i on on the wire and from j on in the ENI.
     let mut fewest = vec![0_u32; (wire.len() + 1) * width];
     for i in (0..=wire.len()).rev() {
         for j in (0..=eni.len()).rev() {
@@ -237,12 +238,13 @@ fn pairs(list: &StartUp, segment: &Segment) -> Vec<Pair> {
     pairs
 }
 
-/// Beyond so many comparisons, some thousand SubDevices on both sides, positions alone decide.
+/// Above this number of comparisons, which is some thousand SubDevices on both sides, they are
+/// aligned by position.
 const MOST_CELLS: usize = 16 << 20;
 
 type Found = (Kind, Option<String>, Option<String>, &'static str);
 
-/// Where a SubDevice that both sides have differs.
+/// The differences of a SubDevice that both sides have.
 fn of_pair(wire: &SubDevice, eni: &DeviceStartUp) -> Vec<Found> {
     let mut all = Vec::new();
     let hex = |value: u32| Some(format!("revision 0x{value:08X}"));
@@ -290,7 +292,8 @@ fn of_pair(wire: &SubDevice, eni: &DeviceStartUp) -> Vec<Found> {
     all
 }
 
-/// Where a SubDevice hangs on both sides, if that differs. The one above is named by its position in the ENI.
+/// The places of a SubDevice on both sides, if they differ. Its parent is named by the position in
+/// the ENI.
 fn places(
     pair: Pair,
     pairs: &[Pair],
@@ -313,7 +316,7 @@ mod tests {
 
     use super::*;
 
-    /// Products on the wire and in the ENI, and the pairs with what differs.
+    /// The kinds and places of all differences, for these products on the wire and in the ENI.
     fn kinds(wire: &[u32], eni: &[u32]) -> Vec<(Kind, Option<usize>, Option<usize>)> {
         let device = |(position, product): (usize, &u32)| {
             let mut device = SubDevice::new(position, StationAddress(0x1001 + position as u16));

@@ -1,4 +1,4 @@
-//! Frames of the player, and the time that they take.
+//! Sends the player's frames, and accounts for their time.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -13,24 +13,24 @@ use crate::failure::Kind;
 use crate::tally::Tally;
 use crate::wire::{Buffer, Wire};
 
-/// The wire, with the cyclic exchange that goes on while single commands are sent.
+/// The wire, with the cyclic exchange that continues while single commands are sent.
 pub(crate) struct Line<'w> {
     pub wire: &'w mut dyn Wire,
     /// The exchange; `None` before it begins.
     pub exchange: Option<Exchange>,
     pub tally: Tally,
-    /// The index of the single datagram that is waited for, and its answer.
+    /// The index of the pending single datagram, and its answer.
     single: Option<u8>,
     answer: Option<Vec<u8>>,
-    /// When the last frame of ours came back, and how many cycles had begun then.
+    /// When the last answer came back, and the number of cycles at that time.
     heard: (Time<Host>, u64),
-    /// Once it is set, everything that waits ends with [`Kind::Ended`].
+    /// If it is set, everything that waits ends with [`Kind::Ended`].
     pub stop: Option<&'w AtomicBool>,
     incoming: Box<Buffer>,
     outgoing: Box<Buffer>,
 }
 
-/// What came back of a datagram.
+/// The answer to a datagram.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) struct Reply {
     pub data: Vec<u8>,
@@ -61,7 +61,7 @@ impl Line<'_> {
         self.wire.now()
     }
 
-    /// Waits; cycles that are due meanwhile are sent.
+    /// Waits, and sends the cycles that are due meanwhile.
     pub fn sleep(&mut self, span: Nanos) -> Result<(), Kind> {
         let end = self.now() + span;
         while let Some(due) = self.exchange.as_ref().map(Exchange::due).filter(|due| *due <= end) {
@@ -78,14 +78,15 @@ impl Line<'_> {
         }
     }
 
-    /// Whether frames of some cycles left since the last one came back, and that was longer ago than `span`.
+    /// Whether no frame has come back for more than `span`, while several cycles began.
     pub fn is_silent(&self, span: Nanos) -> bool {
         let (at, cycle) = self.heard;
         let cycles = self.tally.statistics.cycles;
         self.now() - at > span && cycles >= cycle + SILENT_CYCLES
     }
 
-    /// One datagram in a frame of its own, between the frames of two cycles; `None` if it did not come back.
+    /// Sends one datagram in its own frame, between the frames of two cycles; `None`: it did not
+    /// come back.
     pub fn datagram(
         &mut self,
         command: Command,
@@ -119,7 +120,7 @@ impl Line<'_> {
         }))
     }
 
-    /// The answer to the single datagram; cycles go on meanwhile.
+    /// Waits for the answer to the single datagram; cycles continue meanwhile.
     fn await_answer(&mut self, deadline: Time<Host>) -> Result<Option<Vec<u8>>, Kind> {
         loop {
             if let Some(frame) = self.answer.take() {
@@ -138,7 +139,7 @@ impl Line<'_> {
         }
     }
 
-    /// A read by station address; `None` if it did not come back from one device.
+    /// Reads by station address; `None`: it did not come back from exactly one device.
     pub fn read(
         &mut self,
         station: u16,
@@ -155,7 +156,7 @@ impl Line<'_> {
         Ok(None)
     }
 
-    /// A write by station address; whether one device took it.
+    /// Writes by station address; returns whether exactly one device took it.
     pub fn write(&mut self, station: u16, register: u16, data: &[u8]) -> Result<bool, Kind> {
         let address = Address::Physical { device: station, register };
         for _ in 0..TRIES {
@@ -167,10 +168,10 @@ impl Line<'_> {
         Ok(false)
     }
 
-    /// A single frame must not be on the wire when the cycle's frames are due.
+    /// Waits until a single frame can be back before the cycle's frames are due.
     fn wait_for_room(&mut self, length: usize) -> Result<(), Kind> {
         let Some(exchange) = &self.exchange else { return Ok(()) };
-        // There and back, by the longest way that a frame of the cycle was seen to take.
+        // The way there and back is estimated by the longest one of the cycle's frames.
         let needed = Nanos(frame::duration_ns(length) as i64) + exchange.longest_way() + GUARD;
         let due = exchange.due();
         if self.now() + needed > due { self.run_cycle(due) } else { Ok(()) }
@@ -201,7 +202,7 @@ impl Line<'_> {
         Ok(())
     }
 
-    /// Gives a frame that came in to whom it belongs.
+    /// Passes a frame that came in to its receiver.
     fn dispatch(&mut self, length: usize) {
         let (bytes, now) = (&self.incoming[..length], self.wire.now());
         let index = frame::payload(bytes).ok().and_then(|payload| payload.get(1)).copied();
@@ -223,7 +224,7 @@ impl Line<'_> {
     }
 }
 
-/// The address as it goes on the wire.
+/// The address in the form of the wire.
 pub(crate) fn wire_address(command: Command, address: Address) -> datagram::Address {
     match address {
         Address::Logical(address) => datagram::Address::Logical(address),
@@ -238,9 +239,9 @@ pub(crate) fn wire_address(command: Command, address: Address) -> datagram::Addr
 
 /// Source address of the player's frames: bit 1 of the first octet is the one that SubDevices set.
 pub(crate) const SOURCE: [u8; 6] = [0x10, 0, 0, 0, 0, 0x45];
-/// How often the player's own reads and writes are tried.
+/// Number of attempts of the player's own reads and writes.
 const TRIES: usize = 4;
-/// Room between a single frame and the cycle's frames.
+/// Guard time between a single frame and the cycle's frames.
 const GUARD: Nanos = Nanos::micros(2);
-/// So many cycles without an answer are no accident.
+/// Number of cycles without an answer from which on it is no accident.
 const SILENT_CYCLES: u64 = 5;

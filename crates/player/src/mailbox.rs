@@ -1,4 +1,5 @@
-//! What the list writes through the mailbox: SDO downloads and parameters of drives, one request and one answer each.
+//! Writes of the list through the mailbox: SDO downloads and parameters of drives, with one request
+//! and one answer each.
 
 use isocat_descriptions::start_up::{Area, Mailbox, ObjectStep, ParameterStep};
 use isocat_maindevice::SdoError;
@@ -16,21 +17,21 @@ use crate::failure::Kind;
 use crate::line::Line;
 use crate::step::LONGEST;
 
-/// The mailbox of a device, as the list has it, and the counter of its messages.
+/// The mailbox of a device by the list, and the counter of its messages.
 pub(crate) struct Way<'a> {
     pub station: u16,
     pub areas: Option<Mailbox>,
     pub counter: &'a mut u8,
 }
 
-/// Writes the value of a step, expedited up to 4 bytes, else in one normal message.
+/// Writes the value of a step: expedited up to 4 bytes, else in one normal message.
 pub(crate) fn download(line: &mut Line, to: Way<'_>, step: &ObjectStep) -> Result<(), Kind> {
     let Some(areas) = to.areas else { return Err(Kind::NoMailbox) };
     let request = download_request(areas.out, step)?;
     exchange(line, to, areas, Protocol::COE, &[request], step.patience_ms, download_result)
 }
 
-/// Writes a parameter, in fragments if it is longer than the mailbox.
+/// Writes a parameter; in fragments if it is longer than the mailbox.
 pub(crate) fn write(line: &mut Line, to: Way<'_>, step: &ParameterStep) -> Result<(), Kind> {
     let Some(areas) = to.areas else { return Err(Kind::NoMailbox) };
     let room = usize::from(areas.out.length).saturating_sub(HEADER_LEN + soe::HEADER_LEN).max(1);
@@ -50,7 +51,7 @@ pub(crate) fn write(line: &mut Line, to: Way<'_>, step: &ParameterStep) -> Resul
     exchange(line, to, areas, Protocol::SOE, &fragments, step.patience_ms, result)
 }
 
-/// Writes the messages of a request and waits for what `result` takes for its answer.
+/// Writes the messages of a request, and waits for a message that `result` accepts as the answer.
 fn exchange(
     line: &mut Line,
     to: Way<'_>,
@@ -75,7 +76,7 @@ fn exchange(
     loop {
         let answer = receive(line, to.station, areas.back, end, patience)?;
         let Some((head, body)) = answer.split_first_chunk() else { continue };
-        // What is about something else, such as an emergency, is passed over.
+        // Other messages, for example emergencies, are ignored.
         let found = match Header::parse(head).protocol {
             Protocol::ERROR => {
                 body.first_chunk().map(|detail| Err(Kind::Refused(ErrorDetail::parse(detail))))
@@ -122,7 +123,7 @@ pub(crate) fn upload(
     }
 }
 
-/// What an answer says of the entry; `None` if it is about something else, such as an emergency.
+/// The answer for the entry; `None`: the message is about something else, for example an emergency.
 fn read(answer: &[u8], object: ObjectAddress) -> Option<Result<Vec<u8>, SdoError>> {
     let header = Header::parse(answer.first_chunk()?);
     let body = answer.get(HEADER_LEN..)?;
@@ -143,7 +144,7 @@ fn read(answer: &[u8], object: ObjectAddress) -> Option<Result<Vec<u8>, SdoError
     }
 }
 
-/// The SDO request behind the mailbox header.
+/// The SDO request after the mailbox header.
 fn download_request(area: Area, step: &ObjectStep) -> Result<Vec<u8>, Kind> {
     let ObjectStep { object, complete, data, .. } = step;
     let mut request = coe::Header::new(Service::SDO_REQUEST).emit().to_vec();
@@ -165,7 +166,7 @@ fn download_request(area: Area, step: &ObjectStep) -> Result<Vec<u8>, Kind> {
     Ok(request)
 }
 
-/// The whole area: its last byte hands it over to the device.
+/// A message that fills the whole area, because writing the last byte passes it to the device.
 fn message(area: Area, protocol: Protocol, body: &[u8], counter: u8) -> Vec<u8> {
     let header = Header::new(body.len() as u16, 0, protocol, counter);
     let mut message = header.emit().to_vec();
@@ -174,7 +175,7 @@ fn message(area: Area, protocol: Protocol, body: &[u8], counter: u8) -> Vec<u8> 
     message
 }
 
-/// Waits until the device has put something into its mailbox, and reads it.
+/// Waits until the device has put a message into its mailbox, and reads it.
 fn receive(
     line: &mut Line,
     station: u16,
@@ -199,7 +200,8 @@ fn wait(line: &mut Line, end: Time<Host>, patience: Nanos) -> Result<(), Kind> {
     line.sleep(POLL)
 }
 
-/// What a message of CoE says of the download; `None` if it is about something else, such as an emergency.
+/// The result of the download by a CoE message; `None`: it is about something else, for example an
+/// emergency.
 fn download_result(body: &[u8]) -> Option<Result<(), Kind>> {
     let service = coe::Header::parse(*body.first_chunk()?).service;
     let head = Initiate::parse(body.get(coe::HEADER_LEN..)?.first_chunk()?);
@@ -210,7 +212,7 @@ fn download_result(body: &[u8]) -> Option<Result<(), Kind>> {
     }
 }
 
-/// What a message of SoE says of the write; `None` if it is about something else.
+/// The result of the write by an SoE message; `None`: it is about something else.
 fn write_result(body: &[u8], request: soe::Header) -> Option<Result<(), Kind>> {
     let (head, rest) = body.split_first_chunk()?;
     let head = soe::Header::parse(head);
@@ -224,9 +226,9 @@ fn write_result(body: &[u8], request: soe::Header) -> Option<Result<(), Kind>> {
     }
 }
 
-/// How long an answer may take where the list does not say: what configuration tools take for 0.
+/// How long to wait for an answer if the list does not say: like configuration tools with 0.
 const PATIENCE: Nanos = Nanos::millis(10_000);
-/// How long the answer to the player's own readings may take.
+/// How long to wait for the answer to the player's own reads.
 const UPLOAD_PATIENCE: Nanos = Nanos::millis(2_000);
-/// From one look at the mailbox to the next.
+/// Time between two looks at the mailbox.
 const POLL: Nanos = Nanos::micros(500);

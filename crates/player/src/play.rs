@@ -1,4 +1,5 @@
-//! The procedure: INIT to PREOP, clocks, PREOP to SAFEOP, process data, SAFEOP to OP, and then the exchange.
+//! The procedure: INIT to PREOP, clocks, PREOP to SAFEOP, process data, SAFEOP to OP, and then the
+//! exchange.
 
 use isocat_descriptions::start_up::{
     Address, DeviceStartUp, ObjectStep, ParameterStep, RegisterStep, StartUp, Step, Transition,
@@ -22,40 +23,43 @@ use crate::virtual_segment::assign_activate;
 use crate::wire::{VirtualWire, Wire};
 use crate::{mailbox, step};
 
-/// How a list is played.
+/// Settings of a run.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Settings {
-    /// How long the exchange runs once all devices are in OP.
+    /// How long the exchange runs after all devices are in OP.
     pub duration: Nanos,
-    /// Devices may lack objects that the list writes, as their descriptions are not complete: such a download is noted and
-    /// left out. Else it ends the run, as at any other device.
+    /// Whether devices may lack objects that the list writes, because their descriptions are
+    /// incomplete: such a download is noted and left out. If false, it ends the run, as with any
+    /// other device.
     pub tolerates_unknown_objects: bool,
 }
 
-/// A list that was played on a virtual segment, as far as it went.
+/// The result of playing a list on a virtual segment.
 pub struct Played {
-    /// Why it ended before its end.
+    /// Why it ended early.
     pub failure: Option<Failure>,
     /// What was done of the list.
     pub done: Done,
     /// What the segment and its judges saw.
     pub summary: Summary,
-    /// The segment as it stands at the end.
+    /// The segment in its state at the end.
     pub bus: Bus,
 }
 
 /// What was done of a list.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Done {
-    /// Commands of the list that were done, those that failed not counted.
+    /// Number of successful commands of the list.
     pub commands: usize,
-    /// By position: what was measured for it; `None` without a clock. Empty where the list runs no clocks.
+    /// The measured clocks by position; `None`: the device has no clock. Empty if the list uses no
+    /// clocks.
     pub clocks: Vec<Option<Unit>>,
-    /// By position: the start time that was put in the place of the list's (0x0990).
+    /// The start time that replaced the list's (0x0990), by position.
     pub starts: Vec<Option<u64>>,
-    /// Objects that the list writes and a virtual device does not have, with its position.
+    /// Objects that the list writes and a virtual device does not have, with the position of the
+    /// device.
     pub unknown_objects: Vec<(usize, Target)>,
-    /// What the cyclic exchange counted, in OP.
+    /// Counts of the cyclic exchange in OP.
     pub counts: Counts,
 }
 
@@ -64,7 +68,7 @@ pub fn play(list: &StartUp, scenario: &Scenario, settings: Settings) -> Played {
     play_with(list, scenario, settings, &mut |_, _| {})
 }
 
-/// The same; `tap` sees each frame that the player sends.
+/// Plays a list like [`play`]; `tap` sees each frame that the player sends.
 pub fn play_with(
     list: &StartUp,
     scenario: &Scenario,
@@ -88,7 +92,7 @@ pub(crate) struct Player<'a> {
     commands: usize,
     pub clocks: Option<Clocks>,
     starts: Vec<Option<u64>>,
-    /// The latest first pulse of all devices, on the host's clock.
+    /// The latest first pulse of all devices, in host time.
     latest_start: Option<Time<Host>>,
     pub mailbox_counters: Vec<u8>,
     tolerates_unknown_objects: bool,
@@ -110,7 +114,7 @@ impl<'a> Player<'a> {
         }
     }
 
-    /// What the cyclic exchange counted so far.
+    /// The present counts of the cyclic exchange.
     pub fn counts(&self) -> Counts {
         self.line.exchange.as_ref().map(|exchange| exchange.counts).unwrap_or_default()
     }
@@ -125,7 +129,7 @@ impl<'a> Player<'a> {
 }
 
 impl Player<'_> {
-    /// All devices to OP.
+    /// Brings all devices to OP.
     pub fn bring_up(&mut self) -> Result<(), Failure> {
         self.check()?;
         self.line.sleep(SWITCHED_ON)?;
@@ -141,7 +145,7 @@ impl Player<'_> {
         Ok(())
     }
 
-    /// Lists that ask for what the player does not do are refused before anything is sent.
+    /// Refuses lists that require what the player does not support, before anything is sent.
     pub fn check(&self) -> Result<(), Failure> {
         let mut cyclic = self.list.frames.iter().flat_map(|frame| &frame.datagrams);
         if cyclic.any(is_lead) {
@@ -156,7 +160,8 @@ impl Player<'_> {
         }
     }
 
-    /// All commands of a transition: the MainDevice's own before the devices', each device's, and its own behind them.
+    /// Executes all commands of a transition: the MainDevice's own commands before the devices',
+    /// those of each device, and the MainDevice's own commands after them.
     pub fn transition(&mut self, transition: Transition) -> Result<(), Failure> {
         let list = self.list;
         let of_all = |step: &&RegisterStep| step.transitions.contains(&transition);
@@ -211,7 +216,8 @@ impl Player<'_> {
         self.written(done, unknown, position, transition, target, &step.comment)
     }
 
-    /// What came of a write through a mailbox. What the device does not have may be let pass.
+    /// Handles the result of a write through a mailbox. Objects that the device does not have may
+    /// be tolerated.
     fn written(
         &mut self,
         done: Result<(), Kind>,
@@ -259,7 +265,8 @@ impl Player<'_> {
         Err(Failure { place: Some(Box::new(Place { device, transition, target, comment })), kind })
     }
 
-    /// What is written instead of a placeholder of the list: a clock's offset and delay, and the time of the first pulse.
+    /// The value that replaces a placeholder of the list: a clock's offset or delay, or the time of
+    /// the first pulse.
     fn measured(&mut self, step: &RegisterStep) -> Result<Option<Vec<u8>>, Failure> {
         let Address::Physical { device, register } = step.address else { return Ok(None) };
         let position = match step.command {
@@ -288,7 +295,8 @@ impl Player<'_> {
         Ok(Some(value))
     }
 
-    /// The first pulse of a device: on the grid of all cycles, behind a lead, shifted as the list has it.
+    /// The first pulse of a device: on the grid of all cycles, after a lead time, with the shift of
+    /// the list.
     fn start(&mut self, clocks: &Clocks, position: usize) -> Result<u64, Failure> {
         let cycles = self.list.devices.iter().filter_map(|device| device.dc);
         let cycles = cycles.map(|dc| Nanos(dc.sync0_ns.into())).filter(|cycle| cycle.0 > 0);
@@ -302,7 +310,7 @@ impl Player<'_> {
         Ok(start.count())
     }
 
-    /// Begins the exchange in PREOP, and waits until it is in step with the reference clock.
+    /// Begins the exchange in PREOP, and waits until it is locked on the reference clock.
     fn begin_cycle(&mut self) -> Result<(), Failure> {
         let clocks = self.clocks.clone();
         let reference = match &clocks {
@@ -322,7 +330,7 @@ impl Player<'_> {
         Ok(())
     }
 
-    /// Outputs must be there, and SYNC must run, before OP is asked for.
+    /// Waits for outputs and SYNC, which must be there before OP is requested.
     fn wait_for_process_data(&mut self) -> Result<(), Failure> {
         if let Some(start) = self.latest_start.filter(|start| *start > self.line.now()) {
             let left = start - self.line.now();
@@ -345,8 +353,8 @@ impl Player<'_> {
         Ok(())
     }
 
-    /// A SYNC unit that was given a start must say that its next pulse is ahead: one that was started too late is silent for
-    /// as long as its clock takes to come round.
+    /// Checks that the next pulse of each started SYNC unit is in the future: a unit that was
+    /// started too late gives no pulse until its clock wraps around.
     fn see_sync(&mut self) -> Result<(), Failure> {
         let Some(clocks) = self.clocks.clone() else { return Ok(()) };
         for position in 0..self.starts.len() {
@@ -362,7 +370,7 @@ impl Player<'_> {
                 true => next.wrapping_sub(now.count()) as i64,
                 false => i64::from((next as u32).wrapping_sub(now.count() as u32) as i32),
             });
-            // A pulse may come between both readings, which are a frame apart.
+            // A pulse may come between the two readings, which are a frame apart.
             let most = 2 * cycle.max(self.list.cycle_ns);
             if !ahead.is_some_and(|ahead| (-most..=most).contains(&ahead)) {
                 return Err(Kind::NoPulses { position }.into());
@@ -371,7 +379,7 @@ impl Player<'_> {
         Ok(())
     }
 
-    /// The MainDevice is in this state: it sends the cyclic datagrams of the state.
+    /// Sets the state of the MainDevice, which determines the cyclic datagrams.
     pub fn enter(&mut self, state: AlState) {
         if let Some(exchange) = &mut self.line.exchange {
             exchange.state = state;
@@ -388,19 +396,20 @@ impl Player<'_> {
     }
 }
 
-/// Devices need a while to load their EEPROMs.
+/// Time after power-on in which devices load their EEPROMs.
 const SWITCHED_ON: Nanos = Nanos::millis(100);
-/// From the command that writes the first pulse to that pulse: the SDO downloads and states of all devices lie between.
+/// Time from the command that writes the first pulse to that pulse. The SDO downloads and changes
+/// of state of all devices take place in it.
 const LEAD: Nanos = Nanos::millis(100);
-/// How long locking onto the reference clock may take, and how many cycles at least.
+/// Longest time for locking on the reference clock, and the least number of cycles for it.
 const LOCKING: Nanos = Nanos::millis(20_000);
 const LOCKING_CYCLES: i64 = 64;
-/// Cycles in a row in which all counts right before OP is asked for.
+/// Number of consecutive cycles with right working counters before OP is requested.
 const COMPLETE_CYCLES: u64 = 10;
-/// How long they are waited for.
+/// How long to wait for these cycles.
 const PROCESS_DATA: Nanos = Nanos::millis(5_000);
 
-/// The way through the mailbox of a device.
+/// The mailbox settings and counter of a device.
 const fn way<'a>(counter: &'a mut u8, device: &DeviceStartUp) -> mailbox::Way<'a> {
     mailbox::Way { station: device.station, areas: device.mailbox, counter }
 }

@@ -1,10 +1,10 @@
-//! A list that is played on a real interface: identities first, then the way up to the letter, operation under the one
-//! verdict engine, and the way down.
+//! Plays a list on a real interface: checks identities, goes the way up to the letter, operates
+//! with the verdict engine, and goes down.
 //!
-//! [`Job::run`] does all of it on a thread that has the machine's attention, and gives an
-//! [`Outcome`] as a run of our own MainDevice does, so that reports and exit codes are the same.
-//! `identity` compares what answers with the list; `segment` is what is known of the SubDevices, for the judges; `operate` is
-//! the time in operation.
+//! [`Job::run`] does all of it on a real-time thread, and returns an [`Outcome`] like a run of
+//! isocat's own MainDevice, so that reports and exit codes are the same. `identity` compares the
+//! SubDevices that answer with the list; `segment` collects what is known of them for the judges;
+//! `operate` is the time in operation.
 
 mod identity;
 mod operate;
@@ -33,45 +33,45 @@ use crate::failure::{Failure, Kind};
 use crate::line::SOURCE;
 use crate::play::{Done, Player};
 
-/// What is to be played on which interface.
+/// A list, the interface to play it on, and settings.
 pub struct Job<'a> {
     /// The list.
     pub list: &'a StartUp,
-    /// Our plan of the same segment, for the times of its devices; `None`: there is none.
+    /// isocat's plan of the same segment, as source of the devices' times; `None`: there is none.
     pub plan: Option<&'a Plan>,
-    /// By position: the times of the device are only assumed, so that they prove nothing.
+    /// Whether the times of a device are only assumed, by position, so that they prove nothing.
     pub assumed: Vec<bool>,
     /// The open interface.
     pub socket: RawSocket,
     /// Its network namespace.
     pub namespace: Option<String>,
-    /// How long to run once all SubDevices are in OP.
+    /// How long to run after all SubDevices are in OP.
     pub duration: Nanos,
-    /// Largest 0x092C with which a clock counts as synchronized.
+    /// Largest 0x092C of a synchronized clock.
     pub difference_limit: Nanos,
-    /// Lateness of frames that the plan keeps free.
+    /// Lateness of frames that the plan allows for.
     pub jitter: Nanos,
-    /// What is read in the background.
+    /// What is read in the background during operation.
     pub quality: QualityWatch,
-    /// What to ask of the machine.
+    /// The requested real-time settings of the machine.
     pub wish: Wish,
-    /// Where frames are written to.
+    /// The recorder of frames.
     pub recorder: Option<Recorder>,
 }
 
-/// A list that was played on a real interface.
+/// The result of playing a list on a real interface.
 pub struct PlayedOnWire {
-    /// Why it ended before its end.
+    /// Why it ended early.
     pub failure: Option<Failure>,
     /// What was done of the list.
     pub done: Done,
-    /// What the wire showed, as of a run of our own MainDevice.
+    /// What the wire showed, like for a run of isocat's own MainDevice.
     pub outcome: Outcome,
 }
 
 impl Job<'_> {
-    /// Does it all, on a thread of its own that has the machine's attention. It ends early once `stop` is set. An error is one of
-    /// the interface or of its namespace, before anything was sent.
+    /// Does everything on its own real-time thread. Ends early if `stop` is set. `Err`: the
+    /// interface or its namespace failed before anything was sent.
     pub fn run(
         self,
         stop: &AtomicBool,
@@ -107,7 +107,7 @@ impl Job<'_> {
         let mut notes = Vec::new();
         let mut segment = segment::of_list(self.list, self.plan, &self.assumed, self.jitter);
         let identified = identify(&mut player, &mut segment, &mut notes);
-        // A segment that is not the list's is left as it is.
+        // A segment that does not match the list is not changed.
         let was_touched = identified.is_ok();
         let brought = identified
             .and_then(|()| player.bring_up())
@@ -130,7 +130,7 @@ impl Job<'_> {
         let phase = player.line.exchange.as_ref().and_then(|exchange| exchange.phase());
         player.line.stop = None;
         if was_touched && failure.is_some() {
-            // Who says nothing has no state in the report.
+            // SubDevices that do not answer have no state in the report.
             let _silent = segment::read_states(&mut player, &mut segment);
         }
         if was_touched && !matches!(ended, Ended::Broken) {
@@ -169,19 +169,19 @@ impl Job<'_> {
         };
         outcome.conclude(&interface, carrier, self.jitter, total, before.zip(after));
         outcome.recorder = wire.link.into_recorder();
-        // What ended it by a wish of the user is no failure of the list.
+        // A stop by the user is no failure of the list.
         let failure = failure.filter(|failure| !matches!(failure.kind, Kind::Ended));
         Ok(PlayedOnWire { failure, done, outcome })
     }
 }
 
-/// What ended the time in operation.
+/// Why the time in operation ended.
 pub(crate) enum Ended {
-    /// The time was over.
+    /// The requested time has passed.
     Time,
-    /// Somebody asked for it.
+    /// The user stopped it.
     Asked,
-    /// Nothing came back any more.
+    /// No frame came back any more.
     Silence,
     /// The interface failed.
     Broken,
@@ -198,7 +198,7 @@ fn end(ended: Ended, failure: Option<&Failure>, broken: Option<LinkError>) -> En
     }
 }
 
-/// Compares what answers with the list, before anything is written that sets a SubDevice up.
+/// Compares the SubDevices that answer with the list, before any set-up is written.
 fn identify(
     player: &mut Player<'_>,
     segment: &mut isocat_maindevice::Segment,
@@ -220,8 +220,8 @@ fn identify(
     Ok(())
 }
 
-/// What the list says for the way down, in the order of the states; then INIT for all, whatever it says. Gives what stood
-/// in the way.
+/// Executes the list's commands for the way down, state by state; then requests INIT of all
+/// SubDevices in any case. Returns what went wrong.
 fn go_down(player: &mut Player<'_>) -> Vec<String> {
     let mut notes = Vec::new();
     let (op, safe, pre, init) = (AlState::Op, AlState::SafeOp, AlState::PreOp, AlState::Init);
@@ -245,12 +245,12 @@ fn go_down(player: &mut Player<'_>) -> Vec<String> {
     notes
 }
 
-/// Asks all SubDevices for INIT until they are there.
+/// Requests INIT of all SubDevices until they have reached it.
 fn all_to_init(player: &mut Player<'_>) -> Result<bool, Kind> {
     let line = &mut player.line;
     let limit = line.now() + isocat_host::STOP_LIMIT;
     let of = |register| isocat_descriptions::start_up::Address::Physical { device: 0, register };
-    // The error bit is acknowledged with it.
+    // The request also acknowledges the error bit.
     let wish = AlControl::request_and_acknowledge(AlState::Init).to_bytes();
     while line.now() < limit {
         line.datagram(Command::Bwr, of(register::AL_CONTROL.address), &wish)?;
@@ -265,5 +265,5 @@ fn all_to_init(player: &mut Player<'_>) -> Result<bool, Kind> {
     Ok(false)
 }
 
-/// From one look at AL status to the next, on the way down.
+/// Time between two readings of AL status on the way down.
 const BETWEEN_LOOKS: Nanos = Nanos::millis(2);

@@ -1,4 +1,5 @@
-//! What came of a list that was played, as a document for people and for programs; and what a plan says of it.
+//! The results of playing a list, as a document for people and for programs; and its differences
+//! from the plan.
 
 mod text;
 
@@ -41,13 +42,13 @@ pub struct Report {
     pub cycle_ns: i64,
     /// The devices, by position.
     pub devices: Vec<DeviceReport>,
-    /// What is doubtful in the file.
+    /// Doubtful places in the file.
     pub doubts: Vec<Doubt>,
-    /// Where the list differs from the one that our plan would write.
+    /// The differences between the list and that of isocat's plan.
     pub differences: Vec<Difference>,
-    /// Why there is no plan to compare with; null if there is one.
+    /// Why there is no plan to compare with; null: there is one.
     pub not_planned: Option<String>,
-    /// What came of it; null if it was only planned.
+    /// The result of the run; null: the list was only planned.
     pub run: Option<RunReport>,
 }
 
@@ -61,14 +62,14 @@ pub struct DeviceReport {
     pub name: String,
     /// Station address in the ENI.
     pub station: u16,
-    /// What the virtual device is made of, and on a real interface the plan's times of it: `segment-file`, `esi`, `built-in`, or
-    /// `eni` for the ENI alone.
+    /// The source of the virtual device, and on a real interface of its times in the plan:
+    /// `segment-file`, `esi`, `built-in`, or `eni` for the ENI alone.
     pub made_of: &'static str,
-    /// The same in words.
+    /// The source in words.
     pub origin: String,
 }
 
-/// A doubt about the file.
+/// A doubtful place in the file.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Doubt {
@@ -76,66 +77,70 @@ pub struct Doubt {
     pub kind: &'static str,
     /// Line of the file.
     pub line: usize,
-    /// What.
+    /// Description.
     pub message: String,
 }
 
-/// What came of a run.
+/// The result of a run.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct RunReport {
-    /// All devices came to OP, each datagram counted as the list expects, and nothing speaks against any device.
+    /// Whether all devices reached OP, each working counter was as the list expects, and there is
+    /// no finding against any device.
     pub in_sync: bool,
-    /// Commands of the list that were done.
+    /// Number of successful commands of the list.
     pub commands: usize,
-    /// Why it ended before its end; null if it did not.
+    /// Why it ended early; null: it did not.
     pub failure: Option<FailureReport>,
-    /// What was put in the place of the list's placeholders, by position; null for devices without a clock.
+    /// The values that replaced the list's placeholders, by position; null: the device has no
+    /// clock.
     pub clocks: Vec<Option<ClockReport>>,
-    /// Objects that the list writes and that the device's description does not have: not written.
+    /// Objects that the list writes and the device's description does not have; they were not
+    /// written.
     pub unknown_objects: Vec<UnknownObject>,
-    /// Cycles in OP.
+    /// Number of cycles in OP.
     pub cycles: u64,
-    /// Frames of these that did not come back.
+    /// Frames in OP that did not come back.
     pub lost_frames: u64,
-    /// Datagrams of these that did not count as the list expects.
+    /// Datagrams in OP whose working counter was not the one that the list expects.
     pub wrong_counters: u64,
     /// What the virtual segment and its judges saw; null on a real interface.
     pub summary: Option<Summary>,
-    /// What the wire showed, and what the verdict engine made of it; null on a virtual segment.
+    /// What the wire showed, and the result of the verdict engine; null on a virtual segment.
     #[cfg(target_os = "linux")]
     pub interface: Option<InterfaceReport>,
 }
 
-/// Why a run ended.
+/// Why a run ended early.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FailureReport {
     /// A fixed name.
     pub kind: &'static str,
-    /// The list asks for something that is not supported here, so that nothing is said of the segment.
+    /// The list requires something that is not supported here, so the run says nothing about the
+    /// segment.
     pub refused: bool,
-    /// Position of the device whose command failed; null if it is none's.
+    /// Position of the device whose command failed; null: the failure is about no device.
     pub position: Option<usize>,
-    /// Its transition; null between commands.
+    /// Transition of the command; null: it was between commands.
     pub transition: Option<String>,
-    /// What, with its place.
+    /// Description, with the place.
     pub message: String,
 }
 
-/// What was measured for a clock.
+/// The measured values of a clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ClockReport {
-    /// Register 0x0928.
+    /// Propagation delay (0x0928).
     pub delay_ns: i64,
-    /// The receive times told the delay; else it is 0.
+    /// Whether the receive times gave a delay; else the delay is 0.
     pub is_delay_known: bool,
-    /// Register 0x092C when clocks had been led, its size.
+    /// Magnitude of the last 0x092C while the clocks were led.
     pub difference_ns: i64,
-    /// It stayed within what counts as converged.
+    /// Whether 0x092C stayed within the limit of convergence.
     pub has_converged: bool,
-    /// Register 0x0990; null without SYNC.
+    /// Start time (0x0990); null without SYNC.
     pub start_ns: Option<u64>,
 }
 
@@ -150,7 +155,7 @@ pub struct UnknownObject {
 }
 
 impl Report {
-    /// Of a list that was only planned.
+    /// The report of a list that was only planned.
     pub fn planned(
         eni: &Eni,
         segment: &VirtualSegment,
@@ -182,7 +187,8 @@ impl Report {
         }
     }
 
-    /// Whether all came as it should: what the segment file expects of the run, or else that it is in sync.
+    /// Whether the run was as expected by the segment file; without expectations, whether it was in
+    /// sync.
     pub fn as_expected(&self) -> bool {
         self.run.as_ref().is_some_and(|run| match &run.summary {
             Some(summary) if !summary.expected.is_empty() => {
@@ -192,7 +198,7 @@ impl Report {
         })
     }
 
-    /// The same with what came of a run on a virtual segment.
+    /// Adds the result of a run on a virtual segment.
     pub fn with_run(mut self, played: &Played) -> Self {
         let all_in_op = || {
             let last = played.summary.sessions.last();
@@ -208,7 +214,7 @@ impl Report {
         self
     }
 
-    /// The same with what came of a run on a real interface.
+    /// Adds the result of a run on a real interface.
     #[cfg(target_os = "linux")]
     pub fn with_wire(mut self, played: &PlayedOnWire, interface: InterfaceReport) -> Self {
         let in_sync = played.failure.is_none() && interface.in_sync;

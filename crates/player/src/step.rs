@@ -1,4 +1,5 @@
-//! One command of the list: a register access with its repetitions and its check, or an SDO download.
+//! One command of the list: a register access with its repetitions and its check, or an SDO
+//! download.
 
 use isocat_descriptions::start_up::{Address, Check, RegisterStep};
 use isocat_wire::al::AlStatusCode;
@@ -8,8 +9,9 @@ use isocat_wire::time::Nanos;
 use crate::failure::Kind;
 use crate::line::Line;
 
-/// Does a register access, with `data` in the place of the step's own. It is tried again until the working counter is
-/// right, as often as `retries` and `patience_ms` allow; a read with a check until it finds what is expected.
+/// Makes a register access, with `data` in place of the step's own. Repeats it until the working
+/// counter is right, as `retries` and `patience_ms` allow; a read with a check, until it returns
+/// what is expected.
 pub(crate) fn register(line: &mut Line, step: &RegisterStep, data: &[u8]) -> Result<(), Kind> {
     let checked = step.check.as_ref().map_or(0, |check| check.patience_ms);
     let patience = step.patience_ms.unwrap_or(0).max(checked);
@@ -21,7 +23,8 @@ pub(crate) fn register(line: &mut Line, step: &RegisterStep, data: &[u8]) -> Res
             Err(kind) => kind,
         };
         tries += 1;
-        // Repetitions count where only they are given; a time that is given is the longer patience.
+        // Without a time, the number of repetitions is the limit; with a time, both limits must be
+        // exceeded.
         if tries > u32::from(step.retries) && line.now() >= until {
             return Err(with_code(line, step, failed));
         }
@@ -29,7 +32,7 @@ pub(crate) fn register(line: &mut Line, step: &RegisterStep, data: &[u8]) -> Res
     }
 }
 
-/// One try: what it failed for, if the frame could be sent at all.
+/// Makes one attempt. The inner error is why it failed, if the frame could be sent at all.
 fn attempt(line: &mut Line, step: &RegisterStep, data: &[u8]) -> Result<Result<(), Kind>, Kind> {
     use isocat_descriptions::start_up::Own;
     if step.own == Own::Cycle {
@@ -51,7 +54,7 @@ fn attempt(line: &mut Line, step: &RegisterStep, data: &[u8]) -> Result<Result<(
     })
 }
 
-/// Whether the bits that count are those that are expected; bytes that one of both lacks do not count.
+/// Whether all bits of the mask are as expected; bytes that one of the two lacks do not count.
 fn holds(check: &Check, found: &[u8]) -> bool {
     let mask = |at: usize| match &check.mask {
         Some(mask) => mask.get(at).copied().unwrap_or(0),
@@ -61,7 +64,7 @@ fn holds(check: &Check, found: &[u8]) -> bool {
     pairs.all(|(at, (expected, found))| (expected ^ found) & mask(at) == 0)
 }
 
-/// A state that was not reached has a reason, which stands behind AL status.
+/// Adds the AL status code to a state that was not reached; it follows AL status in memory.
 fn with_code(line: &mut Line, step: &RegisterStep, failed: Kind) -> Kind {
     let Kind::Check { expected, found, .. } = failed else { return failed };
     let mut code = None;
@@ -77,9 +80,9 @@ fn with_code(line: &mut Line, step: &RegisterStep, failed: Kind) -> Kind {
     Kind::Check { expected, found, code }
 }
 
-/// No command is tried for longer, whatever the list says.
+/// Longest time that a command is repeated, whatever the list says.
 pub(crate) const LONGEST: Nanos = Nanos::millis(60_000);
-/// From one try to the next.
+/// Time between two attempts.
 const BETWEEN: Nanos = Nanos::micros(500);
 
 #[cfg(test)]

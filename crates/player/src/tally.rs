@@ -1,4 +1,4 @@
-//! What is counted of all frames of a run, and what is told of them.
+//! Counts all frames of a run, and queues events.
 
 use std::collections::VecDeque;
 
@@ -9,7 +9,7 @@ use isocat_wire::time::{Host, Time};
 /// Counts and events of a run.
 #[derive(Default)]
 pub(crate) struct Tally {
-    /// Counts, as our own MainDevice has them.
+    /// Counts in the form of isocat's own MainDevice.
     pub statistics: Statistics,
     events: VecDeque<(Time<Host>, Event)>,
     dropped: u64,
@@ -23,7 +23,7 @@ impl Tally {
         self.next
     }
 
-    /// Tells of something that happened at `at`.
+    /// Queues an event that happened at `at`.
     pub fn tell(&mut self, at: Time<Host>, event: Event) {
         if self.events.len() < MOST_EVENTS {
             self.events.push_back((at, event));
@@ -32,7 +32,7 @@ impl Tally {
         }
     }
 
-    /// Takes the next event; behind the last one, how many were dropped.
+    /// Takes the next event; after the last one, the number of dropped events.
     pub fn poll_event(&mut self, now: Time<Host>) -> Option<(Time<Host>, Event)> {
         self.events.pop_front().or_else(|| {
             let count = std::mem::take(&mut self.dropped);
@@ -41,5 +41,5 @@ impl Tally {
     }
 }
 
-/// Events that may wait to be taken.
+/// Largest number of events in the queue.
 const MOST_EVENTS: usize = 1_000;

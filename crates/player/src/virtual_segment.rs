@@ -1,5 +1,6 @@
-//! A virtual segment for an ENI to be played on. An ENI says what is written and not who takes it, so each device is made of
-//! the best that is at hand: a maker's description (ESI), a built-in profile, or else what the ENI itself tells.
+//! Makes a virtual segment to play an ENI on. An ENI tells what is written, but not what the
+//! devices are. So each device is made from the best source: a maker's description (ESI), a
+//! built-in profile, or else the ENI itself.
 
 mod plain;
 
@@ -21,21 +22,21 @@ use isocat_wire::dc::AssignActivate;
 use isocat_wire::register::{self, Value};
 use isocat_wire::{Command, PortNumber};
 
-/// A segment, and what each of its devices was made of.
+/// A segment, with the source of each device.
 #[derive(Clone, Debug)]
 pub struct VirtualSegment {
     /// The segment.
     pub scenario: Scenario,
-    /// By position.
+    /// The sources by position.
     pub origins: Vec<Origin>,
-    /// Its segment file.
+    /// The text of its segment file.
     pub text: String,
-    /// Lines of it that say what each device is, by position: all but its name and place. Empty where the segment file is the
-    /// user's own.
+    /// The lines of the segment file that describe each device, by position, without its name and
+    /// place. Empty for a segment file of the user.
     pub keys: Vec<String>,
 }
 
-/// What a device was made of.
+/// The source of a device.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Origin {
     /// The user's segment file.
@@ -44,11 +45,12 @@ pub enum Origin {
     Esi {
         /// The file.
         path: String,
-        /// The type in it.
+        /// The type in the file.
         kind: String,
-        /// The OpMode that has the AssignActivate word of the ENI; `None` if the device has none, or none fits.
+        /// The OpMode with the AssignActivate word of the ENI; `None`: the device has none, or none
+        /// fits.
         op_mode: Option<String>,
-        /// The revision in the file, where it is not that of the ENI.
+        /// The revision in the file, if it differs from that of the ENI.
         other_revision: Option<u32>,
     },
     /// A built-in profile.
@@ -56,7 +58,7 @@ pub enum Origin {
         /// Its id.
         id: String,
     },
-    /// What the ENI says of it: its times and its dictionary are assumptions.
+    /// The ENI alone: times and dictionary of the device are assumptions.
     Eni,
 }
 
@@ -94,8 +96,8 @@ impl fmt::Display for Origin {
     }
 }
 
-/// The descriptions among these files and folders. A file that is no description is an error if it was named itself, and
-/// passed over in a folder.
+/// Reads the descriptions in these files and folders. A file that is no description is an error if
+/// it was named itself, and ignored in a folder.
 pub fn descriptions(paths: &[PathBuf]) -> Result<Vec<EsiFile>, FileError> {
     let mut files = Vec::new();
     for path in paths {
@@ -113,7 +115,7 @@ pub fn descriptions(paths: &[PathBuf]) -> Result<Vec<EsiFile>, FileError> {
     Ok(files)
 }
 
-/// Makes a segment of an ENI.
+/// Makes a segment from an ENI.
 pub fn of_eni(eni: &Eni, descriptions: &[EsiFile]) -> Result<VirtualSegment, FileError> {
     let list = &eni.start_up;
     let (mut made, mut origins, mut all_keys) = (Vec::new(), Vec::new(), Vec::new());
@@ -150,7 +152,7 @@ pub fn of_eni(eni: &Eni, descriptions: &[EsiFile]) -> Result<VirtualSegment, Fil
     Ok(VirtualSegment { scenario: Scenario::from(file), origins, text, keys: all_keys })
 }
 
-/// A segment that the user describes, held against the identities of the ENI.
+/// Takes a segment that the user describes, and checks its identities against the ENI.
 pub fn of_file(eni: &Eni, file: SegmentFile) -> Result<VirtualSegment, FileError> {
     let list = &eni.start_up;
     let error = |line: usize, message: String| {
@@ -196,7 +198,7 @@ pub fn of_file(eni: &Eni, file: SegmentFile) -> Result<VirtualSegment, FileError
     Ok(VirtualSegment { scenario: Scenario::from(file), origins, text, keys })
 }
 
-/// The keys that make a device, but for its name and place.
+/// The keys of a device, without its name and place.
 fn keys(
     eni: &Eni,
     position: usize,
@@ -250,7 +252,7 @@ fn carries(profile: &Profile, device: &DeviceStartUp) -> bool {
     })
 }
 
-/// The description of a device: of its revision, else the newest.
+/// The description of a device: that of its revision, else the newest.
 fn described<'f>(
     device: &DeviceStartUp,
     descriptions: &'f [EsiFile],
@@ -292,7 +294,7 @@ fn of_description(
     (keys, origin)
 }
 
-/// The OpMode whose word and cycles are those that the ENI writes.
+/// The OpMode with the word and the cycles that the ENI writes.
 fn op_mode(device: &DeviceStartUp, bus: i64, found: &EsiDevice) -> Option<usize> {
     let word = assign_activate(device);
     let modes = found.op_modes();
@@ -308,7 +310,7 @@ fn op_mode(device: &DeviceStartUp, bus: i64, found: &EsiDevice) -> Option<usize>
     best.and_then(number)
 }
 
-/// A cycle of an OpMode in ns.
+/// The ns of an OpMode's cycle.
 fn resolved(time: Option<CycleTime>, of: i64) -> i64 {
     match time {
         None => 0,
@@ -320,7 +322,7 @@ fn resolved(time: Option<CycleTime>, of: i64) -> i64 {
     }
 }
 
-/// The keys of the mode that the ENI brings the device into, as far as the device announces it.
+/// The keys of the device's mode by the ENI, if the device announces that mode.
 fn mode(device: &DeviceStartUp, bus: i64, announced: &[SyncMode]) -> String {
     let dc = device.dc.unwrap_or_default();
     let bits = assign_activate(device).to_bytes()[1];
@@ -354,7 +356,7 @@ fn mode(device: &DeviceStartUp, bus: i64, announced: &[SyncMode]) -> String {
     keys
 }
 
-/// What the way to SAFEOP leaves in 0x0980 and 0x0981: as one word, or one byte after the other.
+/// The values that the way to SAFEOP writes to 0x0980 and 0x0981, as one word or byte by byte.
 pub(crate) fn assign_activate(device: &DeviceStartUp) -> AssignActivate {
     let mut word = [0; 2];
     for step in device.registers.iter().filter(|step| step.transitions.contains(&Transition::PS)) {
@@ -371,7 +373,7 @@ pub(crate) fn assign_activate(device: &DeviceStartUp) -> AssignActivate {
     AssignActivate::from_bytes(word)
 }
 
-/// What the ENI writes to 0x1C32:01, else to 0x1C33:01.
+/// The value that the ENI writes to 0x1C32:01, else to 0x1C33:01.
 fn written_type(device: &DeviceStartUp) -> Option<u8> {
     let of = |index: u16| {
         let mut steps = device.objects.iter().rev();
@@ -381,7 +383,7 @@ fn written_type(device: &DeviceStartUp) -> Option<u8> {
     of(OUTPUT_PARAMETER).or_else(|| of(INPUT_PARAMETER))
 }
 
-/// The name of a device; one that is not unique, or empty, tells its position too.
+/// The name of a device, with its position if the name is empty or not unique.
 fn name(eni: &Eni, position: usize) -> String {
     let devices = &eni.start_up.devices;
     let own = devices[position].name.trim();
@@ -393,7 +395,7 @@ fn name(eni: &Eni, position: usize) -> String {
     }
 }
 
-/// Lines of a text that was made say nothing to the reader of the ENI.
+/// Removes the line of an error: lines of a generated text mean nothing to the reader of the ENI.
 fn without_place(error: FileError) -> FileError {
     FileError::new(Wrong { line: 0, column: 0, ..Wrong::clone(&error) })
 }

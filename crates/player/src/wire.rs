@@ -1,4 +1,5 @@
-//! What carries the player's frames, and whose time it is: the virtual bus here, a real interface in `real`.
+//! The wire of the player's frames, with its clock: the virtual bus here, a real interface in
+//! `real`.
 
 use isocat_serve::{Answer, Bus};
 use isocat_sim::MainPort;
@@ -8,30 +9,31 @@ use isocat_wire::time::{Host, Nanos, Time};
 
 use crate::failure::Kind;
 
-/// Room for a frame.
+/// A buffer for one frame.
 pub(crate) type Buffer = [u8; frame::MAX_LEN];
 
-/// A way to the segment, with a clock.
+/// A connection to the segment, with a clock.
 pub(crate) trait Wire {
     /// The present.
     fn now(&self) -> Time<Host>;
 
-    /// Waits.
+    /// Waits until `until`.
     fn wait(&mut self, until: Time<Host>) -> Result<(), Kind>;
 
-    /// Waits for the beginning of a cycle; gives when it really begins, as hosts wake late.
+    /// Waits for the beginning of a cycle; returns its real beginning, because hosts wake up late.
     fn wake_up(&mut self, due: Time<Host>) -> Result<Time<Host>, Kind>;
 
-    /// Sends a frame at `at`, or as soon afterwards as this wire can.
+    /// Sends a frame at `at`, or as soon as possible afterwards.
     fn send(&mut self, at: Time<Host>, frame: &[u8]) -> Result<Sent, Kind>;
 
-    /// Takes the next frame that comes back, and waits for it until `until`; gives its length. `None`: none came.
+    /// Waits until `until` for the next frame that comes back; returns its length. `None`: none
+    /// came.
     fn receive(&mut self, until: Time<Host>, buffer: &mut Buffer) -> Result<Option<usize>, Kind>;
 
-    /// What this wire is like.
+    /// The properties of this wire.
     fn traits(&self) -> Traits;
 
-    /// Begins or ends the time in which the host's punctuality is measured.
+    /// Begins or ends the measurement of the host's lateness.
     fn measure(&mut self, _on: bool) {}
 }
 
@@ -40,26 +42,26 @@ pub(crate) trait Wire {
 pub(crate) struct Sent {
     /// When its first bit left, as far as the host knows.
     pub at: Time<Host>,
-    /// When its last bit will be back, if the wire can tell.
+    /// When its last bit will be back, if the wire knows that.
     pub back: Option<Time<Host>>,
 }
 
-/// What a wire is like.
+/// The properties of a wire.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) struct Traits {
-    /// How long a frame is waited for that does not come.
+    /// How long to wait for a frame before it is lost.
     pub patience: Nanos,
-    /// How much too early time stamps are as a rule; 0: they are exact.
+    /// How much too early time stamps usually are; 0: they are exact.
     pub stamp_noise: Nanos,
 }
 
 /// The virtual bus, in virtual time.
 pub(crate) struct VirtualWire<'t> {
     pub bus: Bus,
-    /// Sees each frame that leaves.
+    /// Receives each frame that leaves.
     tap: &'t mut dyn FnMut(Time<Host>, &[u8]),
     seed: u64,
-    /// Worst lateness of the host's wake-ups.
+    /// Largest lateness of the host's wake-ups.
     jitter: Nanos,
     wake_ups: u64,
 }

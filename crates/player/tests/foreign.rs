@@ -1,4 +1,4 @@
-//! Real ENI files, where they are at hand, on segments that are made of them.
+//! Plays real ENI files, if they are present, on segments made from them.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use isocat_player::virtual_segment::{self, Origin};
 use isocat_player::{Report, Settings, play};
 use isocat_wire::Nanos;
 
-/// A folder beside the project, or `None` with a word.
+/// A folder beside the project; if it is absent, prints a message and returns `None`.
 fn folder(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared").join(name);
     if path.exists() {
@@ -20,7 +20,8 @@ fn folder(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// Runs a file and gives its report, with the kinds of its differences and what its only device is made of.
+/// Runs a file; returns its report, the kinds of its differences, and the source of its only
+/// device.
 fn run(name: &str) -> Option<(Report, Vec<Kind>, Origin)> {
     let descriptions = match folder("esi") {
         Some(folder) => virtual_segment::descriptions(&[folder]).unwrap(),
@@ -48,7 +49,7 @@ fn an_export_without_dc_runs_on_its_description() {
     let text = report.text();
     let run = report.run.unwrap();
     assert!(run.in_sync, "{text}");
-    // 0x6060:00 stands in the dictionary of the preset module.
+    // The preset module's dictionary has 0x6060:00.
     assert!(run.unknown_objects.is_empty(), "{text}");
     assert!(kinds.contains(&Kind::MailboxState) && kinds.contains(&Kind::SyncObject), "{text}");
 }
@@ -86,7 +87,7 @@ fn an_export_with_dc_runs_on_a_device_made_of_it() {
     let run = report.run.unwrap();
     assert!(run.in_sync && run.unknown_objects.is_empty(), "{text}");
     assert!(run.clocks[0].unwrap().start_ns.unwrap() % 4_000_000 == 0, "{text}");
-    // What the ENI maps is what the device has: 10 bytes out, 12 in, as in the plan.
+    // The device has what the ENI maps: 10 bytes out, 12 in, as in the plan.
     assert!(!kinds.contains(&Kind::Fmmu) && !kinds.contains(&Kind::PdoAssignment), "{text}");
     for kind in [Kind::Shift, Kind::PdoMapping, Kind::DriftFilter, Kind::Frames] {
         assert!(kinds.contains(&kind), "{kind:?}: {text}");

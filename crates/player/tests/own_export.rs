@@ -1,5 +1,5 @@
-//! What our own plan exports as ENI is played: the registers at the end are those of the run that follows the plan, and each
-//! change of the file is a change of what happens.
+//! Plays the ENI export of isocat's own plan: the final registers are those of a run by the plan,
+//! and each change of the file changes what happens.
 
 use isocat_descriptions::eni::{self, Eni};
 use isocat_engine::NoTap;
@@ -15,13 +15,13 @@ use isocat_wire::Nanos;
 const TWO_DRIVES: &str = "cycle = \"1ms\"\n\
     [[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nclock = \"40ppm\"\n\
     [[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nclock = \"-35ppm\"\n";
-/// Couplers, terminals without mailbox and two kinds of drives.
+/// Couplers, terminals without mailbox, and two kinds of drives.
 const MIXED: &str = "cycle = \"2ms\"\n\
     [[subdevice]]\ndevice = \"beckhoff_ek1100\"\n\
     [[subdevice]]\ndevice = \"beckhoff_el2502-0010\"\n\
     [[subdevice]]\ndevice = \"kollmorgen_akd2g\"\nconnect = \"0:2\"\n\
     [[subdevice]]\ndevice = \"hpmicro_ecat_cia402_ssc\"\n";
-/// Without a clock in any device.
+/// No device has a clock.
 const SIMPLE: &str = "cycle = \"1ms\"\n[[subdevice]]\ndevice = \"simple_io4\"\n";
 
 fn scenario(text: &str) -> Scenario {
@@ -43,7 +43,8 @@ fn played(text: &str, scenario: &Scenario) -> Played {
     play(read(text).runnable().unwrap(), scenario, settings)
 }
 
-/// Bytes that the list decides: no times, no counters, nothing that a device writes by itself.
+/// The bytes that the list determines: no times, no counters, and nothing that a device writes
+/// itself.
 fn decided() -> impl Iterator<Item = usize> {
     let managers = (0..16).flat_map(|number| {
         let first = 0x0800 + 8 * number;
@@ -111,7 +112,8 @@ fn a_segment_without_clocks_ends_with_the_registers_of_the_run() {
     the_same_registers(SIMPLE);
 }
 
-/// The judges say so, the working counters are right, and our own list does not differ from itself.
+/// The judges find it in sync, the working counters are right, and isocat's own list does not
+/// differ from itself.
 #[test]
 fn it_is_in_sync_and_the_same_as_the_plan() {
     for text in [TWO_DRIVES, MIXED, SIMPLE] {
@@ -128,7 +130,7 @@ fn it_is_in_sync_and_the_same_as_the_plan() {
     }
 }
 
-/// Twice the same, to the bit.
+/// Two runs are the same to the bit.
 #[test]
 fn a_run_repeats_itself() {
     let scenario = scenario(TWO_DRIVES);
@@ -136,7 +138,8 @@ fn a_run_repeats_itself() {
     assert_eq!(played(&text, &scenario).summary, played(&text, &scenario).summary);
 }
 
-/// The segment is made anew of the file: built-in profiles by identity, in the modes that the file brings them into.
+/// The segment is made again from the file: built-in profiles by identity, in the modes of the
+/// file.
 #[test]
 fn a_segment_is_made_of_the_file() {
     let text = export(&scenario(MIXED));
@@ -149,7 +152,7 @@ fn a_segment_is_made_of_the_file() {
     assert!(played.failure.is_none(), "{}", played.failure.unwrap());
 }
 
-/// What no profile has is made of the file alone, and runs.
+/// A device without a profile is made from the file alone, and runs.
 #[test]
 fn a_device_that_nothing_describes_is_made_of_the_file() {
     let text = export(&scenario(TWO_DRIVES)).replace("<ProductCode>", "<ProductCode>9");
@@ -161,7 +164,7 @@ fn a_device_that_nothing_describes_is_made_of_the_file() {
     assert!(played.failure.is_none(), "{}\n{}", played.failure.unwrap(), made.text);
 }
 
-/// To the letter: a working counter that the segment can't give ends the way up.
+/// The list is executed to the letter: a wrong working counter in it ends the way up.
 #[test]
 fn a_wrong_working_counter_is_told() {
     let scenario = scenario(TWO_DRIVES);
@@ -171,13 +174,13 @@ fn a_wrong_working_counter_is_told() {
     assert_eq!(failure.kind, failure::Kind::ProcessData { expected: 5, found: 6 });
 }
 
-/// A command that a device refuses is told with its place, its comment and the AL status code.
+/// A refused command is reported with its place, its comment and the AL status code.
 #[test]
 fn a_refused_state_is_told_with_its_place() {
     let scenario = scenario(TWO_DRIVES);
     let list = Plan::of(&scenario).unwrap().start_up(&scenario);
     let mut broken = list.clone();
-    // SyncManager 2 of the second drive is not its own any more.
+    // SyncManager 2 of the second drive gets a wrong setting.
     let step = broken.devices[1].registers.iter_mut().find(|step| {
         matches!(
             step.address,
@@ -193,8 +196,8 @@ fn a_refused_state_is_told_with_its_place() {
     assert_eq!(code.unwrap().0, 0x001D, "{failure}");
 }
 
-/// The shift of the file is the one that is run: SYNC0 in the middle of the copying is found by the judges, and the
-/// comparison says by how much it does not fit.
+/// The shift of the file is run: the judges find SYNC0 during the copying, and the comparison tells
+/// by how much the shift does not fit.
 #[test]
 fn a_shift_that_does_not_fit_is_run_and_told() {
     let scenario = scenario(TWO_DRIVES);
@@ -216,10 +219,10 @@ fn a_shift_that_does_not_fit_is_run_and_told() {
     assert!(!report.run.unwrap().in_sync);
 }
 
-/// Each kind of difference, by the change that makes it.
+/// Tests each kind of difference, by a change that causes it.
 #[test]
 fn differences_have_kinds() {
-    // One that is told its type and cycle by SDO.
+    // A device that gets its type and cycle by SDO.
     let scenario =
         scenario("cycle = \"1ms\"\n[[subdevice]]\ndevice = \"hpmicro_ecat_cia402_ssc\"\n");
     let plan = Plan::of(&scenario).unwrap();
@@ -251,7 +254,7 @@ fn differences_have_kinds() {
     );
 }
 
-/// A list that starts SYNC and distributes no time is refused before anything is sent.
+/// A list that starts SYNC but distributes no time is refused before anything is sent.
 #[test]
 fn sync_without_a_drift_datagram_is_refused() {
     let scenario = scenario(TWO_DRIVES);
@@ -263,7 +266,7 @@ fn sync_without_a_drift_datagram_is_refused() {
     assert!(failure.kind.is_refused() && played.summary.frames == 0);
 }
 
-/// Another device than the file names is a clear error, at its line.
+/// A device that differs from the file's is a clear error, with its line.
 #[test]
 fn a_segment_of_other_devices_is_refused() {
     let eni = read(&export(&scenario(TWO_DRIVES)));

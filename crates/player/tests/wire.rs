@@ -1,5 +1,5 @@
-//! Our own export against the run that made it, on the wire: what both write to each register and each object of each
-//! SubDevice, in order.
+//! Compares isocat's own export with the run that made it, on the wire: what both write to each
+//! register and object of each SubDevice, in order.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -19,8 +19,8 @@ use isocat_wire::{Command, ObjectAddress, coe, frame, mailbox, register};
 /// Values by register, in the order of the wire.
 type Registers = BTreeMap<u16, Vec<Vec<u8>>>;
 
-/// What was written to each SubDevice, by position, from its station address on: what a MainDevice clears before is no part of
-/// a start-up list.
+/// The writes to each SubDevice, by position, after it has got its station address: earlier writes,
+/// which clear registers, do not belong to a start-up list.
 #[derive(Clone, Default, Debug)]
 struct Writes {
     stations: Vec<Option<u16>>,
@@ -61,7 +61,7 @@ impl Writes {
     fn write(&mut self, position: usize, register: u16, data: &[u8]) {
         if register == register::STATION_ADDRESS.address {
             let station = u16::from_le_bytes([data[0], data[1]]);
-            // 0 takes away one that was left from before.
+            // Writing 0 removes an earlier station address.
             self.stations[position] = (station != 0).then_some(station);
         }
         if register >= 0x1000
@@ -73,14 +73,15 @@ impl Writes {
         if self.stations[position].is_none() || !is_decided(register) {
             return;
         }
-        // A list begins in INIT and acknowledges with its first request; the run asks for INIT before, and acknowledges then.
+        // A list begins in INIT and acknowledges with its first request; the run requests INIT
+        // before that, and acknowledges then.
         let control = register == register::AL_CONTROL.address;
         let data = if control { &[data[0] & 0x0F, data[1]][..] } else { data };
         if control && data[0] == AlState::Init as u8 {
             return;
         }
         let values = self.devices[position].entry(register).or_default();
-        // One that is repeated, as its answer was late, changes nothing.
+        // A repeated write, after a late answer, changes nothing.
         if values.last().is_none_or(|last| last != data) {
             values.push(data.to_vec());
         }
@@ -108,15 +109,15 @@ fn download(message: &[u8]) -> Option<(ObjectAddress, Vec<u8>)> {
     Some((head.object, value))
 }
 
-/// Registers whose values a list decides. The others are measured (offset, delay, start time), belong to how clocks are led
-/// and measured (latches, drift frames, filters), to reading an EEPROM or an error counter; memory behind them is mailboxes and
-/// process data.
+/// The registers whose values a list determines. The others are measured (offset, delay, start
+/// time), belong to the leading and measuring of clocks (latches, drift frames, filters), to an
+/// EEPROM or to an error counter. Memory from 0x1000 on is mailboxes and process data.
 fn is_decided(register: u16) -> bool {
     let own = [0x0300..0x0314, 0x0500..0x0510, 0x0900..0x0940, 0x0990..0x0998, 0x1000..0xFFFF];
     !own.iter().any(|range| range.contains(&register))
 }
 
-/// Writes down what the run's MainDevice sends.
+/// Records what the run's MainDevice sends.
 struct Witness(Rc<RefCell<Writes>>);
 
 impl Tap for Witness {
@@ -127,7 +128,7 @@ impl Tap for Witness {
     }
 }
 
-/// Gives how many SDO downloads each SubDevice got.
+/// Compares both; returns the number of SDO downloads to each SubDevice.
 fn the_same_on_the_wire(text: &str) -> Vec<usize> {
     let mut scenario = Scenario::from(SegmentFile::parse("test.toml", text).unwrap());
     scenario.duration = Nanos::millis(50);
@@ -157,7 +158,7 @@ fn the_same_on_the_wire(text: &str) -> Vec<usize> {
             .map(|at| format!("0x{at:04X}: run {:02X?}, ENI {:02X?}", one.get(at), other.get(at)))
             .collect();
         assert!(different.is_empty(), "SubDevice {position}:\n{}", different.join("\n"));
-        // A comparison of nothing would be right, too.
+        // A comparison of nothing would succeed, too.
         let al_control = register::AL_CONTROL.address;
         assert!(registers.contains(&al_control), "SubDevice {position}: {registers:04X?}");
     }

@@ -1,8 +1,9 @@
-//! Frames of a run in a pcapng file, with nanosecond time stamps: one interface for each place where they are seen, and
-//! comments in words where something happened.
+//! Writes the frames of a run to a pcapng file with nanosecond time stamps. Each place where frames
+//! are seen is an interface, and events are comments in words.
 //!
-//! Packets stand in the order of time, whatever the order is in which they are told: the last [`WINDOW`] of them are held
-//! back, and with them what happened, until the packet nearest to it is known.
+//! Packets are written in the order of time, whatever the order in which they arrive here: the last
+//! [`WINDOW`] packets are held back, and events with them, until the packet nearest to each event
+//! is known.
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -25,29 +26,31 @@ use pcap_file::pcapng::blocks::interface_description::{
 };
 use pcap_file::{DataLink, PcapError};
 
-/// Writes all frames at the MainDevice's ports to a file: sent ones are marked outbound, those that
-/// came back inbound. Time stamps of a simulation are true time, from the beginning of the run; those of a
-/// real interface are wall time, taken just before a frame is handed to the kernel and when the kernel has
-/// it back.
+/// Writes all frames at the MainDevice's ports to a file: sent frames are marked outbound, frames
+/// that came back inbound. Time stamps of a simulation are true time, from the beginning of the
+/// run. Those of a real interface are wall time, taken right before a frame is given to the kernel
+/// and when the kernel has received it.
 ///
-/// In a simulation frames are seen in front of SubDevices, too ([`Capture::with_probes`]): inbound as they enter the
-/// SubDevice, outbound as they leave it, processed. And on cables ([`Capture::with_cables`]): outbound away from the
-/// MainDevice, inbound on their way back, as a tap in the line has them.
+/// In a simulation, frames can also be seen in front of SubDevices ([`Capture::with_probes`]):
+/// inbound as they enter the SubDevice, outbound as they leave it, processed. On cables
+/// ([`Capture::with_cables`]) they are outbound away from the MainDevice and inbound on their way
+/// back, as a tap in the line sees them.
 pub struct Capture<W: Write = BufWriter<File>> {
     writer: PcapNgWriter<W>,
     /// The first error; later frames are dropped.
     failed: Option<io::Error>,
     /// Names of the SubDevices, by position.
     names: Vec<String>,
-    /// Positions that are probed; the interface of each is its place here and one.
+    /// Positions with a probe. The interface of each is 1 + its index here.
     probes: Vec<usize>,
-    /// Positions in front of which the cable is tapped; the interface of each is behind those of the probes.
+    /// Positions with a tap on the cable in front of them. Their interfaces follow those of the
+    /// probes.
     cables: Vec<usize>,
-    /// The interface of the secondary port, once there is one.
+    /// The interface of the secondary port, after its first frame.
     secondary: Option<u32>,
-    /// By time.
+    /// Packets that are held back, in the order of time.
     held: VecDeque<Packet>,
-    /// By time: what happened and stands in no packet yet.
+    /// Events that no packet carries yet, in the order of time.
     notes: VecDeque<Note>,
 }
 
@@ -58,15 +61,16 @@ struct Packet {
     data: Vec<u8>,
 }
 
-/// Something to be said at a packet.
+/// A comment for a packet.
 struct Note {
     at: Duration,
-    /// At the first packet from then on; else at the nearest.
+    /// Whether it belongs to the first packet from `at` on; false: to the nearest packet.
     behind: bool,
     words: String,
 }
 
-/// Packets that are held back. What is told late lies some frames back; memory is bounded by it: 1.5 MB.
+/// Number of packets that are held back, because some events arrive a few frames late. It bounds
+/// memory to 1.5 MB.
 pub const WINDOW: usize = 1024;
 /// Flags option of a packet: direction inbound.
 const INBOUND: u32 = 1;
@@ -85,12 +89,12 @@ impl Capture {
 }
 
 impl<W: Write> Capture<W> {
-    /// Writes to `writer`.
+    /// Begins a file of a simulation, written to `writer`.
     pub fn new(writer: W) -> io::Result<Self> {
         Self::begin(writer, "main", "the MainDevice's port, in true time")
     }
 
-    /// Writes frames of a real interface to `writer`.
+    /// Begins a file of a real interface, written to `writer`.
     pub fn of_interface(writer: W, interface: &str) -> io::Result<Self> {
         Self::begin(writer, interface, "a network interface, in wall time")
     }
@@ -111,12 +115,13 @@ impl<W: Write> Capture<W> {
         Ok(capture)
     }
 
-    /// Calls SubDevices by these names, by position.
+    /// Sets the names of the SubDevices, by position.
     pub fn with_names(self, names: Vec<String>) -> Self {
         Self { names, ..self }
     }
 
-    /// Looks in front of these SubDevices, too: an interface each, `subdevice-2` for position 2. To be asked once.
+    /// Adds an interface for each of these SubDevices, which shows the frames in front of it:
+    /// `subdevice-2` for position 2. Must be called at most once.
     pub fn with_probes(mut self, positions: &[usize]) -> io::Result<Self> {
         self.probes = positions.to_vec();
         self.probes.sort_unstable();
@@ -129,8 +134,8 @@ impl<W: Write> Capture<W> {
         Ok(self)
     }
 
-    /// Taps the cables at port 0 of these SubDevices, too: an interface each, `cable-2` in front of position 2. To be
-    /// asked once, after the probes.
+    /// Adds an interface for the cable at port 0 of each of these SubDevices: `cable-2` in front of
+    /// position 2. Must be called at most once, after the probes.
     pub fn with_cables(mut self, positions: &[usize]) -> io::Result<Self> {
         self.cables = positions.to_vec();
         self.cables.sort_unstable();
@@ -156,7 +161,7 @@ impl<W: Write> Capture<W> {
         self.writer.write_pcapng_block(interface).map_err(cause).map(|_| ())
     }
 
-    /// Ends the file and gives its writer back, or the first error there was.
+    /// Ends the file. Returns its writer, or the first error.
     pub fn finish(mut self) -> io::Result<W> {
         while !self.held.is_empty() {
             self.release();
@@ -169,12 +174,12 @@ impl<W: Write> Capture<W> {
         Ok(writer)
     }
 
-    /// Writes a frame that left (`sent`) or came back at `at`.
+    /// Takes a frame that left (`sent`) or came back at `at`.
     pub fn write(&mut self, at: Duration, sent: bool, bytes: &[u8]) {
         self.hold(at, MAIN, sent, bytes);
     }
 
-    /// Says something at the packet nearest to `at`.
+    /// Adds a comment to the packet nearest to `at`.
     pub fn comment(&mut self, at: Duration, words: String) {
         self.note(Note { at, behind: false, words });
     }
@@ -195,7 +200,7 @@ impl<W: Write> Capture<W> {
         self.notes.insert(place, note);
     }
 
-    /// Writes the oldest packet, with what belongs to it.
+    /// Writes the oldest packet with its comments.
     fn release(&mut self) {
         let Some(Packet { at, interface, flags, data }) = self.held.pop_front() else { return };
         let next = self.held.front().map(|packet| packet.at);
@@ -246,7 +251,8 @@ impl<W: Write> Tap for Capture<W> {
         let interface =
             self.secondary.unwrap_or(MAIN + 1 + (self.probes.len() + self.cables.len()) as u32);
         if self.secondary.is_none() {
-            // Packets of an interface follow its description; those held back are of others.
+            // The description of an interface must precede its packets; all packets that are held
+            // back belong to others.
             let what = "the MainDevice's secondary port, in true time";
             if let Err(error) = self.describe("main-secondary", what) {
                 self.failed.get_or_insert(error);
@@ -313,7 +319,7 @@ impl<W: Write> Tap for Capture<W> {
 }
 
 impl<W: Write> Capture<W> {
-    /// What the MainDevice found wrong, and what became of SubDevices.
+    /// Describes faults that the MainDevice found, and changes of SubDevices.
     fn words(&self, event: &Event) -> Option<String> {
         Some(match event {
             Event::WorkingCounter { cycle, chunk, expected, found } => format!(
@@ -342,7 +348,7 @@ fn stamp(at: Time<True>) -> Duration {
     Duration::from_nanos(at.as_nanos())
 }
 
-/// What really went wrong: a full disk is a full disk, whatever the library calls it.
+/// The cause of an error: a full disk is reported as such, whatever the library wraps it in.
 fn cause(error: PcapError) -> io::Error {
     match error {
         PcapError::IoError(error) => error,

@@ -1,17 +1,17 @@
-//! A flight recorder: the last seconds of a wire go to a file when something happens, and the
-//! seconds behind it as well.
+//! A flight recorder: when something happens on a wire, the seconds before and after it are written
+//! to a file.
 //!
-//! [`FlightRecorder::frame`] keeps each frame in a [`Ring`]. [`FlightRecorder::trigger`] says that
-//! something happened at a frame, and begins an *incident*: the span from [`Limits::keep`] before
-//! it to [`Limits::after`] behind it. What happens within that second part belongs to the same
-//! incident, which then lasts until `after` behind the last of it, at most twice `after` in all;
-//! what happens later begins the next one. When an incident is over, its frames are copied and
-//! given to a thread that writes the file. So neither a slow disk nor a full one holds up frames,
-//! and what happens while a file is written is not lost.
+//! [`FlightRecorder::frame`] keeps each frame in a [`Ring`]. [`FlightRecorder::trigger`] reports an
+//! event at a frame and begins an *incident*: the span from [`Limits::keep`] before the frame to
+//! [`Limits::after`] after it. Further events in the second part belong to the same incident, which
+//! then lasts until `after` after the last of them, but at most twice `after`; a later event begins
+//! the next incident. When an incident is over, its frames are copied and given to a thread that
+//! writes the file. So a slow or full disk does not delay frames, and events while a file is
+//! written are not lost.
 //!
-//! Call [`FlightRecorder::tick`] now and then, with or without frames, and take what became of the
-//! files with [`FlightRecorder::poll`]. All instants are of one clock that does not jump, as wall
-//! time since 1970.
+//! Call [`FlightRecorder::tick`] from time to time, with or without frames, and take the results of
+//! the files from [`FlightRecorder::poll`]. All instants are of one clock that does not jump, for
+//! example wall time since 1970.
 
 use std::collections::VecDeque;
 use std::io;
@@ -27,41 +27,41 @@ use writer::{Job, Writer};
 /// How much a flight recorder keeps.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Limits {
-    /// Time before something happens.
+    /// Time that is kept before an event.
     pub keep: Duration,
-    /// Time behind it.
+    /// Time that is kept after an event.
     pub after: Duration,
-    /// Memory for frames, bytes. Copies that wait for the disk take as much again, twice at most.
+    /// Memory for frames, bytes. Copies that wait for the disk take up to twice as much in
+    /// addition.
     pub most_bytes: usize,
-    /// Files of one recorder in its folder, not 0. The first one stays; of the others, the oldest
-    /// makes room for the newest.
+    /// Number of files of one recorder in its folder, not 0. The first file always stays; of the
+    /// others, the oldest one is removed for the newest.
     pub most_files: usize,
 }
 
-/// Something that happened.
+/// An event that is recorded.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Reason {
-    /// A short name; it becomes a part of the file's name.
+    /// A short name, which is part of the file's name.
     pub kind: &'static str,
-    /// What it is, in a sentence.
+    /// The event in a sentence.
     pub what: String,
 }
 
-/// What became of an incident.
+/// The result of an incident.
 #[derive(Debug)]
 pub enum Told {
-    /// It is in a file.
+    /// It was written to a file.
     Written {
         /// The file.
         path: PathBuf,
-        /// Frames in it.
+        /// Number of frames in it.
         frames: u64,
-        /// From its first frame to its last.
+        /// Time from its first frame to its last.
         span: Duration,
-        /// Whether frames of the span that was asked for are missing, since memory had no room for
-        /// them.
+        /// Whether frames of the wanted span are missing, because the memory limit was reached.
         crowded: bool,
-        /// What happened, in the order in which it was told.
+        /// The events, in the order in which they were reported.
         reasons: Vec<Reason>,
         /// The older file that was removed for it.
         removed: Option<PathBuf>,
@@ -72,68 +72,68 @@ pub enum Told {
         path: PathBuf,
         /// Why.
         error: io::Error,
-        /// What happened.
+        /// The events.
         reasons: Vec<Reason>,
     },
     /// There was no frame to write.
     Empty {
-        /// What happened.
+        /// The events.
         reasons: Vec<Reason>,
     },
-    /// The one file that may be is there already.
+    /// The only allowed file exists already.
     NotKept {
-        /// What happened.
+        /// The events.
         reasons: Vec<Reason>,
     },
 }
 
-/// Keeps the last seconds, and writes them when something happens.
+/// Keeps the last seconds of a wire, and writes them when something happens.
 #[derive(Debug)]
 pub struct FlightRecorder {
     ring: Ring,
     limits: Limits,
-    /// In the order of their beginnings.
+    /// Incidents that are not written yet, in the order of their beginnings.
     incidents: VecDeque<Incident>,
     writer: Writer,
     told: VecDeque<Told>,
-    /// When the last frame or tick was.
+    /// The time of the last frame or tick.
     now: Duration,
 }
 
-/// A span of time in which something happened.
+/// A span of time around events.
 #[derive(Debug)]
 struct Incident {
-    /// When the first of it happened.
+    /// When its first event happened.
     at: Duration,
     /// Until when frames belong to it.
     until: Duration,
     reasons: Vec<(Duration, Reason)>,
-    /// Reasons that there was no room for.
+    /// Number of reasons beyond those that are kept.
     more: u64,
 }
 
 impl FlightRecorder {
-    /// Begins to keep frames of `interface`, for files in `folder`, which is made if it is not
-    /// there. The error says why no file can be written there.
+    /// Begins to keep frames of `interface`, for files in `folder`, which is created if it does not
+    /// exist. `Err`: no file can be written there.
     pub fn new(folder: &Path, interface: &str, limits: Limits) -> io::Result<Self> {
         let writer = Writer::new(folder, interface, limits.most_files)?;
-        // An incident lasts for `after` twice at most, and what is wrong may be told late.
+        // An incident lasts at most twice `after`, and an event may be reported late.
         let span = limits.keep + 2 * limits.after + LATE;
         let ring = Ring::new(span, limits.most_bytes);
         let (incidents, told) = (VecDeque::with_capacity(MOST_INCIDENTS), VecDeque::new());
         Ok(Self { ring, limits, incidents, writer, told, now: Duration::ZERO })
     }
 
-    /// Takes a frame that left (`sent`) or came in at `at`; gives its number, from 1. Allocates
-    /// nothing once memory has grown to what the span takes, unless an incident ends.
+    /// Takes a frame that left (`sent`) or came in at `at`; returns its number, from 1. Allocates
+    /// nothing after memory has grown to the size of the span, unless an incident ends.
     pub fn frame(&mut self, at: Duration, sent: bool, bytes: &[u8]) -> u64 {
         let number = self.ring.push(at, sent, bytes);
         self.tick(at);
         number
     }
 
-    /// Something happened at the frame with this number; `None`: at the last one. The file has a
-    /// comment there, or at the first frame behind it if that one is not kept any more.
+    /// Reports an event at the frame with this number; `None`: at the last frame. The file has a
+    /// comment there, or at the first frame after it if that frame is no longer kept.
     pub fn trigger(&mut self, number: Option<u64>, reason: Reason) {
         let number = number.unwrap_or(self.ring.last());
         let at = self.ring.at(number).unwrap_or(self.now);
@@ -149,7 +149,7 @@ impl FlightRecorder {
         self.incidents.push_back(Incident { at, until: at + after, reasons, more: 0 });
     }
 
-    /// It is `now`: incidents that are over go to the disk.
+    /// Tells the present time, and writes the incidents that are over.
     pub fn tick(&mut self, now: Duration) {
         self.now = self.now.max(now);
         while self.incidents.front().is_some_and(|first| first.until < self.now) {
@@ -159,17 +159,17 @@ impl FlightRecorder {
         }
     }
 
-    /// What became of incidents, one after the other.
+    /// The results of incidents, one after the other.
     pub fn poll(&mut self) -> Option<Told> {
         self.told.pop_front().or_else(|| self.writer.told())
     }
 
-    /// When the incident that goes on now is over; `None`: none goes on.
+    /// When the present incident ends; `None`: there is none.
     pub fn until(&self) -> Option<Duration> {
         self.incidents.back().map(|last| last.until)
     }
 
-    /// Writes what is left, waits for the disk, and gives what was not told yet.
+    /// Writes all incidents, waits for the disk, and returns the results that were not taken yet.
     pub fn finish(mut self) -> Vec<Told> {
         while !self.incidents.is_empty() {
             self.give(true);
@@ -179,8 +179,8 @@ impl FlightRecorder {
         told
     }
 
-    /// Gives the first incident to the writer. False: it has no room, and the incident waits.
-    /// `patient`: waits for the room.
+    /// Gives the first incident to the writer. Returns false if the writer's queue is full, and the
+    /// incident waits. With `patient`, waits for the writer instead.
     fn give(&mut self, patient: bool) -> bool {
         if !patient && !self.writer.has_room() {
             return false;
@@ -212,7 +212,7 @@ impl Incident {
         }
     }
 
-    /// The comments of its file, and when what they say happened.
+    /// The comments of its file, each with its instant.
     fn comments(&self) -> Vec<(Duration, String)> {
         let words = |(at, Reason { kind, what }): &(Duration, Reason)| {
             (*at, format!("isocat: {kind}: {what}"))
@@ -225,10 +225,10 @@ impl Incident {
     }
 }
 
-/// What is wrong is told this much later than it happened, at most: a frame counts as lost when its
-/// answer has not come for a second.
+/// How late an event may be reported: a frame counts as lost when its answer has not come for a
+/// second.
 const LATE: Duration = Duration::from_secs(2);
-/// Incidents that wait to be over, or for the disk.
+/// Incidents that can wait to end, or for the disk.
 const MOST_INCIDENTS: usize = 8;
 /// Reasons that one file names.
 const MOST_REASONS: usize = 64;

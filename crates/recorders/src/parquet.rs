@@ -1,13 +1,12 @@
-//! A table as Parquet, in row groups of a bounded size.
+//! Writes a table as Parquet, in row groups of bounded size.
 //!
-//! A file is `PAR1`, the pages of each row group column by column, the description of them all, its
-//! length and `PAR1`. A page of an optional column begins with a bit for each row: whether there is
-//! a value.
+//! A file consists of `PAR1`, the pages of each row group column by column, their description, its
+//! length and `PAR1`. A page of an optional column begins with one bit for each row, which tells
+//! whether there is a value.
 //!
-//! A column of a row group is written in the shortest of three ways: as values, as numbers of a
-//! dictionary that stands before it, or as differences from value to value. Nothing else is
-//! compressed: general compression would gain little more, and each of its libraries would weigh
-//! more than this file.
+//! A column of a row group is written in the shortest of three encodings: as values, as indices of
+//! a dictionary that precedes it, or as differences from value to value. There is no general
+//! compression: it would gain little, and each of its libraries would be larger than this file.
 
 mod encoding;
 
@@ -23,13 +22,13 @@ use polars_parquet_format::thrift::protocol::TCompactOutputProtocol;
 pub struct Field {
     /// Its name.
     pub name: String,
-    /// What stands in it.
+    /// The type of its values.
     pub kind: Kind,
-    /// A row may have nothing there.
+    /// Whether a row may have no value.
     pub optional: bool,
 }
 
-/// What stands in a column.
+/// The type of a column's values.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Kind {
     /// A 64-bit integer with its sign.
@@ -42,14 +41,14 @@ pub enum Kind {
     Text,
 }
 
-/// A value of a row.
+/// The value of a row in a column.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Cell<'a> {
-    /// Nothing, in a column that is optional.
+    /// No value, in an optional column.
     Null,
     /// A number.
     Integer(i64),
-    /// A number that need not be whole.
+    /// A number in double precision.
     Float(f64),
     /// True or false.
     Flag(bool),
@@ -74,7 +73,7 @@ pub struct Writer<W: Write> {
     output: W,
     /// Name of the table.
     name: &'static str,
-    /// Bytes written.
+    /// Number of bytes written.
     at: i64,
     columns: Vec<Column>,
     rows: usize,
@@ -82,32 +81,32 @@ pub struct Writer<W: Write> {
     group_rows: usize,
 }
 
-/// A column and its values in a row group.
+/// A column with its values in the present row group.
 struct Column {
     field: Field,
     present: Vec<bool>,
-    /// Values of a column of flags: they stand in bits.
+    /// Values of a column of flags, which are packed into bits later.
     flags: Vec<bool>,
     /// Values of a column of numbers.
     integers: Vec<i64>,
-    /// Values of another column, as they stand in a page.
+    /// Values of any other column, encoded as in a page.
     plain: Vec<u8>,
     dictionary: Dictionary,
 }
 
-/// The values of a column, each once, in the order in which they first came.
+/// The distinct values of a column, in the order in which they first came.
 #[derive(Default)]
 struct Dictionary {
     numbers: HashMap<Box<[u8]>, u32>,
-    /// As they stand in a page.
+    /// The values, encoded as in a page.
     plain: Vec<u8>,
-    /// For each row that has a value: its number.
+    /// The index of the value of each row that has one.
     indices: Vec<u32>,
-    /// There are too many for it to pay.
+    /// There are too many values for a dictionary to save space.
     is_full: bool,
 }
 
-/// Values that a dictionary holds.
+/// Values that a dictionary holds at most.
 const MOST_ENTRIES: usize = 1 << 15;
 
 impl Dictionary {
@@ -131,7 +130,7 @@ impl Dictionary {
         self.indices.push(number);
     }
 
-    /// Its page, how many values it has, and what stands in the page of the column.
+    /// Its page, its number of values, and the body of the column's page.
     fn take(&mut self) -> Option<(Vec<u8>, usize, Vec<u8>)> {
         let taken = std::mem::take(self);
         let entries = taken.numbers.len();
@@ -145,10 +144,10 @@ impl Dictionary {
     }
 }
 
-/// What stands in the pages of a column in a row group.
+/// The contents of a column's pages in a row group.
 struct Pages {
     encoding: format::Encoding,
-    /// A dictionary, and how many values it has.
+    /// A dictionary page, and its number of values.
     dictionary: Option<(Vec<u8>, usize)>,
     body: Vec<u8>,
 }
@@ -156,7 +155,8 @@ struct Pages {
 const MAGIC: &[u8; 4] = b"PAR1";
 
 impl<W: Write> Writer<W> {
-    /// Begins a file of a table with these columns and so many rows in a row group, one at least.
+    /// Begins a file of a table with these columns, and with this number of rows in a row group, at
+    /// least 1.
     pub fn new(
         mut output: W,
         name: &'static str,
@@ -183,8 +183,8 @@ impl<W: Write> Writer<W> {
         })
     }
 
-    /// One row: a cell for each column, of its kind. A cell of another kind is an error of the
-    /// caller.
+    /// Adds a row: one cell for each column, of the column's kind. A cell of another kind is an
+    /// error of the caller.
     pub fn row<'a>(&mut self, cells: impl IntoIterator<Item = Cell<'a>>) -> io::Result<()> {
         let mut cells = cells.into_iter();
         for column in &mut self.columns {
@@ -212,7 +212,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Writes the pages that a column has in a row group: one, and its dictionary before it.
+    /// Writes the page of a column in a row group, after its dictionary if there is one.
     fn chunk(&mut self, number: usize) -> io::Result<format::ColumnChunk> {
         let Pages { encoding, dictionary, body } = self.columns[number].take();
         let (begin, rows) = (self.at, self.rows);
@@ -267,7 +267,7 @@ impl<W: Write> Writer<W> {
         Ok(())
     }
 
-    /// Ends the file. Without it no reader takes it.
+    /// Ends the file. A file without this can't be read.
     pub fn finish(&mut self) -> io::Result<()> {
         self.end_group()?;
         let groups = std::mem::take(&mut self.groups);
@@ -286,7 +286,7 @@ impl<W: Write> Writer<W> {
         self.output.flush()
     }
 
-    /// The root and the columns.
+    /// Describes the root and the columns.
     fn schema(&self) -> Vec<format::SchemaElement> {
         let root = format::SchemaElement::new(
             None,
@@ -330,7 +330,7 @@ impl Column {
         Ok(())
     }
 
-    /// What stands in its pages, in the shortest way; the column is empty again.
+    /// The contents of its pages, in the shortest encoding; empties the column.
     fn take(&mut self) -> Pages {
         let plain = match self.field.kind {
             Kind::Integer => self.integers.iter().flat_map(|number| number.to_le_bytes()).collect(),
@@ -366,7 +366,7 @@ impl Column {
     }
 }
 
-/// About what the head of a dictionary's page takes.
+/// Approximate size of the header of a dictionary page, bytes.
 const DICTIONARY_HEAD: usize = 24;
 
 impl Field {

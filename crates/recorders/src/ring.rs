@@ -1,8 +1,8 @@
 //! The last frames of a wire, in bounded memory.
 //!
-//! Frames stand one behind the other in one buffer, each with a short header. The buffer grows
-//! until it holds the span that is kept, and never beyond its limit; from then on a frame that is
-//! pushed allocates nothing.
+//! Frames are stored one after the other in one buffer, each with a short header. The buffer grows
+//! until it holds the span that is kept, and never beyond its limit. From then on, pushing a frame
+//! allocates nothing.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -13,24 +13,25 @@ pub struct Ring {
     span: Duration,
     most: usize,
     bytes: VecDeque<u8>,
-    /// Frames that were pushed so far, which is the number of the last one.
+    /// Frames that were pushed so far; this is the number of the last one.
     pushed: u64,
-    /// Frames that the buffer holds.
+    /// Frames in the buffer.
     held: u64,
-    /// Stamp of the last frame that left before its time, since there was no room for it.
+    /// Stamp of the last frame that was dropped before its time, because the memory limit was
+    /// reached.
     crowded_out: Option<Duration>,
 }
 
 /// A frame of a ring.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct RingFrame<'a> {
-    /// Its number among all that were pushed, from 1.
+    /// Its number over all pushed frames, from 1.
     pub number: u64,
     /// When it was seen.
     pub at: Duration,
     /// Whether it left (`true`) or came in.
     pub sent: bool,
-    /// From the destination address on.
+    /// The frame from the destination address on.
     pub bytes: &'a [u8],
 }
 
@@ -41,7 +42,7 @@ pub struct Stretch {
     bytes: Vec<u8>,
 }
 
-/// What stands before the bytes of each frame.
+/// The header of a frame in the buffer.
 struct Header {
     at: u64,
     sent: bool,
@@ -49,19 +50,20 @@ struct Header {
 }
 
 impl Ring {
-    /// Keeps frames that are `span` old at most, and `most` bytes of memory at most.
+    /// Keeps frames that are at most `span` old, in at most `most` bytes of memory.
     pub fn new(span: Duration, most: usize) -> Self {
         Self { span, most, bytes: VecDeque::new(), pushed: 0, held: 0, crowded_out: None }
     }
 
-    /// Takes the next frame; gives its number, from 1. Frames come in the order of time. One that
-    /// is longer than all of the memory, or than 64 kB, is counted and not kept.
+    /// Takes the next frame; returns its number, from 1. Frames must come in the order of time. A
+    /// frame that is longer than the whole memory, or than 64 kB, is counted and not kept.
     pub fn push(&mut self, at: Duration, sent: bool, bytes: &[u8]) -> u64 {
         self.pushed += 1;
         self.forget_before(at.saturating_sub(self.span));
         let needed = HEADER_LEN + bytes.len();
         if needed > self.most || bytes.len() > usize::from(u16::MAX) {
-            // Numbers of frames that are held have no gaps.
+            // The frames that are kept must have consecutive numbers, so all earlier ones are
+            // dropped.
             self.bytes.clear();
             self.held = 0;
             self.crowded_out = Some(at);
@@ -83,23 +85,23 @@ impl Ring {
         self.pushed
     }
 
-    /// Frames that it holds.
+    /// Number of frames in the buffer.
     pub fn len(&self) -> u64 {
         self.held
     }
 
-    /// Whether it holds none.
+    /// Whether the buffer has no frame.
     pub fn is_empty(&self) -> bool {
         self.held == 0
     }
 
-    /// Whether a frame that was seen at `from` or later left before its time, since there was no
-    /// room for it.
+    /// Whether a frame from `from` or later was dropped before its time, because the memory limit
+    /// was reached.
     pub fn lacks_since(&self, from: Duration) -> bool {
         self.crowded_out.is_some_and(|at| at >= from)
     }
 
-    /// When the frame with this number was seen; `None`: it is not there any more, or not yet.
+    /// When the frame with this number was seen; `None`: it is no longer kept, or did not come yet.
     pub fn at(&self, number: u64) -> Option<Duration> {
         let mut place = 0;
         for held in self.first()..=self.pushed {
@@ -138,7 +140,7 @@ impl Ring {
         Stretch { first, bytes }
     }
 
-    /// Number of the oldest frame that is held.
+    /// Number of the oldest frame in the buffer.
     fn first(&self) -> u64 {
         self.pushed + 1 - self.held
     }
@@ -149,7 +151,7 @@ impl Ring {
         }
     }
 
-    /// Removes the oldest frame; gives its stamp.
+    /// Removes the oldest frame; returns its stamp.
     fn pop(&mut self) -> Option<Duration> {
         let oldest = self.header(0)?;
         self.bytes.drain(..HEADER_LEN + oldest.len);
@@ -157,7 +159,7 @@ impl Ring {
         Some(Duration::from_nanos(oldest.at))
     }
 
-    /// Memory grows by doubling, though never beyond its limit.
+    /// Doubles the memory if needed, but not beyond its limit.
     fn make_room(&mut self, needed: usize) {
         let wanted = self.bytes.len() + needed;
         if wanted > self.bytes.capacity() {
@@ -217,9 +219,9 @@ fn nanos(at: Duration) -> u64 {
     u64::try_from(at.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Stamp, length, direction.
+/// Bytes of stamp, length and direction.
 const HEADER_LEN: usize = 11;
-/// Memory to begin with, bytes.
+/// First size of the memory, bytes.
 const LEAST_ROOM: usize = 64 << 10;
 
 #[cfg(test)]
@@ -260,7 +262,7 @@ mod tests {
         ring.push(at(4), false, &[0; 60]);
         assert_eq!(numbers(&ring), [2, 3, 4]);
         assert_eq!((ring.lacks_since(at(1)), ring.lacks_since(at(2))), (true, false));
-        // One byte more than one frame leaves: two leave.
+        // The new frame needs one byte more than one old frame gives: two are dropped.
         ring.push(at(5), false, &[0; 61]);
         assert_eq!(numbers(&ring), [4, 5]);
         assert_eq!((ring.lacks_since(at(3)), ring.lacks_since(at(4))), (true, false));
@@ -280,7 +282,7 @@ mod tests {
 
     #[test]
     fn a_copy_has_what_was_pushed_around_the_seam_too() {
-        // Frames of many lengths, so that the seam of the buffer lies anywhere in them.
+        // Frames have many lengths, so that the end of the ring lies at different places in them.
         let mut ring = Ring::new(100 * NANOSECOND, 1000);
         let frame = |number: u64| vec![number as u8; 14 + (number * 7 % 90) as usize];
         for number in 1..=5000_u64 {

@@ -1,10 +1,12 @@
-//! The series of a run as a table: one row for each SubDevice and cycle, as CSV or Parquet, for statistics of one's own.
+//! Writes the series of a run as a table for statistics: one row for each SubDevice and cycle, as
+//! CSV or Parquet.
 //!
-//! A cycle of the table ends when its inputs are in the MainDevice's hands; what happened at a SubDevice since the row
-//! before stands in its row. Rows begin with the judged time and end with it, so their figures are those of the report.
-//! They are written as the run goes: a few cycles are held back, as SubDevices are told of late. Where no frame came back
-//! for some cycles, their rows divide the time evenly; what a SubDevice did while no frame reached it is in the row in
-//! which one did again.
+//! A cycle of the table ends when the MainDevice has its inputs. The row of a SubDevice holds what
+//! happened there since its previous row. Rows begin and end with the judged time, so their figures
+//! agree with the report. They are written during the run; some cycles are held back, because
+//! events of SubDevices are reported late. If no frame came back for some cycles, their rows divide
+//! that time evenly. If no frame reached a SubDevice for some cycles, its events are in the row in
+//! which a frame reached it again.
 
 pub mod csv;
 pub mod parquet;
@@ -22,20 +24,20 @@ use isocat_wire::time::{Nanos, Picos, Time, True};
 /// A column of the table.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Column {
-    /// Its name; the unit stands last.
+    /// Its name, which ends with the unit.
     pub name: &'static str,
-    /// What stands in it.
+    /// The type of its values.
     pub kind: Kind,
     /// What it means.
     pub meaning: &'static str,
 }
 
-/// What stands in a column.
+/// The type of a column's values.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Kind {
     /// A 64-bit integer with its sign, in every row.
     Integer,
-    /// The same, or nothing.
+    /// A 64-bit integer with its sign, or no value.
     Optional,
     /// A text, in every row.
     Text,
@@ -44,7 +46,7 @@ pub enum Kind {
 /// A value of a row.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Value<'a> {
-    /// Nothing, in a column that is [`Kind::Optional`].
+    /// No value, in a column that is [`Kind::Optional`].
     Null,
     /// A number.
     Integer(i64),
@@ -104,29 +106,29 @@ pub const COLUMNS: [Column; 14] = {
     ]
 };
 
-/// What a table is written to.
+/// The output of a table.
 pub trait Table: Send {
-    /// One row, its values in the order of [`COLUMNS`].
+    /// Writes one row, with values in the order of [`COLUMNS`].
     fn row(&mut self, values: &[Value<'_>; COLUMNS.len()]) -> io::Result<()>;
 
-    /// Ends it.
+    /// Ends the table.
     fn finish(&mut self) -> io::Result<()>;
 }
 
-/// Collects what happens, and writes it row by row.
+/// Collects events, and writes them row by row.
 pub struct Series {
     table: Box<dyn Table>,
     failed: Option<io::Error>,
     names: Vec<String>,
-    /// It is judged.
+    /// Whether the present time is judged.
     judging: bool,
-    /// The end of the last cycle.
+    /// When the last cycle ended.
     end: Time<True>,
     number: Option<u64>,
     phase_errors: u64,
     /// Cycles whose rows are not written yet.
     held: VecDeque<Cycle>,
-    /// What was measured after the end of the last cycle.
+    /// Values that were measured after the end of the last cycle.
     open: Vec<(Time<True>, usize, Measured)>,
 }
 
@@ -140,7 +142,7 @@ struct Cycle {
     cells: Vec<Cell>,
 }
 
-/// What a cycle came to at the MainDevice.
+/// Figures of the MainDevice in a cycle.
 #[derive(Clone, Copy)]
 struct Counts {
     host_phase_error: Option<Nanos>,
@@ -160,11 +162,12 @@ struct Cell {
     missed: Option<u16>,
 }
 
-/// Cycles that are held back: SubDevices are told of when the next frame that concerns them passes.
+/// Cycles that are held back: events of a SubDevice are reported when the next frame that concerns
+/// it passes.
 const HELD: usize = 16;
 
 impl Series {
-    /// Writes to `table`. `names`: of the SubDevices, by position.
+    /// Writes to `table`. `names`: those of the SubDevices, by position.
     pub fn new(table: Box<dyn Table>, names: Vec<String>) -> Self {
         Self {
             table,
@@ -179,7 +182,7 @@ impl Series {
         }
     }
 
-    /// Ends the table; gives the first error there was.
+    /// Ends the table; returns the first error.
     pub fn finish(mut self) -> io::Result<()> {
         self.release(0);
         match self.failed {
@@ -188,7 +191,7 @@ impl Series {
         }
     }
 
-    /// Cycles up to `number` have ended, the last one at `end`.
+    /// Ends the cycles up to `number`, of which the last one ended at `end`.
     fn close(&mut self, end: Time<True>, number: u64, counts: Counts, cells: &[Cell]) {
         let first = self.number.map_or(number, |last| last + 1).min(number);
         let (began, cycles) = (self.end, (number - first + 1) as i64);
@@ -212,7 +215,7 @@ impl Series {
         (self.number, self.end) = (Some(number), end);
     }
 
-    /// The same of a MainDevice of ours.
+    /// Ends cycles of a MainDevice of isocat.
     fn close_own(&mut self, end: Time<True>, number: u64, main: &MainDevice, segment: &Segment) {
         let statistics = main.statistics();
         let is_new = statistics.phase_error.count != self.phase_errors;
@@ -225,7 +228,7 @@ impl Series {
         self.close(end, number, counts, &cells(main, segment));
     }
 
-    /// Puts into its row what was measured.
+    /// Adds a measured value to its row.
     fn take(&mut self, at: Time<True>, device: usize, measured: Measured) {
         let Some(cycle) = self.held.iter_mut().find(|cycle| at <= cycle.end) else {
             self.open.push((at, device, measured));
@@ -241,7 +244,7 @@ impl Series {
         cell.margin = margins.into_iter().flatten().min();
     }
 
-    /// Writes the oldest cycles until so many are held.
+    /// Writes the oldest cycles until at most `most` are held.
     fn release(&mut self, most: usize) {
         while self.held.len() > most {
             let Some(cycle) = self.held.pop_front() else { return };
@@ -282,7 +285,7 @@ fn values<'a>(
 /// Bit 2 of the ESC's features: it has distributed clocks.
 const HAS_CLOCK: u16 = 1 << 2;
 
-/// How the SubDevices stand, as far as a MainDevice of ours knows what they have.
+/// The state of the SubDevices. What they have is known from isocat's MainDevice.
 fn cells(main: &MainDevice, segment: &Segment) -> Vec<Cell> {
     let found = main.segment().devices.iter().map(Some).chain(std::iter::repeat(None));
     let of = |(device, found): (_, Option<&segment::SubDevice>)| {
@@ -293,11 +296,12 @@ fn cells(main: &MainDevice, segment: &Segment) -> Vec<Cell> {
     segment.devices().iter().zip(found).map(of).collect()
 }
 
-/// The same without one: what they have by themselves.
+/// The state of the SubDevices without isocat's MainDevice: what they have is known from
+/// themselves.
 fn served_cells(segment: &Segment) -> Vec<Cell> {
     let of = |device: &Device| {
         let has_clock = device.esc.register(register::FEATURES) & HAS_CLOCK != 0;
-        // The counters are objects, and those are read by mailbox.
+        // The counters are objects, which are read by mailbox.
         cell(device, has_clock, device.stack.description().mailbox.is_some())
     };
     segment.devices().iter().map(of).collect()
@@ -332,13 +336,14 @@ impl Tap for Series {
         if self.judging {
             self.close_own(at, main.statistics().cycles, main, segment);
         } else {
-            // The phase errors that rows tell are those of their cycles.
+            // Skips the phase errors of earlier cycles: a row has that of its own cycle.
             self.phase_errors = main.statistics().phase_error.count;
         }
     }
 
     fn judging_ends(&mut self, at: Time<True>, main: &MainDevice, segment: &Segment) {
-        // What is left belongs to a cycle that has begun, or to those since the last frame came back.
+        // The remaining events belong to a cycle that has begun, or to cycles since the last frame
+        // came back.
         let begun = main.statistics().cycles;
         let next = self.number.map_or(begun, |last| last + 1);
         if self.judging && (begun > next || !self.open.is_empty()) {
@@ -354,7 +359,7 @@ impl Tap for Series {
             return self.release(0);
         };
         if !std::mem::replace(&mut self.judging, true) {
-            // The frame with which the judged time begins: rows are of the cycles behind it.
+            // The judged time begins with this frame; the first row is that of the next cycle.
             (self.end, self.number) = (at, Some(cycle.number));
             return self.open.clear();
         }

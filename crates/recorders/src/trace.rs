@@ -1,7 +1,7 @@
-//! What happens in a run as a trace for Perfetto: its own format, with ns stamps of true time.
+//! Writes the events of a run as a Perfetto trace in its own format, with ns stamps of true time.
 //!
-//! The MainDevice and each SubDevice is a process with tracks below it. Events are written as they are told, which is in
-//! the order of time for each SubDevice alone; a reader sorts all of them.
+//! The MainDevice and each SubDevice are processes with tracks below them. Events are written as
+//! they are reported, which is in the order of time only for each SubDevice; readers sort them.
 
 pub mod schema;
 
@@ -24,7 +24,7 @@ use schema::{
     CounterDescriptor, ProcessDescriptor, TracePacket, TrackDescriptor, TrackEvent, Type,
 };
 
-/// Tracks of a SubDevice. Steps have one each: those of two cycles may overlap.
+/// Tracks of a SubDevice. Each step has its own track, because steps of two cycles may overlap.
 const TRACKS: [&str; 13] = [
     "AL state",
     "SYNC0",
@@ -50,15 +50,15 @@ const STEPS: std::ops::Range<usize> = 6..11;
 const SYNC0_ERROR: usize = 11;
 const DIFFERENCE: usize = 12;
 
-/// Tracks of the MainDevice, and as many for frames as are in flight together.
+/// Tracks of the MainDevice. Frames have further ones, as many as are in flight at the same time.
 const MAIN_TRACKS: [&str; 3] = ["host phase error", "servo", "lost frames"];
 const HOST_PHASE: usize = 0;
 const SERVO: usize = 1;
 const LOST: usize = 2;
 const FRAMES: usize = 3;
-/// Frames in flight together that are drawn.
+/// Frames in flight at the same time that are drawn.
 const LANES: usize = 64;
-/// What stands at a pulse that was due and made no edge.
+/// The text at a pulse that was due and made no edge.
 const LOST_PULSE: &str = "no edge: still active";
 
 /// Writes a trace.
@@ -68,18 +68,18 @@ pub struct Trace<W: Write = BufWriter<File>> {
     failed: Option<io::Error>,
     bytes: Vec<u8>,
     devices: Vec<DeviceTracks>,
-    /// Frames on their way: since when, what, on which lane.
+    /// Frames in flight.
     flying: VecDeque<Flying>,
     lanes: usize,
     phase_errors: u64,
     servo: Option<Servo>,
-    /// The latest stamp, at which what is open ends.
+    /// The latest stamp, which ends all open slices.
     latest: Time<True>,
 }
 
 #[derive(Default)]
 struct DeviceTracks {
-    /// Steps that have begun.
+    /// Open slices of each step.
     open: [u32; STEPS.end - STEPS.start],
     difference: Option<i64>,
 }
@@ -92,7 +92,8 @@ struct Flying {
 }
 
 impl Trace {
-    /// Creates the file. `names`: of the SubDevices, by position; those without a name are not drawn.
+    /// Creates the file. `names`: those of the SubDevices, by position; SubDevices without a name
+    /// are not drawn.
     pub fn create(path: &Path, names: &[String]) -> io::Result<Self> {
         Self::new(BufWriter::new(File::create(path)?), names)
     }
@@ -104,7 +105,7 @@ fn uuid(process: usize, track: Option<usize>) -> u64 {
 }
 
 impl<W: Write> Trace<W> {
-    /// Writes to `output`.
+    /// Begins a trace, written to `output`.
     pub fn new(output: W, names: &[String]) -> io::Result<Self> {
         let devices = names.iter().map(|_| DeviceTracks::default()).collect();
         let mut trace = Self {
@@ -136,7 +137,7 @@ impl<W: Write> Trace<W> {
         }
     }
 
-    /// Ends what is open and the file; gives the first error there was.
+    /// Ends all open slices and the file; returns the first error.
     pub fn finish(mut self) -> io::Result<()> {
         let at = self.latest;
         for position in 0..self.devices.len() {
@@ -164,7 +165,7 @@ impl<W: Write> Trace<W> {
         });
     }
 
-    /// One with a unit is a counter.
+    /// Describes a track. A track with a unit is a counter.
     fn track(&mut self, process: usize, track: usize, name: &str, unit: Option<&str>) {
         self.describe(TrackDescriptor {
             uuid: Some(uuid(process, Some(track))),
@@ -224,7 +225,8 @@ impl<W: Write> Trace<W> {
         });
     }
 
-    /// A trace is a row of messages with one packet each: they merge into one with all of them.
+    /// Writes a packet. A trace is a sequence of messages with one packet each, which readers merge
+    /// into one.
     fn packet(&mut self, packet: TracePacket) {
         if self.failed.is_some() {
             return;
@@ -235,7 +237,7 @@ impl<W: Write> Trace<W> {
         self.failed = self.output.write_all(&self.bytes).err();
     }
 
-    /// A frame came back. Written when both ends are known, so each slice has its end.
+    /// Ends the flight of a frame. The slice is written now, with both its ends.
     fn land(&mut self, at: Time<True>, index: u8) {
         let found = self.flying.iter().position(|frame| frame.index == index);
         if let Some(frame) = found.and_then(|found| self.flying.remove(found)) {
@@ -254,7 +256,7 @@ impl<W: Write> Trace<W> {
     }
 }
 
-/// The place of a step among its like.
+/// The index of a step among the tracks of steps.
 fn number(step: Step) -> usize {
     match step {
         Step::MapOutputs => 0,
@@ -290,7 +292,7 @@ impl<W: Write> Tap for Trace<W> {
     }
 
     fn secondary_frame(&mut self, at: Time<True>, sent: bool, bytes: &[u8]) {
-        // In a whole ring frames come back there.
+        // In an unbroken ring, frames from the primary port come back at the secondary one.
         if let Some((index, _)) = look_into(bytes).filter(|_| !sent) {
             self.land(at, index);
         }
@@ -397,8 +399,8 @@ fn name_of(servo: Servo) -> &'static str {
     }
 }
 
-/// The index of a frame's first datagram, which tells it from others in flight, and its commands in words: `FRMW 0x0910,
-/// LRW`. `None` for what is no EtherCAT frame.
+/// The index of a frame's first datagram, which distinguishes it from others in flight, and its
+/// commands in words: `FRMW 0x0910, LRW`. `None`: it is no EtherCAT frame.
 fn look_into(bytes: &[u8]) -> Option<(u8, String)> {
     let mut datagrams = datagram::datagrams(frame::payload(bytes).ok()?).map_while(Result::ok);
     let first = datagrams.next()?;
@@ -418,5 +420,5 @@ fn look_into(bytes: &[u8]) -> Option<(u8, String)> {
     Some((first.header.index, name))
 }
 
-/// Commands that the name of a frame tells.
+/// Commands that the name of a frame lists.
 const MOST_COMMANDS: usize = 3;

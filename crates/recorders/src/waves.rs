@@ -1,8 +1,11 @@
-//! What happens at the SubDevices of a run as waveforms: a VCD file, which GTKWave and its like show.
+//! Writes the events at the SubDevices of a run as waveforms: a VCD file for GTKWave and similar
+//! tools.
 //!
-//! One scope for each SubDevice. Events of the ESC (`sync0`, `sync1`, `sm2`, `sm3`) and missed ones (`sm_missed`) are of the type
-//! `event`; the steps of its program (`copy_outputs`, `application`, `outputs_valid`, `latch_inputs`, `copy_inputs`) are 1 while
-//! they last; `state` is the AL state, with bit 4 for an error. Time is true time in picoseconds from the beginning of the run.
+//! There is one scope for each SubDevice. Events of the ESC (`sync0`, `sync1`, `sm2`, `sm3`) and
+//! missed ones (`sm_missed`) are of the type `event`. The steps of its program (`copy_outputs`,
+//! `application`, `outputs_valid`, `latch_inputs`, `copy_inputs`) are 1 while they last. `state` is
+//! the AL state, with bit 4 for an error. Time is true time in picoseconds from the beginning of
+//! the run.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -14,8 +17,8 @@ use isocat_subdevice::Step;
 use isocat_wire::time::{Time, True};
 use vcd::{IdCode, TimescaleUnit, Value, VarType};
 
-/// Collects what happens and writes it in the end, in the order of time: each SubDevice is followed for itself, so events
-/// come in the order of each alone. Takes 32 bytes an event.
+/// Collects events and writes them at the end, sorted by time: they arrive in the order of time
+/// only for each SubDevice. Takes 32 bytes for each event.
 pub struct Waves<W: Write = BufWriter<File>> {
     output: W,
     names: Vec<String>,
@@ -23,7 +26,7 @@ pub struct Waves<W: Write = BufWriter<File>> {
 }
 
 impl Waves {
-    /// Creates the file. `names`: of the SubDevices, by position.
+    /// Creates the file. `names`: those of the SubDevices, by position.
     pub fn create(path: &Path, names: Vec<String>) -> io::Result<Self> {
         Ok(Self::new(BufWriter::new(File::create(path)?), names))
     }
@@ -44,18 +47,18 @@ const STEPS: [(Step, &str); 5] = [
     (Step::LatchInputs, "latch_inputs"),
     (Step::MapInputs, "copy_inputs"),
 ];
-/// Bits of `state`.
+/// Width of `state`.
 const STATE_BITS: u32 = 5;
 
 impl<W: Write> Waves<W> {
-    /// Writes to `output`.
+    /// Begins waveforms, written to `output` at the end.
     pub fn new(output: W, names: Vec<String>) -> Self {
         Self { output, names, seen: Vec::new() }
     }
 
-    /// Writes it all.
+    /// Writes the file.
     pub fn finish(mut self) -> io::Result<()> {
-        // Stable: what happens at one instant stays in its order.
+        // The sort is stable: events at the same instant keep their order.
         self.seen.sort_by_key(|(at, ..)| *at);
         let mut writer = vcd::Writer::new(&mut self.output);
         writer.version(concat!("isocat ", env!("CARGO_PKG_VERSION")))?;
@@ -121,7 +124,7 @@ fn change(
         Observed::Sm2 => 2,
         Observed::Sm3 => 3,
         Observed::SmEventMissed(_) => 4,
-        // Neither is an edge.
+        // These events are no edges.
         Observed::StillActive(_) | Observed::Acknowledged(_) => return Ok(()),
         Observed::Began(began) => {
             return step(began).map_or(Ok(()), |id| writer.change_scalar(id, Value::V1));
@@ -142,7 +145,8 @@ fn change_state(writer: &mut vcd::Writer<impl Write>, id: IdCode, state: u8) -> 
     writer.change_vector(id, (0..STATE_BITS).rev().map(bit))
 }
 
-/// Names of VCD have no blanks: position and name, what is no letter or digit as a line.
+/// The name of a scope. Names in VCD have no blanks: position and name, where each character other
+/// than a letter or digit is an underscore.
 fn scope(position: usize, name: &str) -> String {
     let clean = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     format!("d{position}_{}", name.chars().map(clean).collect::<String>())

@@ -1,6 +1,6 @@
-//! What a second of virtual time costs: isocat's own MainDevice as an application of the test, at 1
-//! ms, on the built-in segment. The throughput is in seconds of virtual time, so that `elem/s` is
-//! the ratio of virtual to real time on an idle machine.
+//! Measures the cost of a second of virtual time: isocat's own MainDevice is the application, at 1
+//! ms, on the built-in segment. The throughput counts seconds of virtual time, so `elem/s` is the
+//! ratio of virtual to real time on an idle machine.
 
 #![expect(missing_docs, reason = "the macros make undocumented items")]
 

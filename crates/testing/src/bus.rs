@@ -1,4 +1,4 @@
-//! What a test sees of the segment and does to it.
+//! The view of a test on the segment, and its means to change it.
 
 use std::cell::{Cell, RefCell};
 use std::fmt;
@@ -24,15 +24,14 @@ use crate::socket::{Queue, Socket};
 ///
 /// - Time: [`now`](Self::now), [`sleep`](Self::sleep), [`within`](Self::within);
 ///   [`host_sleep`](Self::host_sleep) for an application.
-/// - The application, and what runs beside it: [`spawn`](Self::spawn). Its frames:
-///   [`socket`](Self::socket).
-/// - The machine: [`device`](Self::device), [`all_op`](Self::all_op).
-/// - What goes wrong: [`fault`](Self::fault), [`fault_after`](Self::fault_after),
+/// - The application and other tasks: [`spawn`](Self::spawn). Its frames: [`socket`](Self::socket).
+/// - The devices: [`device`](Self::device), [`all_op`](Self::all_op).
+/// - Faults: [`fault`](Self::fault), [`fault_after`](Self::fault_after),
 ///   [`set_lateness`](Self::set_lateness).
-/// - How it stands: [`verdict`](Self::verdict).
+/// - Results: [`verdict`](Self::verdict).
 ///
-/// What a test asks for and can't be done, as a device that does not exist, is a panic at the line
-/// of the test.
+/// If a test asks for something that can't be done, for example for a device that does not exist,
+/// the bus panics at that line of the test.
 #[derive(Clone)]
 pub struct Bus(pub(crate) Rc<Shared>);
 
@@ -45,9 +44,9 @@ pub(crate) struct Shared {
     seed: u64,
     lateness: Cell<Duration>,
     sockets: RefCell<Vec<Weak<RefCell<Queue>>>>,
-    /// Those that look again at each instant that comes.
+    /// Tasks that check a condition again at each instant at which something happens.
     watchers: RefCell<Vec<Waker>>,
-    /// Of all frames that were sent and came back, and when.
+    /// Hash of all frames that were sent and came back, with port and instant.
     hash: Cell<u64>,
 }
 
@@ -60,7 +59,7 @@ pub struct Device {
 
 /// When the segment is switched on, on the host's clock.
 const START: Time<Host> = Time::new(1_000_000_000);
-/// How often devices are looked at while a test waits for them and nothing else happens.
+/// How often a condition is checked while a test waits and nothing else happens, ns.
 const LOOK: Instant = 1_000_000;
 
 impl Bus {
@@ -87,19 +86,20 @@ impl Bus {
         Duration::from_nanos(self.0.clock.now())
     }
 
-    /// Lets virtual time go on, to the nanosecond: for the test itself, and for what it plays of
-    /// the machine.
+    /// Waits for this virtual time, exact to the nanosecond: for the test itself, and for the parts
+    /// of the machine that it simulates.
     pub fn sleep(&self, time: Duration) -> Sleep {
         Sleep::new(time, false)
     }
 
-    /// The same for an application: its host wakes it late, as [`Segment::lateness`] and faults
-    /// have it.
+    /// Waits for this virtual time like an application: its host wakes it late, by
+    /// [`Segment::lateness`] and by faults.
     pub fn host_sleep(&self, time: Duration) -> Sleep {
         Sleep::new(time, true)
     }
 
-    /// Waits until a condition holds. It is looked at whenever something happens, and each millisecond.
+    /// Waits until a condition holds. It is checked whenever something happens, and each
+    /// millisecond.
     ///
     /// # Panics
     ///
@@ -128,13 +128,13 @@ impl Bus {
         })
     }
 
-    /// Runs a future beside the test, as an executor of the application would. All run on the
-    /// test's thread, one at a time.
+    /// Runs a future concurrently with the test, as an executor of the application would. All tasks
+    /// run on the test's thread, one at a time.
     pub fn spawn<F: Future + 'static>(&self, future: F) -> Task<F::Output> {
         self.0.executor.spawn(future)
     }
 
-    /// A socket at the segment, for a stack that makes its own frames.
+    /// A socket at the segment, for a stack that builds its own frames.
     pub fn socket(&self) -> Socket {
         self.open(MainPort::Primary)
     }
@@ -181,22 +181,22 @@ impl Bus {
         self.devices().all(|device| device.state() == AlState::Op && !device.has_error())
     }
 
-    /// Lets something go wrong now: a line of `docs/faults.md`, such as `pull axis 2 for 200ms`. Of what happens to the host,
-    /// `stall` and `late-wake-ups` are possible here.
+    /// Causes a fault now: a line of `docs/faults.md`, for example `pull axis 2 for 200ms`. Of the
+    /// faults of the host, `stall` and `late-wake-ups` are possible here.
     ///
     /// # Panics
     ///
-    /// If it is no such line, or this segment can't do it.
+    /// If the line is no such fault, or this segment can't have it.
     #[track_caller]
     pub fn fault(&self, line: &str) {
         self.fault_after(Duration::ZERO, line);
     }
 
-    /// The same in some time from now.
+    /// Causes a fault after this time.
     ///
     /// # Panics
     ///
-    /// As [`fault`](Self::fault); now, and not when it happens.
+    /// As [`fault`](Self::fault), and at the call, not when the fault is due.
     #[track_caller]
     pub fn fault_after(&self, time: Duration, line: &str) {
         if let Err(error) = self.order(time, line) {
@@ -218,13 +218,14 @@ impl Bus {
         Ok(())
     }
 
-    /// From now on the application's wake-ups are late by up to `worst`; see [`Segment::lateness`].
+    /// Sets how late the application's wake-ups are from now on, at most; see
+    /// [`Segment::lateness`].
     pub fn set_lateness(&self, worst: Duration) {
         self.0.lateness.set(worst);
         self.0.clock.host.borrow_mut().set_lateness(worst);
     }
 
-    /// What the MainDevice did so far, and what the judges say as of now.
+    /// What the MainDevice did so far, and the verdict of the judges at this instant.
     pub fn verdict(&self) -> Verdict {
         let summary = self.0.at_present(|bus| bus.summary(&self.0.source, "no interface"));
         self.0.verdict(summary)
@@ -262,7 +263,7 @@ impl Device {
         self.present().1
     }
 
-    /// Whether it fell or refused, and the MainDevice has not acknowledged that.
+    /// Whether it left or refused a state, and the MainDevice has not acknowledged the error.
     pub fn has_error(&self) -> bool {
         self.status() != AlStatusCode::NO_ERROR
     }
@@ -272,38 +273,39 @@ impl Device {
         present.unwrap_or((AlState::Init, AlStatusCode::NO_ERROR))
     }
 
-    /// Its outputs, as it took them last; `None` while they are in their safe state.
+    /// The outputs that it took last; `None` while they are in their safe state.
     pub fn outputs(&self) -> Option<Vec<u8>> {
         self.bus.0.at_present(|bus| bus.outputs(self.position))
     }
 
     /// Sets its first inputs, from the next time on that it maps them. Bytes beyond its process
-    /// image are left out; bytes that are not set stay those of its application.
+    /// image are ignored; bytes that are not set remain those of its application.
     pub fn set_inputs(&self, inputs: &[u8]) {
         self.bus.0.at_present(|bus| bus.set_inputs(self.position, Some(inputs)));
     }
 
-    /// Gives the inputs back to its application.
+    /// Returns control of the inputs to its application.
     pub fn release_inputs(&self) {
         self.bus.0.at_present(|bus| bus.set_inputs(self.position, None));
     }
 }
 
 impl Shared {
-    /// The segment, brought to the present of the clock.
+    /// Advances the segment to the present of the clock, and calls `act` with it.
     pub fn at_present<T>(&self, act: impl FnOnce(&mut bus::Bus) -> T) -> T {
         let mut bus = self.bus.borrow_mut();
         advance(&mut bus, host_time(self.clock.now()));
         act(&mut bus)
     }
 
-    /// When the application has the next answer.
+    /// When the application receives the next answer.
     pub fn next_arrival(&self) -> Option<Instant> {
         let at = since_start(self.bus.borrow().next_arrival()?);
         Some(self.clock.host.borrow().receives(at))
     }
 
-    /// Hands out what is back by now, and wakes those that wait for it and those that look.
+    /// Delivers the frames that have come back, and wakes the tasks that wait for them or check
+    /// conditions.
     pub fn arrive(&self) {
         let now = self.clock.now();
         while self.next_arrival().is_some_and(|at| at <= now) {
@@ -317,7 +319,7 @@ impl Shared {
         watchers.into_iter().for_each(Waker::wake);
     }
 
-    /// A frame leaves now.
+    /// Sends a frame now.
     pub fn send(&self, port: MainPort, frame: &[u8]) -> Result<(), bus::Refused> {
         let at = host_time(self.clock.now());
         self.at_present(|bus| bus.send(port, at, frame))?;
@@ -325,7 +327,7 @@ impl Shared {
         Ok(())
     }
 
-    /// The run is over.
+    /// Ends the run.
     pub fn finish(&self) -> Verdict {
         let summary = self.at_present(|bus| {
             bus.finish();
@@ -354,21 +356,22 @@ impl Shared {
     }
 }
 
-/// Begin and prime of FNV-1a with 64 bits: the same on every machine and with every compiler.
+/// Offset basis and prime of FNV-1a with 64 bits, which is the same on every machine and with every
+/// compiler.
 const FNV: (u64, u64) = (0xcbf2_9ce4_8422_2325, 0x0100_0000_01b3);
 
-/// Time of the segment goes on, by as much at once as it takes.
+/// Advances the segment, in steps that it accepts.
 fn advance(bus: &mut bus::Bus, to: Time<Host>) {
     while bus.now() < to {
         let step = to.min(bus.now() + bus::LONGEST_STEP);
         if bus.advance(step).is_err() {
-            // Beyond the longest time of a segment; the limit of a run lies before that.
+            // The time is beyond the longest time of a segment; the limit of a run is lower.
             return;
         }
     }
 }
 
-/// The longest time of a run.
+/// The longest possible time of a run.
 pub(crate) fn longest() -> Instant {
     bus::LONGEST.0.max(0) as u64
 }

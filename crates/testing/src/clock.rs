@@ -1,8 +1,8 @@
-//! The virtual clock of the run on this thread, and the timers that wait for it.
+//! The virtual clock of the run on this thread, and its timers.
 //!
-//! embassy-time asks for the time through two global functions, and says nothing of whose time it
-//! is. So each thread has a clock of its own: tests that run side by side in one process never see
-//! each other's time.
+//! embassy-time asks for the time by two global functions, which do not say whose time they want.
+//! So each thread has its own clock: tests that run concurrently in one process never see each
+//! other's time.
 
 use std::cell::{Cell, RefCell};
 use std::pin::Pin;
@@ -20,14 +20,14 @@ thread_local! {
 ///
 /// # Panics
 ///
-/// Outside of a run: on another thread than that of [`run`](crate::run), or before or after it.
+/// Outside a run: on another thread than that of [`run`](crate::run), or before or after the run.
 #[track_caller]
 pub fn now() -> Duration {
     Duration::from_nanos(Clock::of_this_thread().now())
 }
 
-/// The same as nanoseconds since 2000-01-01, the beginning of EtherCAT's time: runs begin on 2026-01-01. For
-/// stacks that ask for the host's time in this form, as ethercrab's `init` does.
+/// Virtual time as nanoseconds since 2000-01-01, the epoch of EtherCAT; runs begin on 2026-01-01.
+/// For stacks that ask for the host's time in this form, as ethercrab's `init` does.
 ///
 /// # Panics
 ///
@@ -40,24 +40,24 @@ pub fn ethercat_now() -> u64 {
 /// 2026-01-01 00:00 UTC in nanoseconds since 2000-01-01: 26 years, seven of them with a leap day.
 const BEGIN: u64 = (26 * 365 + 7) * 86_400 * 1_000_000_000;
 
-/// A clock that stands still until it is told to go on.
+/// A clock that only moves when it is told to.
 pub(crate) struct Clock {
     now: Cell<Instant>,
     timers: RefCell<Vec<Timer>>,
     #[cfg(feature = "embassy-time")]
     embassy_asked: Cell<bool>,
-    /// The machine that the application runs on.
+    /// The host that the application runs on.
     pub host: RefCell<Host>,
 }
 
 struct Timer {
     due: Instant,
-    /// When it wakes its task: not before it is due, and later on a machine with bad luck.
+    /// When it wakes its task: at `due` or later, depending on the host.
     wakes: Instant,
     waker: Waker,
 }
 
-/// Makes a clock that of this thread, and takes it away again.
+/// Makes a clock the one of this thread, until it is dropped.
 pub(crate) struct Installed(());
 
 impl Clock {
@@ -94,17 +94,17 @@ impl Clock {
         self.now.get()
     }
 
-    /// Time goes on to `to`, if that is not over.
+    /// Advances time to `to`, unless that has passed.
     pub fn advance(&self, to: Instant) {
         self.now.set(to.max(self.now()));
     }
 
-    /// Wakes at `due`, exactly: for the test itself.
+    /// Wakes exactly at `due`: for the test itself.
     pub fn wake_at(&self, due: Instant, waker: &Waker) {
         self.add(Timer { due, wakes: due, waker: waker.clone() });
     }
 
-    /// Wakes at `due` or later, as the host does: for the application.
+    /// Wakes at `due` or later, as the host decides: for the application.
     pub fn wake_host_at(&self, due: Instant, waker: &Waker) {
         if due <= self.now() {
             return waker.wake_by_ref();
@@ -122,8 +122,8 @@ impl Clock {
         }
     }
 
-    /// Forgets the timers of a task, which is about to be polled: those that it still waits for are
-    /// added again then. So timers that were dropped wake nothing.
+    /// Forgets the timers of a task that is about to be polled: it adds those that it still waits
+    /// for. So dropped timers wake nothing.
     pub fn forget(&self, waker: &Waker) {
         self.timers.borrow_mut().retain(|timer| !timer.waker.will_wake(waker));
     }
@@ -133,8 +133,8 @@ impl Clock {
         self.timers.borrow().iter().map(|timer| timer.wakes).min()
     }
 
-    /// Wakes those whose time has come. A host that is awake, if late, sees all its timers that are
-    /// due.
+    /// Wakes the tasks whose timers are due. A host that wakes up late handles all its timers that
+    /// are due by then.
     pub fn fire(&self) {
         let now = self.now();
         let mut timers = self.timers.borrow_mut();
@@ -146,13 +146,13 @@ impl Clock {
         over.into_iter().for_each(|timer| timer.waker.wake());
     }
 
-    /// embassy-time asks for a timer.
+    /// Notes that embassy-time asked for a timer.
     #[cfg(feature = "embassy-time")]
     pub fn note_embassy(&self) {
         self.embassy_asked.set(true);
     }
 
-    /// Whether embassy-time asked for a timer so far.
+    /// Whether embassy-time has asked for a timer.
     #[cfg(feature = "embassy-time")]
     pub fn has_embassy_asked(&self) -> bool {
         self.embassy_asked.get()
@@ -170,7 +170,7 @@ impl Drop for Installed {
 #[must_use = "a future does nothing unless it is awaited"]
 pub struct Sleep {
     until: Instant,
-    /// It is the application that sleeps, on its host.
+    /// Whether the application sleeps, so that its host may wake it late.
     on_the_host: bool,
 }
 

@@ -1,4 +1,4 @@
-//! The time driver of embassy-time: its clock is that of the run on the thread that asks.
+//! The time driver of embassy-time. Its clock is that of the run on the calling thread.
 
 use std::task::Waker;
 
@@ -24,12 +24,12 @@ impl Driver for VirtualTime {
 
 const SECOND: u128 = 1_000_000_000;
 
-/// Ticks that are over.
+/// The number of ticks that have passed.
 fn ticks(nanos: u64) -> u64 {
     (u128::from(nanos) * u128::from(TICK_HZ) / SECOND) as u64
 }
 
-/// The first nanosecond at which a tick has come.
+/// The first nanosecond at which this number of ticks has passed.
 fn nanos(ticks: u64) -> u64 {
     let nanos = (u128::from(ticks) * SECOND).div_ceil(u128::from(TICK_HZ));
     u64::try_from(nanos).unwrap_or(u64::MAX)

@@ -1,15 +1,17 @@
-//! ethercrab at the segment.
+//! Connects ethercrab to the segment.
 //!
-//! This package does not depend on ethercrab: the macro makes code in the test's own package, of
-//! the ethercrab that the application has.
+//! This package does not depend on ethercrab: the macro generates code in the test's own package,
+//! for the version of ethercrab that the application uses.
 
 use crate::clock::Clock;
 
-/// Sends and receives the frames of a MainDevice of ethercrab: what its function `tx_rx_task` does at a network interface.
+/// Sends and receives the frames of a MainDevice of ethercrab, like its function `tx_rx_task` at a
+/// network interface.
 ///
-/// Takes a [`Bus`](crate::Bus), a `PduTx` and a `PduRx`; gives a future, to be spawned. It ends when the MainDevice is released, or with
-/// an error on a frame that ethercrab does not know, as that function does. ethercrab has to be built without its feature `std`,
-/// so that it has its timers from embassy-time.
+/// Takes a [`Bus`](crate::Bus), a `PduTx` and a `PduRx`; returns a future, which must be spawned.
+/// It ends when the MainDevice is released, or with an error on a frame that ethercrab does not
+/// know, as that function does. ethercrab must be built without its feature `std`, so that its
+/// timers are those of embassy-time.
 ///
 /// ```text
 /// let (tx, rx, pdu_loop) = storage.try_split().expect("storage is split once");
@@ -19,7 +21,8 @@ use crate::clock::Clock;
 ///
 /// # Panics
 ///
-/// The future does, if ethercrab was built with `std`: it would wait for the machine's clock, and the run for ethercrab.
+/// The future panics if ethercrab was built with `std`: ethercrab would wait for the machine's
+/// clock, and the run for ethercrab.
 #[macro_export]
 macro_rules! ethercrab_tx_rx_task {
     ($bus:expr, $tx:expr, $rx:expr $(,)?) => {{
@@ -53,7 +56,8 @@ macro_rules! ethercrab_tx_rx_task {
     }};
 }
 
-/// For [`ethercrab_tx_rx_task`]: a stack that sends a frame and has a time-out for it in virtual time has asked for a timer.
+/// For [`ethercrab_tx_rx_task`]: a stack that sends a frame with a time-out in virtual time has
+/// asked for a timer.
 #[doc(hidden)]
 pub fn assert_virtual_timers() {
     assert!(

@@ -1,7 +1,7 @@
 //! Tasks, polled one at a time in the order in which they were woken.
 //!
-//! The executor owns the futures: a stack may keep wakers in memory that outlives the run, and they
-//! keep nothing else alive.
+//! The executor owns the futures: a stack may keep wakers in memory that outlives the run, and a
+//! waker keeps nothing else alive.
 
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, VecDeque};
@@ -15,7 +15,7 @@ use crate::clock::Clock;
 
 /// Number of a task.
 pub(crate) type Id = u64;
-/// The test itself, which is no task.
+/// The test itself, which is not in the list of tasks.
 pub(crate) const ROOT: Id = 0;
 
 pub(crate) struct Executor {
@@ -25,7 +25,7 @@ pub(crate) struct Executor {
 }
 
 struct Entry {
-    /// `None` while it is polled.
+    /// `None` while the task is polled.
     future: Option<BoxFuture>,
     waker: Waker,
 }
@@ -48,10 +48,10 @@ struct Slot<T> {
     waits: Option<Waker>,
 }
 
-/// A future that runs beside the test; see [`Bus::spawn`](crate::Bus::spawn). Awaiting it gives
-/// what it comes to.
+/// A future that runs concurrently with the test; see [`Bus::spawn`](crate::Bus::spawn). Awaiting
+/// it returns its output.
 ///
-/// Where this is dropped, the future runs on until the test ends.
+/// If this is dropped, the future continues until the test ends.
 #[must_use = "what a task comes to, perhaps an error, is lost unless the task is awaited"]
 pub struct Task<T> {
     slot: Rc<RefCell<Slot<T>>>,
@@ -60,7 +60,7 @@ pub struct Task<T> {
 }
 
 impl Executor {
-    /// An executor without a task, and the waker of the test itself, which is woken already.
+    /// An executor without tasks, and the waker of the test itself, which is already woken.
     pub fn new() -> (Rc<Self>, Waker) {
         let ready = Arc::new(Ready::default());
         let root = Wakes::waker(ROOT, &ready);
@@ -68,7 +68,7 @@ impl Executor {
         (Rc::new(Self { tasks, last: Cell::new(ROOT), ready }), root)
     }
 
-    /// A task, which is polled for the first time when its turn comes.
+    /// Adds a task, which is polled for the first time when its turn comes.
     pub fn spawn<F>(self: &Rc<Self>, future: F) -> Task<F::Output>
     where
         F: Future + 'static,
@@ -93,19 +93,19 @@ impl Executor {
         Task { slot, id, executor: Rc::downgrade(self) }
     }
 
-    /// How many tasks were woken.
+    /// The number of woken tasks.
     pub fn ready(&self) -> usize {
         self.ready.lock().len()
     }
 
-    /// Takes the one that was woken first.
+    /// Takes the task that was woken first.
     pub fn take_ready(&self) -> Option<Id> {
         let woken = self.ready.lock().pop_front()?;
         woken.is_queued.store(false, Ordering::Relaxed);
         Some(woken.id)
     }
 
-    /// Polls a task, if it is still there.
+    /// Polls a task, if it still exists.
     pub fn poll(&self, id: Id, clock: &Clock) {
         let Some((mut future, waker)) = self.begin(id) else { return };
         let is_over = poll(future.as_mut(), &waker, clock).is_ready();
@@ -116,7 +116,7 @@ impl Executor {
             entry.future = Some(future);
             return;
         }
-        // What is dropped may drop or cancel other tasks.
+        // Dropping the future may drop or cancel other tasks, so the list must not be borrowed.
         drop(tasks);
         drop(future);
     }
@@ -127,7 +127,7 @@ impl Executor {
         Some((entry.future.take()?, entry.waker.clone()))
     }
 
-    /// How many tasks there are.
+    /// The number of tasks.
     pub fn tasks(&self) -> usize {
         self.tasks.borrow().len()
     }
@@ -141,7 +141,7 @@ impl Executor {
     }
 }
 
-/// Polls a future whose timers begin anew.
+/// Polls a future after forgetting its timers, which it adds again.
 pub(crate) fn poll<F: Future + ?Sized>(
     future: Pin<&mut F>,
     waker: &Waker,
@@ -152,14 +152,14 @@ pub(crate) fn poll<F: Future + ?Sized>(
 }
 
 impl<T> Task<T> {
-    /// Ends the task where it waits, and drops what it holds.
+    /// Ends the task where it waits, and drops its future.
     pub fn cancel(self) {
         let Some(executor) = self.executor.upgrade() else { return };
         let task = executor.tasks.borrow_mut().remove(&self.id);
         drop(task);
     }
 
-    /// Whether it has come to its end.
+    /// Whether the future has finished.
     pub fn is_finished(&self) -> bool {
         self.slot.borrow().output.is_some()
     }
@@ -181,7 +181,7 @@ impl<T> Future for Task<T> {
 }
 
 impl Wakes {
-    /// The waker of a task, which is woken already.
+    /// The waker of a task, which is already woken.
     fn waker(id: Id, ready: &Arc<Ready>) -> Waker {
         let is_queued = AtomicBool::new(false);
         let waker = Waker::from(Arc::new(Self { id, is_queued, ready: Arc::clone(ready) }));
@@ -201,7 +201,7 @@ impl Wake for Wakes {
 
 impl Ready {
     fn lock(&self) -> MutexGuard<'_, VecDeque<Arc<Wakes>>> {
-        // A list is never left half changed.
+        // A panic never leaves the list half changed.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,8 +1,7 @@
-//! The machine that the application seems to run on, and its bad luck.
+//! The simulated host of the application, and its delays.
 //!
-//! How late a wake-up is depends on the seed and on the instant at which it is due, and on nothing
-//! else. So it does not matter how often a stack asks for the same timer, or for timers that it
-//! drops before they are due.
+//! The lateness of a wake-up depends only on the seed and on the instant at which it is due. So it
+//! does not matter how often a stack asks for the same timer, or drops timers before they are due.
 
 use std::time::Duration;
 
@@ -12,7 +11,7 @@ use isocat_sim::random::Stream;
 /// Nanoseconds from the beginning of a run.
 pub(crate) type Instant = u64;
 
-/// A span in nanoseconds, as far as they can be counted.
+/// A span in nanoseconds, saturating.
 pub(crate) fn nanos(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
@@ -21,15 +20,15 @@ pub(crate) struct Host {
     seed: u64,
     /// Worst lateness of a wake-up, ns.
     worst: u64,
-    /// From the last bit of an answer until a program has it, ns.
+    /// Time from the last bit of an answer until a program has it, ns.
     latency: u64,
-    /// Stretches in which the host runs no program.
+    /// Spans in which the host runs no program.
     stalls: Vec<Span>,
-    /// Stretches in which wake-ups are later than usual.
+    /// Spans in which wake-ups are later than usual.
     late: Vec<(Span, LateHost)>,
 }
 
-/// From the first instant until before the second.
+/// A span from its first instant up to, but not including, its second.
 #[derive(Clone, Copy)]
 pub(crate) struct Span(pub Instant, pub Instant);
 
@@ -52,7 +51,7 @@ impl Host {
         self.late.push((span, late));
     }
 
-    /// When the host wakes a program that is to wake at `due`.
+    /// When the host wakes a program whose timer is due at `due`.
     pub fn wakes(&self, due: Instant) -> Instant {
         let usual = match self.worst {
             0 => 0,
@@ -69,7 +68,7 @@ impl Host {
     }
 
     fn after_stalls(&self, at: Instant) -> Instant {
-        // In the order of their beginnings, as one may lead into the next.
+        // In the order of their beginnings, because one stall may end within the next.
         self.stalls.iter().fold(at, |at, stall| if stall.holds(at) { stall.1 } else { at })
     }
 

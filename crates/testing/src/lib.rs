@@ -1,12 +1,15 @@
-//! A MainDevice application in `cargo test`: on a virtual segment, in deterministic virtual time, with judges.
+//! Tests MainDevice applications in `cargo test`: on a virtual segment, in deterministic virtual
+//! time, with judges.
 //!
-//! 1. A [`Segment`] is described by a segment file, or by its text; it says which seed, and how late the application's host is.
-//! 2. [`run`] switches it on and polls the test. The [`Bus`] is what the test sees of it: the test spawns the application, waits for what
-//!    the devices do, sets their inputs, and lets faults happen.
-//! 3. The application sends frames through a [`Socket`]. With the feature `embassy-time` the timers of embassy-time run on virtual
-//!    time, and applications on ethercrab stay as they are: `ethercrab_tx_rx_task!` takes the place of their network interface.
-//! 4. Time stands still while anything can be polled. When all tasks wait, it goes on to the next timer, or to the
-//!    instant at which the last bit of an answer is back.
+//! 1. A [`Segment`] is read from a segment file or its text; it holds the seed, and how late the
+//!    application's host is.
+//! 2. [`run`] switches the segment on and polls the test. The [`Bus`] is the test's access to it:
+//!    the test spawns the application, waits for the devices, sets their inputs, and causes faults.
+//! 3. The application sends frames through a [`Socket`]. With the feature `embassy-time`, the
+//!    timers of embassy-time run on virtual time, and applications on ethercrab need no change:
+//!    `ethercrab_tx_rx_task!` replaces their network interface.
+//! 4. Time stands still while a task can be polled. When all tasks wait, it advances to the next
+//!    timer, or to the instant at which the last bit of an answer is back.
 //! 5. The [`Verdict`] is what the MainDevice did, and what judges saw in the segment's true time.
 //!
 //! ```
@@ -29,9 +32,10 @@
 //! assert!(!verdict.in_sync(), "no device came to operation: {verdict}");
 //! ```
 //!
-//! All of a run happens on the thread that called [`run`], and virtual time belongs to that thread: `cargo test` may run as many tests
-//! side by side as it likes, and each gives what it gives alone. What is wrong in a test is a panic, at its line where that is
-//! known; [`try_run`] gives an error for a run that can't come to its end.
+//! A run takes place on the thread that called [`run`], and virtual time belongs to that thread:
+//! `cargo test` may run any number of tests concurrently, and each has the same result as alone. An
+//! error of a test is a panic, at its line if that is known; [`try_run`] returns an error for a run
+//! that can't end.
 #![forbid(unsafe_code)]
 
 mod bus;

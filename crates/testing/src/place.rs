@@ -1,14 +1,14 @@
-//! How a test calls a device.
+//! How a test names a device.
 
 use isocat_descriptions::document::name_hint;
 
-/// What a test calls a device by: its name, or its position from 0.
+/// The name of a device, or its position from 0.
 pub trait Place {
-    /// The position among devices of these names.
+    /// The position of the device among devices with these names.
     ///
     /// # Errors
     ///
-    /// Why there is no such device.
+    /// If there is no such device, with the reason.
     fn find(&self, names: &[&str]) -> Result<usize, String>;
 }
 
@@ -33,12 +33,12 @@ impl Place for usize {
 ///
 /// # Panics
 ///
-/// If there is none.
+/// If there is no such device.
 #[track_caller]
 pub(crate) fn position(names: &[&str], place: impl Place) -> usize {
     match place.find(names) {
         Ok(position) => position,
-        // Not in a closure, so that the panic has the place of the caller.
+        // This is not in a closure, so that the panic has the caller's line.
         Err(error) => panic!("{error}"),
     }
 }

@@ -1,5 +1,5 @@
-//! A run: the test's future and its tasks are polled until all of them wait, then time goes on to
-//! what comes next.
+//! A run: polls the test's future and its tasks until all of them wait, then advances time to the
+//! next event.
 
 use std::fmt;
 use std::panic::AssertUnwindSafe;
@@ -13,11 +13,12 @@ use crate::executor::{Executor, ROOT, poll};
 use crate::host::{Host, Instant, nanos};
 use crate::{Bus, Segment, Verdict, bus};
 
-/// Runs a test on a virtual segment, in virtual time, and gives the verdict of its judges. The run is over when `test` is.
+/// Runs a test on a virtual segment, in virtual time, and returns the verdict of its judges. The
+/// run ends when `test` ends.
 ///
 /// # Panics
 ///
-/// If the run can't come to its end, with what [`try_run`] says of it.
+/// If the run can't end, with the text of [`try_run`]'s error.
 #[track_caller]
 pub fn run<T>(segment: Segment, test: T) -> Verdict
 where
@@ -29,11 +30,12 @@ where
     }
 }
 
-/// The same, and a run that can't come to its end is an error. Panics of the test are still panics.
+/// Runs a test like [`run`], and returns an error if the run can't end. Panics of the test remain
+/// panics.
 ///
 /// # Errors
 ///
-/// [`Failure`] says which.
+/// A [`Failure`] if the run can't end.
 ///
 /// # Panics
 ///
@@ -61,7 +63,8 @@ where
     }
 }
 
-/// Runs a test once for each seed, in order, until one fails. With `ISOCAT_SEED=17` in the environment it runs for seed 17 alone.
+/// Runs a test once for each seed, in order, until one fails. With `ISOCAT_SEED=17` in the
+/// environment it only runs for seed 17.
 ///
 /// ```
 /// use isocat_testing::{Segment, run, seeds};
@@ -74,7 +77,7 @@ where
 ///
 /// # Panics
 ///
-/// If the test does, naming the seed; and if no seed is run.
+/// If the test panics, with the seed; and if there is no seed.
 #[track_caller]
 pub fn seeds(seeds: impl IntoIterator<Item = u64>, test: impl Fn(u64)) {
     let only = std::env::var("ISOCAT_SEED").ok();
@@ -104,32 +107,31 @@ pub fn seeds(seeds: impl IntoIterator<Item = u64>, test: impl Fn(u64)) {
     }
 }
 
-/// Why a run can't come to its end.
+/// Why a run can't end.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Failure {
-    /// Why.
+    /// The kind of failure.
     pub kind: Kind,
-    /// What the MainDevice did until then, and what the judges say.
+    /// What the MainDevice did until then, and the verdict of the judges.
     pub verdict: Verdict,
     /// Each device and its state.
     devices: String,
 }
 
-/// Why a run can't come to its end.
+/// Why a run can't end.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Kind {
-    /// The test and all its tasks wait, and none of them for a time or for a frame that is under
-    /// way.
+    /// The test and all its tasks wait, but none of them for a time or for a frame in flight.
     Deadlock {
-        /// Tasks beside the test.
+        /// Number of tasks besides the test.
         tasks: usize,
     },
-    /// The test is not over when its virtual time is.
+    /// The virtual time of the run ended before the test.
     OutOfTime {
         /// [`Segment::limit`].
         limit: Duration,
     },
-    /// Some task wakes itself again and again, and never waits.
+    /// A task always wakes itself, and never waits.
     Spins,
 }
 
@@ -156,11 +158,11 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
-/// Turns in which no task waited: from the first number on each costs time, at the second they are
-/// called endless.
+/// Turns in which a task was ready: after the first number each turn takes time, and at the second
+/// the run is considered endless.
 const FREE_TURNS: u64 = 100;
 const MOST_TURNS: u64 = 1_000_000;
-/// What such a turn costs, so that a loop that only asks for the time comes to its end.
+/// Time that such a turn takes, ns, so that a loop that only reads the time ends.
 const TURN: Instant = 1_000;
 
 struct Run<'a> {
@@ -185,7 +187,7 @@ impl Run<'_> {
         }
     }
 
-    /// Polls all that are awake until none is; whether the test is over.
+    /// Polls all woken tasks until there is none; returns whether the test has ended.
     fn while_awake<F: Future<Output = ()>>(&self, mut root: Pin<&mut F>) -> Result<bool, Kind> {
         for turn in 0..MOST_TURNS {
             let woken = self.executor.ready();
@@ -210,7 +212,7 @@ impl Run<'_> {
         Err(Kind::Spins)
     }
 
-    /// Time goes on, and wakes those that waited for it.
+    /// Advances time, and wakes the tasks that wait for it.
     fn go_on(&self, to: Instant) -> Result<(), Kind> {
         if to > self.limit {
             self.clock.advance(self.limit);
@@ -223,7 +225,7 @@ impl Run<'_> {
     }
 }
 
-/// Drops the tasks however the run ends: they hold the bus, and the bus holds them.
+/// Drops the tasks however the run ends, because they hold the bus and the bus holds them.
 struct Tasks(Rc<Executor>);
 
 impl Drop for Tasks {

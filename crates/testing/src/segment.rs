@@ -1,4 +1,4 @@
-//! The segment that a test runs on, and what the test asks of the run.
+//! The segment that a test runs on, and the settings of the run.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,10 +10,10 @@ use isocat_subdevice::Application;
 
 use crate::place::position;
 
-/// A virtual segment, and how a test runs on it.
+/// A virtual segment, and the settings of a run.
 ///
-/// Made of a segment file ([`file`](Self::file)), of its text ([`parse`](Self::parse)), or the
-/// [`built_in`](Self::built_in) one.
+/// It comes from a segment file ([`file`](Self::file)) or its text ([`parse`](Self::parse)), or is
+/// the [`built_in`](Self::built_in) one.
 #[must_use = "a segment does nothing until something runs on it"]
 pub struct Segment {
     pub(crate) scenario: Scenario,
@@ -23,28 +23,29 @@ pub struct Segment {
     applications: Vec<(usize, Box<dyn Application + Send>)>,
 }
 
-/// Virtual time after which a run ends with an error, unless a test says otherwise.
+/// Default of the virtual time after which a run ends with an error.
 pub const LIMIT: Duration = Duration::from_secs(600);
 
-/// From the last bit of an answer until the application has it, unless a test says otherwise: a PC
-/// with a packet socket.
+/// Default time from the last bit of an answer until the application has it: that of a PC with a
+/// packet socket.
 pub const LATENCY: Duration = Duration::from_micros(20);
 
 impl Segment {
-    /// A segment file. A relative path begins at the package's folder: `cargo test` runs tests there.
+    /// Reads a segment file. A relative path begins at the package's folder, where `cargo test`
+    /// runs tests.
     ///
     /// # Errors
     ///
-    /// What is wrong with the file, and at which line.
+    /// If the file is wrong, with the reason and the line.
     pub fn file(path: impl AsRef<Path>) -> Result<Self, FileError> {
         SegmentFile::read(&path.as_ref().to_string_lossy()).map(Self::from)
     }
 
-    /// The text of a segment file.
+    /// Reads the text of a segment file.
     ///
     /// # Errors
     ///
-    /// What is wrong with it, and at which line.
+    /// If the text is wrong, with the reason and the line.
     pub fn parse(text: &str) -> Result<Self, FileError> {
         SegmentFile::parse("the test's segment", text).map(Self::from)
     }
@@ -55,35 +56,35 @@ impl Segment {
         Self::from(SegmentFile::built_in())
     }
 
-    /// The seed of everything random, in place of the file's: crystals, jitter, faults by chance,
+    /// Sets the seed of all random values, in place of the file's: crystals, jitter, random faults,
     /// lateness of the host.
     pub fn seed(mut self, seed: u64) -> Self {
         self.scenario.seed = seed;
         self
     }
 
-    /// The application's wake-ups are late by up to `worst`, a fifth of it in the mean. Default
-    /// zero.
+    /// Sets how late the application's wake-ups are: by up to `worst`, and a fifth of it on
+    /// average. Default zero.
     pub fn lateness(mut self, worst: Duration) -> Self {
         self.lateness = worst;
         self
     }
 
-    /// From the last bit of an answer until the application has it: network controller, interrupt,
-    /// kernel. Default [`LATENCY`].
+    /// Sets the time from the last bit of an answer until the application has it: network
+    /// controller, interrupt, kernel. Default [`LATENCY`].
     pub fn latency(mut self, latency: Duration) -> Self {
         self.latency = latency;
         self
     }
 
-    /// Virtual time after which the run ends with an error. Default [`LIMIT`].
+    /// Sets the virtual time after which the run ends with an error. Default [`LIMIT`].
     pub fn limit(mut self, limit: Duration) -> Self {
         self.limit = limit;
         self
     }
 
-    /// Gives a device, by its name, an application of the test's own: the machine behind it. Its process data, objects and times stay
-    /// those of its profile.
+    /// Replaces the application of the device with this name by one of the test: the machine behind
+    /// it. Process data, objects and times remain those of its profile.
     ///
     /// # Panics
     ///

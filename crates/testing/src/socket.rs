@@ -1,4 +1,4 @@
-//! The way of frames between a stack and the segment.
+//! The connection between a stack and the segment.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -11,24 +11,24 @@ use isocat_sim::MainPort;
 
 use crate::Bus;
 
-/// A packet socket at the segment, for a stack that makes its own frames.
+/// A packet socket at the segment, for a stack that builds its own frames.
 ///
-/// As with packet sockets of a kernel, each socket hears every frame that comes back at its port.
-/// In a ring that is the other port than the one that the frame left.
+/// Like packet sockets of a kernel, each socket receives every frame that comes back at its port.
+/// In a ring, that is not the port that the frame left.
 pub struct Socket {
     bus: Bus,
     port: MainPort,
     pub(crate) queue: Rc<RefCell<Queue>>,
 }
 
-/// Frames that wait to be received.
+/// Frames that were not received yet.
 pub(crate) struct Queue {
     port: MainPort,
     frames: VecDeque<Vec<u8>>,
     waits: Option<Waker>,
 }
 
-/// Frames that wait at most; more are lost, as in the memory of a kernel's socket.
+/// Frames that can wait; further ones are lost, as in the buffer of a kernel's socket.
 pub const MOST_WAITING: usize = 1_024;
 
 impl Socket {
@@ -37,8 +37,8 @@ impl Socket {
         Self { bus, port, queue: Rc::new(RefCell::new(queue)) }
     }
 
-    /// Sends a frame: from the destination address on, without check sequence, 14 to 1514 bytes. Its first bit leaves now, or when
-    /// the frame before it has left.
+    /// Sends a frame of 14 to 1514 bytes, from the destination address on, without check sequence.
+    /// Its first bit leaves now, or when the previous frame has left.
     ///
     /// # Panics
     ///
@@ -55,7 +55,7 @@ impl Socket {
         std::future::poll_fn(|context| self.poll_receive(context)).await
     }
 
-    /// The same for a time; `None` if no frame has come by then. The host that waits wakes late, as
+    /// Waits for the next frame; `None` if none has come within `time`. The host wakes late, as
     /// from [`Bus::host_sleep`].
     pub async fn receive_for(&self, time: Duration) -> Option<Vec<u8>> {
         let mut end = self.bus.host_sleep(time);
@@ -66,13 +66,13 @@ impl Socket {
         .await
     }
 
-    /// The next frame that has come already.
+    /// The next frame, if one has already come.
     pub fn try_receive(&self) -> Option<Vec<u8>> {
         self.queue.borrow_mut().frames.pop_front()
     }
 
-    /// For futures written by hand: the next frame, or the task is woken when one comes. One task
-    /// at a time can wait.
+    /// For futures written by hand: returns the next frame, or wakes the task when one comes. Only
+    /// one task can wait at a time.
     pub fn poll_receive(&self, context: &mut Context<'_>) -> Poll<Vec<u8>> {
         let mut queue = self.queue.borrow_mut();
         match queue.frames.pop_front() {
@@ -86,7 +86,7 @@ impl Socket {
 }
 
 impl Queue {
-    /// A frame has come back.
+    /// Adds a frame that has come back.
     pub fn put(&mut self, arrival: &Arrival) {
         if arrival.port != self.port || self.frames.len() >= MOST_WAITING {
             return;

@@ -1,4 +1,4 @@
-//! What a run comes to.
+//! The result of a run.
 
 use std::fmt;
 use std::time::Duration;
@@ -6,9 +6,9 @@ use std::time::Duration;
 use isocat_serve::Summary;
 use isocat_serve::summary::{JudgedSummary, Outcome, SessionSummary};
 
-/// What the MainDevice did, and what judges say that watched in the segment's true time.
+/// What the MainDevice did, and the verdict of judges that watched in the segment's true time.
 ///
-/// As text it is all of that, for the message of an assertion: `assert!(verdict.in_sync(),
+/// Its text holds all of that, for the message of an assertion: `assert!(verdict.in_sync(),
 /// "{verdict}")`.
 #[derive(Clone, PartialEq, Debug)]
 #[must_use = "a verdict that is not looked at fails no test"]
@@ -21,28 +21,28 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Whether devices came to operation, and nothing speaks against any of them as long as they
-    /// were asked to be there. Of a MainDevice that began anew, each session counts.
+    /// Whether devices reached operation, and there is no finding against any of them while it was
+    /// asked to be in operation. If the MainDevice started again, each session counts.
     pub fn in_sync(&self) -> bool {
         let sessions = &self.summary.sessions;
         let came_up = |session: &SessionSummary| session.judged.is_some();
         sessions.last().is_some_and(came_up) && self.judged().all(|judged| judged.in_sync)
     }
 
-    /// Whether all came so that the `[[expect]]` tables of the segment file ask for, and all of it
-    /// could be judged; true if they ask for nothing.
+    /// Whether everything that the `[[expect]]` tables of the segment file expect came true and
+    /// could be judged; true without such tables.
     pub fn as_expected(&self) -> bool {
         self.summary.outcome() == Outcome::AsExpected
     }
 
-    /// The least time from the end of copying and calculating to SYNC0, ns, of the last stretch of
-    /// operation and all devices. Negative if a device was late; `None` without SYNC0.
+    /// The least time from the end of copying and calculating to SYNC0, ns, over all devices in the
+    /// last stretch of operation. Negative if a device was late; `None` without SYNC0.
     pub fn least_margin_ns(&self) -> Option<f64> {
         let devices = self.judged().last()?.devices.iter();
         devices.filter_map(|device| Some(device.sync0_margin.as_ref()?.min_ns)).reduce(f64::min)
     }
 
-    /// The whole summary, as `isocat serve --json` has it.
+    /// The whole summary, as in `isocat serve --json`.
     pub fn summary(&self) -> &Summary {
         &self.summary
     }
@@ -52,8 +52,8 @@ impl Verdict {
         self.lasted
     }
 
-    /// A hash over all frames that were sent and that came back, with port and instant. Equal
-    /// hashes of two runs mean that they were the same on the wire, to the nanosecond.
+    /// A hash over all frames that were sent and came back, with port and instant. Two runs with
+    /// equal hashes were the same on the wire, to the nanosecond.
     pub fn wire_hash(&self) -> u64 {
         self.wire
     }

@@ -1,4 +1,5 @@
-//! A whole run: a stack that makes its own frames, what the test sees and does, and the verdict.
+//! Tests whole runs: a stack that builds its own frames, what the test observes and changes, and
+//! the verdict.
 
 mod stack;
 
@@ -12,7 +13,7 @@ use stack::ios;
 
 const MS: Duration = Duration::from_millis(1);
 
-/// The built-in segment for a second in operation.
+/// Runs the built-in segment for a second in operation.
 fn built_in(seed: u64, lateness: Duration) -> Verdict {
     run(Segment::built_in().seed(seed).lateness(lateness), async |bus| {
         stack::bring_up(&bus).await;
@@ -75,7 +76,8 @@ fn process_data_are_seen_and_set_by_the_test() {
         device.set_inputs(&[0x5A]);
         bus.sleep(3 * MS).await;
         assert_eq!(device.outputs(), Some(vec![0xA5; 4]));
-        // The profile's application copies its outputs, where the test sets nothing.
+        // Bytes that the test does not set come from the profile's application, which copies its
+        // outputs.
         assert_eq!(main.borrow().inputs(1)[..4], [0x5A, 0xA5, 0xA5, 0xA5]);
         device.release_inputs();
         bus.sleep(3 * MS).await;
@@ -84,7 +86,7 @@ fn process_data_are_seen_and_set_by_the_test() {
     });
 }
 
-/// The machine behind a device: a cylinder that arrives some cycles after its valve has opened.
+/// The machine behind a device: a cylinder that arrives some cycles after its valve was opened.
 struct Cylinder {
     valve: bool,
     way: Arc<AtomicU32>,
@@ -183,7 +185,7 @@ fn a_verdict_in_the_middle_is_as_of_then() {
     assert!(end.in_sync(), "{end}");
 }
 
-/// A broadcast read of the AL status: how many devices are there?
+/// A broadcast read of the AL status, which counts the devices.
 fn who_is_there() -> Vec<u8> {
     let mut frame = vec![0xFF; 6];
     frame.extend([0x02, 0, 0, 0, 0, 0x01, 0x88, 0xA4]);
@@ -205,7 +207,8 @@ fn frames_by_hand_come_back_when_the_wire_and_the_host_let_them() {
         });
         took
     };
-    // 60 bytes, preamble, check sequence: 5.76 us on the wire, and three devices on the way.
+    // 60 bytes, preamble and check sequence take 5.76 us on the wire; three devices add their
+    // delays.
     let wire = took(Duration::ZERO);
     assert!(wire > Duration::from_nanos(5_760) && wire < Duration::from_micros(15), "{wire:?}");
     assert_eq!(took(MS), wire + MS);

@@ -11,7 +11,7 @@ use isocat_testing::{Bus, Segment, now, run};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// As embassy-time's own timer does it: asks anew each time it is polled.
+/// A timer like that of embassy-time, which asks again each time it is polled.
 async fn timer(at: u64) {
     std::future::poll_fn(|context| match embassy_time_driver::now() >= at {
         true => Poll::Ready(()),
@@ -61,7 +61,7 @@ fn a_timer_that_was_dropped_costs_no_time() {
     assert_eq!(verdict.lasted(), 2 * MS);
 }
 
-/// How late timers are that are due each millisecond, ns.
+/// The lateness of timers that are due each millisecond, ns.
 fn lateness(seed: u64, worst: Duration, more: impl Fn(&Bus)) -> Vec<u128> {
     let mut late = Vec::new();
     let segment = Segment::built_in().seed(seed).lateness(worst);
@@ -83,7 +83,7 @@ fn an_applications_timers_are_late_by_the_seed_whatever_else_waits() {
     assert!(alone.iter().any(|late| *late >= worst.as_nanos() / 2));
     assert_ne!(alone, lateness(8, worst, |_| ()));
     assert!(lateness(7, Duration::ZERO, |_| ()).iter().all(|late| *late == 0));
-    // The test's own timers are exact, and change nothing for the application.
+    // The test's own timers are exact, and do not affect the application.
     let beside = lateness(7, worst, |bus| {
         let sleeper = bus.clone();
         let _runs_on = bus.spawn(async move {

@@ -1,5 +1,5 @@
-//! Runs that can't come to their end, and tests that ask for what is not there: each ends with a
-//! word, and none hangs.
+//! Tests runs that can't end, and tests that ask for impossible things: each ends with a message,
+//! and none hangs.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::task::Poll;
@@ -9,7 +9,7 @@ use isocat_testing::{Bus, Kind, Segment, now, run, seeds, try_run};
 
 const MS: Duration = Duration::from_millis(1);
 
-/// What a piece of code says when it panics.
+/// The message of a panic.
 fn complaint(test: impl FnOnce()) -> String {
     let panic = catch_unwind(AssertUnwindSafe(test)).expect_err("it panics");
     match panic.downcast::<String>() {
@@ -47,7 +47,7 @@ fn time_is_over() {
     });
     assert_eq!(kind, Kind::OutOfTime { limit: 10_000 * MS });
     assert!(text.starts_with("the test is not over after 10s of virtual time"), "{text}");
-    // A year is no other case: time goes there at once, and no further than the limit.
+    // A year is no special case: time jumps there, but not beyond the limit.
     let (kind, _) = failure(async |bus| bus.sleep(Duration::from_secs(365 * 86_400)).await);
     assert_eq!(kind, Kind::OutOfTime { limit: 10_000 * MS });
     let (kind, _) = failure(async |bus| bus.sleep(Duration::MAX).await);
@@ -62,7 +62,7 @@ fn a_test_may_take_all_of_its_time_and_not_a_nanosecond_more() {
     assert!(of(MS + Duration::from_nanos(1)).is_err());
 }
 
-/// Wakes itself and waits for nothing.
+/// A future that always wakes itself and never waits.
 fn spin() -> impl Future<Output = ()> {
     std::future::poll_fn(|context| {
         context.waker().wake_by_ref();
@@ -158,7 +158,7 @@ fn virtual_time_is_there_while_a_run_is_and_on_its_thread_alone() {
         assert!(inner.starts_with("a run inside of a run"), "{inner}");
         assert_eq!(now(), Duration::ZERO, "the run goes on");
     }));
-    // After a test that panics, too.
+    // A run is possible after a test that panics, too.
     assert_eq!(complaint(|| drop(run(Segment::built_in(), async |_| panic!("oh")))), "oh");
     assert!(
         complaint(|| {
@@ -221,7 +221,7 @@ fn the_seed_that_fails_is_named() {
     assert!(complaint(|| seeds([], |_| ())).starts_with("no seed"));
 }
 
-/// Runs itself again with a seed in its environment.
+/// Runs this test again with a seed in the environment.
 #[test]
 fn the_seed_of_the_environment_runs_alone() {
     if std::env::var_os("ISOCAT_SEED").is_some() {

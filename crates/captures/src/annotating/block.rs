@@ -34,7 +34,7 @@ impl Order {
     }
 }
 
-/// A block without its two lengths.
+/// A block without its two length fields.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Block {
     kind: u32,
@@ -42,8 +42,8 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// The next block; `None` at the end of the file. A section header sets the byte order of what
-    /// follows. `Err`: the block is damaged or cut off.
+    /// Reads the next block; `None`: the file ended. A section header sets the byte order of the
+    /// following blocks. `Err`: the block is damaged or cut off.
     pub fn read(source: &mut impl Read, order: &mut Order) -> Result<Option<Self>, String> {
         let mut head = [0; 8];
         match source.read(&mut head[..1]) {
@@ -55,7 +55,8 @@ impl Block {
         let kind = order.read([a, b, c, d]);
         let mut body = Vec::new();
         if kind == SECTION {
-            // Its type reads the same in both orders; the magic behind its length tells which.
+            // The type of a section header reads the same in both orders; the magic after its
+            // length tells the order.
             body = vec![0; 4];
             fill(source, &mut body)?;
             *order = match body[..] {
@@ -81,7 +82,7 @@ impl Block {
         if kind == SECTION
             && let Some(of_section) = body.get_mut(8..16)
         {
-            // The section becomes longer by its comments: its length is left open.
+            // Comments make the section longer: its length is set to unknown.
             of_section.fill(0xFF);
         }
         Ok(Some(Self { kind, body }))
@@ -105,7 +106,7 @@ impl Block {
         Self { kind: INTERFACE, body }
     }
 
-    /// A packet of the section's first interface. `length`: as it was on the wire, bytes.
+    /// A packet of the section's first interface. `length`: bytes on the wire.
     pub fn packet(stamp: u64, length: u32, data: &[u8]) -> Self {
         let mut body = vec![0; 4];
         for word in [(stamp >> 32) as u32, stamp as u32, data.len() as u32, length] {
@@ -116,12 +117,13 @@ impl Block {
         Self { kind: ENHANCED_PACKET, body }
     }
 
-    /// Whether Wireshark gives it a number.
+    /// Whether it is a packet, which Wireshark numbers.
     pub fn is_packet(&self) -> bool {
         matches!(self.kind, ENHANCED_PACKET | PACKET | SIMPLE_PACKET)
     }
 
-    /// Puts comments before its options; false: it has no room for options, or contradicts itself.
+    /// Inserts comments before its options. Returns false if it can't hold options, or contradicts
+    /// itself.
     pub fn comment(&mut self, order: Order, comments: &[String]) -> bool {
         let Some(options) = self.options(order) else { return false };
         let mut all = Vec::new();
@@ -162,7 +164,7 @@ fn option(order: Order, code: u16, value: &[u8]) -> Vec<u8> {
     option
 }
 
-/// A comment as long as a packet's list can show it.
+/// A comment, cut to the length that a packet list can show.
 fn cut(comment: &str) -> &str {
     let end = (0..=MOST_OF_COMMENT.min(comment.len())).rev();
     end.into_iter().find(|end| comment.is_char_boundary(*end)).map_or("", |end| &comment[..end])
@@ -186,5 +188,5 @@ const COMMENT: u16 = 1;
 const TS_RESOLUTION: u16 = 9;
 /// A block that claims to be longer is taken as damaged.
 const MOST_BYTES: usize = 8 << 20;
-/// Bytes of a comment.
+/// Longest comment, bytes.
 const MOST_OF_COMMENT: usize = 4096;

@@ -1,5 +1,5 @@
-//! A copy has all packets of the original, and its comments are read by the library that the
-//! original is read with.
+//! A copy has all packets of the original, and the library that reads the original also reads its
+//! comments.
 
 use pcap_file::Endianness;
 use pcap_file::pcapng::blocks::enhanced_packet::{EnhancedPacketBlock, EnhancedPacketOption};
@@ -12,7 +12,7 @@ use pcap_file::{DataLink, TsResolution};
 use super::*;
 use crate::reading::Reading;
 
-/// Three packets; the one in the middle has an option of its own, the last one can have none.
+/// Three packets; the second has an option, the third can't have options.
 fn pcapng(endianness: Endianness) -> Vec<u8> {
     let section = SectionHeaderBlock { endianness, section_length: 512, ..Default::default() };
     let mut writer = PcapNgWriter::with_section_header(Vec::new(), section).expect("in memory");
@@ -92,7 +92,7 @@ fn without_comments_blocks_are_the_same() {
     let mut copy = Annotated::new(Vec::new());
     copy.add(&file[..], &Comments::new()).expect("a capture");
     let mut expected = file;
-    // The length of the section is open in a copy.
+    // In a copy the length of the section is unknown.
     expected[16..24].fill(0xFF);
     assert_eq!(copy.finish().expect("in memory"), expected);
 }
@@ -108,7 +108,7 @@ fn several_captures_are_sections_of_one() {
     assert_eq!(numbers, [1, 2, 3, 4, 5, 6]);
 }
 
-/// Wherever a file ends or is damaged, what is copied can be read to its end.
+/// Wherever a file ends or is damaged, its copy can be read to the end.
 #[test]
 fn a_damaged_capture_is_copied_up_to_there() {
     for file in [pcapng(Endianness::Little), pcap(TsResolution::MicroSecond)] {

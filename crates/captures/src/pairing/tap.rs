@@ -1,4 +1,4 @@
-//! How a tap saw the segment: which way frames passed it, and how many SubDevices lie before it.
+//! How a tap saw the segment: the direction of frames, and the number of SubDevices before the tap.
 
 use std::collections::BTreeSet;
 
@@ -14,32 +14,32 @@ use crate::reading::Frame;
 pub enum Seen {
     /// Frames on their way out and on their way back.
     Both,
-    /// Frames on their way out alone: what the devices answered is not known.
+    /// Only frames on their way out: the answers of the devices are not known.
     Out,
-    /// Frames that have passed devices alone: when they left is not known.
+    /// Only frames that have passed devices: when they left is not known.
     Back,
 }
 
-/// How a tap saw the segment, as its first frames tell.
+/// How a tap saw the segment, by its first frames.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Tap {
     /// Which frames it saw.
     pub seen: Seen,
-    /// Bit 1 of the source address tells answers from requests; if not, the content does.
+    /// Bit 1 of the source address distinguishes answers from requests; false: the content does.
     pub marked: bool,
-    /// The file tells the two directions apart.
+    /// The file distinguishes the two directions.
     pub directed: bool,
-    /// SubDevices that a frame has passed when the tap first sees it; 0 at the MainDevice's port.
+    /// SubDevices that a frame has passed before the tap first sees it; 0 at the MainDevice's port.
     pub behind: u16,
-    /// The interface that sees the MainDevice's port, where a file has several; `None`: all count.
+    /// The interface of the MainDevice's port, if a file has several; `None`: all interfaces count.
     pub interface: Option<u32>,
-    /// Both ends of a ring are captured: the MainDevice sends from two interfaces, and this address
-    /// is that of its first port. What it sends from the other one carries the same.
+    /// Both ends of a ring were captured: the MainDevice sends from two interfaces, and this is the
+    /// address of its first port. Its frames from the other port carry the same datagrams.
     pub ring: Option<[u8; 6]>,
 }
 
 impl Tap {
-    /// What these frames, the first of the file, say.
+    /// Decides by these frames, which are the first of the file.
     pub(super) fn of(frames: &[(Frame, Signature)]) -> Self {
         let marked = tells_by_mark(frames);
         let ring = first_of_two_ports(frames, marked);
@@ -63,13 +63,13 @@ impl Tap {
         Self { seen, marked, directed, behind, interface, ring }
     }
 
-    /// Whether the source address alone says that this frame comes back.
+    /// Whether the source address marks this frame as an answer.
     pub(super) fn is_answer(self, frame: &Frame) -> bool {
         self.marked && is_marked(&frame.bytes)
     }
 }
 
-/// Whether the source addresses tell answers from requests: some pair of them differs in that bit
+/// Whether the source addresses distinguish answers from requests: two addresses differ in that bit
 /// alone, or all frames go one way.
 fn tells_by_mark(frames: &[(Frame, Signature)]) -> bool {
     let mut asking = BTreeSet::new();
@@ -87,14 +87,14 @@ fn tells_by_mark(frames: &[(Frame, Signature)]) -> bool {
         return true;
     }
     if asking.is_empty() && !frames.iter().any(|(frame, _)| counts(frame).any(|(_, n)| n > 0)) {
-        // A MainDevice whose own address has the bit, and no device has answered.
+        // The MainDevice's own address has the bit, and no device has answered.
         return false;
     }
     !pairs_by_content(frames)
 }
 
-/// Whether neighbours with the same datagrams differ in what devices count: then one is the answer
-/// to the other. Answers alone that follow one another count the same.
+/// Whether neighbouring frames with the same datagrams differ in what devices count: then one is
+/// the answer to the other. In a sequence of answers alone, all count the same.
 fn pairs_by_content(frames: &[(Frame, Signature)]) -> bool {
     let (mut differ, mut alike) = (0, 0);
     for pair in frames.windows(2) {
@@ -110,7 +110,8 @@ fn pairs_by_content(frames: &[(Frame, Signature)]) -> bool {
     differ > alike
 }
 
-/// Of each datagram what devices count up: position, if the command has one, and working counter.
+/// For each datagram, the values that devices count up: position, if the command has one, and
+/// working counter.
 pub(super) fn counts(frame: &Frame) -> impl Iterator<Item = (u16, u16)> {
     let payload = payload(&frame.bytes).unwrap_or(&[]);
     datagrams(payload).map_while(Result::ok).map(|datagram| {
@@ -119,7 +120,7 @@ pub(super) fn counts(frame: &Frame) -> impl Iterator<Item = (u16, u16)> {
     })
 }
 
-/// The least position of any broadcast. MainDevices send 0, and each device that is passed adds 1.
+/// The smallest position in a broadcast. MainDevices send 0, and each device adds 1.
 fn least_position(frames: &[&Frame]) -> u16 {
     let positions = frames.iter().flat_map(|frame| {
         let payload = payload(&frame.bytes).unwrap_or(&[]);
@@ -132,7 +133,7 @@ fn least_position(frames: &[&Frame]) -> u16 {
     positions.min().unwrap_or(0)
 }
 
-/// The first port's address, if frames leave from several interfaces with an address each.
+/// The address of the first port, if frames leave from several interfaces with different addresses.
 fn first_of_two_ports(frames: &[(Frame, Signature)], marked: bool) -> Option<[u8; 6]> {
     let sent = frames.iter().map(|(frame, _)| frame).filter(|frame| !is_marked(&frame.bytes));
     let mut ports = sent.filter_map(|frame| Some((frame.interface, source(frame)?)));
@@ -148,7 +149,8 @@ pub(super) fn source(frame: &Frame) -> Option<[u8; 6]> {
     Some(address)
 }
 
-/// The interface of the MainDevice's port, if one interface sees both directions; else all count.
+/// The interface of the first frame, if it sees answers too or answers are not marked; `None`: all
+/// interfaces count.
 fn main_interface(frames: &[(Frame, Signature)], marked: bool) -> Option<u32> {
     let (first, _) = frames.first()?;
     let port = first.interface;

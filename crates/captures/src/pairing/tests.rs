@@ -1,4 +1,4 @@
-//! Requests and answers as taps see them.
+//! Pairing of requests and answers, for different taps.
 
 use std::time::Duration;
 
@@ -7,12 +7,12 @@ use isocat_wire::frame::FrameWriter;
 
 use super::*;
 
-/// A broadcast read of the states: index, first octet of the source, working counter.
+/// A broadcast read of AL status: index, first octet of the source, working counter.
 fn bytes(index: u8, source: u8, wkc: u8) -> Vec<u8> {
     passed(index, source, wkc, 0)
 }
 
-/// The same, counted up to a position.
+/// The same frame with this position in its datagram.
 fn passed(index: u8, source: u8, wkc: u8, position: u8) -> Vec<u8> {
     let mut buffer = vec![0; 60];
     let mut writer = FrameWriter::new(&mut buffer, [source, 1, 2, 3, 4, 5]);
@@ -32,7 +32,7 @@ fn frame(place: usize, micros: u64, bytes: Vec<u8>) -> Frame {
 /// A request and its answer, by their numbers.
 type Numbers = (Option<usize>, Option<usize>);
 
-/// Numbers of the requests and answers, and the pairing at its end.
+/// Pairs frames; returns the numbers of requests and answers, and the pairing at its end.
 fn paired(list: &[(u64, Vec<u8>)]) -> (Vec<Numbers>, Pairing) {
     let mut pairing = Pairing::new();
     for (place, (micros, bytes)) in list.iter().enumerate() {
@@ -71,14 +71,14 @@ fn frames_that_the_file_has_twice_are_one() {
     let (numbers, pairing) = paired(&list.map(|(at, bytes)| (at, bytes.clone())));
     assert_eq!(numbers, [(Some(1), Some(3))]);
     assert_eq!(pairing.tally().duplicates, 2);
-    // Later it is a repetition.
+    // Later, the same frame is a repetition.
     let list = [(0, &request), (100, &request), (130, &answer), (235, &answer)];
     let (numbers, _) = paired(&list.map(|(at, bytes)| (at, bytes.clone())));
     assert_eq!(numbers, [(Some(1), Some(3)), (Some(2), Some(4))]);
 }
 
-/// A MainDevice whose own address has the bit of answers: an answer that comes twice is none of its
-/// requests, which leave with working counters of 0.
+/// A MainDevice whose own address has the bit of answers: an answer that comes twice is not one of
+/// its requests, which leave with working counters of 0.
 #[test]
 fn an_answer_that_comes_twice_is_no_request() {
     let (request, answer) = (bytes(1, 0x12, 0), bytes(1, 0x12, 3));
@@ -86,7 +86,7 @@ fn an_answer_that_comes_twice_is_no_request() {
     let (numbers, pairing) = paired(&list.map(|(at, bytes)| (at, bytes.clone())));
     assert_eq!(numbers, [(Some(1), Some(2)), (None, Some(3)), (Some(4), Some(5))]);
     assert_eq!(pairing.tally().unanswered, 0);
-    // Where no SubDevice counts, an answer looks like its request, unless the file has directions.
+    // If no SubDevice counts, an answer looks like its request, unless the file has directions.
     let counted = [(0, &request), (30, &answer), (1000, &request), (1030, &request)];
     for (told, pairs) in [(false, [None, None]), (true, [Some(4), None])] {
         let mut pairing = Pairing::new();
@@ -102,7 +102,8 @@ fn an_answer_that_comes_twice_is_no_request() {
     }
 }
 
-/// A mirror of two ports: each frame comes in at one and goes out at the other, with a VLAN tag.
+/// A mirror of two ports captures each frame where it comes in and where it goes out, with a VLAN
+/// tag.
 #[test]
 fn copies_of_a_mirror_port_lie_between_other_frames() {
     let tagged = |bytes: Vec<u8>| {
@@ -131,7 +132,7 @@ fn copies_of_a_mirror_port_lie_between_other_frames() {
     assert_eq!((pairs, duplicates, unanswered, answers_alone), (8, 16, 0, 0));
 }
 
-/// A capture of two interfaces may have an answer before its request; its stamp says otherwise.
+/// A capture of two interfaces may have an answer before its request; the stamps show their order.
 #[test]
 fn answers_before_their_requests() {
     let list = [
@@ -145,12 +146,12 @@ fn answers_before_their_requests() {
     let (numbers, pairing) = paired(&list);
     assert_eq!(numbers, [(Some(1), Some(2)), (Some(4), Some(3)), (Some(5), Some(6))]);
     assert_eq!((pairing.tally().pairs, pairing.tally().answers_alone), (3, 0));
-    // The same datagrams later by the stamps are another request: its answer is lost.
+    // The same datagrams with a later stamp are another request, whose answer is lost.
     let mut later = list.clone();
     later[3].0 = 1030;
     let (numbers, _) = paired(&later);
     assert_eq!(numbers[1..3], [(None, Some(3)), (Some(4), None)]);
-    // So they are a millisecond before it.
+    // So are those with a stamp one millisecond earlier.
     let mut before = list;
     before[3].0 = 30;
     let (numbers, _) = paired(&before);
@@ -177,17 +178,17 @@ fn without_the_mark_the_content_decides() {
     let (numbers, pairing) = paired(&[(0, bytes(1, 0x12, 0)), (9, passed(1, 0x12, 3, 3))]);
     assert_eq!(numbers, [(Some(1), Some(2))]);
     assert_eq!(pairing.tap().map(|tap| (tap.marked, tap.behind)), Some((false, 0)));
-    // Repeated with a working counter of 0: no device answers.
+    // Repetitions with a working counter of 0: no device answers.
     let (numbers, _) = paired(&[(0, bytes(1, 0x10, 0)), (900, bytes(1, 0x10, 0))]);
     assert_eq!(numbers, [(Some(1), None), (Some(2), None)]);
-    // The same of a MainDevice whose own address has the mark.
+    // The same with a MainDevice whose own address has the mark.
     let (numbers, pairing) = paired(&[(0, bytes(1, 0x12, 0)), (900, bytes(1, 0x12, 0))]);
     assert_eq!(numbers, [(Some(1), None), (Some(2), None)]);
     assert_eq!(pairing.tap().map(|tap| tap.seen), Some(Seen::Out));
 }
 
-/// In the middle of the line all frames have the mark: the positions tell how many devices lie
-/// before.
+/// In the middle of the line all frames have the mark: the positions tell the number of devices
+/// before the tap.
 #[test]
 fn a_tap_in_the_middle_of_the_line() {
     let mut list = Vec::new();
@@ -201,9 +202,9 @@ fn a_tap_in_the_middle_of_the_line() {
     assert_eq!(tap, Some((Seen::Both, false, 2, false)));
 }
 
-/// In the middle of the line, with one index for all: where a frame is lost behind the tap, the next
-/// request is not taken for its answer. Nor is a frame that nothing behind the tap has touched, if it
-/// comes later than twice the usual time and 20 us.
+/// The tap is in the middle of the line, and all frames have the same index. If a frame is lost
+/// behind the tap, the next request is not taken for its answer. A frame that no device behind the
+/// tap has touched is not taken either, if it comes later than twice the usual time plus 20 us.
 #[test]
 fn a_frame_that_is_lost_behind_a_tap_in_the_line() {
     let line = |lost: u64, untouched_after: u64| {
@@ -221,16 +222,16 @@ fn a_frame_that_is_lost_behind_a_tap_in_the_line() {
     let (numbers, pairing) = line(4, 0);
     assert_eq!(numbers[3..6], [(Some(7), Some(8)), (Some(9), None), (Some(10), Some(11))]);
     assert_eq!((pairing.tally().pairs, pairing.tally().unanswered), (8, 1));
-    // The end of the segment, right behind the tap.
+    // The tap is at the end of the segment.
     let (numbers, _) = line(4, 38);
     assert_eq!(numbers[4..6], [(Some(9), Some(10)), (Some(11), Some(12))]);
-    // Then it is the request, which the file has twice.
+    // Then the frame is the request, which the file has twice.
     let (numbers, pairing) = line(4, 39);
     assert_eq!(numbers[4..6], [(Some(9), None), (Some(11), Some(12))]);
     assert_eq!(pairing.tally().duplicates, 1);
 }
 
-/// A file that tells the directions says what is no answer, whatever the stamps are.
+/// A file with directions tells which frame is no answer, whatever the stamps are.
 #[test]
 fn directions_tell_requests_behind_a_tap_in_the_line() {
     let mut pairing = Pairing::new();
@@ -240,7 +241,7 @@ fn directions_tell_requests_behind_a_tap_in_the_line() {
         list.push(at(true, passed(7, 0x12, 2, 2)));
         match cycle {
             4 => {}
-            // Nothing behind the tap has touched it.
+            // No device behind the tap has touched it.
             5 => list.push(at(false, passed(7, 0x12, 2, 2))),
             _ => list.push(at(false, passed(7, 0x12, 5, 5))),
         }
@@ -269,8 +270,8 @@ fn one_direction_alone() {
     assert_eq!(pairing.tap().map(|tap| tap.seen), Some(Seen::Out));
 }
 
-/// A cyclic frame that is lost, where all have the same index: the answers that follow stay where
-/// they belong.
+/// A cyclic frame is lost, and all frames have the same index: the following answers keep their
+/// requests.
 #[test]
 fn a_lost_frame_among_others_that_look_alike() {
     let mut list = Vec::new();
@@ -285,8 +286,8 @@ fn a_lost_frame_among_others_that_look_alike() {
     assert_eq!((pairing.tally().pairs, pairing.tally().unanswered), (8, 1));
 }
 
-/// At both ends of a ring each frame leaves from both ports; those of the first port come back at
-/// the other one.
+/// At both ends of a ring each frame leaves from both ports; the frames of the first port come back
+/// at the other one.
 #[test]
 fn both_ends_of_a_ring() {
     let mut pairing = Pairing::new();
@@ -321,13 +322,13 @@ fn what_is_not_ours_is_counted() {
     assert_eq!((pairing.tally().broken, pairing.tally().foreign), (1, 3));
 }
 
-/// What is held does not grow with the capture, and nothing is lost on the way.
+/// Memory does not grow with the capture, and no frame is left out.
 #[test]
 fn memory_is_bounded() {
     let mut pairing = Pairing::new();
     let mut exchanges = 0;
     for place in 0..40_000 {
-        // Nothing comes back, and no time passes.
+        // No frame comes back, and no time passes.
         pairing.push(frame(place, 0, bytes(place as u8, 0x10, place as u8)));
         while pairing.exchange().is_some() {
             exchanges += 1;

@@ -1,4 +1,4 @@
-//! Files of every form, cut and damaged.
+//! Files of all formats, cut and damaged.
 
 use super::*;
 use pcap_file::Endianness;
@@ -71,7 +71,7 @@ fn every_form_of_a_capture_says_the_same() {
     }
 }
 
-/// A capture cut off at any byte gives the frames before it, and says that it is not whole.
+/// A capture cut off at any byte returns the frames before it, and says that it is not complete.
 #[test]
 fn a_file_that_ends_anywhere() {
     let resolution = TsResolution::NanoSecond;
@@ -91,7 +91,7 @@ fn a_file_that_ends_anywhere() {
             }
         }
         assert!(ended > 60, "most ends are in the middle of a block");
-        // Any byte that is wrong is an error value or another frame.
+        // A wrong byte leads to an error value or another frame.
         for at in 0..file.len() {
             for value in [0, 1, 0x7F, 0xFF] {
                 let mut file = file.clone();
@@ -102,12 +102,12 @@ fn a_file_that_ends_anywhere() {
     }
 }
 
-/// A snap length that cuts data off takes the frame away, one that cuts padding off does not.
+/// A packet whose data is cut off is left out; a packet whose padding is cut off is not.
 #[test]
 fn packets_that_were_cut() {
     let mut frame = [0; 60];
     frame[12..14].copy_from_slice(&[0x88, 0xA4]);
-    // Twelve bytes of datagrams behind the two of the EtherCAT header.
+    // Twelve bytes of datagrams follow the two of the EtherCAT header.
     frame[14..16].copy_from_slice(&[12, 0x10]);
     let mut writer = PcapWriter::new(Vec::new()).expect("in memory");
     for len in [60, 28, 27, 13] {
@@ -137,7 +137,7 @@ fn what_is_no_capture_is_named() {
     }
 }
 
-/// Of a link without Ethernet frames nothing is read, and its type is told.
+/// No frame of a link without Ethernet is read, and the link type is reported.
 #[test]
 fn a_link_without_ethernet() {
     let header = PcapHeader { datalink: DataLink::IEEE802_11, ..Default::default() };

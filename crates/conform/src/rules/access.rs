@@ -1,4 +1,4 @@
-//! ACC and REF: who may read and write what in which state, and which values are refused.
+//! ACC and REF: which entries may be read and written in which state, and which values are refused.
 
 use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, sub,
@@ -114,7 +114,7 @@ pub(super) const RULES: &[Rule] = &[
 
 const STATES: [AlState; 3] = [AlState::PreOp, AlState::SafeOp, AlState::Op];
 
-/// Goes through the states upwards in the first mode that there is.
+/// Goes to a state, in the first mode that the SubDevice has.
 fn in_state(c: &mut Case<'_, '_>, state: AlState) -> Done {
     match state {
         AlState::PreOp => c.preop_with_objects(),
@@ -174,7 +174,7 @@ fn writable(c: &mut Case<'_, '_>) -> Done {
     for object in c.s.sync_objects() {
         for entry in &object.entries {
             let Some(value) = &entry.value else { continue };
-            // What is chosen by default may not fit what is assigned by default.
+            // The default type may not fit the default assignment.
             if !entry.description.access.has_any(Access::WRITE_PREOP) || entry.sub == sub::SYNC_TYPE
             {
                 continue;
@@ -206,7 +206,7 @@ fn type_in_op(c: &mut Case<'_, '_>) -> Done {
     let object = c.leading()?.clone();
     let at = object.at(sub::SYNC_TYPE);
     let before = c.t.value(at)?;
-    // Any other that the SubDevice announces; else one that it does not.
+    // Any other type that the SubDevice announces; without one, a type that it does not announce.
     let others = c.s.modes.iter().map(|mode| c.sync_type(&object, *mode));
     let other = others.map(u64::from).find(|t| Some(*t) != before).unwrap_or(2);
     let found = c.t.download(at, &(other as u16).to_le_bytes())?;
@@ -224,7 +224,7 @@ fn type_in_op(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// The assignment objects that can be written, with a PDO that they have.
+/// The assignment objects that can be written, each with its slots and one PDO of its direction.
 fn assignments(c: &mut Case<'_, '_>) -> Result<Vec<(u16, u8, u16)>, crate::case::Stop> {
     if c.s.coe.is_none() {
         return Err(not_applicable("it has no CoE mailbox"));
@@ -257,7 +257,7 @@ fn assignment_in_safe_op(c: &mut Case<'_, '_>) -> Done {
 
 fn command_in_op(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
-    // Some keep the place of 08, read only, and measure nothing.
+    // Some devices have 08 as read only and measure nothing.
     let with = |object: &&SyncObject| {
         let dynamic = object.types().dynamic_times();
         object.entry(sub::GET_CYCLE_TIME).is_some()
@@ -277,7 +277,7 @@ fn command_in_op(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// Writes a type that must be refused.
+/// Writes a type that the device must refuse.
 fn refuses_type(c: &mut Case<'_, '_>, at: ObjectAddress, wrong: u16) -> Done {
     let before = c.t.value(at)?;
     let found = c.t.download(at, &wrong.to_le_bytes())?;
@@ -304,7 +304,7 @@ fn unsupported_type(c: &mut Case<'_, '_>) -> Done {
     c.preop_with_objects()?;
     c.assign()?;
     for object in c.s.sync_objects() {
-        // Who announces nothing says nothing about what it refuses.
+        // A device that announces no types does not say which ones it refuses.
         let Some(types) = object.value(sub::SUPPORTED_TYPES).filter(|types| types & 0x1F != 0)
         else {
             continue;

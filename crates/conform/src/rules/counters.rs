@@ -1,4 +1,4 @@
-//! CNT: the counters count what they say, and nothing else.
+//! CNT: the counters count what they are for, and nothing else.
 
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, sub};
 use isocat_wire::time::Nanos;
@@ -75,13 +75,14 @@ pub(super) const RULES: &[Rule] = &[
     },
 ];
 
-/// A way to count missing outputs: each cycle tells whether outputs came before SYNC0.
+/// A way to count missing outputs. Its input tells for each cycle whether outputs came before
+/// SYNC0.
 #[derive(Clone, Copy)]
 struct Way {
     name: &'static str,
-    /// What is counted for a sequence of cycles, the first after a long clean run.
+    /// The counter's value after a sequence of cycles that follows a long clean run.
     count: fn(&[bool]) -> i64,
-    /// Missing outputs in a row that end OP, for a limit.
+    /// How many missing outputs in a row end OP, for a limit.
     ends: fn(u64) -> u64,
 }
 
@@ -115,7 +116,7 @@ const WAYS: [Way; 3] = [
     },
 ];
 
-/// The object whose counters are looked at, if it has this one.
+/// The object whose counters are looked at, if it has this counter.
 fn with(c: &Case<'_, '_>, sub: u8) -> Result<SyncObject, Stop> {
     let object = c.leading()?;
     match object.entry(sub) {
@@ -132,7 +133,7 @@ fn dc_with_outputs(c: &Case<'_, '_>) -> Done {
     }
 }
 
-/// Leaves frames out; time stands where the last of them has been missed for sure.
+/// Leaves frames out, and returns after the SubDevice has certainly missed the last of them.
 fn leave_out(c: &mut Case<'_, '_>, frames: u64) -> Result<(), Stop> {
     for _ in 0..frames {
         c.t.turn(Turn::Skip)?;
@@ -143,7 +144,8 @@ fn leave_out(c: &mut Case<'_, '_>, frames: u64) -> Result<(), Stop> {
     Ok(())
 }
 
-/// 0B after so many frames were left out, and the cycles with frames until it was read.
+/// The value of 0B after `n` frames were left out, and the number of cycles with frames until it
+/// was read.
 fn count_missed(c: &mut Case<'_, '_>, object: &SyncObject, n: u64) -> Result<(u64, u64), Stop> {
     leave_out(c, n)?;
     let from = c.t.exchange.as_ref().map_or(0, |exchange| exchange.cycles);
@@ -156,7 +158,7 @@ fn in_op(c: &mut Case<'_, '_>) -> Result<bool, Stop> {
     Ok(c.t.al()?.is(AlState::Op))
 }
 
-/// The way of counting: 0B after one frame, and after two in a row.
+/// Finds the way of counting: reads 0B after one missing frame, and after two in a row.
 fn way(c: &mut Case<'_, '_>, object: &SyncObject) -> Result<Option<Way>, Stop> {
     c.op_here()?;
     c.t.run(20)?;
@@ -168,12 +170,13 @@ fn way(c: &mut Case<'_, '_>, object: &SyncObject) -> Result<Option<Way>, Stop> {
         if ended {
             break;
         }
-        // Until what leaks has leaked.
+        // Waits until a counter that counts down has reached 0.
         c.t.run(20)?;
     }
     let fits = |way: &Way| {
         seen.iter().all(|(n, count, good, ended)| {
-            // The last of the good cycles may or may not have had its SYNC0 yet.
+            // At the time of reading, the last of the good cycles may or may not have had its
+            // SYNC0.
             *ended && *n > 1
                 || (0..=*good).any(|good| {
                     let mut came = vec![false; *n as usize];
@@ -183,7 +186,7 @@ fn way(c: &mut Case<'_, '_>, object: &SyncObject) -> Result<Option<Way>, Stop> {
         })
     };
     let first = seen.first().is_some_and(|(_, _, _, ended)| *ended);
-    // Who leaves OP has counted something.
+    // A SubDevice that leaves OP must have counted something.
     let never = seen.iter().all(|(_, count, _, _)| *count == 0);
     let found = WAYS.into_iter().find(fits).filter(|_| !first && !never);
     let text: Vec<_> = seen
@@ -255,7 +258,7 @@ fn too_short(c: &mut Case<'_, '_>) -> Done {
         c.t.run(10)?;
         let cycles = |c: &Case<'_, '_>| c.t.exchange.as_ref().map_or(0, |exchange| exchange.cycles);
         let found = c.counters(object.index)?.too_short.unwrap_or(0);
-        // Some count from the last cycles before OP on.
+        // Some devices begin to count in the last cycles before OP.
         let most = cycles(c) - from + 20;
         let place = format!("{} at a shift of {shift} ns", object.at(sub::SHIFT_TIME_TOO_SHORT));
         if counts {
@@ -269,7 +272,7 @@ fn too_short(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// OP with one event that came while the last was still in work.
+/// Brings the SubDevice to OP and sends one event while it still works on the previous one.
 fn hurried(c: &mut Case<'_, '_>) -> Result<SyncObject, Stop> {
     if c.mode.bit == 0 {
         return Err(not_applicable("Free Run does not count events"));
@@ -291,7 +294,7 @@ fn hurried(c: &mut Case<'_, '_>) -> Result<SyncObject, Stop> {
     Ok(object)
 }
 
-/// The same, once 0C tells it: what never counted can't be cleared.
+/// Does the same as [`hurried`], and requires that 0C counted it: a counter at 0 can't be cleared.
 fn counted(c: &mut Case<'_, '_>) -> Result<SyncObject, Stop> {
     let object = hurried(c)?;
     let at = object.at(sub::CYCLE_TIME_TOO_SMALL);
@@ -339,7 +342,7 @@ fn reset(c: &mut Case<'_, '_>) -> Done {
         c.equal(format!("{} after the reset", object.at(sub)), 0, found);
     }
     if c.mode.uses_dc() && object.entry(sub::SM_EVENT_MISSED).is_some() {
-        // Some let the first that is missing pass.
+        // Some devices ignore the first missing frame.
         let at = object.at(sub::SM_EVENT_MISSED);
         c.t.run(20)?;
         let (mut count, _) = count_missed(c, &object, 1)?;
@@ -347,7 +350,7 @@ fn reset(c: &mut Case<'_, '_>) -> Done {
             c.t.run(20)?;
             (count, _) = count_missed(c, &object, 2)?;
         }
-        // Out of OP, it goes on counting.
+        // Outside OP the counter would go on counting.
         if count > 0 && in_op(c)? {
             c.must_write(object.at(sub::GET_CYCLE_TIME), &[2, 0])?;
             let found = c.t.value(at)?.unwrap_or(0);
@@ -366,17 +369,17 @@ fn mirrored(c: &mut Case<'_, '_>) -> Done {
         return Err(not_applicable("it has no outputs"));
     }
     if c.mode.uses_dc() && object.entry(sub::SM_EVENT_MISSED).is_some() {
-        // Behind one frame that some let pass.
+        // Two frames, because some devices ignore the first one.
         leave_out(c, 2)?;
     }
-    // Between two frames, so that nothing counts meanwhile.
+    // Reads between two frames, so that nothing is counted meanwhile.
     let outputs: Vec<_> = c.counters(OUTPUT_PARAMETER)?.each().collect();
     let inputs: Vec<_> = c.counters(INPUT_PARAMETER)?.each().collect();
     let again: Vec<_> = c.counters(OUTPUT_PARAMETER)?.each().collect();
     for (sub, found) in inputs {
         let of = |all: &[(u8, u64)]| all.iter().find(|one| one.0 == sub).map(|one| one.1);
         if let (Some(before), Some(after)) = (of(&outputs), of(&again)) {
-            // A leaking counter may leak while it is read.
+            // A counter that counts down may do so while it is read.
             let (least, most) = (before.min(after), before.max(after));
             let place = ObjectAddress::new(INPUT_PARAMETER, sub);
             let right = (least..=most).contains(&found);
@@ -419,7 +422,7 @@ fn distances(c: &mut Case<'_, '_>) -> Done {
     let cycle = c.cycle();
     let mut wanted =
         vec![(sub::MINIMUM_CYCLE_DISTANCE, cycle), (sub::MAXIMUM_CYCLE_DISTANCE, cycle)];
-    // In subordinated cycles the last SYNC0 is further away from the frame than the first.
+    // In subordinated cycles the frame is further away from the last SYNC0 than from the first.
     if c.mode.uses_dc() && c.mode.subordinated_cycles() == 1 {
         let lead = c.lead(cycle);
         wanted
@@ -430,7 +433,8 @@ fn distances(c: &mut Case<'_, '_>) -> Done {
     for (sub, _) in &wanted {
         found.push(Nanos(c.t.value(object.at(*sub))?.unwrap_or(0) as i64));
     }
-    // Known only now: a frame that was late while the entries were read is in what they say.
+    // The lateness is known only now: the entries include frames that were late while they were
+    // read.
     let slack = UNEVEN + c.t.lateness() + c.t.lateness();
     for ((sub, at), found) in wanted.into_iter().zip(found) {
         let right = found >= at - slack && found <= at + slack;
@@ -439,7 +443,7 @@ fn distances(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// What a frame's own length and the clocks do to its distances.
+/// Deviation of the distances by the frame's own length and by the clocks.
 const UNEVEN: Nanos = Nanos::micros(10);
-/// Two frames at once are less than this apart, ns.
+/// Two frames in a row are less than this apart, ns.
 const SURELY_BUSY: u64 = 12_000;

@@ -10,16 +10,16 @@ mod recovery;
 mod states;
 mod times;
 
-/// Something that a SubDevice has to do.
+/// A requirement on a SubDevice.
 #[derive(Clone, Copy, Debug)]
 pub struct Rule {
-    /// Name that stays: group and number.
+    /// Its permanent name: group and number.
     pub id: &'static str,
-    /// One sentence.
+    /// The requirement in one sentence.
     pub what: &'static str,
-    /// Where it is written: object, register, section.
+    /// Where the requirement is written: object, register, section.
     pub source: &'static str,
-    /// Whom it concerns.
+    /// The SubDevices that it applies to.
     pub applies: &'static str,
     /// How it is tried.
     pub check: Check,
@@ -28,9 +28,9 @@ pub struct Rule {
 /// How a rule is tried.
 #[derive(Clone, Copy, Debug)]
 pub enum Check {
-    /// Once.
+    /// The check runs once.
     Once(fn(&mut Case<'_, '_>) -> Done),
-    /// In each mode that the SubDevice announces.
+    /// The check runs in each mode that the SubDevice announces.
     EachMode(fn(&mut Case<'_, '_>) -> Done),
 }
 

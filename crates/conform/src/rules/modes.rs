@@ -191,7 +191,7 @@ fn first_inputs(c: &mut Case<'_, '_>) -> Done {
     if !al.is(AlState::SafeOp) {
         return Err(Stop::Blocked { by: "MODE-02", why: al.to_string() });
     }
-    // The buffer that was never written can't be read.
+    // A buffer that was never written can't be read.
     let register = isocat_wire::register::sm_status(c.s.inputs.sm);
     let status = c.t.register(register)?;
     let none = isocat_wire::sync_manager::SyncManager::STATUS_BUFFER;

@@ -1,4 +1,4 @@
-//! OBJ: the objects are there, have their types, and complete access agrees with single reads.
+//! OBJ: the objects exist, have their types, and complete access agrees with single reads.
 
 use isocat_sync::object::{
     INPUT_ASSIGNMENT, INPUT_PARAMETER, OUTPUT_ASSIGNMENT, OUTPUT_PARAMETER, SM_COMMUNICATION_TYPE,
@@ -128,7 +128,7 @@ pub(super) const RULES: &[Rule] = &[
     },
 ];
 
-/// Type codes of the sub-indices.
+/// Data type codes of the sub-indices.
 const U8: u16 = 0x05;
 const U16: u16 = 0x06;
 const U32: u16 = 0x07;
@@ -141,7 +141,7 @@ fn type_of(sub_index: u8) -> Option<&'static [u16]> {
         sub::SM_EVENT_MISSED..=sub::TOGGLE_FAILED => &[U16],
         sub::SYNC0_CYCLE_TIME => &[U32],
         1..=sub::MAXIMUM_SM_SYNC_DISTANCE => &[U32],
-        // Some print UNSIGNED8.
+        // Some devices state UNSIGNED8.
         sub::SYNC_ERROR => &[BOOLEAN, U8],
         _ => return None,
     })
@@ -238,7 +238,7 @@ fn mandatory(c: &mut Case<'_, '_>) -> Done {
             let wanted = match cell.need {
                 Need::Mandatory => true,
                 Need::Conditional(Condition::MoreThanFreeRun) => more_modes,
-                // OBJ-05 and OBJ-06 look at these.
+                // OBJ-05 and OBJ-06 check these.
                 Need::Conditional(_) | Need::Optional | Need::None => false,
             };
             if wanted {
@@ -277,15 +277,16 @@ fn exists(c: &mut Case<'_, '_>, object: &SyncObject, sub: u8) {
     c.expect(object.at(sub), "there", if there { "there" } else { "not there" }, there);
 }
 
-/// Where ETG.1020 has a sub-index of 0x1C32 and 0x1C33, bit.
+/// The bit offset of a sub-index in 0x1C32 and 0x1C33 by ETG.1020.
 fn usual_place(sub_index: u8) -> Option<usize> {
     const PLACES: [usize; 19] =
         [0, 16, 32, 64, 96, 112, 144, 176, 208, 224, 256, 288, 304, 320, 336, 352, 384, 416, 448];
     PLACES.get(usize::from(sub_index)).copied()
 }
 
-/// Places with gaps: those of ETG.1020 for sub-indices that it has, and for what comes behind (20, and what
-/// makers add) the first byte where its value stands. `None` for what is not found.
+/// The bit offsets of entries with gaps between them: those of ETG.1020 for the sub-indices that it
+/// has. For later ones (20, and those that makers add), the first byte from which on the value is
+/// found. `None`: it is not found.
 fn places_with_gaps(whole: &[u8], entries: &[Entry]) -> Vec<Option<usize>> {
     let mut end = 0;
     let mut places = Vec::new();
@@ -318,7 +319,7 @@ fn complete_access(c: &mut Case<'_, '_>) -> Done {
                 continue;
             }
         };
-        // As described: one after another, sub-index 0 in 16 bits.
+        // The places without gaps: one entry after another, with sub-index 0 in 16 bits.
         let mut at = 0;
         let mut places = Vec::new();
         for entry in &object.entries {
@@ -354,7 +355,7 @@ fn complete_access(c: &mut Case<'_, '_>) -> Done {
                 "the places of ETG.1020, with gaps"
             }
         ));
-        // From sub-index 1 on: the same without the first two bytes.
+        // Complete access from sub-index 1 on must give the same without the first two bytes.
         let rest = c.t.upload_complete(object.index, 1)?;
         let same = rest.as_ref().is_ok_and(|rest| Some(&rest[..]) == whole.get(2..));
         let found = if same { "the same" } else { "something else" };
@@ -399,7 +400,7 @@ fn supported(c: &mut Case<'_, '_>) -> Done {
     for object in c.s.sync_objects() {
         let Some(value) = object.value(sub::SUPPORTED_TYPES) else { continue };
         let types = SupportedTypes(value as u16);
-        // Bit 9 is an old hint that delays are measured, bit 15 of old stacks.
+        // Bit 9 is an old hint that delays are measured, bit 15 one of old stacks.
         let right = value & 0x1F != 0
             && value & 0x3180 == 0
             && types.shift() != isocat_sync::object::ShiftBy::Reserved;
@@ -415,14 +416,14 @@ fn rights(c: &mut Case<'_, '_>) -> Done {
             let Some(cell) = table::lookup(object.index, sub, c.column(object)) else { continue };
             let dynamic = object.types().dynamic_times();
             if cell.need == Need::Conditional(Condition::DynamicTimes) && !dynamic {
-                // Some keep the place and measure nothing.
+                // Some devices have the entry and measure nothing.
                 continue;
             }
             let found = object.writable(sub);
             let words = |writable| if writable { "writable" } else { "read only" };
             let others = c.s.modes.len() > 1;
             match cell.rights {
-                // Another mode may leave it open.
+                // In another mode the entry may still be writable.
                 Rights::Read if !others => {
                     c.expect(object.at(sub), words(false), words(found), !found)
                 }
@@ -463,7 +464,7 @@ fn error_settings(c: &mut Case<'_, '_>) -> Done {
 fn no_sub_index(c: &mut Case<'_, '_>) -> Done {
     let object = c.leading()?.clone();
     c.preop_with_objects()?;
-    // Behind all that anybody has.
+    // A sub-index beyond those of all known devices.
     let at = object.at(0xF0);
     let found = c.t.upload(at)?;
     c.aborts(at, &found, &[AbortCode::NO_SUBINDEX]);
@@ -522,7 +523,7 @@ fn hidden(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// A value as it came, low byte last.
+/// A value as hexadecimal number; it came with the low byte first.
 pub(super) fn hex(bytes: &[u8]) -> String {
     bytes.iter().rev().fold("0x".to_owned(), |text, byte| text + &format!("{byte:02X}"))
 }

@@ -1,4 +1,4 @@
-//! REC: after each fault, acknowledge, set right, and run clean again.
+//! REC: after each fault, acknowledge the error, remove its cause, and run clean again.
 
 use isocat_wire::sync_manager::SyncManager;
 use isocat_wire::time::Nanos;
@@ -48,7 +48,7 @@ pub(super) const RULES: &[Rule] = &[
 
 fn not_acknowledged(c: &mut Case<'_, '_>) -> Done {
     c.preop()?;
-    // A state that does not exist: an error that every device knows.
+    // Requests a state that does not exist, which is an error for every device.
     c.t.request(AlControl(0x0006))?;
     let al = c.t.await_state(AlState::Op, Nanos::millis(200))?;
     if !al.status.error() {
@@ -61,7 +61,7 @@ fn not_acknowledged(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// Acknowledges; the error must go and the state stay. Tells whether they did.
+/// Acknowledges the error. It must disappear and the state must remain; returns whether they did.
 fn acknowledge(c: &mut Case<'_, '_>, state: AlState) -> Result<bool, Stop> {
     let al = c.t.acknowledge()?;
     c.expect("0x0130 after the acknowledgement", state, al, al.is(state));
@@ -92,7 +92,7 @@ fn after_refusal(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// Acknowledged in SAFEOP, back to OP and clean.
+/// Acknowledges the error in SAFEOP, and requires a clean run in OP afterwards.
 fn back(c: &mut Case<'_, '_>, fell: Al, rule: &'static str) -> Done {
     if !fell.status.error() {
         return Err(Stop::Blocked { by: rule, why: fell.to_string() });

@@ -1,4 +1,4 @@
-//! AL: wrong set-ups are refused, faults in OP are told, each by its status code.
+//! AL: wrong set-ups are refused and faults in OP are reported, each by its status code.
 
 use isocat_sync::object::{INPUT_ASSIGNMENT, OUTPUT_ASSIGNMENT};
 use isocat_wire::sync_manager::SyncManager;
@@ -167,14 +167,14 @@ pub(super) const RULES: &[Rule] = &[
     },
 ];
 
-/// Notes a refusal; drives tell some of them by other codes.
+/// Notes a refusal. Drives report some refusals by other codes.
 fn must_refuse(c: &mut Case<'_, '_>, place: &str, al: Al, state: AlState, codes: &[AlStatusCode]) {
     let list: Vec<_> = codes.iter().map(|code| format!("0x{:04X}", code.0)).collect();
     let expected = format!("{state}+ERR, code {}", list.join(" or "));
     c.expect(place, expected, al, refused(&al, state, codes));
 }
 
-/// Asks for SAFEOP, which must be refused with this code.
+/// Requests SAFEOP, which must be refused with this code.
 fn refuses_safe_op(c: &mut Case<'_, '_>, place: &str, code: AlStatusCode) -> Done {
     let al = c.t.change(AlState::SafeOp, STATE_PATIENCE)?;
     must_refuse(c, place, al, AlState::PreOp, &[code]);
@@ -216,7 +216,7 @@ fn unknown_state(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// The three ways in which a process data SyncManager is set wrong.
+/// Tries the three ways to set up a process data SyncManager wrongly.
 fn wrong_sync_manager(c: &mut Case<'_, '_>, number: usize, code: AlStatusCode) -> Done {
     let mode = c.any_mode()?;
     let right = c.s.sync_manager(number);
@@ -265,7 +265,7 @@ fn wrong_mapping(
     for object in [at(1), at(0)] {
         let data = if object.sub == 0 { vec![1] } else { pdo.to_le_bytes().to_vec() };
         if let Err(code) = c.t.download(object, &data)? {
-            // Who refuses the write needs no status code.
+            // A device that refuses the write needs no status code.
             c.expect(object, "refused here or in SAFEOP", format!("refused: {code}"), true);
             return Ok(());
         }
@@ -283,7 +283,7 @@ fn wrong_input_mapping(c: &mut Case<'_, '_>) -> Done {
     wrong_mapping(c, INPUT_ASSIGNMENT, writable, 0x1BFE, AlStatusCode::INVALID_INPUT_MAPPING)
 }
 
-/// Everything for SAFEOP, no type chosen, the SYNC unit set as told.
+/// Sets up everything for SAFEOP except the type, and the SYNC unit with these values.
 fn with_unit(c: &mut Case<'_, '_>, activation: u8, cycles: (u32, u32)) -> Done {
     c.preop()?;
     c.assign()?;
@@ -322,7 +322,7 @@ fn sync1_unsupported(c: &mut Case<'_, '_>) -> Done {
 fn sync0_unsupported(c: &mut Case<'_, '_>) -> Done {
     c.leading()?;
     let types = c.s.types();
-    // Who announces nothing says nothing about what it refuses.
+    // A device that announces no types does not say which ones it refuses.
     if types & 0x04 != 0 || types & 0x1F == 0 || !c.s.has_dc {
         return Err(not_applicable("it announces SYNC0 or nothing, or has no clock"));
     }
@@ -335,7 +335,7 @@ fn short_cycle(c: &mut Case<'_, '_>) -> Done {
     if least <= Nanos(10) {
         return Err(not_applicable("it states no minimum cycle"));
     }
-    // The smallest step that its clock counts.
+    // 10 ns is the smallest step of its clock.
     for (cycle, right) in [(least - Nanos(10), false), (least, true)] {
         c.prepare(mode, cycle)?;
         let al = c.t.change(AlState::SafeOp, STATE_PATIENCE)?;
@@ -421,7 +421,7 @@ fn no_sync0(c: &mut Case<'_, '_>) -> Done {
     dc_only(c)?;
     let cycle = c.cycle();
     c.prepare(c.mode, cycle)?;
-    // SYNC0 is on its way, and will not come while anybody waits.
+    // SYNC0 is armed, but starts only after the request for OP has timed out.
     let far = Nanos::millis(30_000);
     let cycles = c.mode.pulses(usual(c));
     c.t.start_sync(c.mode.activation, cycles, far)?;
@@ -453,7 +453,7 @@ fn no_order(c: &mut Case<'_, '_>) -> Done {
     c.t.run(20)?;
     c.t.request(AlControl::request(AlState::Op))?;
     let end = c.t.now() + OP_PATIENCE;
-    // Every third frame only: too few for any way of counting.
+    // Only every third frame is sent, which is too few for every way of counting.
     let al = loop {
         c.t.turn(Turn::Send)?;
         c.t.turn(Turn::Skip)?;
@@ -483,7 +483,7 @@ fn watchdog(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// No process data for twice the usual watchdog time.
+/// Sends no process data for twice the usual watchdog time.
 pub(super) fn starve(c: &mut Case<'_, '_>) -> Result<Al, Stop> {
     c.t.silence(Nanos::millis(200))?;
     Ok(c.t.al()?)
@@ -493,7 +493,7 @@ fn order_lost(c: &mut Case<'_, '_>) -> Done {
     dc_only(c)?;
     with_outputs(c)?;
     c.op_here()?;
-    // Before the watchdog has its say.
+    // These frames are left out for a shorter time than the watchdog's.
     for _ in 0..MOST_MISSED {
         c.t.turn(Turn::Skip)?;
     }
@@ -517,7 +517,7 @@ fn sync0_lost(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// Switches SYNC0 off; frames go on.
+/// Switches SYNC0 off while frames continue.
 pub(super) fn stop_sync0(c: &mut Case<'_, '_>) -> Result<Al, Stop> {
     c.t.write(register::CYCLIC_UNIT_CONTROL.address, &[0, 0])?;
     c.t.run(50)?;

@@ -1,4 +1,4 @@
-//! TIME: what the device states is what it does.
+//! TIME: the device keeps the times that it states.
 
 use isocat_sim::observation::Observed;
 use isocat_subdevice::Step;
@@ -77,12 +77,12 @@ fn dc_only(c: &Case<'_, '_>) -> Done {
     if c.mode.uses_dc() { Ok(()) } else { Err(not_applicable("only modes with SYNC0")) }
 }
 
-/// With SYNC1 the instants are others.
+/// Checks of exact instants apply to SYNC0 alone: with SYNC1 other instants hold.
 fn sync0_only(c: &Case<'_, '_>) -> Done {
     if c.mode.is_sync0() { Ok(()) } else { Err(not_applicable("only DC SYNC0")) }
 }
 
-/// Nobody sees the outputs of a real device.
+/// The outputs of a real device can't be observed.
 fn simulated(c: &mut Case<'_, '_>) -> Done {
     match c.t.seen() {
         Some(_) => Ok(()),
@@ -106,7 +106,7 @@ fn shortest_cycle(c: &mut Case<'_, '_>) -> Done {
     if al.is(AlState::Op) { c.clean_run(200) } else { Ok(()) }
 }
 
-/// The time from an event to the outputs being valid, of each cycle of a run: least and most.
+/// The time from an event to valid outputs, over the cycles of a run: shortest and longest.
 fn delays(c: &mut Case<'_, '_>, from: Observed) -> Result<Option<(Picos, Picos)>, Stop> {
     c.t.seen();
     c.t.run(20)?;
@@ -126,7 +126,7 @@ fn delays(c: &mut Case<'_, '_>, from: Observed) -> Result<Option<(Picos, Picos)>
     Ok(range)
 }
 
-/// Both ends of what was seen lie within `slack` of what is stated.
+/// Requires that the shortest and the longest time are near the stated one.
 fn near(c: &mut Case<'_, '_>, place: String, stated: Nanos, range: Option<(Picos, Picos)>) {
     let expected = format!("{stated} after the pulse");
     let Some((least, most)) = range else {
@@ -139,10 +139,10 @@ fn near(c: &mut Case<'_, '_>, place: String, stated: Nanos, range: Option<(Picos
     c.expect(place, expected, format!("{:.3} to {:.3} us", us(least), us(most)), right);
 }
 
-/// The pulse that lets outputs act.
+/// The pulse at which outputs act.
 fn acting(c: &Case<'_, '_>, object: &SyncObject) -> Observed {
     let shifted = c.mode.mode == SyncMode::DcShiftSync1 && object.types().shift() == ShiftBy::Sync1;
-    // In subordinated cycles every SYNC0 acts.
+    // In subordinated cycles outputs act at every SYNC0.
     let sync1 = c.mode.output_type == 3 && c.mode.subordinated_cycles() == 1;
     if sync1 || shifted { Observed::Sync1 } else { Observed::Sync0 }
 }
@@ -153,7 +153,7 @@ fn outputs_valid(c: &mut Case<'_, '_>) -> Done {
     let object = outputs(c, sub::DELAY_TIME)?;
     c.op_here()?;
     let delay = object.value(sub::DELAY_TIME).unwrap_or(0);
-    // A shift that 04 does not announce is not done.
+    // A device does not apply a shift that 04 does not announce.
     let shift = match object.types().shift() {
         ShiftBy::LocalTimer => c.t.value(object.at(sub::SHIFT_TIME))?.unwrap_or(0),
         _ => 0,
@@ -226,7 +226,7 @@ fn copy_time(c: &mut Case<'_, '_>) -> Done {
         return Err(not_applicable("it states no time, or counts nothing"));
     }
     c.op_here()?;
-    // Where SM2 is now, and from there to the edge.
+    // Measures the present time from SM2 to SYNC0.
     c.t.seen();
     c.t.run(3)?;
     let mut sm2 = None;
@@ -252,7 +252,7 @@ fn copy_time(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// A device whose outputs are shifted by a local timer, with this shift, in OP.
+/// Brings a device whose outputs are shifted by a local timer to OP, with this shift.
 pub(super) fn shifted(c: &mut Case<'_, '_>, shift: u32) -> Done {
     let mode = c.mode;
     let cycle = c.cycle();
@@ -271,7 +271,7 @@ pub(super) fn shifted(c: &mut Case<'_, '_>, shift: u32) -> Done {
     if !al.is(AlState::SafeOp) {
         return Err(Stop::Blocked { by: "MODE-02", why: al.to_string() });
     }
-    // The set-up took a while: the unit may have begun.
+    // The set-up took time: the SYNC unit may already run.
     c.exchange(cycle, grid);
     c.enter_op()
 }
@@ -287,7 +287,7 @@ fn shift(c: &mut Case<'_, '_>) -> Done {
     restore_shift(c, &object)
 }
 
-/// What was there before goes back, in PREOP, where every device takes it: a real one keeps what was written.
+/// Restores the shift time in PREOP, where every device accepts it, because a real device keeps it.
 pub(super) fn restore_shift(c: &mut Case<'_, '_>, object: &SyncObject) -> Done {
     c.preop()?;
     let before = object.value(sub::SHIFT_TIME).unwrap_or(0) as u32;
@@ -305,11 +305,13 @@ fn mailbox(c: &mut Case<'_, '_>) -> Done {
     Ok(())
 }
 
-/// Outputs may be valid so much earlier than stated: rounding, and a SYNC unit that counts in 10 ns.
+/// How much earlier than stated outputs may be valid: rounding, and a SYNC unit that counts in 10
+/// ns.
 const EARLY: Nanos = Nanos(100);
-/// And so much later: what the shortest and the longest delay may differ by.
+/// How much later than stated outputs may be valid: the difference of the shortest and the longest
+/// delay.
 const LATE: Nanos = Nanos(1_000);
-/// What ends at the very instant of SYNC0 is in time; a little to spare for the clocks.
+/// Tolerance for the clocks: work that ends exactly at SYNC0 is in time.
 const EDGE: Nanos = Nanos(200);
 /// A frame and its answer have to fit between two cycles.
 const LEAST_FOR_FRAMES: Nanos = Nanos::micros(30);

@@ -21,8 +21,8 @@ pub(super) fn judge(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>
     vanished(observer, all);
 }
 
-/// Frames that pass fewer devices, with the devices that do not answer from then on; and devices
-/// that do not answer where no frame counts how many it passes.
+/// Finds frames that pass fewer devices than before, with the devices that do not answer from then
+/// on; and devices that do not answer where no frame counts SubDevices.
 fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
     let changes = &observer.reach.kept;
     let mut told = Vec::new();
@@ -42,7 +42,7 @@ fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
         let frames = silent.iter().map(|(_, frame)| *frame).take(MOST_FRAMES);
         let finding = Finding::new(kind, first, reach.frame).at(reach.at).with(frames);
         let finding = finding.with([reach.before]);
-        // Without positions the stations tell the order.
+        // Without positions the order is only known from the stations.
         let placed = first.is_none_or(|first| observer.devices.list[first].position.is_some());
         all.push(if placed { finding } else { finding.likely() });
         told.extend(silent);
@@ -54,7 +54,7 @@ fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
                 && !told.contains(&(*device, silence.frame))
         })
         .collect();
-    // One that comes back and is gone again is told once.
+    // A device that comes back and is gone again is reported once.
     silent.dedup_by_key(|(device, _)| *device);
     for (device, silence) in silent {
         let finding = Finding::new(Kind::DeviceSilent {}, Some(device), silence.frame);
@@ -62,7 +62,8 @@ fn vanished(observer: &Observer, all: &mut Vec<Finding>) {
     }
 }
 
-/// Each time any device ceased to answer, by the position of the devices, or by their stations where positions are not known.
+/// Each time a device stopped answering, sorted by position, or by station where positions are not
+/// known.
 fn silences(observer: &Observer) -> impl Iterator<Item = (usize, Silence)> + '_ {
     let mut order: Vec<usize> = (0..observer.devices.list.len()).collect();
     order.sort_by_key(|place| {
@@ -83,12 +84,12 @@ fn working_counter(logical: &Logical, observer: &Observer, all: &mut Vec<Finding
     let mut falls = logical.changes.kept.iter().filter(|change| change.to < usual);
     let Some(first) = falls.next() else { return };
     let which = Which { command: logical.command, address: logical.address };
-    // Where all clocks are still counted, no device is gone: some take no outputs any more.
+    // If all clocks are still counted, no device is gone: some devices no longer take outputs.
     let missing = match observer.drift.fewer(first.frame) {
         Some(false) if logical.command == Command::Lrw => Vec::new(),
         _ => missing(logical, usual, first.to, observer),
     };
-    // Behind a break or a device without power, all others are missing with the first.
+    // After a cable break or a loss of power, all devices behind the first one are missing too.
     let device = missing.iter().copied().min_by_key(|place| observer.devices.list[*place].position);
     let kind = Kind::WorkingCounter { which, usual, lowest, frames, missing };
     let more = falls.map(|change| change.frame).take(MOST_FRAMES);
@@ -96,8 +97,8 @@ fn working_counter(logical: &Logical, observer: &Observer, all: &mut Vec<Finding
     all.push(finding.with([first.before]).with(more));
 }
 
-/// The devices whose share is just what is missing, if all shares are known and add up to what is
-/// usual.
+/// The devices whose share is exactly what is missing, if all shares are known and add up to the
+/// usual working counter.
 fn missing(logical: &Logical, usual: u16, found: u16, observer: &Observer) -> Vec<usize> {
     let shares: Vec<(usize, u16)> = observer
         .devices
@@ -111,7 +112,7 @@ fn missing(logical: &Logical, usual: u16, found: u16, observer: &Observer) -> Ve
         return Vec::new();
     }
     let missing = usual - found;
-    // From some device on, all behind it; or one device alone.
+    // Either all devices from one on are missing, or one device alone.
     let mut sum = 0;
     let behind = shares.iter().rev().take_while(|(_, share)| {
         let more = sum < missing;
@@ -125,12 +126,13 @@ fn missing(logical: &Logical, usual: u16, found: u16, observer: &Observer) -> Ve
         (0, true) => behind,
         (1, false) => alone,
         (0, false) => Vec::new(),
-        // Several answers: none is given.
+        // More than one explanation fits: none is given.
         _ => Vec::new(),
     }
 }
 
-/// What a device counts in a logical datagram, by the FMMUs that the capture shows.
+/// What a device adds to the working counter of a logical datagram, by the FMMUs that the capture
+/// shows.
 pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
     let window = u64::from(logical.address)..u64::from(logical.address) + u64::from(logical.len);
     let mut kinds = 0;
@@ -152,8 +154,8 @@ pub(crate) fn share(logical: &Logical, device: &Device) -> u16 {
     }
 }
 
-/// Cyclic frames without an answer. Those behind the last answer may have theirs behind the end of
-/// the capture.
+/// Finds cyclic frames without an answer. Frames after the last answer do not count: theirs may
+/// come after the end of the capture.
 fn lost(observer: &Observer, all: &mut Vec<Finding>) {
     let mut frames: Vec<_> = observer
         .cycle
@@ -180,8 +182,8 @@ fn doubled(observer: &Observer, all: &mut Vec<Finding>) {
     all.push(Finding::new(kind, None, first.frame).at(first.value).with(more).likely());
 }
 
-/// Intervals that are half a cycle too long, and longer: in the time of the reference clock if it
-/// is known.
+/// Finds intervals that are too long by half a cycle or more, in the time of the reference clock if
+/// that is known.
 fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
     let cycle = &observer.cycle;
     let by_clock = cycle.by_clock.count >= LEAST;
@@ -202,7 +204,8 @@ fn skipped(observer: &Observer, both_ways: bool, all: &mut Vec<Finding>) {
     all.push(Finding::new(kind, None, first.frame).at(first.at).with(more));
 }
 
-/// All that were longer; those that are kept are exact.
+/// The number of intervals above `limit`. If all of the kept ones are above it, there may be more,
+/// which are counted to three digits.
 fn count_of(rhythm: &Rhythm, limit: u64, kept: usize) -> u64 {
     match kept == rhythm.longest.len() {
         true => rhythm.longer_than(limit).max(kept as u64),
@@ -210,5 +213,5 @@ fn count_of(rhythm: &Rhythm, limit: u64, kept: usize) -> u64 {
     }
 }
 
-/// Intervals below which no cycle is known.
+/// Intervals below which the cycle is not known.
 const LEAST: u64 = 20;

@@ -1,4 +1,4 @@
-//! Clocks, SYNC units and where frames lie against SYNC0.
+//! Clocks, SYNC units, and the distance from frames to SYNC0.
 
 use isocat_sync::object::{INPUT_PARAMETER, OUTPUT_PARAMETER, SyncType, sub};
 use isocat_wire::al::AlState;
@@ -59,12 +59,13 @@ fn drift_frames(observer: &Observer, all: &mut Vec<Finding>) {
     }
 }
 
-/// What was wrong when SYNC was switched on.
+/// Judges the moment at which SYNC was switched on.
 fn started(place: usize, device: &Device, all: &mut Vec<Finding>) {
     for switched in device.sync.switched.kept.iter().filter(|one| one.makes_sync0()) {
         if let Some((now, start)) = switched.now.zip(switched.full_start()) {
             let late = now.value.wrapping_sub(start).cast_signed();
-            // The reference's time is from a frame before, so it is later by now, not earlier.
+            // The reference's time was read in an earlier frame, so the real time is later, never
+            // earlier.
             if late > 0 {
                 let kind = Kind::StartInPast { late_ns: late as u64 };
                 let frames = switched.start.map(|start| start.frame).into_iter().chain([now.frame]);
@@ -91,7 +92,7 @@ fn modes(place: usize, device: &Device, all: &mut Vec<Finding>) {
     let last = device.sync.last;
     let sync0 = last.is_some_and(|last| last.makes_sync0());
     let sync1 = last.is_some_and(|last| last.word.activates() && last.word.makes_sync1());
-    // What was set up before the capture is not known.
+    // What was set up before the capture began is not known.
     let up = device.states.op.filter(|op| frame < op.frame);
     let lacks = mode == SyncType::DC_SYNC0 && !sync0 || mode == SyncType::DC_SYNC1 && !sync1;
     let written = device.mailbox.values.get(&object);
@@ -115,12 +116,12 @@ fn differences(place: usize, device: &Device, all: &mut Vec<Finding>) {
     }
 }
 
-/// The local cycle that the SYNC unit gives the device, ns: that of SYNC1 where it makes SYNC1.
+/// The local cycle that the SYNC unit gives the device, ns: that of SYNC1 if SYNC1 is on.
 pub(crate) fn local_cycle(device: &Device) -> Option<u64> {
     let last = device.sync.last.filter(|last| last.makes_sync0())?;
     let sync0 = u64::from(last.sync0_cycle?.value);
     let sync1 = last.sync1_cycle.filter(|_| last.word.makes_sync1()).map_or(0, |k| k.value.into());
-    // SYNC1 comes that long behind a SYNC0, and again behind the first SYNC0 after it.
+    // SYNC1 follows a SYNC0 by its cycle time, and then the first SYNC0 after that.
     let pulses = sync1_pulses(sync1, sync0)?;
     Some(pulses * sync0)
 }
@@ -144,8 +145,8 @@ fn minimum(place: usize, device: &Device, all: &mut Vec<Finding>) {
     }
 }
 
-/// Frames that come each third of a SYNC cycle or each third SYNC0 are in order; each 1.3 of them
-/// are not.
+/// Checks the ratio of both cycles: three frames a SYNC cycle or a frame at each third SYNC0 are in
+/// order; a ratio of 1.3 is not.
 fn mismatch(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let by_clock = &observer.cycle.by_clock;
     let Some((cycle_ns, frames_ns)) = local_cycle(device).zip(by_clock.mean()) else { return };
@@ -162,8 +163,8 @@ fn mismatch(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
     }
 }
 
-/// What the way up did not do before SYNC0 was switched on. It is known for devices whose station
-/// address was written in the capture.
+/// Finds what the way up did not do before SYNC0 was switched on. This is only known for devices
+/// whose station address was written in the capture.
 fn forgotten(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Finding>) {
     let Some(last) = device.sync.last.filter(|last| last.makes_sync0()) else { return };
     let changes = &device.states.changes.kept;
@@ -181,14 +182,15 @@ fn forgotten(place: usize, device: &Device, observer: &Observer, all: &mut Vec<F
     if !written(register::SYSTEM_TIME_OFFSET.address) {
         forgot(Kind::OffsetNotWritten {});
     }
-    // The reference has no delay to itself.
+    // The reference has no delay to itself, so none needs to be written.
     let leads = reference(observer) == Some(place);
     if !leads && !written(register::SYSTEM_TIME_DELAY.address) {
         forgot(Kind::DelayNotWritten {});
     }
 }
 
-/// The process data watchdog, if both of its registers are known and it is not off.
+/// The time of the process data watchdog, ns, and a frame that shows it, if both of its registers
+/// are known and it is not off.
 pub(crate) fn watchdog_ns(device: &Device) -> Option<(u64, usize)> {
     let divider = device.image.latest(register::WATCHDOG_DIVIDER)?;
     let time = device.image.latest(register::WATCHDOG_TIME_PROCESS_DATA)?;
@@ -214,9 +216,9 @@ fn watchdog(place: usize, device: &Device, observer: &Observer, all: &mut Vec<Fi
     }
 }
 
-/// The distances of a device: from the last bit of cyclic frames there to its SYNC0. The first
-/// number is what they are shorter by than at the reference, ns. `None`: they are not known, or its
-/// process data do not go in each of the frames that were measured.
+/// The distances of a device, from the last bit of cyclic frames there to its SYNC0. The first
+/// number is how much shorter they are than at the reference, ns. `None`: they are not known, or
+/// the device's process data are not in each of the frames that were measured.
 pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i64, &'a Distance)> {
     let distance = observer.phases.of(device.sync.grid()?)?;
     let frames = observer.cycle.by_clock.median()?;
@@ -227,8 +229,8 @@ pub(crate) fn distance<'a>(observer: &'a Observer, device: &Device) -> Option<(i
     Some((delay(observer, device)?, distance))
 }
 
-/// Whether the outputs of a device, or its inputs if it has none, go in the frame that begins a
-/// cycle.
+/// Whether the frame that begins a cycle holds the outputs of a device, or its inputs if it has no
+/// outputs.
 fn outputs_with_marker(observer: &Observer, device: &Device) -> bool {
     let logical = || observer.cycle.logical.iter().filter(|logical| share(logical, device) > 0);
     logical().next().is_none() || logical().any(|logical| logical.with_marker)
@@ -278,11 +280,12 @@ fn slides(observer: &Observer, all: &mut Vec<Finding>) {
     all.push(finding.with(frames.into_iter().chain([distance.last.frame])));
 }
 
-/// Cycles below which their length is not judged.
+/// Cycles from which on their length is judged.
 const LEAST_CYCLES: u64 = 20;
-/// The part of the longer of two cycles by which they may miss a whole multiple: 5 %.
+/// Fraction of the longer cycle by which it may miss a multiple of the shorter one: 5 %.
 const MISMATCH: u64 = 20;
-/// What a clock may be off the reference, ns, before it is told.
+/// Difference from the reference clock above which it is reported, ns.
 const APART_NS: u32 = 1_000;
-/// A pause of drift frames in which clocks of 50 ppm run apart by 5 us.
+/// Pause of drift frames above which it is reported, ns: clocks of 50 ppm drift apart by 5 us in
+/// it.
 const DRIFT_PAUSE_NS: u128 = 100_000_000;

@@ -1,4 +1,4 @@
-//! The report as comments at the packets of the captures.
+//! Turns the report into comments on the packets of the captures.
 
 use isocat_captures::annotating::Comments;
 
@@ -8,8 +8,9 @@ use crate::words;
 
 impl DiagnoseReport {
     /// Comments for a copy of the captures, by capture: findings, the frames that belong to them,
-    /// states of devices, switches of SYNC units and how many SubDevices frames pass. Numbers of
-    /// frames in them are those of the copy, where the captures follow one another.
+    /// states of devices, switches of SYNC units and the number of SubDevices that frames pass.
+    /// Frame numbers in the text count over all captures, as in the copy, where the captures follow
+    /// one another.
     pub fn comments(&self) -> Vec<Comments> {
         let mut all = vec![Comments::new(); self.captures.len()];
         let mut say = |at: FrameRef, what: String| {
@@ -48,7 +49,7 @@ impl DiagnoseReport {
         all
     }
 
-    /// The number of a frame where all captures are one.
+    /// The number of a frame in a copy that joins all captures.
     pub(crate) fn number_in_copy(&self, at: FrameRef) -> usize {
         let before = self.captures.iter().take(at.capture).map(|capture| capture.packets);
         before.sum::<usize>() + at.frame

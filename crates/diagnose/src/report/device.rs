@@ -34,7 +34,7 @@ impl DeviceReport {
     }
 }
 
-/// Makes the part of one device; `place`: its place in the observer's list.
+/// Makes the part of one device. `place`: its place in the observer's list.
 pub(super) fn report(
     builder: &Builder<'_>,
     place: usize,

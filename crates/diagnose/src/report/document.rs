@@ -1,4 +1,4 @@
-//! The document: what a capture says, but for the parts of single devices.
+//! The document of a diagnosis, without the parts of single devices.
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -13,17 +13,17 @@ pub struct DiagnoseReport {
     pub format: &'static str,
     /// Version of the program.
     pub version: &'static str,
-    /// What it comes to.
+    /// The conclusion.
     pub verdict: Verdict,
     /// The captures, in the order in which they were read.
     pub captures: Vec<CaptureReport>,
     /// The frames of all of them.
     pub frames: FramesReport,
-    /// How the capture saw the segment; null without frames of EtherCAT.
+    /// How the capture saw the segment; null without EtherCAT frames.
     pub tap: Option<TapReport>,
-    /// What speaks against the segment: faults first, each in the order of time.
+    /// What went wrong in the segment: faults first, each weight in the order of time.
     pub findings: Vec<FindingReport>,
-    /// The devices, by position; those of which no position is known come last.
+    /// The devices, by position; devices without a known position come last.
     pub devices: Vec<DeviceReport>,
     /// How many SubDevices frames passed: the first number and each change, up to 256.
     pub reach: Vec<ReachReport>,
@@ -31,29 +31,29 @@ pub struct DiagnoseReport {
     pub clock: Option<ClockReport>,
     /// The cyclic exchange; null if there is none.
     pub cycle: Option<CycleReport>,
-    /// What happened around the first fault; null without a fault, or if nothing looked for it.
+    /// What happened around the first fault; null if there is no fault, or it was not asked for.
     pub around: Option<AroundReport>,
     /// What the capture does not show.
     pub unknown: Vec<String>,
 }
 
-/// What a diagnosis comes to.
+/// The conclusion of a diagnosis.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Verdict {
-    /// In one word.
+    /// The conclusion in one word.
     pub kind: VerdictKind,
     /// One sentence for people.
     pub sentence: String,
 }
 
-/// In one word.
+/// The conclusion of a diagnosis in one word.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum VerdictKind {
-    /// Frames came before their SYNC0 in operation, and no fault was found.
+    /// In operation, frames came before their SYNC0, and no fault was found.
     InSync,
-    /// No fault was found; whether the segment was in sync the capture does not show.
+    /// No fault was found; the capture does not show whether the segment was in sync.
     NothingFound,
     /// At least one fault was found.
     Found,
@@ -65,15 +65,15 @@ pub enum VerdictKind {
 pub struct CaptureReport {
     /// Its name, as the user gave it.
     pub name: String,
-    /// Packets in it, of whatever protocol.
+    /// Packets in it, of any protocol.
     pub packets: usize,
-    /// Packets of which the file does not hold all bytes of EtherCAT.
+    /// Packets that the file cuts off within their EtherCAT part.
     pub cut: usize,
     /// Packets of links without Ethernet frames.
     pub other_links: usize,
-    /// The link type of the first of them, as the registry of LINKTYPE_ values numbers it.
+    /// The link type of the first of them, by the registry of LINKTYPE_ values.
     pub other_link: Option<u32>,
-    /// Why it was not read to its end; null if it was.
+    /// Why it was not read to its end; null: it was read to its end.
     pub ended: Option<String>,
 }
 
@@ -87,7 +87,7 @@ pub struct FramesReport {
     pub unanswered: usize,
     /// Answers without a request.
     pub answers_alone: usize,
-    /// Frames that are there twice.
+    /// Frames that were captured twice.
     pub duplicates: usize,
     /// Frames of interfaces other than the MainDevice's port.
     pub elsewhere: usize,
@@ -95,7 +95,7 @@ pub struct FramesReport {
     pub broken: usize,
     /// Frames of other protocols.
     pub foreign: usize,
-    /// From the first frame of EtherCAT to the last, ns, by the stamps.
+    /// From the first EtherCAT frame to the last, ns, by the stamps.
     pub span_ns: u64,
     /// Frames whose stamp is earlier than that of the one before.
     pub backwards: u64,
@@ -107,11 +107,11 @@ pub struct FramesReport {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SourceReport {
-    /// Without the bit that the first SubDevice sets.
+    /// The address, without the bit that the first SubDevice sets.
     pub address: String,
-    /// How many.
+    /// Number of frames.
     pub frames: u64,
-    /// The first of them.
+    /// The first frame.
     pub first: FrameRef,
 }
 
@@ -121,14 +121,14 @@ pub struct SourceReport {
 pub struct TapReport {
     /// Which frames it saw.
     pub seen: SeenKind,
-    /// Bit 1 of the source address tells answers from requests; if not, the datagrams do.
+    /// Bit 1 of the source address distinguishes answers from requests; false: the datagrams do.
     pub marked: bool,
     /// SubDevices between the MainDevice and the tap.
     pub behind: u16,
-    /// The interface of the file, from 0; null: all count.
+    /// The interface of the file, from 0; null: all interfaces count.
     pub interface: Option<u32>,
-    /// Both ends of a ring were captured; what the MainDevice sends from its second port is left
-    /// out.
+    /// Both ends of a ring were captured; frames that the MainDevice sends from its second port are
+    /// left out.
     pub ring: bool,
 }
 
@@ -138,9 +138,9 @@ pub struct TapReport {
 pub enum SeenKind {
     /// Both directions.
     Both,
-    /// Frames on their way out alone.
+    /// Only frames on their way out.
     Out,
-    /// Frames on their way back alone.
+    /// Only frames on their way back.
     Back,
 }
 
@@ -160,7 +160,7 @@ pub struct FrameRef {
 pub struct Shown<T> {
     /// The value.
     pub value: T,
-    /// The frame; of several the latest.
+    /// The frame; for several frames, the latest.
     #[serde(flatten)]
     pub frame: FrameRef,
 }
@@ -169,20 +169,20 @@ pub struct Shown<T> {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FindingReport {
-    /// Its kind; docs/diagnose.md lists all.
+    /// Its kind; docs/diagnose.md lists all kinds.
     pub kind: &'static str,
-    /// How much it weighs.
+    /// Its weight.
     pub weight: WeightKind,
-    /// Whether the frames show it, or only fit.
+    /// Whether the frames prove it or only agree with it.
     pub sure: SureKind,
-    /// Place of the device in `devices`; null: the segment.
+    /// Place of the device in `devices`; null: the finding is about the segment.
     pub device: Option<usize>,
     /// One sentence for people.
     pub what: String,
     /// The first frame that shows it.
     #[serde(flatten)]
     pub frame: FrameRef,
-    /// When that was, ns from the first frame of EtherCAT; null: the frame alone is known.
+    /// Time of that frame, ns from the first EtherCAT frame; null: not known.
     pub at_ns: Option<u64>,
     /// Further frames that belong to it.
     pub evidence: Vec<FrameRef>,
@@ -196,27 +196,28 @@ pub struct FindingReport {
 pub struct AroundReport {
     /// Place of the fault in `findings`.
     pub finding: usize,
-    /// In the order of time; up to 6 before the one that shows the fault, and up to 6 behind it.
+    /// The moments in the order of time; up to 6 before the one that shows the fault, and up to 6
+    /// after it.
     pub moments: Vec<MomentReport>,
 }
 
-/// A frame that went out and came back, and those behind it that say the same.
+/// A frame that went out and came back, and the following frames that say the same.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct MomentReport {
-    /// As it went out; null: that frame is not in the capture.
+    /// The frame on its way out; null: it is not in the capture.
     pub request: Option<FrameRef>,
-    /// As it came back; null: it did not.
+    /// The frame on its way back; null: it did not come back.
     pub answer: Option<FrameRef>,
     /// The last frame of those that say the same.
     pub last: FrameRef,
-    /// How many say the same, at least 1.
+    /// Number of frames that say the same, at least 1.
     pub times: u64,
-    /// When the first of them was, ns by the stamps from the one that shows the fault.
+    /// Time of the first frame, ns, by the stamps, from the frame that shows the fault.
     pub at_ns: i64,
     /// Commands, devices, registers and working counters.
     pub what: String,
-    /// Kinds of the findings that name a frame of it.
+    /// Kinds of the findings that name a frame of this moment.
     pub findings: Vec<&'static str>,
 }
 
@@ -226,9 +227,9 @@ pub struct MomentReport {
 pub enum WeightKind {
     /// Something went wrong.
     Fault,
-    /// Something was forgotten, or done otherwise than it should be, and did no harm yet.
+    /// Something was forgotten or done wrong, but did no harm yet.
     Warning,
-    /// Worth knowing.
+    /// Worth knowing; it is not wrong.
     Note,
 }
 
@@ -236,17 +237,17 @@ pub enum WeightKind {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SureKind {
-    /// The frames show it.
+    /// The frames prove it.
     Shown,
-    /// The frames fit, and something else would show the same.
+    /// The frames agree with it, but another cause would show the same frames.
     Likely,
 }
 
-/// How many SubDevices frames passed from some frame on.
+/// The number of SubDevices that frames passed from some frame on.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct ReachReport {
-    /// SubDevices.
+    /// Number of SubDevices.
     pub subdevices: u16,
     /// The first frame that passed this number of SubDevices.
     #[serde(flatten)]
@@ -259,21 +260,22 @@ pub struct ReachReport {
 pub struct ClockReport {
     /// FRMW or ARMW.
     pub command: &'static str,
-    /// Place of the reference in `devices`; null: it is none of them.
+    /// Place of the reference in `devices`; null: it is not in `devices`.
     pub reference: Option<usize>,
     /// Its address: a station for FRMW, a position for ARMW.
     pub address: u16,
-    /// How many there are.
+    /// Number of drift frames.
     pub frames: u64,
-    /// The first and the last of them.
+    /// The first drift frame.
     pub first: FrameRef,
-    /// The last of them.
+    /// The last drift frame.
     pub last: FrameRef,
-    /// Bytes of the time that they bring, 4 or 8.
+    /// Bytes of the time in them, 4 or 8.
     pub bytes: u16,
-    /// The longest time without one in operation, ns by the stamps; null: not known.
+    /// The longest time without a drift frame in operation, ns: by the stamps or by the reference
+    /// clock, whichever is shorter; null: not known.
     pub longest_gap_ns: Option<u64>,
-    /// How often the reference became another one.
+    /// How often the reference changed.
     pub changes: u64,
 }
 
@@ -281,11 +283,12 @@ pub struct ClockReport {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct CycleReport {
-    /// In operation since this frame; null: no state of operation was seen.
+    /// The frame from which on the segment is in operation; null: no state of operation was seen.
     pub operation: Option<FrameRef>,
-    /// From one cycle to the next by the stamps of the capture.
+    /// From one cycle to the next, by the stamps of the capture.
     pub by_stamps: Option<RhythmReport>,
-    /// The same by the clock of the reference, to its 10 ns: not touched by the stamps.
+    /// From one cycle to the next, by the reference clock, to its 10 ns; the stamps do not affect
+    /// it.
     pub by_clock: Option<RhythmReport>,
     /// The logical datagrams.
     pub transmissions: Vec<TransmissionReport>,
@@ -295,17 +298,17 @@ pub struct CycleReport {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct RhythmReport {
-    /// Intervals.
+    /// Number of intervals.
     pub count: u64,
-    /// Their mean.
+    /// The mean interval.
     pub mean_ns: u64,
-    /// Half of them are not longer, to three digits.
+    /// The length that half of the intervals do not exceed, to three digits.
     pub median_ns: u64,
-    /// 99 % of them are not longer, to three digits.
+    /// The length that 99 % of the intervals do not exceed, to three digits.
     pub most_99_ns: u64,
-    /// The shortest.
+    /// The shortest interval.
     pub shortest_ns: Shown<u64>,
-    /// The longest.
+    /// The longest interval.
     pub longest_ns: Shown<u64>,
 }
 
@@ -317,18 +320,20 @@ pub struct TransmissionReport {
     pub command: &'static str,
     /// First logical address.
     pub address: u32,
-    /// Bytes.
+    /// Number of bytes.
     pub bytes: u16,
     /// Frames with it, in the whole capture.
     pub frames: u64,
     /// The first of them.
     pub first: FrameRef,
-    /// The working counter that came back most often in operation; null: none did.
+    /// The working counter that is usual in operation: the highest one that came back at least 8
+    /// times, else the most frequent one; null: no frame came back.
     pub usual_working_counter: Option<u16>,
-    /// What the FMMUs that the capture shows make of it; null: they do not map all of it.
+    /// The working counter by the FMMUs that the capture shows; null: none of them maps the
+    /// datagram.
     pub computed_working_counter: Option<u16>,
-    /// Frames that came back with less than usual in operation.
+    /// Frames in operation that came back with less than the usual working counter.
     pub low: u64,
-    /// Frames without an answer in operation.
+    /// Frames in operation without an answer.
     pub lost: u64,
 }

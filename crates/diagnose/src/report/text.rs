@@ -1,5 +1,5 @@
-//! The document as text: the verdict first, then what speaks against the segment, then what is
-//! known.
+//! The document as text: the verdict first, then what went wrong in the segment, then what is known
+//! of it.
 
 use std::fmt::{self, Write};
 
@@ -166,7 +166,7 @@ impl DiagnoseReport {
         Ok(())
     }
 
-    /// Frames, time and what they say, for each moment around the first fault.
+    /// Writes frames, times and descriptions of the moments around the first fault.
     fn write_around(&self, out: &mut String) -> fmt::Result {
         let Some(around) = &self.around else { return Ok(()) };
         writeln!(out, "\nAround the first fault (frames, ms by the stamps, what they say)")?;
@@ -370,7 +370,7 @@ impl DiagnoseReport {
     }
 }
 
-/// What a switch of a SYNC unit makes.
+/// The effect of a switch of a SYNC unit.
 pub(super) fn switched(sync: &SyncSwitch) -> String {
     let word = sync.assign_activate;
     if word & 0xFF00 == 0 {
@@ -399,7 +399,7 @@ pub(super) fn switched(sync: &SyncSwitch) -> String {
     text
 }
 
-/// The synchronization type and the times that the device told.
+/// The synchronization type and the times that the device reported.
 fn sync_objects(device: &DeviceReport) -> String {
     let mut text = String::new();
     if let Some(mode) = mode(device) {
@@ -413,13 +413,13 @@ fn sync_objects(device: &DeviceReport) -> String {
     text
 }
 
-/// What a cycle has to fit.
+/// Whether the entry is a time that the cycle has to fit.
 fn is_time(sub: u8) -> bool {
     matches!(sub, sub::MINIMUM_CYCLE_TIME | sub::CALC_AND_COPY_TIME | sub::DELAY_TIME)
 }
 
-/// A text behind its head; lines after the first are indented two columns further than the head, if
-/// that has words.
+/// Writes a text after its head; further lines are indented by two columns more than the head, if
+/// the head has words.
 fn paragraph(out: &mut String, head: &str, text: &str) -> fmt::Result {
     let words = head.trim_start();
     let indent = head.len() - words.len();
@@ -432,7 +432,7 @@ fn paragraph(out: &mut String, head: &str, text: &str) -> fmt::Result {
     Ok(())
 }
 
-/// An instant of the capture.
+/// An instant of the capture, in seconds.
 fn seconds(ns: u64) -> String {
     format!("{}.{:06} s", ns / 1_000_000_000, ns / 1000 % 1_000_000)
 }

@@ -1,4 +1,5 @@
-//! What a capture does not show: silence about a thing must not read as if the thing were well.
+//! What a capture does not show. It is stated, because otherwise its absence would read as if all
+//! were well.
 
 use super::{DiagnoseReport, SeenKind};
 

@@ -1,4 +1,4 @@
-//! SubDevices with applications of the caller's own.
+//! Tests SubDevices with applications of the caller.
 
 use std::cell::Cell;
 use std::ffi::c_void;
@@ -14,7 +14,7 @@ struct Machine {
     value: Cell<u8>,
     worked: Cell<u32>,
     safe: Cell<u32>,
-    /// What a call on the bus gave inside a function.
+    /// The code of a call on the bus from inside a function.
     inside: Cell<Option<isocat_code>>,
 }
 
@@ -33,7 +33,7 @@ extern "C" fn work(user: *mut c_void, cycle_ns: i64) {
     machine.worked.set(machine.worked.get() + 1);
     let mut now = 0;
     machine.inside.set(Some(unsafe { isocat_bus_now(machine.bus.get(), &raw mut now, NOWHERE) }));
-    // Refused as well; else the next line of the library would work on memory that is gone.
+    // Refused as well; otherwise the library would continue on freed memory.
     unsafe { isocat_bus_free(machine.bus.get()) };
 }
 
@@ -87,7 +87,7 @@ fn a_device_has_an_application_of_the_callers_own() {
     assert!(machine.worked.get() >= 100, "once a cycle");
     assert_eq!(machine.inside.get(), Some(isocat_code::ISOCAT_BUSY), "no call out of a callback");
     let safe = machine.safe.get();
-    // Frames stop, and the watchdog of 100 ms notices.
+    // Frames stop, and the watchdog of 100 ms expires.
     done(|error| unsafe { isocat_bus_advance(bus, now(bus) + 200_000_000, error) });
     assert_eq!(machine.safe.get(), safe + 1);
     unsafe { isocat_bus_free(bus) };

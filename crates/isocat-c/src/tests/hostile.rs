@@ -1,4 +1,4 @@
-//! Arguments that can't be: each gives its code, and nothing else happens.
+//! Tests invalid arguments: each returns its code, and nothing else happens.
 
 use std::ptr::{null, null_mut};
 
@@ -9,7 +9,7 @@ use crate::plan::*;
 use crate::verdict::*;
 use isocat_code::*;
 
-/// More than any object has.
+/// Larger than any object.
 const HUGE: usize = 1 << 63;
 
 #[test]
@@ -73,11 +73,11 @@ fn null_is_refused_everywhere() {
         let (code, words) = call(work);
         assert_eq!(code, ISOCAT_NULL_ARGUMENT, "call {number}: {words}");
         assert!(words.contains("is NULL; expected"), "call {number}: {words}");
-        // Without a place for the error, too.
+        // The call is refused without a place for the error, too.
         assert_eq!(work(null_mut()), ISOCAT_NULL_ARGUMENT, "call {number}");
     }
     drop(calls);
-    // An answer stays where its caller forgot the room for it.
+    // An answer remains if its caller passes no place for it.
     assert_eq!(unsafe { isocat_bus_next_arrival(bus, null_mut(), NOWHERE) }, ISOCAT_NOTHING);
     done(|e| unsafe { isocat_bus_send(bus, 0, BEGIN, frame.as_ptr(), 60, null_mut(), e) });
     done(|e| unsafe { isocat_bus_advance(bus, BEGIN + 100_000, e) });
@@ -127,7 +127,7 @@ fn texts_that_are_none_are_refused_with_their_place() {
     let (code, words) = parsed(b"cycle = \xFF", 9);
     assert_eq!(code, ISOCAT_NOT_UTF8);
     assert!(words.contains("byte 8 is 0xFF") && words.contains("expected"), "{words}");
-    // The length is looked at before the text is: nobody has so much.
+    // The length is checked before the text is read: no text is that long.
     for length in [HUGE, usize::MAX, (16 << 20) + 1] {
         let (code, words) = parsed(b"", length);
         assert_eq!(code, ISOCAT_OUT_OF_RANGE);
@@ -323,7 +323,7 @@ fn structs_have_the_size_that_their_caller_knows() {
         assert_eq!(code, ISOCAT_STRUCT_SIZE, "{size}");
         assert!(words.contains("isocat_device_state.size") && words.contains("sizeof"), "{words}");
     }
-    // What can't be answered is not sent.
+    // A frame is not sent if its result can't be returned.
     let mut sent = isocat_sent { size: 0, back_ns: 0, comes_back: 0, port: 0 };
     let frame = count();
     let (code, _) = call(|e| unsafe {

@@ -1,4 +1,4 @@
-//! Plans by these functions, held against the engine's own document.
+//! Compares plans from these functions with the engine's own document.
 
 use std::ptr;
 
@@ -82,7 +82,7 @@ fn a_line_that_does_not_fit_is_part_of_the_plan() {
 #[test]
 fn a_segment_that_can_not_be_is_refused_with_its_line() {
     let segment = parse("cycle = \"1ms\"\n\n[[subdevice]]\ndevice = \"kollmorgen_akd2g\"\n");
-    // A segment file with such a cycle is refused before.
+    // A segment file with such a cycle would be refused earlier.
     let described = unsafe { segment.as_ref() }.expect("a segment");
     let longer = described.with(|described| {
         described.scenario.devices[0].cycle = Some(isocat_wire::Nanos::millis(5_000));

@@ -1,4 +1,4 @@
-//! A MainDevice comes up by these functions alone, and is judged.
+//! Brings a MainDevice up by these functions alone, and has it judged.
 
 use std::ptr;
 
@@ -58,7 +58,7 @@ fn device(verdict: *const isocat_verdict, position: usize) -> isocat_device_verd
     device
 }
 
-/// A session on the built-in segment with this seed: the verdict in JSON.
+/// Runs a session on the built-in segment with this seed; returns the verdict in JSON.
 fn session(seed: u64) -> String {
     let mut segment = ptr::null_mut();
     done(|error| unsafe { isocat_segment_built_in(&raw mut segment, error) });
@@ -130,7 +130,7 @@ fn what_is_wrong_is_found_and_told_in_words() {
     let words = text(unsafe { isocat_verdict_finding(verdict, 1, 0) });
     assert!(words.contains("SAFEOP") && words.contains("0x8001"), "{words}");
     assert!(unsafe { isocat_verdict_finding(verdict, 1, 1) }.is_null());
-    // A verdict is as of its instant, whatever comes behind it.
+    // A verdict belongs to its instant: later events do not change it.
     assert_eq!(summary(before).answer, ISOCAT_IN_SYNC);
     assert_eq!(device(before, 1).findings, 0);
     unsafe { isocat_bus_free(bus) };

@@ -1,6 +1,6 @@
 """isocat: EtherCAT segments in deterministic virtual time, from Python.
 
-Describe a segment, plan it, run it, and look at what the judges say in true time::
+Describe a segment, plan it, run it, and read the verdict of the judges in true time::
 
     import isocat
 
@@ -10,8 +10,8 @@ Describe a segment, plan it, run it, and look at what the judges say in true tim
     report = seg.run("10s", seed=1)
     assert report.in_sync, report.verdict
 
-Many runs are a `sweep`, over threads or a Ray cluster; a `Segment.bus` is the wire for programs in
-Python, and `virtual` runs any unmodified MainDevice program on it.
+A `sweep` is many runs, on threads or a Ray cluster. A `Segment.bus` is the wire for programs in
+Python, and `virtual` runs any unmodified MainDevice program on a segment.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from ._isocat import (
     nanoseconds,
 )
 
-# As in typing, whose import would be the longest part of this one's.
+# Like typing.TYPE_CHECKING, but importing typing would take most of the time of this import.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
@@ -94,7 +94,7 @@ __all__ = [
     "virtual",
 ]
 
-# What a first look does not need is imported when it is asked for.
+# These are imported at first use, to keep `import isocat` fast.
 _LATER = {
     "ray": "_ray",
     "sweep": "_sweep",

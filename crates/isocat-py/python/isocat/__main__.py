@@ -7,10 +7,10 @@ import sys
 
 
 def main() -> int:
-    """Runs the command with the arguments of the process; gives its exit code."""
+    """Runs the command with the arguments of the process; returns its exit code."""
     from ._isocat import command
 
-    # The command has its own ways with Ctrl-C, which Python's handler would swallow.
+    # The command handles Ctrl-C itself; Python's handler would swallow the signal.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     return command([sys.executable, "-m", "isocat"], sys.argv[1:])
 

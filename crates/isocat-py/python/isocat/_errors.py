@@ -1,4 +1,4 @@
-"""Exceptions: each says where, what was found and what was expected."""
+"""Exceptions: each names the place, what was found and what was expected."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ __all__ = [
 
 
 class Error(Exception):
-    """What isocat raises.
+    """The base class of all exceptions of isocat.
 
     Attributes
     ----------
     place : str or None
         A file with line and column, an argument, a key, a device.
     expected : str or None
-        What would have been right, where that is known apart from the message.
+        The expected value, if it is known apart from the message.
     found : str or None
-        What was there, likewise.
+        The value that was found, likewise.
     hint : str or None
-        What may have been meant.
+        What the user may have meant.
     """
 
     place: str | None
@@ -47,7 +47,7 @@ class Error(Exception):
         self.place, self.expected, self.found, self.hint = place, expected, found, hint
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Exceptions cross processes, as those of workers do.
+        # Exceptions must be picklable: those of workers go to another process.
         return (
             _again,
             (type(self), self._message, self.place, self.expected, self.found, self.hint),
@@ -66,7 +66,7 @@ def _again(
 
 
 class InputError(Error, ValueError):
-    """A file, a text, a key or an argument can't be used."""
+    """A file, a text, a key or an argument is invalid."""
 
 
 class PlanError(Error, ValueError):
@@ -74,24 +74,24 @@ class PlanError(Error, ValueError):
 
 
 class BusError(Error, RuntimeError):
-    """A bus refuses a call; nothing has happened then."""
+    """A bus refuses a call, and does nothing."""
 
 
 class UnknownError(Error, LookupError):
-    """Nothing is known of a code or a name."""
+    """A code or a name is not known."""
 
 
 class InternalError(Error, RuntimeError):
-    """A fault in isocat itself: please report it, with its seed and its version."""
+    """A bug in isocat itself: please report it, with its seed and its version."""
 
 
 class Abort(Exception):
-    """Raised in ``read_object`` or ``write_object`` of a behaviour: the transfer is aborted.
+    """Raised by ``read_object`` or ``write_object`` of a behaviour to abort the transfer.
 
     Parameters
     ----------
     code : int
-        SDO abort code, such as ``0x06090030``.
+        SDO abort code, for example ``0x06090030``.
     """
 
     def __init__(self, code: int) -> None:

@@ -1,4 +1,4 @@
-"""Tables for people, for numpy and for pandas: imported when one of them is asked for."""
+"""Tables as text, HTML, numpy arrays and pandas frames; imported at first use."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def to_numpy(column: Column, dtype: Any = None, copy: bool | None = None) -> Any
 
 
 def to_pandas(table: Table) -> Any:
-    """A frame of a table; see ``Table.to_pandas``."""
+    """A pandas frame of a table; see ``Table.to_pandas``."""
     try:
         import pandas
     except ImportError as error:
@@ -51,13 +51,13 @@ def to_pandas(table: Table) -> Any:
             nan = float("nan")
             series[name] = [nan if one is None else one for one in column.to_list()]
         else:
-            # Frames may be written to; a table may not.
+            # A frame may be modified, a table may not: so this is a copy.
             series[name] = numpy.array(column)
     return pandas.DataFrame(series, columns=table.column_names)
 
 
 def text(table: Table) -> str:
-    """The first rows in columns."""
+    """The first rows as text in columns."""
     names = table.column_names
     rows = table.slice(0, _SHOWN).rows()
     cells = [["" if row[name] is None else str(row[name]) for name in names] for row in rows]
@@ -73,7 +73,7 @@ def text(table: Table) -> str:
 
 
 def html(table: Table) -> str:
-    """The first rows for a notebook."""
+    """The first rows as HTML for a notebook."""
     names = table.column_names
     head = "".join(f"<th>{_html.escape(name)}</th>" for name in names)
     body = ""

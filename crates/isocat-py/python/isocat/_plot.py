@@ -1,4 +1,4 @@
-"""Pictures of sweeps, with matplotlib: imported when one is asked for."""
+"""Plots of sweeps with matplotlib; imported at first use."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def result(of: SweepResult, x: str | None, y: str | None, ax: Any) -> Any:
             expected = ", ".join(map(repr, lists)) or "none: no key has several values"
             raise InputError(f"{name}: found {key!r}; expected {expected}", place=name)
     rest = [key for key in lists if key not in (x, y)]
-    # As in the frontier of the command: the first key is sought for each value of the second one.
+    # As in the frontier of the command: the first key is searched for each value of the second.
     if x is None and y is None and len(rest) > 1:
         y, x = rest[0], rest[1]
     elif x is None and rest:
@@ -47,11 +47,11 @@ def result(of: SweepResult, x: str | None, y: str | None, ax: Any) -> Any:
 
 
 def frontier(of: Frontier, ax: Any) -> Any:
-    """A cell for each point."""
+    """Plots a cell for each point of a frontier."""
     ax = _axes(ax)
     from matplotlib.colors import LinearSegmentedColormap
 
-    # All runs or not is what counts: full green is for all.
+    # The question is whether all runs were as expected: only these are fully green.
     colours = LinearSegmentedColormap.from_list(
         "isocat", [(0, BAD), (0.5, "#f0b27a"), (0.999, "#f9e79f"), (1, GOOD)], N=1001
     ).with_extremes(bad="#dddddd")
@@ -61,7 +61,7 @@ def frontier(of: Frontier, ax: Any) -> Any:
         for column in range(len(of.x_values)):
             value = shares[row][column]
             if not math.isnan(value):
-                # What is not all must not read as all.
+                # A share below 1 must not be printed as 100.
                 percent = "100" if value == 1 else f"{min(99.9, 100 * value):.3g}"
                 dark = value == 1 or value < 0.3
                 ax.text(
@@ -81,7 +81,7 @@ def frontier(of: Frontier, ax: Any) -> Any:
 
 
 def _ticks(ax: Any, values: list[str]) -> None:
-    """Values below; long ones are turned, so that none lies over another one."""
+    """Labels the x axis with values; rotates long ones, so that they do not overlap."""
     if sum(map(len, values)) > 70:
         ax.set_xticks(range(len(values)), values, rotation=30, ha="right", rotation_mode="anchor")
     else:
@@ -89,7 +89,7 @@ def _ticks(ax: Any, values: list[str]) -> None:
 
 
 def share(of: SweepResult, key: str, ax: Any) -> Any:
-    """The share of runs as expected, with the interval that holds it at 95 % (Wilson)."""
+    """Plots the share of runs as expected, with its 95 % interval (Wilson)."""
     ax = _axes(ax)
     values, _ = of._line(key)
     counts = {value: [0, 0] for value in values}
@@ -133,7 +133,7 @@ def _wilson(good: int, runs: int) -> tuple[float, float]:
 
 
 def histograms(of: SweepResult, ax: Any) -> Any:
-    """How large margins were, of runs as expected and of others."""
+    """Plots histograms of the margins of runs as expected and of others."""
     ax = _axes(ax)
     good = of.table["as_expected"].to_list()
     margins = [None if one is None else one / 1000 for one in of.table["least_margin_ns"].to_list()]

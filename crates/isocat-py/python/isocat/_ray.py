@@ -18,23 +18,23 @@ class ray:
     """Runs batches of a sweep as tasks of a Ray cluster: ``isocat.sweep(...,
     executor=isocat.ray())``.
 
-    What is sent once is the segment and what is varied in it; a task is two numbers. A task gives
-    its rows, some 100 kB. One whose worker dies is run again, elsewhere: runs have no memory of
-    each other, so its rows are the same.
+    The segment and what is varied in it are sent once; a task is two numbers. It returns its rows,
+    some 100 kB. A task whose worker fails is run again elsewhere: runs are independent of each
+    other, so its rows are the same.
 
     Parameters
     ----------
     address : str, optional
-        The cluster, as ``ray.init`` takes it; where Ray runs already, it is used as it is.
+        The cluster, as for ``ray.init``; if Ray runs already, it is used as it is.
     batch : int
-        Runs of a task. 500 to 1000 take some ten seconds.
+        Number of runs of a task. 500 to 1000 runs take some ten seconds.
     retries : int
-        How often a task is run again whose worker died.
+        How often a task is run again after its worker failed.
     num_cpus : float
-        Processors of a task.
+        Number of processors of a task.
     runtime_env : dict, optional
-        What workers need, as Ray has it: ``{"pip": ["isocat==..."]}``, or ``{"working_dir": "."}``
-        for descriptions that the segment names.
+        The environment of workers, as for Ray: ``{"pip": ["isocat==..."]}``, or
+        ``{"working_dir": "."}`` for descriptions that the segment names.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class ray:
         self._num_cpus, self._runtime_env = num_cpus, runtime_env
 
     def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:
-        """Runs each span as a task; gives its rows as they come, in any order."""
+        """Runs each span as a task; yields its rows as they come, in any order."""
         cluster = _import()
         if not cluster.is_initialized():
             cluster.init(address=self._address, log_to_driver=False, runtime_env=self._runtime_env)
@@ -66,8 +66,7 @@ class ray:
         again: dict[Span, int] = {}
         try:
             while waiting or under_way:
-                # Twice as many as there is room for: a worker that is done finds the next one
-                # there.
+                # Submits twice as many tasks as can run, so a worker that is done has a next task.
                 room = 2 * max(1, int(cluster.cluster_resources().get("CPU", 1) / self._num_cpus))
                 while waiting and len(under_way) < room:
                     span = waiting.popleft()
@@ -78,7 +77,7 @@ class ray:
                     try:
                         table = cluster.get(one)
                     except cluster.exceptions.RayTaskError as error:
-                        # What the task itself raised: it would again.
+                        # The task itself raised this, and would raise it again.
                         raise (error.cause if isinstance(error.cause, Error) else error) from None
                     except cluster.exceptions.RayError as error:
                         again[span] = again.get(span, 0) + 1
@@ -96,7 +95,7 @@ class ray:
 
 
 def _batch(sweep: Sweep, start: int, stop: int, version: str) -> Table:
-    """What a worker does."""
+    """Runs a batch on a worker."""
     if version != __version__:
         raise InputError(
             f"this worker has isocat {__version__}; expected {version}, which the driver has",

@@ -1,4 +1,4 @@
-"""Where the rows of a sweep go as they come: a folder or a bucket with a Parquet file for each
+"""Stores the rows of a sweep as they come: a folder or a bucket with a Parquet file for each
 batch.
 """
 
@@ -22,9 +22,8 @@ _PART = "part-"
 class Store:
     """A folder of parts.
 
-    A part is named after its first run and written whole or not at all, so that a driver or a
-    machine that dies loses what was under way and nothing else. ``isocat-sweep.json`` says which
-    sweep it is.
+    A part is named after its first run and written completely or not at all, so a driver or a
+    machine that fails only loses the parts in progress. ``isocat-sweep.json`` identifies the sweep.
     """
 
     def __init__(self, files: _Files, identity: str) -> None:
@@ -32,7 +31,7 @@ class Store:
 
     @classmethod
     def open(cls, to: str | os.PathLike[str], sweep: Sweep, batch: int, resume: bool) -> Store:
-        """Begins a folder, or goes on with one of the same sweep."""
+        """Begins a folder, or continues one of the same sweep."""
         path = os.fspath(to)
         files: _Files = _Bucket(path) if "://" in path else _Folder(path)
         about = json.loads(sweep.identity())
@@ -60,7 +59,7 @@ class Store:
         return cls(files, identity)
 
     def done(self) -> dict[int, list[tuple[int, bool]]]:
-        """Parts that are there, by their first run: each row's number, and whether it was as
+        """The existing parts, by their first run: the number of each row, and whether it was as
         expected.
         """
         done = {}
@@ -78,7 +77,7 @@ class Store:
         self._files.write(f"{_PART}{start:012d}.parquet", table.parquet_bytes())
 
     def finish(self) -> None:
-        """Nothing is left to do: each part is a whole file."""
+        """Does nothing: each part is already a complete file."""
 
     def read(self, sweep: Sweep) -> Table:
         """All rows."""
@@ -96,7 +95,7 @@ class Store:
 
 
 def _table(whole: Any, like: Table) -> Table:
-    """A table of pyarrow as one of ours, whose columns are those of ``like``."""
+    """Converts a table of pyarrow to a ``Table`` with the columns of ``like``."""
     import struct
 
     columns = []
@@ -139,7 +138,7 @@ def _check_same(path: str, there: dict[str, Any], wanted: dict[str, Any]) -> Non
 
 def _pyarrow(why: str) -> Any:
     try:
-        # Its parts are attributes once they are imported.
+        # These submodules are only attributes after they were imported.
         for part in ("pyarrow.fs", "pyarrow.parquet"):
             import_module(part)
         return import_module("pyarrow")
@@ -162,7 +161,7 @@ class _Files:
         raise NotImplementedError
 
     def source(self, name: str) -> Any:
-        """What pyarrow reads it from."""
+        """The source from which pyarrow reads the file."""
         raise NotImplementedError
 
 
@@ -172,7 +171,7 @@ class _Folder(_Files):
         os.makedirs(path, exist_ok=True)
 
     def names(self) -> list[str]:
-        # What a process that died was writing is nobody's.
+        # A file that a process was writing when it ended is ignored.
         return [name for name in os.listdir(self._path) if not name.endswith(".part")]
 
     def read(self, name: str) -> bytes | None:
@@ -220,7 +219,7 @@ class _Bucket(_Files):
             return None
 
     def write(self, name: str, content: bytes) -> None:
-        # An object of a bucket appears when it is closed.
+        # An object appears in the bucket when it is closed, so it is never incomplete.
         with self._files.open_output_stream(f"{self._path}/{name}") as file:
             file.write(content)
 

@@ -1,4 +1,4 @@
-"""Sweeps: one segment, many runs, on threads or on somebody else's machines."""
+"""Sweeps: one segment, many runs, on threads or on other machines."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ if TYPE_CHECKING:
     Grid = Mapping[str, Union[str, Iterable[Value]]]
 
 MOST_IN_MEMORY = 10_000_000
-"""Rows that a sweep keeps in memory at most: some 2 GB."""
+"""Largest number of rows that a sweep keeps in memory: some 2 GB."""
 MOST_POINTS = 1_000_000
-"""Points of a grid that are told apart."""
+"""Largest number of points of a grid that are counted apart."""
 
 Span = tuple[int, int]
 Told = Callable[[int, int], object]
 
 
 class Executor(Protocol):
-    """What runs the batches of a sweep."""
+    """Runs the batches of a sweep."""
 
     batch: int
 
     def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:
-        """Runs each span; gives its rows, in any order."""
+        """Runs each span; yields its rows, in any order."""
         ...
 
 
 class Threads:
-    """Threads of this process, which need no lock of the interpreter.
+    """Runs on threads of this process, which do not need the interpreter's lock.
 
     Parameters
     ----------
     workers : int, optional
-        How many; one for each processor by default.
+        Number of threads; one for each processor by default.
     batch : int
-        Runs whose rows come together.
+        Number of runs whose rows are returned together.
     """
 
     def __init__(self, workers: int | None = None, batch: int = 1000) -> None:
@@ -55,15 +55,15 @@ class Threads:
         self.batch = batch
 
     def run(self, sweep: Sweep, spans: Iterable[Span], tell: Told) -> Iterator[tuple[Span, Table]]:
-        """Runs spans that lie behind each other without a break between them."""
+        """Runs spans; consecutive ones are run without a pause in between."""
         for start, stop in _joined(spans):
             yield from self._stretch(sweep, start, stop, tell)
 
     def _stretch(
         self, sweep: Sweep, start: int, stop: int, tell: Told
     ) -> Iterator[tuple[Span, Table]]:
-        # A call gives some batches before it returns: so that what they hold is written while the
-        # next ones run, there are several calls, each with enough runs to keep all threads busy.
+        # A call only returns after all its batches. Several calls are made, each with enough runs
+        # to keep all threads busy, so that rows are written before all runs are made.
         step = self.batch * max(1, -(-self.workers * 64 // self.batch))
         for at in range(start, stop, step):
             done: list[Table] = []
@@ -74,7 +74,7 @@ class Threads:
 
 
 def processors() -> int:
-    """Processors that this process may use."""
+    """The number of processors that this process may use."""
     if sys.platform == "linux":
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -111,26 +111,27 @@ def sweep(
     ----------
     segment : Segment, path or dict
     grid : dict, optional
-        Keys of the segment file, and their values: a list makes a grid with those of the other
-        keys, a range in a text (``"1m..100m"``) is drawn in each run. ``{"cycle": ["500us", "1ms"],
+        Keys of the segment file, and their values. Lists make a grid together; from a range in a
+        text (``"1m..100m"``) each run draws a value. ``{"cycle": ["500us", "1ms"],
         "subdevice[*].cable": "1m..100m"}``.
     seeds : int or range
-        How many seeds each point is run with, from 1 on; or which ones: a ``range`` with a step of
-        1.
+        The number of seeds for each point, which begin at 1; or the seeds: a ``range`` with a step
+        of 1.
     faults : "swarm", optional
-        Each run draws 1 to 4 faults of its own, beside those of the segment.
+        Each run draws 1 to 4 faults, in addition to those of the segment.
     executor : "threads" or an executor
-        ``isocat.ray()`` runs it on a cluster; the table is the same, byte for byte.
+        ``isocat.ray()`` runs it on a cluster, with the same table, byte for byte.
     workers : int, optional
-        Threads; one for each processor by default.
+        Number of threads; one for each processor by default.
     to : path, optional
-        A folder, or a bucket by its URL (which needs pyarrow): rows are written there as Parquet
+        A folder, or the URL of a bucket (which needs pyarrow): rows are written there as Parquet
         files as they come, and not kept in memory.
     resume : bool
-        Go on with what stands in ``to``: of the same sweep, which is checked.
+        Continue the sweep in ``to``, which must be the same one.
     progress : bool or callable, optional
-        Whether progress is shown: on a terminal and in a notebook by default. A callable is told
-        how many runs are over, how many of them were not as expected, and how many there are.
+        Whether progress is shown; by default on a terminal and in a notebook. A callable is called
+        with the number of finished runs, the number of those not as expected, and the number of
+        all runs.
 
     Returns
     -------
@@ -139,12 +140,12 @@ def sweep(
     Raises
     ------
     InputError
-        A key names nothing or does not take a value, or there are too many runs.
+        A key is unknown, a value is invalid, or there are too many runs.
     OSError
-        ``to`` can't be written, as on a full disk; what was written stands, and ``resume=True``
-        goes on with it.
+        ``to`` can't be written, for example on a full disk; written rows remain, and
+        ``resume=True`` continues.
     KeyboardInterrupt
-        Ctrl-C; likewise.
+        Ctrl-C was pressed; written rows remain likewise.
     """
     if not isinstance(segment, Segment):
         segment = Segment(segment)
@@ -232,22 +233,22 @@ def _executor(executor: str | Executor, workers: int | None) -> Executor:
 
 
 class SweepResult:
-    """What many runs came to: a table with a row for each, in their order.
+    """The results of many runs: a table with a row for each, in their order.
 
-    It hands itself out through the Arrow C stream interface, as `Table` does.
+    It has the Arrow C stream interface, like `Table`.
     """
 
     def __init__(self, spec: Sweep, store: _store.Store | None) -> None:
         self._spec, self._store = spec, store
         self._tables: dict[int, Table] = {}
         self._table: Table | None = None
-        # Of each point of the grid: runs, and those as expected.
+        # For each point of the grid: the number of runs, and of those as expected.
         self._points: dict[int, list[int]] = {}
         self.runs = 0
-        """Runs that are over."""
+        """Number of finished runs."""
         self.good = 0
-        """Runs that were as expected: by the segment's ``[[expect]]`` tables, or in sync where
-        there are none.
+        """Number of runs as expected by the segment's ``[[expect]]`` tables, or in sync if there
+        are no such tables.
         """
 
     def _add(self, start: int, table: Table) -> None:
@@ -273,7 +274,7 @@ class SweepResult:
 
     @property
     def table(self) -> Table:
-        """All rows; those in ``to`` are read back, which needs pyarrow."""
+        """All rows; rows in ``to`` are read back, which needs pyarrow."""
         if self._table is None:
             if self._store is not None:
                 self._table = self._store.read(self._spec)
@@ -295,12 +296,14 @@ class SweepResult:
         return self.table.to_pandas()
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
-        """Writes all rows as one Parquet file: whole or not at all."""
+        """Writes all rows to one Parquet file, completely or not at all."""
         self.table.to_parquet(path)
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """Runs by verdict: ``in-sync``, ``not-in-sync``, ``not-up``, ``refused``, ``panicked``."""
+        """The number of runs by verdict: ``in-sync``, ``not-in-sync``, ``not-up``, ``refused``,
+        ``panicked``.
+        """
         counts: dict[str, int] = {}
         for verdict in self.table["verdict"]:
             counts[verdict] = counts.get(verdict, 0) + 1
@@ -313,12 +316,12 @@ class SweepResult:
         return [self.table.slice(at, 1).rows()[0] for at, one in enumerate(good) if not one]
 
     def segment(self, number: int) -> Segment:
-        """A run as a segment of its own, which repeats it exactly."""
+        """A run as an independent segment, which repeats it exactly."""
         return self._spec.segment(number)
 
     def shrink(self, number: int) -> Segment:
-        """A run made small: fewer faults, devices and keys, less time, as long as it ends with the
-        same verdict and the same kind of first finding.
+        """A shrunk run: fewer faults, devices and keys, and less time, with the same verdict and
+        the same kind of first finding.
         """
         return Segment.from_toml(self._spec.shrink(number), f"run-{number}.toml")
 
@@ -330,15 +333,15 @@ class SweepResult:
         Parameters
         ----------
         folder : path
-            Is made if it is not there.
+            Is created if it does not exist.
         most : int
         shrink : bool
-            Make them small first: a second or two for each.
+            Shrink them first, which takes a second or two for each.
 
         Returns
         -------
         list of str
-            The files.
+            The paths of the files.
         """
         os.makedirs(folder, exist_ok=True)
         files = []
@@ -351,17 +354,16 @@ class SweepResult:
 
     @property
     def axes(self) -> dict[str, list[str] | None]:
-        """What was varied, with its values; ``None`` where they were drawn."""
+        """The keys that were varied, with their values; ``None``: the values were drawn."""
         return dict(self._spec.axes)
 
     def frontier(self, x: str, y: str) -> Frontier:
-        """Where the grid holds: for each value of ``x`` the values of ``y`` with which every run
-        was as expected.
+        """The values of ``y`` with which every run was as expected, for each value of ``x``.
 
         Parameters
         ----------
         x, y : str
-            Keys of the grid that have lists. Others are not told apart.
+            Keys of the grid that have lists. Runs are counted over all values of other keys.
         """
         axes = self._spec.axes
         lists = {key: values for key, values in axes if values is not None}
@@ -405,10 +407,10 @@ class SweepResult:
         return list(dict.fromkeys(ordered)), True
 
     def plot(self, x: str | None = None, y: str | None = None, *, ax: Any = None) -> Any:
-        """Draws it with matplotlib, which has to be installed.
+        """Plots the results with matplotlib, which must be installed.
 
-        Two keys of the grid are a frontier, one is the share of runs as expected with its
-        uncertainty, none are histograms of margins and errors.
+        With two keys of the grid it plots a frontier; with one key, the share of runs as expected
+        with its uncertainty; without keys, histograms of the margins.
 
         Returns
         -------
@@ -429,14 +431,14 @@ class SweepResult:
 
 
 class Frontier:
-    """The share of runs as expected at each point of two keys, and where all were.
+    """The share of runs as expected at each point of two keys, and the points where all were.
 
     Attributes
     ----------
     x, y : str
         The keys.
     x_values, y_values : list of str
-        Their values, in the order of their size where they have one.
+        Their values, sorted by size if they have one.
     """
 
     def __init__(
@@ -453,11 +455,11 @@ class Frontier:
         self._counts = counts
 
     def runs(self, x: str, y: str) -> int:
-        """Runs at a point."""
+        """The number of runs at a point."""
         return self._counts.get((x, y), [0, 0])[0]
 
     def share(self, x: str, y: str) -> float:
-        """The share of runs as expected at a point, 0 to 1; NaN where nothing was run."""
+        """The share of runs as expected at a point, 0 to 1; NaN without runs."""
         runs, good = self._counts.get((x, y), [0, 0])
         return good / runs if runs else float("nan")
 
@@ -468,7 +470,7 @@ class Frontier:
 
     @property
     def edges(self) -> dict[str, str]:
-        """The same in words: ``"500us and above"``, ``"1ms and below"``, ``"each"``, ``"none"``,
+        """``holds`` in words: ``"500us and above"``, ``"1ms and below"``, ``"each"``, ``"none"``,
         ``"each but 1ms"``.
         """
         words = {}
@@ -498,9 +500,7 @@ class Frontier:
         return frame.rename_axis(index=self.y, columns=self.x)
 
     def plot(self, *, ax: Any = None) -> Any:
-        """Draws it with matplotlib: a cell for each point, green where every run was as
-        expected.
-        """
+        """Plots it with matplotlib: a cell for each point, green if every run was as expected."""
         from . import _plot
 
         return _plot.frontier(self, ax)
@@ -513,7 +513,7 @@ class Frontier:
 
 
 class _Progress:
-    """Tells how far a sweep is."""
+    """Shows the progress of a sweep."""
 
     def __init__(
         self,
@@ -538,16 +538,16 @@ class _Progress:
         return self
 
     def tell(self, over: int, bad: int) -> None:
-        """Runs that are over in the call under way, and of them those not as expected."""
+        """Shows the finished runs of the present call, and how many were not as expected."""
         done = self._result
         self._show(done.runs + over, done.runs - done.good + bad)
 
     def settle(self) -> None:
-        """Rows have been taken."""
+        """Shows the rows that have been taken."""
         self._show(self._result.runs, self._result.runs - self._result.good)
 
     def _show(self, over: int, bad: int) -> None:
-        # A call counts from its own beginning: what was taken meanwhile is in both.
+        # A call counts from its own beginning, so rows taken meanwhile are counted twice.
         over = min(over, self._total)
         if self._call:
             self._call(over, bad, self._total)

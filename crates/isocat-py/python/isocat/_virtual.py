@@ -34,14 +34,14 @@ class VirtualRun:
     values : dict
         The value of each key that was varied.
     code : int
-        0 in sync, and the program ended with 0; 1 not in sync or not as expected; 3 not known, as
-        no device was in OP; 4 nothing speaks against synchronization, but the program failed.
+        0: in sync, and the program ended with 0; 1: not in sync or not as expected; 3: not known,
+        because no device was in OP; 4: no finding against synchronization, but the program failed.
     output : str
-        What program and supervisor wrote, to both of their outputs.
+        Standard output and error output of the program and the supervisor.
     summary : dict
         The judges' document (docs/serve-summary.schema.json).
     segment : Segment
-        What repeats it.
+        The segment that repeats the run.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class VirtualRun:
 
     @property
     def in_sync(self) -> bool:
-        """Whether nothing speaks against any device in operation, and the program ended with 0."""
+        """Whether nothing was found against devices in operation, and the program ended with 0."""
         return self.code == 0
 
     @property
@@ -69,7 +69,7 @@ class VirtualRun:
 
     @property
     def findings(self) -> list[str]:
-        """What speaks against devices of the last session, as sentences."""
+        """The findings against devices in the last session, as sentences."""
         sessions = self.summary.get("sessions") or [{}]
         judged = sessions[-1].get("judged") or {}
         return [
@@ -99,12 +99,12 @@ class VirtualRuns(Sequence["VirtualRun"]):
 
     @property
     def in_sync(self) -> bool:
-        """Whether every run was."""
+        """Whether every run was in sync."""
         return all(run.in_sync for run in self._runs)
 
     @property
     def failed(self) -> list[VirtualRun]:
-        """Runs that were not."""
+        """The runs that were not in sync."""
         return [run for run in self._runs if not run.in_sync]
 
     def rows(self) -> list[dict[str, Any]]:
@@ -144,7 +144,7 @@ def virtual(
     """Runs an unmodified MainDevice program on the segment, in deterministic virtual time, once for
     each seed.
 
-    Linux on x86-64; no root. docs/virtual.md says which programs can be run.
+    Needs Linux on x86-64, but no root. docs/virtual.md tells which programs can be run.
 
     Parameters
     ----------
@@ -153,23 +153,22 @@ def virtual(
     segment : Segment, path or dict, optional
         The built-in one by default.
     seeds : int or range
-        As in `sweep`. A seed is that of the segment, of the host's bad luck and of the program's
+        As in `sweep`. A seed is that of the segment, of the host's delays and of the program's
         random numbers.
     grid : dict, optional
         As in `sweep`.
     faults : "swarm", optional
-        Each run draws faults of its own.
+        Each run draws its own faults.
     lateness : int, str or timedelta, optional
-        Wake-ups of the program come late by up to this, in the place of what the segment says of
-        its host.
+        How late wake-ups of the program are at most; replaces what the segment says of its host.
     preemption : str, optional
         ``"1000:300us"``: one in 1000 system calls takes up to this much longer.
     for_ : int, str or timedelta, optional
         The program is ended after this virtual time; an hour by default.
     interface, secondary : str
-        The names under which the program finds the segment, and the other end of a ring.
+        The interface names of the segment and of the other end of a ring, for the program.
     workers : int, optional
-        Runs at a time; one for each processor by default.
+        Number of concurrent runs; one for each processor by default.
     env : mapping, optional
         The environment of the program; that of this process by default.
 
@@ -180,7 +179,7 @@ def virtual(
     Raises
     ------
     InputError
-        The program is not found, a key or a value can't be used.
+        The program is not found, or a key or a value is invalid.
     OSError
         Programs can't be supervised on this system.
     """
@@ -218,7 +217,7 @@ def virtual(
 
 
 def _one(spec: Sweep, number: int, words: list[str], env: Mapping[str, str] | None) -> VirtualRun:
-    """One run, as a process of its own."""
+    """Makes one run, in its own process."""
     segment, values, seed = spec.segment(number), spec.values(number), spec.seed(number)
     with tempfile.TemporaryDirectory(prefix="isocat-") as folder:
         text, report = os.path.join(folder, "segment.toml"), os.path.join(folder, "report.json")

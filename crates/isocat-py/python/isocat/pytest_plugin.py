@@ -1,8 +1,8 @@
 """A pytest plugin: tests on a virtual segment, one test case for each seed.
 
-``isocat_segment``, ``isocat_bus`` and ``isocat_seed`` are fixtures. A test that asks for one of
-them is run once for each seed of
-``--isocat-seeds``; a seed that fails is in the message, with the words that repeat it alone.
+``isocat_segment``, ``isocat_bus`` and ``isocat_seed`` are fixtures. A test that uses one of them is
+run once for each seed of ``--isocat-seeds``. The message of a failure has the seed, and the command
+that repeats it alone.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Declares the marker, and refuses seeds that are none."""
+    """Declares the marker, and refuses invalid seeds."""
     config.addinivalue_line(
         "markers",
         "isocat(segment): the segment of isocat_segment and isocat_bus: a path, a dict or an isocat.Segment",
@@ -59,7 +59,7 @@ def _seeds(config: pytest.Config) -> range:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test case for each seed."""
+    """Makes one test case for each seed."""
     if "isocat_seed" in metafunc.fixturenames:
         seeds = _seeds(metafunc.config)
         metafunc.parametrize(
@@ -78,9 +78,9 @@ def isocat_seed(request: pytest.FixtureRequest) -> int:
 def isocat_segment(request: pytest.FixtureRequest, isocat_seed: int) -> Segment:
     """The segment of this test, with the seed of this case.
 
-    Its description is what ``@pytest.mark.isocat(segment=...)`` names, else ``--isocat-segment``,
-    else ``isocat_segment`` of the ini file, else the built-in segment. Each test has one of its
-    own, which it may change.
+    Its description is that of ``@pytest.mark.isocat(segment=...)``, else of ``--isocat-segment``,
+    else of ``isocat_segment`` in the ini file, else the built-in segment. Each test has its own
+    segment, which it may change.
     """
     from isocat import Segment
 
@@ -95,7 +95,7 @@ def _described(request: pytest.FixtureRequest) -> Any:
     if marker is not None:
         given = marker.kwargs.get("segment", marker.args[0] if marker.args else None)
         if isinstance(given, str):
-            # As data of a test: beside its file.
+            # Data of a test are first searched in the folder of its file.
             beside = request.path.parent / given
             return beside if beside.exists() else given
         if given is not None:
@@ -109,7 +109,7 @@ def _described(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture
 def isocat_bus(request: pytest.FixtureRequest, isocat_segment: Segment) -> Iterator[Bus]:
-    """A bus of the segment. Where the test fails, its verdict stands in the report."""
+    """A bus of the segment. If the test fails, the report has its verdict."""
     with isocat_segment.bus() as bus:
         request.node.stash[_BUS] = bus
         yield bus
@@ -122,7 +122,7 @@ _BUS: pytest.StashKey[Any] = pytest.StashKey()
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, Any, Any]:
-    """Says which seed failed, and what the judges say."""
+    """Adds the failed seed and the verdict of the judges to the report."""
     report = yield
     seed = getattr(getattr(item, "callspec", None), "params", {}).get("isocat_seed")
     if report.failed and seed is not None:
@@ -137,6 +137,6 @@ def pytest_runtest_makereport(
         if bus is not None and call.when == "call":
             try:
                 report.sections.append(("isocat verdict", str(bus.verdict())))
-            except Exception as error:  # A report must not hide the failure that it is of.
+            except Exception as error:  # An error here must not hide the failure of the test.
                 report.sections.append(("isocat verdict", f"not to be had: {error}"))
     return report

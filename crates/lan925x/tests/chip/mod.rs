@@ -1,8 +1,8 @@
 //! A LAN9252 behind SPI, register by register, with the software ESC in it.
 //!
-//! Time passes with the bytes on the bus, and what the chip does takes its own: a command to a register,
-//! each word between a FIFO and process RAM. Frames arrive when they are due, also in the middle of an
-//! access. Whatever a driver must not do is noted as a breach.
+//! Time passes with the bytes on the bus. Commands to registers, and each word between a FIFO and
+//! process RAM, take their own time. Frames arrive when they are due, even during an access.
+//! Everything that a driver must not do is recorded as a breach.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -19,26 +19,26 @@ use isocat_wire::{Nanos, frame};
 pub struct Chip {
     pub esc: Esc<Vec<u8>>,
     pub now: Time<Device>,
-    /// What the ESC did since somebody looked.
+    /// Events of the ESC that were not taken yet.
     pub events: VecDeque<(Time<Device>, EscEvent)>,
-    /// Frames that will arrive, in order, and those that have passed.
+    /// Frames that will arrive, in order, and frames that have passed.
     pub arriving: VecDeque<(Time<Device>, Vec<u8>)>,
     pub passed: Vec<Vec<u8>>,
-    /// What the driver did wrong.
+    /// Wrong accesses of the driver.
     pub breaches: Vec<String>,
     pub bytes: u64,
     pub transactions: u64,
-    /// Transactions that fail on the bus, by their number.
+    /// Numbers of the transactions that fail on the bus.
     pub failing: Vec<u64>,
     pub byte_test: u32,
     pub id_rev: u32,
-    /// When HW_CFG shows the chip ready.
+    /// When HW_CFG shows that the chip is ready.
     pub ready_at: Time<Device>,
-    /// How long a command to a register takes; never, if it never ends.
+    /// How long a command to a register takes; `None`: it never ends.
     pub csr_time: Option<Nanos>,
-    /// How long a word between FIFO and RAM takes.
+    /// How long a word between FIFO and RAM takes; `None`: it never ends.
     pub word_time: Option<Nanos>,
-    /// The bus reads this whatever is asked, if nobody drives it.
+    /// The value of every byte on a bus that no chip drives.
     pub floating: Option<u8>,
     reset: bool,
     irq_cfg: u32,
@@ -49,21 +49,21 @@ pub struct Chip {
     writer: Transfer,
 }
 
-/// A command to a register of the ESC that is under way.
+/// An unfinished command to a register of the ESC.
 #[derive(Clone, Copy)]
 struct Command {
     word: u32,
     done: Time<Device>,
 }
 
-/// One of the two ways to process RAM.
+/// One of the two FIFOs, with its access to process RAM.
 #[derive(Default)]
 struct Transfer {
     place: u32,
-    /// Address and bytes left, while it is busy.
+    /// Address and bytes left, while the access is busy.
     left: Option<(u16, u16)>,
     fifo: VecDeque<[u8; 4]>,
-    /// When the next word has moved.
+    /// When the next word moves.
     due: Option<Time<Device>>,
 }
 
@@ -72,7 +72,7 @@ impl Transfer {
         u32::from(self.left.is_some()) << 31 | (count as u32) << 8 | u32::from(count > 0)
     }
 
-    /// Bytes of the next word in RAM: where they stand in it, and how many.
+    /// The place and number of the bytes of the next word in RAM.
     fn lanes(address: u16, left: u16) -> (usize, usize) {
         let lead = usize::from(address % 4);
         (lead, usize::from(left).min(4 - lead))
@@ -82,7 +82,7 @@ impl Transfer {
 impl Chip {
     pub fn new() -> Self {
         let mut sii = vec![0; 256];
-        // SPI; SYNC unit on; SYNC0 pulses of 1 us.
+        // PDI is SPI; SYNC unit on; SYNC0 pulses of 1 us.
         let header = Header {
             configuration: [0x80, 0x04, 0, 0, 100, 0, 0, 0, 0, 0, 0, 0, 0, 0],
             ..Header::default()
@@ -114,7 +114,7 @@ impl Chip {
         }
     }
 
-    /// When something happens by itself.
+    /// When the next event happens.
     pub fn next(&self) -> Time<Device> {
         let own = [
             self.csr.map(|command| command.done),
@@ -125,14 +125,14 @@ impl Chip {
         own.into_iter().flatten().fold(self.esc.next_event(), Time::min)
     }
 
-    /// The level of the interrupt pin; `None` while nobody drives it.
+    /// The level of the interrupt pin; `None` while the chip does not drive it.
     pub fn pin(&self) -> Option<bool> {
         let active = self.int_en & 1 != 0 && self.esc.interrupt(self.now);
         let active_high = self.irq_cfg & 1 << 4 != 0;
         (self.irq_cfg & 0x101 == 0x101).then_some(active == active_high)
     }
 
-    /// Time passes, with everything that falls due.
+    /// Advances time, and processes all events on the way.
     pub fn advance(&mut self, to: Time<Device>) {
         while self.now < to || self.next() <= to {
             self.now = self.now.max(self.next().min(to));
@@ -207,7 +207,7 @@ impl Chip {
         }
     }
 
-    /// A word goes from RAM into the FIFO.
+    /// Moves a word from RAM to the FIFO.
     fn fetch_word(&mut self) {
         let Some((address, left)) = self.reader.left else { return };
         let (lead, len) = Transfer::lanes(address, left);
@@ -225,7 +225,7 @@ impl Chip {
         }
     }
 
-    /// A word goes from the FIFO into RAM.
+    /// Moves a word from the FIFO to RAM.
     fn store_word(&mut self) {
         let (Some((address, left)), Some(word)) = (self.writer.left, self.writer.fifo.pop_front())
         else {
@@ -308,7 +308,7 @@ impl Chip {
         }
     }
 
-    /// One selection of the chip: three bytes of command and address, then words.
+    /// Processes one selection of the chip: three bytes of command and address, then words.
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), ErrorKind> {
         self.transactions += 1;
         let fails = self.failing.contains(&self.transactions);
@@ -325,7 +325,7 @@ impl Chip {
                         }
                         word.push(byte);
                         if word.len() == 4 {
-                            // The bus breaks off in the middle.
+                            // The transaction fails in the middle.
                             if fails {
                                 return Err(ErrorKind::Other);
                             }
@@ -366,7 +366,7 @@ impl Chip {
         }
     }
 
-    /// A byte passes on the bus.
+    /// Advances time by a byte on the bus.
     fn byte(&mut self) {
         self.bytes += 1;
         self.advance(self.now + BYTE_TIME);

@@ -1,4 +1,4 @@
-//! The frames of a cycle: what is sent for process data, for the clocks and for the states.
+//! Compares the frames of a cycle: those for process data, for the clocks and for the states.
 
 use isocat_descriptions::start_up::{Address, CyclicDatagram, StartUp};
 use isocat_wire::al::AlState;
@@ -82,7 +82,7 @@ fn process_data(list: &StartUp) -> String {
     if all.is_empty() { "none".into() } else { all.join(", ") }
 }
 
-/// How long the frames of the fullest cycle are on the wire.
+/// The time on the wire of all frames of the fullest cycle.
 fn wire_time(list: &StartUp) -> String {
     let length = |datagrams: &[CyclicDatagram]| {
         let sent = datagrams

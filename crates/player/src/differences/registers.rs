@@ -1,4 +1,4 @@
-//! Registers: what each one holds behind the last write on the way up.
+//! Compares registers by their values after the last write on the way up.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use isocat_wire::{AutoIncrementAddress, Command, Nanos};
 
 use super::{Difference, Kind, value};
 
-/// Bytes that were written, with the transition of the last write.
+/// Written bytes, each with the transition of its last write.
 #[derive(Default)]
 struct Memory(BTreeMap<u16, (u8, Transition)>);
 
@@ -35,7 +35,7 @@ pub(super) fn compare(
     all
 }
 
-/// What differs of a group. One that is off is as one that was never written.
+/// Compares a group. A group that is switched off counts as never written.
 fn differ(position: usize, group: &Group, one: &Memory, other: &Memory) -> Option<Difference> {
     let (eni, plan) = (one.read(group), other.read(group));
     let values = [&eni, &plan].map(|found| found.as_ref().map(|(bytes, _)| bytes.clone()));
@@ -66,7 +66,7 @@ fn differ(position: usize, group: &Group, one: &Memory, other: &Memory) -> Optio
     })
 }
 
-/// FMMUs by what they map, whatever their number.
+/// Compares FMMUs by what they map; their numbers do not matter.
 fn fmmus(position: usize, one: &Memory, other: &Memory) -> Vec<Difference> {
     let (one, other) = (one.fmmus(), other.fmmus());
     let mut all = Vec::new();
@@ -136,7 +136,7 @@ fn words(fmmu: &Fmmu) -> String {
 }
 
 impl Group {
-    /// What the bytes say.
+    /// The meaning of the bytes, in words.
     fn text(&self, bytes: &[u8]) -> String {
         match (self.kind, bytes) {
             (Kind::SyncManager, [a, b, c, d]) => {
@@ -152,7 +152,7 @@ impl Group {
 }
 
 impl Memory {
-    /// What a list writes to a device on the way up.
+    /// The bytes that a list writes to a device on the way up.
     fn of(position: usize, list: &StartUp, device: &DeviceStartUp) -> Self {
         let mut memory = Self::default();
         let place = AutoIncrementAddress::of_position(position as u16).0;
@@ -180,7 +180,8 @@ impl Memory {
         }
     }
 
-    /// The bytes of a group and when the last of them was written; `None` where all are 0 or unwritten.
+    /// The bytes of a group, and the transition of the last write to any of them; `None`: all are 0
+    /// or not written.
     fn read(&self, group: &Group) -> Option<(Vec<u8>, Transition)> {
         let at = |address| self.0.get(&address).copied();
         let all: Vec<_> = (group.first..group.first + group.length).map(at).collect();
@@ -188,7 +189,7 @@ impl Memory {
         Some((all.iter().map(|one| one.map_or(0, |(byte, _)| byte)).collect(), last.1))
     }
 
-    /// The FMMUs that are on.
+    /// The active FMMUs.
     fn fmmus(&self) -> Vec<Fmmu> {
         let byte = |address| self.0.get(&address).map_or(0, |(byte, _)| *byte);
         let one = |number: usize| {
@@ -203,7 +204,7 @@ impl Memory {
     }
 }
 
-/// What is compared as a register. States, addresses of the EEPROM, error counters and clocks are not.
+/// The registers that are compared: not states, the EEPROM interface, error counters and clocks.
 fn groups() -> Vec<Group> {
     let group = |kind, first, length, name: &str, consequence| Group {
         kind,

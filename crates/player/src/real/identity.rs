@@ -1,6 +1,7 @@
-//! What answers, by its SII, against what the list names.
+//! Compares the SubDevices that answer with the list, by their SIIs.
 //!
-//! Reading goes by position and writes nothing but the registers of the EEPROM interface, which every MainDevice uses.
+//! Reads by position, and only writes the registers of the EEPROM interface, which every MainDevice
+//! uses.
 
 use isocat_descriptions::start_up::{Address, StartUp};
 use isocat_wire::Command;
@@ -12,7 +13,8 @@ use isocat_wire::time::Nanos;
 use crate::failure::Kind;
 use crate::line::{Line, Reply};
 
-/// Reads the first 64 words of each SII. An error if not as many SubDevices answer as are `expected`.
+/// Reads the first 64 words of each SII. `Err`: the number of SubDevices that answer is not
+/// `expected`.
 pub(super) fn read(line: &mut Line, expected: usize) -> Result<Vec<Header>, Kind> {
     let found = count(line)?;
     if usize::from(found) != expected {
@@ -21,7 +23,7 @@ pub(super) fn read(line: &mut Line, expected: usize) -> Result<Vec<Header>, Kind
     (0..expected).map(|position| header(line, position)).collect()
 }
 
-/// An error if another SubDevice answers at some position than the list names.
+/// `Err`: another SubDevice than that of the list answers at some position.
 pub(super) fn compare(list: &StartUp, found: &[Header]) -> Result<(), Kind> {
     for (position, (device, header)) in list.devices.iter().zip(found).enumerate() {
         let expected = (device.vendor, device.product);
@@ -33,7 +35,7 @@ pub(super) fn compare(list: &StartUp, found: &[Header]) -> Result<(), Kind> {
     Ok(())
 }
 
-/// Revisions and serial numbers that differ: what the list itself checks of them, it checks on the way up.
+/// Differing revisions and serial numbers. The list has its own checks of them on the way up.
 pub(super) fn notes(list: &StartUp, found: &[Header]) -> Vec<String> {
     let mut notes = Vec::new();
     for (position, (device, header)) in list.devices.iter().zip(found).enumerate() {
@@ -54,7 +56,7 @@ pub(super) fn notes(list: &StartUp, found: &[Header]) -> Vec<String> {
     notes
 }
 
-/// How many SubDevices answer.
+/// The number of SubDevices that answer.
 fn count(line: &mut Line) -> Result<u16, Kind> {
     let address = Address::Physical { device: 0, register: register::TYPE.address };
     for _ in 0..TRIES {
@@ -66,7 +68,7 @@ fn count(line: &mut Line) -> Result<u16, Kind> {
 }
 
 fn header(line: &mut Line, position: usize) -> Result<Header, Kind> {
-    // The PDI may have the EEPROM; it is taken for as long as it is read.
+    // The PDI may own the EEPROM; it is taken from the PDI while it is read.
     let owner =
         access(line, Command::Aprd, position, register::EEPROM_CONFIGURATION.address, &[0])?;
     access(line, Command::Apwr, position, register::EEPROM_CONFIGURATION.address, &[TAKE_BACK])?;
@@ -80,7 +82,7 @@ fn header(line: &mut Line, position: usize) -> Result<Header, Kind> {
     Header::parse(&image).ok_or(Kind::NoIdentity { position })
 }
 
-/// The 4 or 8 bytes from a word on.
+/// The 4 or 8 bytes from a word address on.
 fn words(line: &mut Line, position: usize, word: u32) -> Result<Vec<u8>, Kind> {
     let status = register::EEPROM_STATUS.address;
     idle(line, position)?;
@@ -110,7 +112,7 @@ fn idle(line: &mut Line, position: usize) -> Result<EepromStatus, Kind> {
     }
 }
 
-/// An access by position that the SubDevice takes; gives the data that come back.
+/// Makes an access by position, which the SubDevice must take; returns the data that come back.
 fn access(
     line: &mut Line,
     command: Command,
@@ -128,12 +130,12 @@ fn access(
     Err(Kind::NoIdentity { position })
 }
 
-/// Register 0x0500: the EEPROM is ECAT's, or is taken from the PDI by force.
+/// Values of register 0x0500: the EEPROM belongs to ECAT; ECAT takes it from the PDI by force.
 const OF_ECAT: u8 = 0;
 const TAKE_BACK: u8 = 2;
-/// How often an access is tried.
+/// Number of attempts of an access.
 const TRIES: usize = 4;
-/// How long a read of the EEPROM may take.
+/// Longest time for a read of the EEPROM.
 const PATIENCE: Nanos = Nanos::millis(500);
-/// From one look at its status to the next.
+/// Time between two looks at its status.
 const BETWEEN_LOOKS: Nanos = Nanos::micros(100);

@@ -1,5 +1,5 @@
-//! The time in operation: the list's cycle goes on, registers and objects are read between its frames, and the verdict engine
-//! looks at all of it.
+//! The time in operation: the list's cycle continues, registers and objects are read between its
+//! frames, and the verdict engine judges all of it.
 
 use isocat_engine::report::quality::Quality;
 use isocat_engine::verdict::{Engine, Readings, Verdict, Witness};
@@ -29,16 +29,16 @@ pub(super) struct Operation<'p, 'a> {
     seen: Seen,
     engine: Engine,
     began: Time<Host>,
-    /// How long it was judged, once that is over.
+    /// The time that was judged, after it has ended.
     judged: Nanos,
     before: Vec<Readings>,
     quality: QualityWatch,
     alarms: Vec<(Nanos, Change)>,
-    /// When the next AL status is read, and whose.
+    /// When the next AL status is read, and the position of the SubDevice.
     look: (Time<Host>, usize),
 }
 
-/// What the engine asks.
+/// The view of the engine.
 struct Seen {
     segment: Segment,
     background: Background,
@@ -46,7 +46,7 @@ struct Seen {
     phase: Option<phase::State>,
 }
 
-/// What the time in operation came to.
+/// The results of the time in operation.
 #[derive(Default)]
 pub(super) struct Verdicts {
     pub verdict: Verdict,
@@ -85,7 +85,7 @@ impl Witness for Seen {
 }
 
 impl<'p, 'a> Operation<'p, 'a> {
-    /// All SubDevices are in OP; `limit` is the largest 0x092C with which a clock counts as synchronized.
+    /// Begins when all SubDevices are in OP; `limit` is the largest 0x092C of a synchronized clock.
     pub fn begin(
         player: &'p mut Player<'a>,
         mut segment: Segment,
@@ -93,7 +93,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         quality: QualityWatch,
     ) -> Self {
         let now = player.line.now();
-        // What was told on the way up is no matter of operation.
+        // Events of the way up do not belong to operation.
         while player.line.tally.poll_event(now).is_some() {}
         for device in &mut segment.devices {
             device.al_status = AlStatus::new(AlState::Op);
@@ -119,12 +119,12 @@ impl<'p, 'a> Operation<'p, 'a> {
         }
     }
 
-    /// Counts so far.
+    /// The present counts.
     pub fn statistics(&self) -> Statistics {
         self.player.line.tally.statistics
     }
 
-    /// Lets the segment run.
+    /// Runs the segment.
     pub fn run(&mut self, duration: Nanos, progress: &mut dyn FnMut(Progress)) -> Ended {
         self.player.line.wire.measure(true);
         let result = self.go_on(duration, progress);
@@ -143,7 +143,8 @@ impl<'p, 'a> Operation<'p, 'a> {
         duration: Nanos,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Ended, Kind> {
-        // The counters may stand anywhere: what they grow by in operation is judged.
+        // Only the increase of the counters in operation is judged, so their values at the
+        // beginning are read.
         let mut before = std::mem::take(&mut self.before);
         let read = self.read_counters(&mut before, |readings| {
             (&mut readings.outputs_before, &mut readings.inputs_before)
@@ -169,12 +170,13 @@ impl<'p, 'a> Operation<'p, 'a> {
         }
     }
 
-    /// The time is over: what the SubDevices say at the end, and the verdict.
+    /// Ends operation: reads the final values from the SubDevices, and makes the verdict.
     pub fn end(mut self, ended: &Ended) -> (Verdicts, Segment) {
         let mut devices = std::mem::take(&mut self.before);
         let mut answered = false;
         if matches!(ended, Ended::Time | Ended::Asked) {
-            // A second signal ends the program at once; the first one must not keep these readings away.
+            // The first stop signal must not prevent these readings; a second one ends the program
+            // at once.
             self.player.line.stop = None;
             answered = self.read_at_end(&mut devices).is_ok();
         }
@@ -198,7 +200,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         (verdicts, segment)
     }
 
-    /// Lets the engine see what was told and counted.
+    /// Passes events and counts to the engine.
     fn take_events(&mut self) {
         let line = &mut self.player.line;
         let now = line.now();
@@ -211,7 +213,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         self.engine.cycle(now - self.began, &self.seen);
     }
 
-    /// One reading, if it is time for one: states, clocks, objects.
+    /// Makes one background reading, if it is due: states, clocks or objects.
     fn read_in_background(&mut self, now: Time<Host>) -> Result<(), Kind> {
         let is_op = |status: u16| AlStatus(status) == AlStatus::new(AlState::Op);
         let watch = self.player.line.exchange.as_ref().and_then(|exchange| exchange.al_status);
@@ -241,7 +243,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         Ok(())
     }
 
-    /// Reads the state of one SubDevice, and tells if it is another one.
+    /// Reads the state of one SubDevice, and reports a change.
     fn look_at(&mut self, position: usize) -> Result<(), Kind> {
         let found = self.status(position)?;
         let cycle = self.player.line.tally.statistics.cycles;
@@ -261,7 +263,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         Ok(())
     }
 
-    /// Registers 0x0130 and 0x0134.
+    /// Reads registers 0x0130 and 0x0134.
     fn status(&mut self, position: usize) -> Result<Option<(AlStatus, AlStatusCode)>, Kind> {
         let station = self.player.list.devices[position].station;
         let bytes = self.player.line.read(station, register::AL_STATUS.address, 6)?;
@@ -282,7 +284,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         Ok(bytes.map(|bytes| Registers { at, bytes, activation }))
     }
 
-    /// Reads an entry; `None` for a SubDevice without such a mailbox.
+    /// Reads an entry; `None`: the SubDevice has no such mailbox.
     fn upload(
         &mut self,
         position: usize,
@@ -294,7 +296,8 @@ impl<'p, 'a> Operation<'p, 'a> {
         mailbox::upload(&mut self.player.line, device.station, mailbox, counter, object).map(Some)
     }
 
-    /// What a service costs on the wire: the mailbox there, a look at its status, and the mailbox back.
+    /// Time of a service on the wire: writing the mailbox, a look at its status, and reading the
+    /// mailbox.
     fn mailbox_cost(&self, position: usize) -> Nanos {
         let Some(mailbox) = self.player.list.devices[position].mailbox else { return Nanos::ZERO };
         let lengths = [mailbox.out.length, 1, mailbox.back.length].map(usize::from);
@@ -314,7 +317,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         }
     }
 
-    /// Counters, states and clocks at the end.
+    /// Reads counters, states and clocks at the end.
     fn read_at_end(&mut self, devices: &mut [Readings]) -> Result<(), Kind> {
         self.read_counters(devices, |readings| (&mut readings.outputs, &mut readings.inputs))?;
         for (position, readings) in devices.iter_mut().enumerate() {
@@ -333,7 +336,7 @@ impl<'p, 'a> Operation<'p, 'a> {
         Ok(())
     }
 
-    /// Reads the counters that the devices have into the places that `place` gives of 0x1C32 and 0x1C33.
+    /// Reads the existing counters into the places for 0x1C32 and 0x1C33 that `place` returns.
     fn read_counters(
         &mut self,
         devices: &mut [Readings],
@@ -381,11 +384,11 @@ impl<'p, 'a> Operation<'p, 'a> {
     }
 }
 
-/// The longest time without an answer.
+/// Longest time without an answer.
 const SILENCE: Nanos = Nanos::millis(1_000);
-/// Steps of the progress that is told.
+/// Time between two reports of progress.
 const PROGRESS: Nanos = Nanos::millis(100);
-/// From one AL status that is read to the next.
+/// Time between two readings of an AL status.
 const LOOK: Nanos = Nanos::millis(20);
-/// Alarms that are kept, however long it runs.
+/// Largest number of alarms that are kept.
 const MOST_ALARMS: usize = 1_000;

@@ -1,4 +1,5 @@
-//! What is known of the SubDevices on the wire, for the judges: what the list says, what was read, and the plan's times.
+//! What is known of the SubDevices on the wire, for the judges: the list, readings, and the times
+//! of the plan.
 
 use isocat_descriptions::start_up::{CyclicFrame, DeviceStartUp, StartUp};
 use isocat_engine::plan::Plan;
@@ -21,8 +22,8 @@ use crate::mailbox;
 use crate::play::Player;
 use crate::virtual_segment::{SYNC0, SYNC1, assign_activate};
 
-/// The segment as the list has it. `assumed` says by position whether the plan's times of a device are only assumed; `jitter` is
-/// the lateness of frames that the plan keeps free.
+/// The segment by the list. `assumed`: whether the plan's times of a device are only assumed, by
+/// position. `jitter`: lateness of frames that the plan allows for.
 pub(super) fn of_list(
     list: &StartUp,
     plan: Option<&Plan>,
@@ -46,7 +47,8 @@ pub(super) fn of_list(
     Segment { devices, reference, timing, ..Segment::default() }
 }
 
-/// The mode that the list brings a device into; among those without SYNC, and those with it, the plan's.
+/// The mode of a device by the list. If several modes without SYNC, or several with SYNC, are
+/// possible, it is the plan's.
 fn mode(device: &DeviceStartUp, planned: Option<SyncMode>) -> SyncMode {
     let bits = assign_activate(device).to_bytes()[1];
     let starts = bits & SYNC0 != 0;
@@ -58,8 +60,9 @@ fn mode(device: &DeviceStartUp, planned: Option<SyncMode>) -> SyncMode {
     }
 }
 
-/// The plan's budget with the frames at phase 0, where the player sends them, and with the list's phases of SYNC0. Where the
-/// frames of the list take longer than the plan's, all of it is that much later.
+/// The plan's budget with frames at phase 0, where the player sends them, and with the list's
+/// phases of SYNC0. If the list's frames take longer than the plan's, all times are later by the
+/// difference.
 fn timing(
     list: &StartUp,
     plan: &Plan,
@@ -88,7 +91,8 @@ fn timing(
             true => budget::budget(&cycle, acting, &device),
             false => budget::Budget::default(),
         };
-        // What is judged by the phase that all have in common does not hold for a device with a phase of its own.
+        // Arrival times are judged by the common phase, which does not apply to a device with
+        // another phase.
         if !is_known || Some(acting) != common {
             device.outputs_arrival = None;
         }
@@ -102,7 +106,7 @@ fn timing(
     }
 }
 
-/// How long the frames of the fullest cycle take on the wire, with the gap behind each.
+/// The time on the wire of all frames of the fullest cycle, with the gap after each.
 fn on_wire(frames: &[CyclicFrame]) -> Nanos {
     let length = |frame: &CyclicFrame| {
         let datagrams =
@@ -115,7 +119,7 @@ fn on_wire(frames: &[CyclicFrame]) -> Nanos {
     Nanos((bytes as u64 * frame::BYTE_TIME_NS) as i64)
 }
 
-/// Adds what can be read once all are in OP: features, delays, and what the devices say of their synchronization.
+/// Adds what can only be read in OP: features, delays, and the devices' synchronization objects.
 pub(super) fn complete(player: &mut Player<'_>, segment: &mut Segment) -> Result<(), Kind> {
     let units = player.clocks.as_ref().map(|clocks| clocks.units.clone()).unwrap_or_default();
     for position in 0..segment.devices.len() {
@@ -151,7 +155,7 @@ pub(super) fn complete(player: &mut Player<'_>, segment: &mut Segment) -> Result
                         object.entries.push(entry);
                     }
                     Err(SdoError::Abort(_)) if sub != sub::SYNC_TYPE => {}
-                    // It does not have the object, or gives no answer at all.
+                    // The SubDevice does not have the object, or does not answer.
                     Err(_) => break,
                 }
             }
@@ -165,7 +169,7 @@ pub(super) fn complete(player: &mut Player<'_>, segment: &mut Segment) -> Result
     Ok(())
 }
 
-/// AL status and its code of each SubDevice, where the way up ended.
+/// Reads AL status and its code of each SubDevice after a way up that failed.
 pub(super) fn read_states(player: &mut Player<'_>, segment: &mut Segment) -> Result<(), Kind> {
     for device in &mut segment.devices {
         let bytes = player.line.read(device.station.0, register::AL_STATUS.address, 6)?;
@@ -176,7 +180,7 @@ pub(super) fn read_states(player: &mut Player<'_>, segment: &mut Segment) -> Res
     Ok(())
 }
 
-/// The type, and what counts.
+/// The synchronization type and the counters.
 const SUBS: [u8; 5] = [
     sub::SYNC_TYPE,
     sub::SM_EVENT_MISSED,

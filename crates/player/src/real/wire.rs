@@ -12,11 +12,11 @@ use crate::wire::{Buffer, Sent, Traits, Wire};
 /// A real interface.
 pub(super) struct RealWire {
     pub link: Link,
-    /// What failed of it.
+    /// The error of the interface, if it failed.
     pub broken: Option<LinkError>,
-    /// The cycle whose first frame is to be sent was due then.
+    /// When the cycle was due whose first frame is the next one to send.
     due: Option<Time<Host>>,
-    /// There is a cycle to keep.
+    /// Whether there is a cycle to keep.
     has_cycle: bool,
     stamp_noise: Nanos,
 }
@@ -36,7 +36,8 @@ impl RealWire {
         })
     }
 
-    /// Whether a frame is an answer of the segment to one of ours; else its sender is counted.
+    /// Whether a frame is the segment's answer to one of the player's frames. If not, its sender is
+    /// counted.
     fn is_ours(&mut self, arrival: Arrival) -> bool {
         let source = self.link.source_of(arrival);
         let ours = source.map(unmarked) == Some(SOURCE);

@@ -8,7 +8,7 @@ use super::{Report, RunReport};
 use crate::differences::Difference;
 
 impl Report {
-    /// As text for a terminal.
+    /// The document as text for a terminal.
     pub fn text(&self) -> String {
         let mut out = String::new();
         // Writing to a String cannot fail.
@@ -85,7 +85,7 @@ fn write_all<'a>(
 }
 
 impl RunReport {
-    /// What the verdict engine says in a sentence; `None` on a virtual segment.
+    /// The sentence of the verdict engine; `None` on a virtual segment.
     fn verdict(&self) -> Option<&str> {
         #[cfg(target_os = "linux")]
         return self.interface.as_ref().map(|interface| interface.verdict.as_str());

@@ -1,5 +1,5 @@
-//! The profile of a device that only the ENI describes: its identity, its memory layout, its PDOs, and each object that the
-//! ENI writes. All else is assumed, and the profile says so.
+//! The profile of a device that only the ENI describes: its identity, its memory layout, its PDOs,
+//! and each object that the ENI writes. Everything else is assumed, and the profile says so.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -71,7 +71,7 @@ fn name(device: &DeviceStartUp) -> &str {
     if device.name.trim().is_empty() { "device of an ENI" } else { device.name.trim() }
 }
 
-/// Start and length of the SyncManager of a direction, as the ENI writes it on the way to SAFEOP.
+/// Start and length of the SyncManager of a direction, as the ENI writes them on the way to SAFEOP.
 pub(super) fn area(device: &DeviceStartUp, outputs: bool) -> Option<(u16, u16)> {
     let first = if device.mailbox.is_some() { 2 } else { 0 };
     let steps = device.registers.iter().filter(|step| {
@@ -106,7 +106,7 @@ fn process_data(
     let bits = |pdo: &EniPdo| pdo.entries.iter().map(|entry| u32::from(entry.bits)).sum::<u32>();
     let chosen = pdos.iter().filter(|pdo| assigned.contains(&pdo.index));
     let fits = chosen.map(|pdo| bits(pdo)).sum::<u32>().div_ceil(8) == u32::from(length);
-    // Without a mailbox nothing but the length counts.
+    // Without a mailbox only the length matters.
     let known = fits && device.mailbox.is_some();
     let default = if known { assigned } else { vec![first] };
     let mut text = format!("[{table}]\nstart = {start}\nlength = {length}\n");
@@ -150,7 +150,7 @@ fn label(pdo: &EniPdo) -> &str {
     if pdo.name.trim().is_empty() { "PDO" } else { pdo.name.trim() }
 }
 
-/// The type of a value of so many bits.
+/// The type of a value with this number of bits.
 fn kind(bits: u16) -> Option<&'static str> {
     match bits {
         8 => Some("UNSIGNED8"),
@@ -173,13 +173,14 @@ struct Entry {
 }
 
 impl Objects {
-    /// An entry that is mapped.
+    /// Adds an entry that is mapped.
     fn add(&mut self, index: u16, sub: u8, kind: &'static str, outputs: bool) {
         let access = if outputs { "rw rx" } else { "ro tx" };
         self.0.entry(index).or_default().insert(sub, Entry { kind, access, value: 0 });
     }
 
-    /// Every entry that the ENI writes can be written. Entries that a written mapping names can be mapped.
+    /// Adds entries that the ENI writes, which can be written. Entries in a mapping that the ENI
+    /// writes can be mapped.
     fn take_written(&mut self, device: &DeviceStartUp) {
         for step in &device.objects {
             let index = step.object.index;
@@ -193,7 +194,7 @@ impl Objects {
             let entries = self.0.entry(index).or_default();
             let entry = entries.entry(step.object.sub).or_insert(Entry { kind, access, value: 0 });
             if is_mapping {
-                // The PDO is as the ENI leaves it; what else is written begins at 0.
+                // A PDO has the content that the ENI writes; other written entries begin at 0.
                 entry.value =
                     step.data.iter().rev().fold(0, |all, byte| all << 8 | u64::from(*byte));
             }

@@ -9,7 +9,7 @@ const NS: Duration = Duration::from_nanos(1);
 /// Wall time at which the tests begin.
 const START: Duration = Duration::from_secs(1_795_459_200);
 
-/// A folder of one test's own, removed at its end.
+/// A folder for one test, which is removed at its end.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -59,7 +59,7 @@ fn frames(path: &Path) -> Vec<(u8, Vec<String>)> {
     all
 }
 
-/// Frames 1 to `count`, a millisecond apart from [`START`] on; `hook` comes behind each.
+/// Feeds frames 1 to `count`, a millisecond apart from [`START`] on; calls `hook` after each.
 fn feed(recorder: &mut FlightRecorder, count: u8, mut hook: impl FnMut(&mut FlightRecorder, u64)) {
     for number in 1..=count {
         let at = START + u32::from(number) * MS;
@@ -128,8 +128,7 @@ fn what_follows_belongs_to_the_same_incident_or_to_the_next() {
     let mut recorder =
         FlightRecorder::new(&folder.0, "eth0", limits(5 * MS, 4 * MS, 10)).expect("writable");
     feed(&mut recorder, 60, |recorder, number| match number {
-        // 24 lies just within the time behind 20, 25 just beyond it; both are seen while the first
-        // goes on.
+        // Frame 24 is at the last instant of the time after frame 20, frame 25 is after it.
         20 | 24 | 25 => recorder.trigger(None, reason(&format!("at {number}"))),
         _ => {}
     });

@@ -1,7 +1,7 @@
 //! The thread that writes incidents to files, so that frames do not wait for the disk.
 //!
-//! A file is written under another name in the same folder, `NAME.PID.part`, brought to the disk
-//! and then renamed: no half of a file stands under a final name.
+//! A file is first written as `NAME.PID.part` in the same folder, synchronized to the disk and then
+//! renamed: an incomplete file never has a final name.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -15,15 +15,15 @@ use super::{Reason, Told};
 use crate::capture::Capture;
 use crate::ring::Stretch;
 
-/// One incident, to be written.
+/// One incident that is to be written.
 #[derive(Debug)]
 pub(super) struct Job {
-    /// When the first of it happened.
+    /// When its first event happened.
     pub at: Duration,
     pub stretch: Stretch,
     /// Whether frames are missing in the stretch.
     pub crowded: bool,
-    /// What is said at which instants.
+    /// Comments with their instants.
     pub comments: Vec<(Duration, String)>,
     pub reasons: Vec<Reason>,
 }
@@ -34,17 +34,17 @@ pub(super) struct Writer {
     jobs: Sender<Job>,
     told: Receiver<Told>,
     thread: JoinHandle<()>,
-    /// Jobs that were given and not told of yet.
+    /// Jobs whose result did not come back yet.
     open: usize,
     done: VecDeque<Told>,
 }
 
-/// What the thread knows.
+/// The state of the thread.
 struct Files {
     folder: PathBuf,
     interface: String,
     most: usize,
-    /// Those that it wrote, the oldest first.
+    /// The files that it wrote, oldest first.
     written: VecDeque<PathBuf>,
 }
 
@@ -61,14 +61,14 @@ impl Writer {
         let mut files = Files { folder, interface, most, written };
         let thread = std::thread::spawn(move || {
             for job in incoming {
-                // The file is written even if nobody waits for the answer.
+                // The file is written even if the result is no longer wanted.
                 let _ = telling.send(files.take(job));
             }
         });
         Ok(Self { jobs, told, thread, open: 0, done: VecDeque::new() })
     }
 
-    /// Whether a further job would wait for one other at most.
+    /// Whether a further job would wait for at most one other job.
     pub fn has_room(&mut self) -> bool {
         self.look();
         self.open < MOST_JOBS
@@ -80,7 +80,7 @@ impl Writer {
         }
     }
 
-    /// What became of a job.
+    /// The result of a job.
     pub fn told(&mut self) -> Option<Told> {
         self.look();
         self.done.pop_front()
@@ -124,7 +124,7 @@ impl Files {
         }
     }
 
-    /// `eth0-20261123T184012.345Z-working-counter.pcapng`
+    /// The path of a file, for example `eth0-20261123T184012.345Z-working-counter.pcapng`.
     fn path(&self, at: Duration, reasons: &[Reason]) -> PathBuf {
         let plain = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' };
         let interface: String = self.interface.chars().map(plain).collect();
@@ -136,14 +136,14 @@ impl Files {
         paths.find(|path| !path.exists()).unwrap_or_default()
     }
 
-    /// Writes a file; gives the older one that was removed for it.
+    /// Writes a file; returns the older one that was removed for it.
     fn write(
         &mut self,
         path: &Path,
         stretch: &Stretch,
         comments: Vec<(Duration, String)>,
     ) -> io::Result<Option<PathBuf>> {
-        // Another recorder of the same wire may write a file of this name to the same folder.
+        // Another recorder of the same wire may write a file with this name to the same folder.
         let part = path.with_extension(format!("{}.part", std::process::id()));
         let written = File::create(&part)
             .and_then(|file| write(BufWriter::new(file), &self.interface, stretch, comments))
@@ -154,19 +154,19 @@ impl Files {
             fs::rename(&part, path).map(|()| removed)
         });
         if named.is_err() {
-            // What can't be removed is as little as what could be written.
+            // The first error is reported; a remaining part of the file does no harm.
             let _ = fs::remove_file(&part);
         }
         named
     }
 
-    /// Removes the oldest file but the first, if there would be too many.
+    /// Removes the oldest file except the first, if there would be too many.
     fn make_room(&mut self) -> Option<PathBuf> {
         if self.written.len() < self.most {
             return None;
         }
         let oldest = self.written.remove(1)?;
-        // A file that was moved elsewhere takes no room any more.
+        // A file that was moved away takes no space.
         fs::remove_file(&oldest).ok().map(|()| oldest)
     }
 }
@@ -212,7 +212,7 @@ fn utc(at: Duration) -> String {
     format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}.{millisecond:03}Z")
 }
 
-/// Jobs that are with the thread: one is written, one waits.
+/// Jobs that the thread has at most: one is written, one waits.
 const MOST_JOBS: usize = 2;
 
 #[cfg(test)]
@@ -226,7 +226,7 @@ mod tests {
             (0, "19700101T000000.000Z"),
             (86_399, "19700101T235959.000Z"),
             (86_400, "19700102T000000.000Z"),
-            // `date -u -d @...`
+            // Expected values are from `date -u -d @...`.
             (951_782_399, "20000228T235959.000Z"),
             (951_782_400, "20000229T000000.000Z"),
             (951_868_800, "20000301T000000.000Z"),
@@ -239,7 +239,7 @@ mod tests {
         assert_eq!(utc(Duration::from_nanos(999_999_999)), "19700101T000000.999Z");
     }
 
-    /// A disk with room for this many bytes.
+    /// A disk that accepts this many bytes.
     struct Disk(usize);
 
     impl Write for Disk {

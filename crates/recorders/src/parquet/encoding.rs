@@ -1,14 +1,14 @@
-//! How values stand in a page (Parquet's "Encodings"): bits, runs, and differences.
+//! Encodings of the values in a page (Parquet's "Encodings"): bits, runs, and differences.
 
-/// Runs and bit-packed groups of 8 (RLE / bit-packing hybrid), of numbers that have so many bits.
+/// Encodes numbers of `width` bits as runs and bit-packed groups of 8 (RLE / bit-packing hybrid).
 pub(super) fn hybrid(values: &[u32], width: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut rest = values;
-    // Numbers that wait for a run to begin behind them; whole groups of 8.
+    // Numbers that are not written yet; a run can only begin after whole groups of 8.
     let mut packed: Vec<u32> = Vec::new();
     while let Some(first) = rest.first() {
         let run = rest.iter().take_while(|value| *value == first).count();
-        // A group is filled up from the run, so that the run begins behind whole groups.
+        // Fills the last group from the run, so that the run begins after whole groups.
         let fill = (8 - packed.len() % 8) % 8;
         if run >= fill + 8 {
             packed.extend(&rest[..fill]);
@@ -26,7 +26,7 @@ pub(super) fn hybrid(values: &[u32], width: u32) -> Vec<u8> {
     bytes
 }
 
-/// Writes what waits as groups of 8, the last one filled up with zeros.
+/// Writes the pending numbers as groups of 8; the last group is filled with zeros.
 fn flush(bytes: &mut Vec<u8>, packed: &mut Vec<u32>, width: u32) {
     if packed.is_empty() {
         return;
@@ -38,7 +38,7 @@ fn flush(bytes: &mut Vec<u8>, packed: &mut Vec<u32>, width: u32) {
     packed.clear();
 }
 
-/// Numbers in so many bits each, the lowest bit first.
+/// Packs numbers of `width` bits each, the lowest bit first.
 fn pack(bytes: &mut Vec<u8>, values: impl Iterator<Item = u64>, width: u32) {
     let (mut held, mut count) = (0_u128, 0);
     for value in values {
@@ -55,15 +55,15 @@ fn pack(bytes: &mut Vec<u8>, values: impl Iterator<Item = u64>, width: u32) {
     }
 }
 
-/// Numbers by their differences (`DELTA_BINARY_PACKED`): small where they grow evenly or lie close
-/// together.
+/// Encodes numbers by their differences (`DELTA_BINARY_PACKED`), which are small if the numbers
+/// grow evenly or lie close together.
 pub(super) fn delta(values: &[i64]) -> Vec<u8> {
     let mut bytes = Vec::new();
     varint(&mut bytes, BLOCK as u64);
     varint(&mut bytes, (BLOCK / MINI) as u64);
     varint(&mut bytes, values.len() as u64);
     varint(&mut bytes, zigzag(values.first().copied().unwrap_or(0)));
-    // Differences wrap as the reader's sums do.
+    // Differences wrap, as the reader's sums do.
     let deltas: Vec<i64> = values.windows(2).map(|pair| pair[1].wrapping_sub(pair[0])).collect();
     for block in deltas.chunks(BLOCK) {
         let least = block.iter().copied().min().unwrap_or(0);
@@ -81,7 +81,7 @@ pub(super) fn delta(values: &[i64]) -> Vec<u8> {
     bytes
 }
 
-/// Differences of a block, and of each of its parts.
+/// Number of differences in a block, and in each of its parts.
 const BLOCK: usize = 128;
 const MINI: usize = 32;
 
@@ -97,7 +97,7 @@ fn varint(bytes: &mut Vec<u8>, mut value: u64) {
     bytes.push(value as u8);
 }
 
-/// Definition levels: their length, and a bit for each row: whether there is a value.
+/// Definition levels: their length, and one bit for each row, which tells whether there is a value.
 pub(super) fn levels(present: &[bool]) -> Vec<u8> {
     let bits: Vec<u32> = present.iter().map(|present| u32::from(*present)).collect();
     let mut bytes = vec![0; 4];
@@ -107,7 +107,7 @@ pub(super) fn levels(present: &[bool]) -> Vec<u8> {
     bytes
 }
 
-/// A bit for each flag, the first one lowest.
+/// One bit for each flag, the first one lowest.
 pub(super) fn bits(flags: &[bool]) -> Vec<u8> {
     let byte = |group: &[bool]| group.iter().rev().fold(0, |byte, bit| byte << 1 | u8::from(*bit));
     flags.chunks(8).map(byte).collect()
@@ -120,11 +120,11 @@ mod tests {
     #[test]
     fn levels_are_runs_and_bits_lowest_first() {
         assert_eq!(levels(&[true, false, true]), [2, 0, 0, 0, 0b11, 0b101]);
-        // Nine of one kind are a run, eight are, and seven are not.
+        // Nine equal bits are a run, eight are one too, and seven are not.
         assert_eq!(levels(&[true; 9]), [2, 0, 0, 0, 9 << 1, 1]);
         assert_eq!(levels(&[true; 8]), [2, 0, 0, 0, 8 << 1, 1]);
         assert_eq!(levels(&[true; 7]), [2, 0, 0, 0, 0b11, 0x7F]);
-        // 64 of them need a length of two bytes.
+        // A run of 64 needs two bytes for its length.
         assert_eq!(levels(&[true; 64])[4..], [0x80, 0x01, 1]);
     }
 
@@ -132,7 +132,7 @@ mod tests {
     fn runs_begin_behind_whole_groups() {
         let mut values = vec![1, 2, 3];
         values.extend([7; 20]);
-        // The group of 8 takes five of the run.
+        // Five numbers of the run fill the group of 8.
         assert_eq!(
             hybrid(&values, 3),
             [0b11, 0xD1, 0xF8 | 0x06, 0xFF, 15 << 1, 7].map(|b| b as u8)

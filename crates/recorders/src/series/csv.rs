@@ -1,4 +1,4 @@
-//! The table as CSV: a line of names, values between commas, nothing where there is none.
+//! The table as CSV: a line of names, then values between commas; a missing value is empty.
 
 use std::io::{self, Write};
 
@@ -8,7 +8,7 @@ use super::{COLUMNS, Table, Value};
 pub struct Csv<W: Write>(W);
 
 impl<W: Write> Csv<W> {
-    /// Begins with the names.
+    /// Begins a table with the line of names.
     pub fn new(mut output: W) -> io::Result<Self> {
         for (number, column) in COLUMNS.iter().enumerate() {
             let comma = if number == 0 { "" } else { "," };
@@ -28,7 +28,7 @@ impl<W: Write + Send> Table for Csv<W> {
             match value {
                 Value::Null => {}
                 Value::Integer(number) => write!(self.0, "{number}")?,
-                // As RFC 4180 has it.
+                // Quotes as in RFC 4180.
                 Value::Text(text) if text.contains(['"', ',', '\n', '\r']) => {
                     write!(self.0, "\"{}\"", text.replace('"', "\"\""))?;
                 }

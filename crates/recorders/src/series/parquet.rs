@@ -8,7 +8,7 @@ use crate::parquet::{self, Cell, Field, Writer};
 /// Writes Parquet.
 pub struct Parquet<W: Write>(Writer<W>);
 
-/// Rows of a row group: about 8 MB.
+/// Number of rows in a row group: about 8 MB.
 pub(crate) const GROUP_ROWS: usize = 65_536;
 
 impl<W: Write> Parquet<W> {
@@ -17,7 +17,7 @@ impl<W: Write> Parquet<W> {
         Self::with_groups_of(output, GROUP_ROWS)
     }
 
-    /// The same with so many rows in a row group, one at least.
+    /// Begins a file with this number of rows in a row group, at least 1.
     pub fn with_groups_of(output: W, group_rows: usize) -> io::Result<Self> {
         let fields = COLUMNS.iter().map(field).collect();
         Ok(Self(Writer::new(output, "series", fields, group_rows)?))

@@ -1,4 +1,5 @@
-//! The few messages of Perfetto's trace format (protobuf) that are written; field numbers are those of its published schema.
+//! The messages of Perfetto's trace format (protobuf) that are written, with the field numbers of
+//! its published schema.
 
 #![allow(missing_docs, reason = "fields are those of the published schema, by their names there")]
 
@@ -14,7 +15,7 @@ pub struct Trace {
 /// `perfetto.protos.TracePacket`: one event or one description of a track.
 #[derive(Clone, PartialEq, Message)]
 pub struct TracePacket {
-    /// ns.
+    /// In ns.
     #[prost(uint64, optional, tag = "8")]
     pub timestamp: Option<u64>,
     #[prost(uint32, optional, tag = "10")]
@@ -38,14 +39,14 @@ pub struct TrackDescriptor {
     pub parent_uuid: Option<u64>,
     #[prost(message, optional, tag = "8")]
     pub counter: Option<CounterDescriptor>,
-    /// Of its children; see [`EXPLICIT`].
+    /// Order of its children; see [`EXPLICIT`].
     #[prost(int32, optional, tag = "11")]
     pub child_ordering: Option<i32>,
     #[prost(int32, optional, tag = "12")]
     pub sibling_order_rank: Option<i32>,
 }
 
-/// `TrackDescriptor.ChildTracksOrdering.EXPLICIT`: children stand by their ranks.
+/// `TrackDescriptor.ChildTracksOrdering.EXPLICIT`: children are sorted by their ranks.
 pub const EXPLICIT: i32 = 3;
 
 /// `perfetto.protos.ProcessDescriptor`.

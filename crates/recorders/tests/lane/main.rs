@@ -1,10 +1,12 @@
-//! What is regular in a cycle takes a short way through the simulation (the lane), and nothing shows it: each scenario runs with
-//! and without, and everything that leaves a run is the same to the byte. That is captures with probes and taps, waveforms,
-//! traces, series, what judges found, each call of a tap, and how registers, memory and counters of all SubDevices stand on the way.
+//! Regular parts of a cycle take a short way through the simulation (the lane), which must not be
+//! visible: each scenario runs with and without it, and all output must be equal to the byte. The
+//! output is captures with probes and taps, waveforms, traces, series, findings of judges, each
+//! call of a tap, and registers, memory and counters of all SubDevices during the run.
 //!
-//! Scenarios are random: modes, shifts, subordinated cycles, jitter, trees and rings, devices that come late, faults of all kinds.
-//! A few are always tried. `ISOCAT_SEGMENTS=2000 cargo test -p isocat-recorders --test lane -- --nocapture` tries as many as one likes,
-//! `ISOCAT_SEGMENTS_FROM` says with which number to begin.
+//! Scenarios are random: modes, shifts, subordinated cycles, jitter, trees and rings, devices that
+//! come late, faults of all kinds. A few of them always run. `ISOCAT_SEGMENTS=2000 cargo test -p
+//! isocat-recorders --test lane -- --nocapture` runs more; `ISOCAT_SEGMENTS_FROM` sets the number
+//! of the first one.
 
 #[path = "../../../isocat/tests/random_segments/generator.rs"]
 #[allow(dead_code, reason = "whether devices are honest is another test's concern")]
@@ -23,10 +25,10 @@ use isocat_wire::time::{Time, True};
 use scenarios::scenario;
 use witness::{Digest, Witness};
 
-/// Digests of what left a run, by name.
+/// Digests of the output of a run, by name.
 type Digests = Vec<(&'static str, u64)>;
 
-/// What is known of a run: the digests of all that left it, and what was found.
+/// Runs a scenario: the digests of all output, and what was found.
 fn run(scenario: &Scenario) -> (Digests, String) {
     let outcome = scenario.run().execute(Some(Witness::new(scenario)), &mut |_| {});
     let found = format!("{:?} {:?}", outcome.findings, outcome.failure);
@@ -35,7 +37,7 @@ fn run(scenario: &Scenario) -> (Digests, String) {
     (digests, found)
 }
 
-/// What a run says of itself, whoever looks on.
+/// Digests of the results of a run, which do not depend on the tap.
 fn results<T: Tap>(outcome: &Outcome<T>) -> Digests {
     let counters = (&outcome.output_counters, &outcome.input_counters, &outcome.alarms);
     let main = (outcome.world.main().statistics(), outcome.world.main().segment());
@@ -50,8 +52,8 @@ fn results<T: Tap>(outcome: &Outcome<T>) -> Digests {
     all.map(|(what, text)| (what, Digest::of(text.as_bytes()))).into()
 }
 
-/// Looks at nothing, so that only what judges need is told. It has the taps of the witness, since these change how frames are
-/// led through a segment.
+/// A tap that observes nothing, so that only what judges need is reported. It has the probes and
+/// cables of the witness, because these change the way of frames through a segment.
 struct Nobody {
     probes: Vec<usize>,
     cables: Vec<usize>,
@@ -70,7 +72,8 @@ impl Tap for Nobody {
     }
 }
 
-/// Runs a scenario both ways; whether it got into operation. The error names what differs.
+/// Runs a scenario with and without the lane; returns whether it reached operation. `Err` names
+/// what differs.
 fn try_one(name: &str, text: &str) -> Result<bool, String> {
     let Ok(file) = SegmentFile::parse("random.toml", text) else { return Ok(false) };
     let mut scenario = Scenario::from(file);
@@ -91,7 +94,7 @@ fn try_one(name: &str, text: &str) -> Result<bool, String> {
     Err(format!("{name}: {differ:?} differ\n{}\n{}\n{text}", short.1, long.1))
 }
 
-/// Tries all, two at a time; how many were judged, and what differed.
+/// Runs all scenarios, two at a time; returns how many were judged, and what differed.
 fn try_all(all: &[(String, String)]) -> (usize, Vec<String>) {
     let next = AtomicU64::new(0);
     let results = Mutex::new((0, Vec::new()));
@@ -128,11 +131,11 @@ fn random_scenarios_are_the_same_without_the_lane() {
     let (judged, failures) = try_all(&all);
     println!("{judged} of {} got into operation, {} differ", all.len(), failures.len());
     assert!(failures.is_empty(), "{}", failures.join("\n\n"));
-    // What never runs shows nothing.
+    // Scenarios that do not reach operation prove nothing.
     assert!(judged * 3 >= all.len(), "{judged} of {} got into operation", all.len());
 }
 
-/// The files that come with the documentation: each fault in a word, a ring, a machine.
+/// Runs the files of the documentation: each fault, a ring, a machine.
 #[test]
 fn documented_faults_are_the_same_without_the_lane() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/faults");
@@ -142,7 +145,7 @@ fn documented_faults_are_the_same_without_the_lane() {
         .filter(|path| path.extension().is_some_and(|ending| ending == "toml"))
         .map(|path| {
             let text = std::fs::read_to_string(&path).expect("a file of text");
-            // Half a second of each is before its fault.
+            // Shortens the half second before the fault.
             let text = text.replace("+ 500ms", "+ 60ms").replace("for = \"2s\"", "for = \"250ms\"");
             (path.display().to_string(), text)
         })
@@ -154,7 +157,7 @@ fn documented_faults_are_the_same_without_the_lane() {
     assert!(judged * 10 >= all.len() * 9, "{judged} of {} got into operation", all.len());
 }
 
-/// Scenarios that are tried where nobody asks for more.
+/// Number of scenarios that run by default.
 const FEW: u64 = 24;
-/// Cycles that each runs at least.
+/// Number of cycles that each scenario runs at least.
 const LEAST_CYCLES: i64 = 40;

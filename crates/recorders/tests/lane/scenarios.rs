@@ -1,4 +1,5 @@
-//! Random scenarios: the random segments, and what may go wrong in them. A number gives always the same one.
+//! Random scenarios: random segments with random faults. The same number always gives the same
+//! scenario.
 
 use std::fmt::Write;
 
@@ -36,7 +37,7 @@ pub fn scenario(number: u64) -> String {
         let what = fault(&mut chance, devices);
         let _ = writeln!(text, "[[fault]]\nat = \"in-operation + {at}ms\"\nwhat = \"{what}\"");
     }
-    // Keys of the whole file stand in front of its tables.
+    // Keys of the whole file must precede its tables.
     let recovery = "recovery = { first = \"5ms\", longest = \"20ms\" }\n";
     format!("for = \"{millis}ms\"\n{recovery}{text}")
 }

@@ -1,4 +1,4 @@
-//! Sees all that a run shows, and keeps digests of it.
+//! A tap that receives all that a run reports, and keeps digests of it.
 
 use std::fmt::Debug;
 use std::hash::{DefaultHasher, Hasher};
@@ -24,7 +24,7 @@ use isocat_wire::time::{Time, True};
 pub struct Digest(Arc<Mutex<DefaultHasher>>);
 
 impl Digest {
-    /// That of these bytes alone.
+    /// The digest of these bytes alone.
     pub fn of(bytes: &[u8]) -> u64 {
         let mut hasher = DefaultHasher::new();
         hasher.write(bytes);
@@ -55,7 +55,7 @@ impl Write for Digest {
     }
 }
 
-/// All recorders, and what a tap is told besides.
+/// All recorders, and digests of the calls to the tap.
 pub struct Witness {
     capture: Capture<Digest>,
     waves: Waves<Digest>,
@@ -69,12 +69,13 @@ pub struct Witness {
 }
 
 impl Witness {
-    /// For a run of this scenario.
+    /// A witness for a run of this scenario.
     pub fn new(scenario: &Scenario) -> Self {
         let names: Vec<String> = scenario.devices.iter().map(|d| d.name.clone()).collect();
         let files: [Digest; 4] = std::array::from_fn(|_| Digest::default());
         let [capture, waves, trace, series] = files.clone();
-        // Taps on cables have all frames followed from port to port, which is another way: every second scenario has one.
+        // A tap on a cable changes the simulation: it follows all frames from port to port.
+        // Scenarios with a seed divisible by 4 have one.
         let last = [names.len() - 1];
         let cables = if scenario.seed.is_multiple_of(4) { &last[..] } else { &[] };
         let probes = if scenario.seed.is_multiple_of(2) { &last[..] } else { &[] };
@@ -94,7 +95,7 @@ impl Witness {
         }
     }
 
-    /// The digests by name; that of "judged" is the number of cycles that were judged.
+    /// The digests by name; the value of "judged" is the number of judged cycles.
     pub fn finish(self) -> Vec<(&'static str, u64)> {
         let Self { capture, waves, trace, series, files, calls, devices, judged, .. } = self;
         let ended = [capture.finish().map(drop), waves.finish(), trace.finish(), series.finish()];
@@ -106,7 +107,7 @@ impl Witness {
         all
     }
 
-    /// How all SubDevices stand.
+    /// Adds the state of all SubDevices to the digest.
     fn look(&mut self, segment: &Segment) {
         for device in segment.devices() {
             let esc = &device.esc;
@@ -152,7 +153,7 @@ impl Tap for Witness {
     }
     fn passed(&mut self, at: Time<True>, segment: &Segment) {
         self.taps().into_iter().for_each(|tap| tap.passed(at, segment));
-        // Each frame now and then, each in the first cycles.
+        // Checks the state after each frame of some cycles, most of them at the beginning.
         if self.judged < 8 && self.cycles.is_multiple_of(8) || self.judged % 16 == 3 {
             self.look(segment);
         }

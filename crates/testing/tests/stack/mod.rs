@@ -1,4 +1,4 @@
-//! A MainDevice that makes its own frames, as an application of the test: isocat's own one, at a
+//! A MainDevice that builds its own frames, as the application of the test: isocat's own, at a
 //! socket of the bus.
 #![allow(dead_code, reason = "each test uses its part")]
 
@@ -10,17 +10,17 @@ use isocat_maindevice::{Config, Event, FRAME_LEN, MainDevice};
 use isocat_testing::{Bus, Nanos, Segment};
 use isocat_wire::time::{Host, Time};
 
-/// The stack, which the test may look at while it runs.
+/// The stack, which the test may read while it runs.
 pub type Shared = Rc<RefCell<MainDevice>>;
 
-/// Runs the stack as an application beside the test.
+/// Runs the stack as an application, concurrently with the test.
 pub fn start(bus: &Bus, config: Config) -> Shared {
     let main = Rc::new(RefCell::new(MainDevice::new(config, time(bus))));
     let _runs_on = bus.spawn(exchange(bus.clone(), Rc::clone(&main)));
     main
 }
 
-/// As [`start`] with a cycle of 1 ms, until all devices are in OP.
+/// Runs the stack with a cycle of 1 ms, and waits until all devices are in OP.
 pub async fn bring_up(bus: &Bus) -> Shared {
     let main = start(bus, Config::new(Nanos::millis(1)));
     bus.within(Duration::from_secs(20), |bus| bus.all_op()).await;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::measured::Grid;
 use crate::report::{FrameRef, Shown};
 
-/// What the capture shows of one device. What is null or empty it does not show.
+/// What the capture shows of one device. Null or empty: the capture does not show it.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct DeviceReport {
@@ -14,27 +14,27 @@ pub struct DeviceReport {
     pub position: Option<u16>,
     /// Its station address.
     pub station: Option<Shown<u16>>,
-    /// Its name: of the segment file, of a description with this identity, or of its EEPROM.
+    /// Its name: from the segment file, from a description with this identity, or from its EEPROM.
     pub name: Option<String>,
-    /// Out of its EEPROM.
+    /// Its identity, from its EEPROM.
     pub identity: Identity,
-    /// Out of registers 0x0000 to 0x0008.
+    /// Its ESC, from registers 0x0000 to 0x0008.
     pub esc: Esc,
     /// DL status (0x0110): links and loops of its ports.
     pub dl_status: Option<Shown<u16>>,
     /// The last status that was read.
     pub state: Option<String>,
-    /// Each status that was read and differs from the one before; up to 256.
+    /// The status at each change that was read; up to 256.
     pub states: Vec<StateReport>,
-    /// Each time it ceased to answer; up to 64.
+    /// Each time it stopped answering; up to 64.
     pub silences: Vec<SilenceReport>,
     /// SyncManagers that were written or read and are not all zero.
     pub sync_managers: Vec<SyncManagerReport>,
-    /// FMMUs that map anything.
+    /// FMMUs that are active.
     pub fmmus: Vec<FmmuReport>,
     /// The process data watchdog, ns; 0x0400 and 0x0420.
     pub watchdog_ns: Option<u64>,
-    /// What went through its mailbox; null: nothing.
+    /// Its mailbox traffic; null: none.
     pub mailbox: Option<MailboxReport>,
     /// System time offset (0x0920), ns, modulo 2^64.
     pub offset_ns: Option<Shown<u64>>,
@@ -44,17 +44,17 @@ pub struct DeviceReport {
     pub speed_counter_start: Option<Shown<u16>>,
     /// Filter depths (0x0934, 0x0935) of its drift loop.
     pub filter_depths: Option<Shown<[u8; 2]>>,
-    /// Readings of 0x092C.
+    /// Number of readings of the system time difference (0x092C).
     pub differences: u64,
-    /// The last of them, ns, without its sign: what the sign means depends on the chip.
+    /// The last difference, ns, without its sign: what the sign means depends on the chip.
     pub difference_ns: Option<Shown<u32>>,
-    /// The largest of them in operation.
+    /// The largest difference in operation.
     pub worst_difference_ns: Option<Shown<u32>>,
     /// Each time its SYNC unit was switched; up to 64.
     pub sync: Vec<SyncSwitch>,
     /// How often 0x0984 or 0x0990 was read after SYNC was last switched on.
     pub sync_looked_at: u64,
-    /// From cyclic frames to SYNC0; null: not known.
+    /// From cyclic frames to its SYNC0; null: not known.
     pub distance: Option<Distance>,
     /// Frames that read error counters.
     pub error_readings: u64,
@@ -64,7 +64,7 @@ pub struct DeviceReport {
     pub last: FrameRef,
 }
 
-/// Which device it is.
+/// The identity of a device.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Identity {
@@ -80,29 +80,29 @@ pub struct Identity {
     pub words: usize,
 }
 
-/// The chip.
+/// The EtherCAT SubDevice Controller.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct Esc {
-    /// 0x0000.
+    /// Type (0x0000).
     pub kind: Option<Shown<u8>>,
-    /// The chip's name, where its type has one.
+    /// Name of the type, if it is known.
     pub name: Option<&'static str>,
-    /// 0x0001.
+    /// Revision (0x0001).
     pub revision: Option<Shown<u8>>,
-    /// 0x0004.
+    /// Number of FMMUs (0x0004).
     pub fmmus: Option<Shown<u8>>,
-    /// 0x0005.
+    /// Number of SyncManagers (0x0005).
     pub sync_managers: Option<Shown<u8>>,
-    /// 0x0006, KiB.
+    /// RAM size (0x0006), KiB.
     pub ram: Option<Shown<u8>>,
-    /// 0x0008 bit 2: it has a DC unit.
+    /// It has a DC unit (0x0008 bit 2).
     pub dc: Option<bool>,
-    /// 0x0008 bit 3: its system time has 64 bits.
+    /// Its system time has 64 bits (0x0008 bit 3).
     pub dc_64_bit: Option<bool>,
 }
 
-/// A time in which a device that had answered did not.
+/// A time in which a device no longer answered.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SilenceReport {
@@ -115,20 +115,20 @@ pub struct SilenceReport {
     pub until_ns: Option<u64>,
 }
 
-/// A status.
+/// A status of a device.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct StateReport {
-    /// AL status, as `SAFEOP+ERR`. A device without a CPU copies the acknowledge bit of the request
-    /// to the place of the error bit: that is no error.
+    /// AL status, as in `SAFEOP+ERR`. A device without a CPU copies the acknowledge bit of the
+    /// request to the place of the error bit: that is no error.
     pub status: String,
-    /// It shows an error.
+    /// Whether it shows an error.
     pub error: bool,
     /// AL status as it was read.
     pub raw: u16,
     /// AL status code, if it was read while this status held.
     pub code: Option<u16>,
-    /// The state that was asked for last; null: none in this capture.
+    /// The last state that was requested; null: none in this capture.
     pub asked: Option<String>,
     /// The first frame that shows it.
     #[serde(flatten)]
@@ -141,15 +141,15 @@ pub struct StateReport {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SyncManagerReport {
-    /// From 0.
+    /// Number, from 0.
     pub number: usize,
     /// First address.
     pub start: u16,
-    /// Bytes.
+    /// Number of bytes.
     pub length: u16,
     /// Control byte.
     pub control: u8,
-    /// Whether it is on.
+    /// Whether it is enabled.
     pub enabled: bool,
     /// The frame that shows it.
     #[serde(flatten)]
@@ -160,11 +160,11 @@ pub struct SyncManagerReport {
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct FmmuReport {
-    /// From 0.
+    /// Number, from 0.
     pub number: usize,
     /// First logical address.
     pub logical: u32,
-    /// Bits.
+    /// Number of bits.
     pub bits: u32,
     /// First address of the device's memory.
     pub physical: u16,
@@ -177,19 +177,19 @@ pub struct FmmuReport {
     pub frame: FrameRef,
 }
 
-/// What went through a mailbox.
+/// The traffic of a mailbox.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct MailboxReport {
-    /// Messages to the device and from it.
+    /// Number of messages to the device and from it.
     pub messages: [u64; 2],
     /// SDO transfers that the device answered without an abort.
     pub transfers: u64,
     /// SDO transfers that it aborted.
     pub aborts: Vec<Aborts>,
-    /// Entries of 0x1C32 and 0x1C33, as they were last written or read.
+    /// Entries of 0x1C32 and 0x1C33 as they were last written or read.
     pub sync_objects: Vec<ObjectValue>,
-    /// No frame shows where the mailboxes are: messages are known by their content.
+    /// No frame shows where the mailboxes are: messages were recognized by their content.
     pub by_content: bool,
 }
 
@@ -201,7 +201,7 @@ pub struct Aborts {
     pub object: String,
     /// Abort code.
     pub code: u32,
-    /// How often.
+    /// Number of transfers.
     pub count: usize,
     /// The first of them.
     #[serde(flatten)]
@@ -222,31 +222,31 @@ pub struct ObjectValue {
     pub name: Option<&'static str>,
     /// Its value; times are in ns.
     pub value: u64,
-    /// The MainDevice wrote it; if not, the device told it.
+    /// The MainDevice wrote it; false: the device sent it.
     pub written: bool,
     /// The frame that shows it.
     #[serde(flatten)]
     pub frame: FrameRef,
 }
 
-/// A SYNC unit was switched.
+/// One time that a SYNC unit was switched.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
 pub struct SyncSwitch {
     /// 0x0980 and 0x0981 as a word (AssignActivate).
     pub assign_activate: u16,
-    /// What its bits mean.
+    /// Meaning of its bits.
     pub words: Vec<&'static str>,
     /// SYNC0 cycle (0x09A0), ns.
     pub sync0_cycle_ns: Option<Shown<u32>>,
     /// SYNC1 cycle (0x09A4), ns.
     pub sync1_cycle_ns: Option<Shown<u32>>,
-    /// Start time (0x0990), ns of system time; of a 32-bit one as many bits as were written.
+    /// Start time (0x0990), ns of system time; of a 32-bit one, only the bits that were written.
     pub start_ns: Option<Shown<u64>>,
     /// Bytes of the start time that were written, 4 or 8.
     pub start_bytes: Option<u8>,
-    /// The start time less the reference's time, as that was last seen before, ns; below 0 it had
-    /// passed.
+    /// The start time minus the reference's time as it was last seen before, ns; negative: the
+    /// start time was in the past.
     pub ahead_ns: Option<i64>,
     /// The frame that switched it.
     #[serde(flatten)]
@@ -263,18 +263,18 @@ pub struct Distance {
     pub frames: u64,
     /// From one SYNC0 to the next, ns.
     pub cycle_ns: u64,
-    /// The shortest distance, ns; below 0: behind the SYNC0 that usually follows.
+    /// The shortest distance, ns; negative: after the SYNC0 that usually follows.
     pub shortest_ns: Shown<i64>,
     /// The mean, ns.
     pub mean_ns: i64,
     /// The longest, ns.
     pub longest_ns: Shown<i64>,
-    /// The instants of its SYNC0, by which its figures are among those of an onlooker.
+    /// The instants of its SYNC0, which identify its values among those that an onlooker receives.
     #[serde(skip)]
     pub grid: Grid,
-    /// How much later a frame comes here than at the reference (0x0928), ns.
+    /// How much later a frame arrives here than at the reference (0x0928), ns.
     pub delay_ns: i64,
-    /// Frames slide through the cycle: the MainDevice does not follow the reference clock.
+    /// Frames drift through the cycle: the MainDevice does not follow the reference clock.
     pub slides: bool,
 }
 
@@ -286,11 +286,11 @@ pub struct ErrorCounter {
     pub address: u16,
     /// What it counts.
     pub name: Option<&'static str>,
-    /// Its port; null: it is the device's.
+    /// Its port; null: the counter belongs to the device.
     pub port: Option<u16>,
-    /// As it was last read or cleared.
+    /// The value that was last read, or 0 if it was cleared since.
     pub value: u8,
-    /// That frame.
+    /// The frame that read or cleared it.
     #[serde(flatten)]
     pub frame: FrameRef,
 }

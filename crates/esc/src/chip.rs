@@ -28,7 +28,7 @@ pub struct Chip {
     pub port_descriptor: u8,
     /// Register 0x0008, see [`isocat_wire::register::features`].
     pub features: u16,
-    /// Which DC units exist beside the receive times.
+    /// Which DC units exist in addition to the receive times.
     pub dc_units: DcUnits,
     /// Register 0x0936 exists: receive times of ports 1-3 can be latched for frames that enter
     /// there.

@@ -71,7 +71,7 @@ pub struct Esc<M> {
     pub(crate) held_al_events: [u32; 2],
     /// DL status changed, and ECAT has not read it since.
     pub(crate) dl_changed: bool,
-    /// A second event at the instant of the event just reported.
+    /// An event that has happened and is still to be reported.
     pub(crate) overdue: Option<(Time<Device>, EscEvent)>,
     /// Counts changes that may affect [`Esc::reach`].
     pub(crate) reach_version: u32,
@@ -204,8 +204,8 @@ impl<M: AsRef<[u8]> + AsMut<[u8]>> Esc<M> {
     }
 
     /// The same ESC with all the RAM of its chip, of which only the used part takes memory. `grow`
-    /// makes the `ram` at least so many bytes long, filled with zeros. It is called when an access
-    /// first reaches beyond the present end.
+    /// extends `ram` with zeros to at least the given length. It is called when an access first
+    /// reaches beyond the present end.
     pub fn with_growing_ram(mut self, grow: fn(&mut M, usize)) -> Self {
         self.ram_len = usize::from(self.chip.ram_kib) * 1024;
         self.registers.store(register::RAM_SIZE, self.chip.ram_kib);

@@ -215,7 +215,7 @@ impl Steering {
         self.speed = (self.speed - (deviation >> received.speed_depth)).clamp(-limit, limit);
     }
 
-    /// Law `Block`: when the block is full, the growth of the difference since its begin corrects
+    /// Law `Block`: when the block is full, the growth of the difference since its start corrects
     /// the speed.
     fn block(&mut self, received: &Received) {
         if received.first {

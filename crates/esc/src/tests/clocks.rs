@@ -23,7 +23,7 @@ fn system_time_by_both_sides() {
     bench.write(register::SYSTEM_TIME_OFFSET, 0u64.wrapping_sub(400));
     bench.write(register::SYSTEM_TIME_DELAY, 70);
     bench.run_to(100_007);
-    // The value is that of the frame's begin, less the delay, for every datagram of the frame.
+    // The value is that of the frame's start, less the delay, for every datagram of the frame.
     let list = [
         (Command::Fprd, station(0x0910), &[0; 8][..]),
         (Command::Fprd, station(0x0000), &[0; 600][..]),

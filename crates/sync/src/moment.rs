@@ -9,7 +9,7 @@ pub enum Moment {
     Frame,
     /// Outputs are stored: the SM2 event.
     Sm2,
-    /// Inputs are fetched: the SM3 event. In a plan this is the begin of the frame that fetches
+    /// Inputs are fetched: the SM3 event. In a plan this is the start of the frame that fetches
     /// them, in a run its end.
     Sm3,
     /// A SYNC0 edge.

@@ -57,7 +57,7 @@ pub mod list_type {
     pub const LENGTHS: u16 = 0;
     /// All objects.
     pub const ALL: u16 = 1;
-    /// Objects that can be mapped into a RxPDO.
+    /// Objects that can be mapped into an RxPDO.
     pub const RX_MAPPABLE: u16 = 2;
     /// Objects that can be mapped into a TxPDO.
     pub const TX_MAPPABLE: u16 = 3;
@@ -95,7 +95,7 @@ impl Access {
     pub const WRITE_OP: Self = Self(0x0020);
     /// Write in all three states.
     pub const WRITE: Self = Self(0x0038);
-    /// Mappable into a RxPDO.
+    /// Mappable into an RxPDO.
     pub const RX_MAPPABLE: Self = Self(0x0040);
     /// Mappable into a TxPDO.
     pub const TX_MAPPABLE: Self = Self(0x0080);

@@ -32,7 +32,7 @@ pub enum LinkError {
     Ip {
         /// The command with its arguments.
         command: String,
-        /// Its error output.
+        /// Its error output, or why it could not be started.
         message: String,
     },
     /// Any other error of the system.

@@ -23,7 +23,7 @@ pub struct Exchange<A> {
 }
 
 impl<A: Application> Exchange<A> {
-    /// Starts the MainDevice's start-up.
+    /// Begins the start-up of the segment.
     pub fn new(
         config: Config,
         socket: RawSocket,

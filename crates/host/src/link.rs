@@ -127,7 +127,7 @@ impl Link {
     }
 
     /// Waits until an instant or a frame. Returns whether a frame may have arrived. `expects`: a
-    /// frame is under way; otherwise none is awaited. `is_cycle`: the instant is the begin of a
+    /// frame is under way; otherwise none is awaited. `is_cycle`: the instant is the start of a
     /// cycle.
     pub fn wait(
         &mut self,

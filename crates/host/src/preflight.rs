@@ -165,7 +165,7 @@ pub fn is_online(cpu: usize) -> bool {
     }
 }
 
-/// Sleeps until the begin of some cycles, and records how late the calling thread woke.
+/// Sleeps until the start of some cycles, and records how late the calling thread woke.
 pub fn wake_ups(cycle: Nanos) -> Histogram {
     let mut late = Histogram::default();
     let cycle = cycle.min(MOST_TIME);

@@ -4,7 +4,7 @@
 //! it, or the thread waits. When all threads have stopped, the virtual kernel's scheduler names the
 //! next thread, time advances to the instant at which that thread is due, and it gets its answer.
 //! `launch` checks the program before it is started, and `filter` defines which calls stop.
-//! `program` keeps processes, threads and their descriptors, `life` handles their begin and end.
+//! `program` keeps processes, threads and their descriptors, `life` handles their start and end.
 //! `image` patches the functions by which a program reads its clocks, which `vdso` defines.
 //! `watchdog` notices events that are not calls.
 

@@ -76,7 +76,7 @@ impl Supervisor<'_> {
         if at == 0 || !first { Ok(None) } else { self.read_timespec(task, at).map(Some) }
     }
 
-    /// The end of a call's wait: a span after its begin, or never without a span.
+    /// The end of a call's wait: a span after its start, or never without a span.
     fn patience(
         &mut self,
         task: TaskId,

@@ -53,7 +53,7 @@ pub struct Conduct {
 /// The rhythm of the cyclic exchange.
 #[derive(Clone, Debug, Default)]
 pub struct CycleConduct {
-    /// Logical address that marks the begin of a cycle: the first one that was exchanged.
+    /// Logical address that marks the start of a cycle: the first one that was exchanged.
     marker: Option<u32>,
     last: Option<Time<True>>,
     /// Time from one cycle to the next, ps.
@@ -237,7 +237,7 @@ impl CycleConduct {
         self.phase.push(unwrapped as i64);
     }
 
-    /// Restarts at the begin of operation; only the marker of a cycle is kept.
+    /// Restarts at the start of operation; only the marker of a cycle is kept.
     pub fn restart(&mut self) {
         *self = Self { marker: self.marker, last_drift: None, ..Self::default() };
     }

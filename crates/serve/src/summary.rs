@@ -26,7 +26,7 @@ pub fn schema() -> serde_json::Value {
     settings.into_generator().into_root_schema_for::<Summary>().to_value()
 }
 
-/// The whole document. All times are nanoseconds; points of time count from the begin of the
+/// The whole document. All times are nanoseconds; points of time count from the start of the
 /// service.
 #[derive(Clone, PartialEq, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
@@ -212,7 +212,7 @@ pub struct Stretch {
 pub struct FindingKind {
     /// Position of the SubDevice; null if it concerns the segment.
     pub position: Option<usize>,
-    /// Instant since which it holds, from the begin of the judged time; null if it has no time of
+    /// Instant since which it holds, from the start of the judged time; null if it has no time of
     /// its own.
     pub since_ns: Option<i64>,
     /// The kind.

@@ -15,7 +15,7 @@ pub struct Judged {
     pub began: Time<True>,
     /// The instant at which it ended, or was evaluated.
     pub ended: Time<True>,
-    /// Number of SubDevices in OP at the begin.
+    /// Number of SubDevices in OP at the start.
     pub devices_in_op: usize,
     /// Every SubDevice, by position.
     pub devices: Vec<JudgedDevice>,
@@ -50,7 +50,7 @@ pub struct JudgedDevice {
     pub has_process_data: bool,
     /// Whether it has outputs.
     pub has_outputs: bool,
-    /// Its findings, each with the time from the begin if it has one.
+    /// Its findings, each with the time from the start if it has one.
     pub findings: Vec<Finding>,
 }
 

@@ -70,7 +70,7 @@ impl Pipe {
         Some(taken.len())
     }
 
-    /// The begin of the next read, up to the end of the message.
+    /// The start of the next read, up to the end of the message.
     pub fn peek(&self) -> Option<&[u8]> {
         self.messages.front().map(Vec::as_slice)
     }

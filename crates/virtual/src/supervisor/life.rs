@@ -1,4 +1,4 @@
-//! The begin and the end of threads and processes.
+//! The start and the end of threads and processes.
 
 use std::fs;
 use std::io;

@@ -864,7 +864,7 @@ impl Session {
                 self.paused = None;
                 return false;
             }
-            // A read of everybody's AL status may also be a MainDevice that waits for a state.
+            // A MainDevice that only waits for a state also reads all AL statuses.
             let polls = datagram.header.ado() == register::AL_STATUS.address;
             Deed::read(&datagram.header, datagram.data, |deed| {
                 begins |= matches!(deed, Deed::RequestInit | Deed::StationAddresses)
